@@ -1,0 +1,183 @@
+"""What a robot is: an immutable tree of bodies, ready to be lowered to arrays.
+
+Produced from URDF + `<flexibility>` by :mod:`denoc_ros.model.urdf`; nothing here knows of files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.model.shapes import ShapeFunctions
+
+Array = NDArray[np.float64]
+
+
+class JointKind(Enum):
+    """How a body moves on what carries it."""
+
+    FIXED = 0
+    REVOLUTE = 1
+    PRISMATIC = 2
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a joint; infinite where the file gives none."""
+
+    lower: float = -np.inf  # rad or m
+    upper: float = np.inf  # rad or m
+    velocity: float = np.inf  # rad/s or m/s
+    effort: float = np.inf  # N m or N
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A mimic joint's tie to its leader: q = multiplier * q_leader + offset."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """The joint before a body."""
+
+    name: str
+    kind: JointKind
+    axis: Array  # (3,) unit, in the joint frame
+    limits: Limits = Limits()
+    damping: float = 0.0  # N m s/rad or N s/m
+    friction: float = 0.0  # N m or N
+    armature: float = 0.0  # kg m^2 or kg
+    mimic: Mimic | None = None
+    continuous: bool = False
+
+
+@dataclass(frozen=True)
+class RigidInertia:
+    """Inertia of a rigid body about the origin of the frame it is given in."""
+
+    mass: float = 0.0  # kg
+    first_moment: Array = field(default_factory=lambda: np.zeros(3))  # (3,) mass * com [kg m]
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))  # (3, 3) about the origin
+
+
+@dataclass(frozen=True)
+class Deformation:
+    """One elastic deformation of a beam: bending in a direction, or torsion."""
+
+    shapes: ShapeFunctions  # scaled to max |s| = 1, positive at the tip
+    stiffness: float  # EI [N m^2] or GJ [N m^2]
+    modal_stiffness: Array  # (m,) diagonal
+    damping: Array  # (m,) coefficients [N s/m] or [N m s/rad]
+
+    @property
+    def modes(self) -> int:
+        """Number of shape functions."""
+        return len(self.damping)
+
+
+@dataclass(frozen=True)
+class Beam:
+    """The elastic part of a link: a slender beam along +X of the body frame, from x = 0."""
+
+    length: float  # m
+    mass_per_length: float  # kg/m
+    polar_inertia: float = 0.0  # kg m^2/m, used where there is torsion
+    y: Deformation | None = None  # bending with deflection along y
+    z: Deformation | None = None  # bending with deflection along z
+    torsion: Deformation | None = None
+
+    @property
+    def modes(self) -> tuple[int, int, int]:
+        """Numbers of modes (y, z, torsion)."""
+        count = [0 if part is None else part.modes for part in (self.y, self.z, self.torsion)]
+        return count[0], count[1], count[2]
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """Where a frame hangs: on a body, at a station of its beam.
+
+    `body` is -1 for the base. `station` [m] is 0 for the body frame itself (always so on a rigid
+    body); else the placement is relative to the beam's cross-section there, which undeformed
+    stands at (station, 0, 0) of the body frame with its axes.
+    """
+
+    body: int
+    station: float
+    placement: Array  # (4, 4) homogeneous, undeformed: frame seen from the body frame or section
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body of the tree: a link with what is fixed to it, or a lump at a beam's station.
+
+    The body frame is the beam frame of a flexible link, else the link frame. A link that is
+    fixed to a beam at station > 0 is a body of its own with a FIXED joint and no coordinates
+    (a lump; links fixed to it in turn merge into it).
+    """
+
+    name: str  # of its link
+    attachment: Attachment  # of the joint frame (URDF: where the joint's origin puts it)
+    joint: Joint | None  # None: fixed
+    frame: Array  # (4, 4) body frame seen from the link frame (= joint frame at q = 0)
+    inertia: RigidInertia  # the rigid rest and all merged links, in the body frame
+    beam: Beam | None = None
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor's row: predicted value = coefficients . amplitudes of its link's body."""
+
+    name: str
+    type: str  # strain_gauge | load_cell | deflection
+    link: str
+    body: int
+    row: Array  # (ny + nz + nt,) d(value)/d(amplitude), in the value's unit
+    gain: float
+    offset: float
+    noise: float
+    topic: str
+    field: str  # index or name in the message, '' if not given
+    component: str  # moment | shear for a load cell, else ''
+
+
+@dataclass(frozen=True)
+class LoopFrame:
+    """One side of a loop joint: its frame's name in `Tree.frames` and its link."""
+
+    link: str
+    frame: str
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A joint that closes a kinematic loop."""
+
+    name: str
+    type: str  # revolute | prismatic | universal | spherical | fixed
+    parent: LoopFrame
+    child: LoopFrame
+    axis: Array | None  # (3,) unit, parent's loop frame
+    axis2: Array | None  # (3,) unit, child's loop frame (universal)
+    damping: float = 0.0
+    friction: float = 0.0
+
+
+@dataclass(frozen=True)
+class Tree:
+    """An immutable robot: bodies in coordinate order (depth first, parents before children)."""
+
+    name: str
+    bodies: tuple[Body, ...]
+    frames: Mapping[str, Attachment]  # every link's frame and every loop frame, by name
+    loops: tuple[Loop, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    warnings: tuple[str, ...] = ()
