@@ -1,0 +1,48 @@
+"""Real-time model-based control of robots with flexible links, by the DeNOC recursion.
+
+The public names are loaded on first use, so that a command which needs none of them starts fast.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot as Robot
+    from denoc_ros.dynamics.robot import load_robot as load_robot
+    from denoc_ros.dynamics.stepper import Stepper as Stepper
+    from denoc_ros.errors import BagError as BagError
+    from denoc_ros.errors import ConfigError as ConfigError
+    from denoc_ros.errors import DenocError as DenocError
+    from denoc_ros.errors import IdentificationError as IdentificationError
+    from denoc_ros.errors import ModelError as ModelError
+    from denoc_ros.errors import SolverError as SolverError
+    from denoc_ros.errors import StateError as StateError
+    from denoc_ros.simulation.simulate import simulate as simulate
+
+_HOME = {
+    'Robot': 'dynamics.robot',
+    'load_robot': 'dynamics.robot',
+    'Stepper': 'dynamics.stepper',
+    'simulate': 'simulation.simulate',
+    'BagError': 'errors',
+    'ConfigError': 'errors',
+    'DenocError': 'errors',
+    'IdentificationError': 'errors',
+    'ModelError': 'errors',
+    'SolverError': 'errors',
+    'StateError': 'errors',
+}
+
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(import_module(f'{__name__}.{_HOME[name]}'), name)
+
+
+def __dir__() -> list[str]:
+    return __all__
