@@ -1,0 +1,350 @@
+"""The file of `denoc up`: read, checked with every finding gathered, and turned into a record."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from denoc_ros.errors import ConfigError
+
+NODES = ('plant', 'feedforward', 'predictor', 'recorder')
+KEYS = (
+    'robot',
+    'gravity',
+    'reference',
+    'duration',
+    'record',
+    'tip',
+    'model',
+    'nodes',
+    'plant',
+    'phases',
+)
+REFERENCE_KINDS = ('book', 'points', 'sine')
+OVERRIDES = ('beam', 'joint', 'payload')
+Parameters = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One run of the reference: its name, and what it changes in the nodes' parameters."""
+
+    name: str
+    nodes: Mapping[str, Parameters] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SessionConfig:
+    """What `denoc up` brings up.
+
+    Attributes
+    ----------
+    path, robot : Path
+        The file itself, and the robot it names.
+    gravity : tuple of float
+        (3,) base frame [m/s^2].
+    reference : mapping
+        `kind` and what goes with it; empty where the file has none.
+    duration : float
+        Of each phase [s]; 0 where the file gives none.
+    record : bool
+        Whether a recorder runs.
+    tip : str
+        The frame whose tracking error is reported; '' for the end of the last chain.
+    model : mapping
+        Overrides of the model that every node but the plant works with: dotted path -> number.
+    nodes : mapping
+        Node -> flat parameters, the plant's among them.
+    plant_model : mapping
+        Overrides of the model that are true of the plant only.
+    phases : tuple of Phase
+        At least one.
+    """
+
+    path: Path
+    robot: Path
+    gravity: tuple[float, float, float]
+    reference: Mapping[str, Any]
+    duration: float
+    record: bool
+    tip: str
+    model: Mapping[str, float]
+    nodes: Mapping[str, Parameters]
+    plant_model: Mapping[str, float]
+    phases: tuple[Phase, ...]
+
+
+def load_config(path: str | os.PathLike[str], settings: Sequence[str] = ()) -> SessionConfig:
+    """Read and check a configuration.
+
+    Parameters
+    ----------
+    path : path
+        A YAML file; one that is not here is looked for where the package is installed.
+    settings : sequence of str
+        `path=value` each: a dotted path of the file, or one of the model (`beam.`, `joint.`,
+        `payload.`), which then holds for the plant and the other nodes alike.
+
+    Raises
+    ------
+    ConfigError
+        With every finding.
+    """
+    file = find_file(Path(path), Path())
+    if file is None:
+        raise ConfigError(str(path), ['the configuration must be a file, got none of this name'])
+    raw = read_yaml(file)
+    findings: list[str] = []
+    for setting in settings:
+        _apply_setting(raw, setting, findings)
+    config = _Checker(file, findings).session(raw)
+    if findings:
+        raise ConfigError(str(path), findings)
+    return config
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's safe loader, which also takes 1e5 and 9.0e4 for numbers, as YAML 1.2 does."""
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'^[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
+    list('-+.0123456789'),
+)
+
+
+def load_yaml(text: str) -> Any:
+    """Return the value of a YAML text; raises yaml.YAMLError."""
+    return yaml.load(text, Loader=_Loader)
+
+
+def read_yaml(file: Path) -> dict[str, Any]:
+    """Return a YAML file's mapping; ConfigError with the line where it is none."""
+    try:
+        value = load_yaml(file.read_text())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(str(file), [f'the text must be YAML, got {_one_line(error)}']) from error
+    if not isinstance(value, dict):
+        raise ConfigError(str(file), [f'the file must be a mapping, got {_kind(value)}'])
+    return value
+
+
+def find_file(path: Path, folder: Path) -> Path | None:
+    """Return the file relative to a folder, else below the installed share directory."""
+    for base in (folder, share_directory(), share_directory() / 'config'):
+        if (base / path).is_file():
+            return base / path
+    return None
+
+
+def share_directory() -> Path:
+    """Return where the package's config/ is: the source tree, else share/denoc_ros."""
+    source = Path(__file__).resolve().parents[2]
+    if (source / 'package.xml').is_file():
+        return source
+    here = Path(__file__).resolve()
+    for prefix in (*here.parents, Path(sys.prefix)):
+        if (prefix / 'share' / 'denoc_ros' / 'config').is_dir():
+            return prefix / 'share' / 'denoc_ros'
+    return Path(sys.prefix) / 'share' / 'denoc_ros'
+
+
+def flatten(values: Mapping[Any, Any], prefix: str = '') -> Parameters:
+    """Return nested mappings as one with dotted names: {'a': {'b': 1}} gives {'a.b': 1}."""
+    flat: Parameters = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping) and value:
+            flat.update(flatten(value, f'{prefix}{key}.'))
+        else:
+            flat[f'{prefix}{key}'] = value
+    return flat
+
+
+class _Checker:
+    """Checks one file's mapping; every finding goes into the list it was given."""
+
+    def __init__(self, file: Path, findings: list[str]) -> None:
+        self._file = file
+        self._findings = findings
+
+    def session(self, raw: Mapping[str, Any]) -> SessionConfig:
+        self._known('the configuration', raw, KEYS)
+        plant = flatten(self._mapping('plant', raw.get('plant')))
+        nodes = self._nodes('nodes', raw.get('nodes'))
+        nodes['plant'] = {**nodes.get('plant', {}), **_split(plant, OVERRIDES)[1]}
+        model = flatten(self._mapping('model', raw.get('model')))
+        return SessionConfig(
+            path=self._file,
+            robot=self._robot(raw.get('robot')),
+            gravity=self._gravity(raw.get('gravity', [0.0, 0.0, -9.81])),
+            reference=self._reference(raw.get('reference')),
+            duration=self._duration(raw.get('duration', 0.0)),
+            record=self._boolean('record', raw.get('record', True)),
+            tip=self._text('tip', raw.get('tip', '')),
+            model=self._overrides('model', model),
+            nodes=nodes,
+            plant_model=self._overrides('plant', _split(plant, OVERRIDES)[0]),
+            phases=self._phases(raw.get('phases')),
+        )
+
+    def _find(self, text: str) -> None:
+        self._findings.append(text)
+
+    def _known(self, whose: str, values: Mapping[Any, Any], known: Sequence[str]) -> None:
+        for key in values:
+            if key not in known:
+                self._find(f"{whose}'s keys must be of {', '.join(known)}, got {key!r}")
+
+    def _mapping(self, whose: str, value: Any) -> Mapping[Any, Any]:
+        if value is None:
+            return {}
+        if not isinstance(value, Mapping):
+            self._find(f'{whose} must be a mapping, got {_kind(value)}')
+            return {}
+        return value
+
+    def _robot(self, value: Any) -> Path:
+        if not isinstance(value, str) or not value:
+            self._find(f'robot must be the path of a URDF, got {value!r}')
+            return Path()
+        found = find_file(Path(value), self._file.parent)
+        if found is None:
+            self._find(
+                f'robot must be a file (relative to {self._file.parent} or to the installed '
+                f'config directory), got {value!r}'
+            )
+        return found or Path()
+
+    def _gravity(self, value: Any) -> tuple[float, float, float]:
+        if isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)):
+            return float(value[0]), float(value[1]), float(value[2])
+        self._find(f'gravity must be three finite numbers [m/s^2], got {value!r}')
+        return 0.0, 0.0, 0.0
+
+    def _duration(self, value: Any) -> float:
+        if _is_number(value) and value >= 0.0:
+            return float(value)
+        self._find(f'duration must be a number >= 0 s (0: that of the reference), got {value!r}')
+        return 0.0
+
+    def _boolean(self, whose: str, value: Any) -> bool:
+        if not isinstance(value, bool):
+            self._find(f'{whose} must be true or false, got {value!r}')
+        return bool(value)
+
+    def _text(self, whose: str, value: Any) -> str:
+        if not isinstance(value, str):
+            self._find(f'{whose} must be a name, got {value!r}')
+        return str(value)
+
+    def _reference(self, value: Any) -> Mapping[str, Any]:
+        if isinstance(value, str):
+            found = find_file(Path(value), self._file.parent)
+            if found is None:
+                self._find(f'reference must be a mapping or an existing YAML file, got {value!r}')
+                return {}
+            return self._reference(read_yaml(found))
+        values = dict(self._mapping('reference', value))
+        if values and values.get('kind') not in REFERENCE_KINDS:
+            self._find(
+                f"reference's kind must be of {', '.join(REFERENCE_KINDS)}, "
+                f'got {values.get("kind")!r}'
+            )
+        return values
+
+    def _nodes(self, whose: str, value: Any) -> dict[str, Parameters]:
+        values = self._mapping(whose, value)
+        self._known(whose, values, NODES)
+        return {
+            name: flatten(self._mapping(f'{whose}.{name}', parameters))
+            for name, parameters in values.items()
+            if name in NODES
+        }
+
+    def _overrides(self, whose: str, flat: Parameters) -> dict[str, float]:
+        for path, value in flat.items():
+            if path.split('.')[0] not in OVERRIDES:
+                self._find(f"{whose}'s paths must start with beam, joint or payload, got {path!r}")
+            elif not _is_number(value):
+                self._find(f'{whose} {path} must be a finite number, got {value!r}')
+        return {path: float(value) for path, value in flat.items() if _is_number(value)}
+
+    def _phases(self, value: Any) -> tuple[Phase, ...]:
+        if value is None:
+            return (Phase('run'),)
+        if not isinstance(value, list) or not value:
+            self._find(f'phases must be a list with at least one entry, got {_kind(value)}')
+            return (Phase('run'),)
+        phases = tuple(self._phase(f'phases[{k}]', entry) for k, entry in enumerate(value))
+        names = [phase.name for phase in phases]
+        if len(set(names)) < len(names):
+            self._find(f'phases must have different names, got {names}')
+        return phases
+
+    def _phase(self, whose: str, value: Any) -> Phase:
+        values = self._mapping(whose, value)
+        self._known(whose, values, ('name', *NODES))
+        name = values.get('name')
+        if not isinstance(name, str) or not name:
+            self._find(f'{whose}.name must be a text, got {name!r}')
+        return Phase(
+            str(name), self._nodes(whose, {k: v for k, v in values.items() if k in NODES})
+        )
+
+
+def _apply_setting(raw: dict[str, Any], setting: str, findings: list[str]) -> None:
+    """Put one `path=value` into the mapping; model paths go to the plant and to `model`."""
+    path, equals, text = setting.partition('=')
+    names = path.split('.')
+    if not equals or not all(names):
+        findings.append(f'--set must be path=value with a dotted path, got {setting!r}')
+        return
+    try:
+        value = load_yaml(text)
+    except yaml.YAMLError:
+        value = text
+    targets = [['model', path], ['plant', path]] if names[0] in OVERRIDES else [names]
+    for target in targets:
+        _set(raw, target, value, findings, setting)
+
+
+def _set(
+    raw: dict[str, Any], names: Sequence[str], value: Any, findings: list[str], setting: str
+) -> None:
+    here = raw
+    for name in names[:-1]:
+        step = here.get(name)
+        if step is None:
+            step = here[name] = {}
+        if not isinstance(step, dict):
+            findings.append(f'--set must name a value below a mapping, got {setting!r}')
+            return
+        here = step
+    here[names[-1]] = value
+
+
+def _split(flat: Parameters, heads: Sequence[str]) -> tuple[Parameters, Parameters]:
+    """Return the entries whose path starts with one of the heads, and the rest."""
+    inside = {path: value for path, value in flat.items() if path.split('.')[0] in heads}
+    return inside, {path: value for path, value in flat.items() if path not in inside}
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _one_line(error: Exception) -> str:
+    return ' '.join(str(error).split())
+
+
+def _kind(value: Any) -> str:
+    return 'nothing' if value is None else f'{type(value).__name__} {value!r}'

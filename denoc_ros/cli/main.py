@@ -1,0 +1,107 @@
+"""The command `denoc VERB`: collects the verbs, runs one, turns errors into an exit status."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from types import ModuleType
+from typing import NoReturn
+
+from denoc_ros.errors import DenocError
+
+VERBS = ('check', 'simulate', 'up', 'report', 'recover', 'dh')
+BAD_INPUT = 1
+INTERRUPTED = 130  # 128 + SIGINT, as shells report it
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose usage errors exit with status 1 (2 is a doubtful result)."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the usage and the message on stderr and exit with status 1."""
+        self.print_usage(sys.stderr)
+        self.exit(BAD_INPUT, f'{self.prog}: {message}\n')
+
+
+class Version(argparse.Action):
+    """`--version`: looked up only when asked for, since importlib.metadata is slow to import."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        """Print the package's version and exit."""
+        from importlib.metadata import version
+
+        print(f'denoc_ros {version("denoc_ros")}')
+        parser.exit()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one verb of the command line.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        The arguments after `denoc`; default those of the process.
+
+    Returns
+    -------
+    int
+        0 good, 1 bad input (message on stderr), 2 doubtful result, 3 not identifiable,
+        130 interrupted.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        args = build_parser(arguments).parse_args(arguments)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    try:
+        status = int(args.run(args))
+        sys.stdout.flush()
+    except DenocError as error:
+        return _complain(args.verb, str(error))
+    except BrokenPipeError:
+        _discard_output()
+        return 0
+    except OSError as error:
+        return _complain(args.verb, f'{error.filename or "file"}: {error.strerror or error}')
+    except KeyboardInterrupt:
+        print(f'denoc {args.verb}: interrupted', file=sys.stderr)
+        return INTERRUPTED
+    return status
+
+
+def build_parser(arguments: Sequence[str] = ()) -> Parser:
+    """Return the parser with all verbs, or with just the one that the arguments start with."""
+    parser = Parser(
+        prog='denoc',
+        description='Real-time model-based control of robots with flexible links (DeNOC).',
+    )
+    parser.add_argument('--version', action=Version, nargs=0, help='print the version and exit')
+    subparsers = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
+    named = arguments[0] if arguments else ''
+    for verb in (named,) if named in VERBS else VERBS:
+        module = _verb_module(verb)
+        module.add_parser(subparsers)
+        subparsers.choices[verb].set_defaults(run=module.run)
+    return parser
+
+
+def _verb_module(verb: str) -> ModuleType:
+    return importlib.import_module(f'denoc_ros.cli.{verb}')
+
+
+def _complain(verb: str, message: str) -> int:
+    for line in message.splitlines() or ['']:
+        print(f'denoc {verb}: {line}', file=sys.stderr)
+    return BAD_INPUT
+
+
+def _discard_output() -> None:
+    """Let the interpreter's last flush go nowhere: the reader of our output has left."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,114 @@
+"""The file of `denoc up`: what it must hold, found all at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from denoc_ros.cli.config import flatten, load_config
+from denoc_ros.errors import ConfigError
+
+GOOD = """
+robot: arm.urdf
+gravity: [0, 0, 0]
+reference: {kind: book, period: [10], rate: [0.1]}
+duration: 10
+nodes: {feedforward: {update_rate: 500.0, terms: {gravity: false}}}
+plant: {position_noise: 0.0, beam.arm.y.ei: 9.0e4}
+phases:
+  - {name: rigid, feedforward: {model: rigid}}
+  - {name: flexible, feedforward: {model: flexible}}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / 'arm.urdf').write_text('<robot/>')
+    (tmp_path / 'good.yaml').write_text(GOOD)
+    return tmp_path
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / 'bad.yaml'
+    path.write_text(text)
+    return path
+
+
+def test_a_good_file_gives_its_values(folder: Path) -> None:
+    config = load_config(folder / 'good.yaml')
+    assert config.robot == folder / 'arm.urdf'
+    assert config.nodes['feedforward'] == {'update_rate': 500.0, 'terms.gravity': False}
+    assert config.nodes['plant'] == {'position_noise': 0.0}
+    assert config.plant_model == {'beam.arm.y.ei': 9.0e4}
+    assert [phase.name for phase in config.phases] == ['rigid', 'flexible']
+    assert config.phases[0].nodes == {'feedforward': {'model': 'rigid'}}
+
+
+def test_all_findings_come_in_one_error(folder: Path) -> None:
+    text = """
+robot: none.urdf
+gravity: [0, 0, .nan]
+reference: {kind: circle}
+duration: -1
+record: perhaps
+colour: red
+nodes: {viewer: {}, plant: 3}
+model: {beam.arm.y.ei: much, mass: 1}
+phases: [{name: a}, {name: a}, {feedforward: {}}]
+"""
+    with pytest.raises(ConfigError) as caught:
+        load_config(write(folder, text))
+    for message in (
+        "keys must be of robot, gravity, .*, got 'colour'",
+        "robot must be a file .*, got 'none.urdf'",
+        'gravity must be three finite numbers .*, got .*nan',
+        "reference's kind must be of book, points, sine, got 'circle'",
+        r'duration must be a number >= 0 s .*, got -1',
+        "record must be true or false, got 'perhaps'",
+        "nodes's keys must be of .*, got 'viewer'",
+        'nodes.plant must be a mapping, got int 3',
+        "model beam.arm.y.ei must be a finite number, got 'much'",
+        "model's paths must start with .*, got 'mass'",
+        'phases must have different names',
+        r'phases\[2\].name must be a text, got None',
+    ):
+        assert caught.match(message)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('robot: [', 'the text must be YAML, got .*line 1'),
+        ('- 1', 'the file must be a mapping, got list'),
+        ('robot: arm.urdf\nreference: none.yaml', 'reference must be .* existing YAML file'),
+        ('robot: arm.urdf\nphases: []', 'phases must be a list with at least one entry'),
+    ],
+)
+def test_a_bad_file_says_what_must_hold(folder: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load_config(write(folder, text))
+
+
+def test_a_missing_file_is_named() -> None:
+    with pytest.raises(ConfigError, match=r'absent.yaml: the configuration must be a file'):
+        load_config('absent.yaml')
+
+
+def test_settings_reach_their_place(folder: Path) -> None:
+    settings = ['duration=3', 'nodes.feedforward.update_rate=250.0', 'beam.arm.z.ei=5']
+    config = load_config(folder / 'good.yaml', settings)
+    assert config.duration == 3.0
+    assert config.nodes['feedforward']['update_rate'] == 250.0
+    assert config.model == {'beam.arm.z.ei': 5.0}
+    assert config.plant_model == {'beam.arm.y.ei': 9.0e4, 'beam.arm.z.ei': 5.0}
+
+
+@pytest.mark.parametrize('setting', ['duration', '=3', 'nodes..rate=3', 'duration.x=3'])
+def test_a_bad_setting_is_refused(folder: Path, setting: str) -> None:
+    with pytest.raises(ConfigError, match=f'--set must .*, got {setting!r}'):
+        load_config(folder / 'good.yaml', [setting])
+
+
+def test_flatten_joins_names() -> None:
+    assert flatten({'a': {'b': {'c': 1}}, 'd.e': 2}) == {'a.b.c': 1, 'd.e': 2}

@@ -1,0 +1,81 @@
+"""The frame of the command line: status, messages, and a start that costs nothing."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import types
+from collections.abc import Callable
+
+import pytest
+
+from denoc_ros.cli import main as frame
+from denoc_ros.errors import ConfigError, StateError
+
+
+def fake_verb(run: Callable[[argparse.Namespace], int]) -> Callable[[str], types.ModuleType]:
+    module = types.ModuleType('fake')
+    module.__dict__['run'] = run
+    module.__dict__['add_parser'] = lambda subparsers: subparsers.add_parser('check')
+    return lambda _verb: module
+
+
+def raising(error: BaseException) -> Callable[[argparse.Namespace], int]:
+    def run(_args: argparse.Namespace) -> int:
+        raise error
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ('error', 'status', 'message'),
+    [
+        (StateError('q must be finite'), 1, 'denoc check: q must be finite\n'),
+        (ConfigError('a.yaml', ['x', 'y']), 1, 'denoc check: a.yaml: x\ndenoc check: a.yaml: y\n'),
+        (FileNotFoundError(2, 'No such file', 'a.urdf'), 1, 'denoc check: a.urdf: No such file\n'),
+        (KeyboardInterrupt(), 130, 'denoc check: interrupted\n'),
+    ],
+)
+def test_errors_become_a_message_and_a_status(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: BaseException,
+    status: int,
+    message: str,
+) -> None:
+    monkeypatch.setattr(frame, '_verb_module', fake_verb(raising(error)))
+    assert frame.main(['check']) == status
+    assert capsys.readouterr().err == message
+
+
+def test_status_of_a_verb_is_the_exit_status(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(frame, '_verb_module', fake_verb(lambda _args: 2))
+    assert frame.main(['check']) == 2
+
+
+def test_bad_usage_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
+    assert frame.main(['report']) == 1
+    assert 'the following arguments are required' in capsys.readouterr().err
+    assert frame.main(['nothing']) == 1
+
+
+def test_help_lists_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    assert frame.main(['--help']) == 0
+    text = capsys.readouterr().out
+    assert all(f'\n    {verb} ' in text for verb in frame.VERBS)
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        'import sys; from denoc_ros.cli.main import main; main(["--help"]); '
+        'print([m for m in ("numpy", "numba", "rclpy", "matplotlib") if m in sys.modules])'
+    )
+    run = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
+    assert run.stdout.splitlines()[-1] == '[]'
+
+
+def test_closed_pipe_is_quiet() -> None:
+    command = f'{sys.executable} -m denoc_ros.cli.main --help | head -0; exit ${{PIPESTATUS[0]}}'
+    run = subprocess.run(['bash', '-c', command], capture_output=True, text=True, timeout=60)
+    assert 'Traceback' not in run.stderr
