@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,3 +182,5 @@ class Tree:
     loops: tuple[Loop, ...] = ()
     sensors: tuple[Sensor, ...] = ()
     warnings: tuple[str, ...] = ()
+    source: str = ''  # the URDF text it was read from
+    overrides: Mapping[str, Any] = field(default_factory=dict)  # applied on top, by dotted path

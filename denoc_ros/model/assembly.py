@@ -1,0 +1,146 @@
+"""Assemble a robot's links, joints and beams to the tree of bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.model.beams import FlexibleLink
+from denoc_ros.model.inertia import inverse_transform, moved, total
+from denoc_ros.model.plain import PlainJoint, PlainRobot
+from denoc_ros.model.tree import Attachment, Body, Joint, JointKind, RigidInertia
+
+Array = NDArray[np.float64]
+
+BASE = -1
+ROOT = 1e-12  # of a beam's length: what arithmetic leaves of station 0
+
+
+@dataclass
+class Assembly:
+    """Bodies in coordinate order and the frames that hang on them."""
+
+    flexible: Mapping[str, FlexibleLink]  # by link
+    bodies: list[Body] = field(default_factory=list)
+    frames: dict[str, Attachment] = field(default_factory=dict)  # by link
+
+    def attach(self, link: str, origin: Array) -> Attachment:
+        """Return where a frame hangs that is given in a link's frame.
+
+        Parameters
+        ----------
+        link : str
+            The link, already in the tree.
+        origin : ndarray (4, 4)
+            The frame seen from the link frame.
+
+        Returns
+        -------
+        Attachment
+            On a flexible link at the station of its origin; rigidly on the body else.
+        """
+        at = self.frames[link]
+        placement = at.placement @ origin
+        if link not in self.flexible:
+            return Attachment(at.body, at.station, placement)
+        length = self.flexible[link].beam.length
+        station = float(np.clip(placement[0, 3], 0.0, length))
+        if station < ROOT * length:
+            return Attachment(at.body, 0.0, placement)
+        from_section = placement.copy()
+        from_section[0, 3] -= station
+        return Attachment(at.body, station, from_section)
+
+    def add_body(
+        self, link: str, at: Attachment, joint: Joint | None, inertia: RigidInertia
+    ) -> None:
+        """Add a link as a body of its own."""
+        flexible = self.flexible.get(link)
+        frame, beam = np.eye(4), None
+        if flexible is not None:
+            frame, beam, inertia = flexible.origin, flexible.beam, flexible.rest
+        self.frames[link] = Attachment(len(self.bodies), 0.0, inverse_transform(frame))
+        self.bodies.append(Body(link, at, joint, frame, inertia, beam))
+
+    def merge(self, link: str, at: Attachment, inertia: RigidInertia) -> None:
+        """Add a rigid link to the body that it is fixed to; on the base its mass is nothing."""
+        self.frames[link] = at
+        if at.body != BASE:
+            body = self.bodies[at.body]
+            merged = total(body.inertia, moved(inertia, at.placement))
+            self.bodies[at.body] = replace(body, inertia=merged)
+
+
+def assemble(
+    robot: PlainRobot, flexible: Mapping[str, FlexibleLink], armatures: Mapping[str, float]
+) -> Assembly:
+    """Return the bodies of a robot without findings.
+
+    Parameters
+    ----------
+    robot : PlainRobot
+        Links and joints, a tree.
+    flexible : mapping of str to FlexibleLink
+        The links with a beam.
+    armatures : mapping of str to float
+        By joint.
+
+    Returns
+    -------
+    Assembly
+        Bodies depth first, children in the order of their joints in the file.
+    """
+    children: dict[str, list[PlainJoint]] = {link: [] for link in robot.links}
+    for joint in robot.joints:
+        children[joint.parent].append(joint)
+    ends = {joint.child for joint in robot.joints}
+    root = next(link for link in robot.links if link not in ends)
+    assembly = Assembly(flexible)
+    _add_root(assembly, root, robot)
+    stack = children[root][::-1]
+    while stack:
+        joint = stack.pop()
+        _add_link(assembly, joint, robot.links[joint.child], armatures)
+        stack.extend(children[joint.child][::-1])
+    return assembly
+
+
+def _add_root(assembly: Assembly, root: str, robot: PlainRobot) -> None:
+    at = Attachment(BASE, 0.0, np.eye(4))
+    if root in assembly.flexible:
+        assembly.add_body(root, at, None, RigidInertia())
+    else:
+        assembly.merge(root, at, robot.links[root] or RigidInertia())
+
+
+def _add_link(
+    assembly: Assembly,
+    joint: PlainJoint,
+    inertia: RigidInertia | None,
+    armatures: Mapping[str, float],
+) -> None:
+    at = assembly.attach(joint.parent, joint.origin)
+    inertia = RigidInertia() if inertia is None else inertia
+    if joint.kind is not JointKind.FIXED:
+        assembly.add_body(joint.child, at, _moving(joint, armatures), inertia)
+    elif joint.child in assembly.flexible or at.station > 0.0:
+        assembly.add_body(joint.child, at, None, inertia)
+    else:
+        assembly.merge(joint.child, at, inertia)
+
+
+def _moving(joint: PlainJoint, armatures: Mapping[str, float]) -> Joint:
+    return Joint(
+        joint.name,
+        joint.kind,
+        joint.axis,
+        joint.limits,
+        joint.damping,
+        joint.friction,
+        armatures.get(joint.name, 0.0),
+        joint.mimic,
+        joint.continuous,
+    )

@@ -1,0 +1,160 @@
+"""From a `<beam>` and its link's inertial to the beam and the rigid rest of the link."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.model.findings import Findings
+from denoc_ros.model.flexibility import BeamElement, DeformationElement
+from denoc_ros.model.inertia import difference, inverse_transform, moved
+from denoc_ros.model.remainder import (
+    ROUNDING,
+    TOLERANCE,
+    beam_inertia,
+    largest_mass_per_length,
+    shortfall,
+)
+from denoc_ros.model.shapes import ShapeFunctions, shape_functions, torsion_shapes
+from denoc_ros.model.tree import Beam, Deformation, RigidInertia
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FlexibleLink:
+    """A link split in a beam and a rigid rest, both in the beam frame."""
+
+    origin: Array  # (4, 4) beam frame seen from the link frame
+    beam: Beam
+    rest: RigidInertia
+
+
+def flexible_link(
+    element: BeamElement, inertia: RigidInertia | None, findings: Findings, warnings: list[str]
+) -> FlexibleLink | None:
+    """Return a link's beam and rest, None if the link does not allow it.
+
+    Parameters
+    ----------
+    element : BeamElement
+        The beam as the file says it.
+    inertia : RigidInertia or None
+        The whole link about its link frame; None without an `<inertial>`.
+    findings : Findings
+        Gathers what is wrong.
+    warnings : list of str
+        Gathers what is doubtful.
+
+    Returns
+    -------
+    FlexibleLink or None
+        In the beam frame.
+    """
+    whose = f'beam {element.link!r}'
+    if inertia is None or inertia.mass == 0.0:
+        got = 'none' if inertia is None else 'mass 0 kg'
+        rule = "must have a mass, of which the beam is a share: the link's <inertial>"
+        findings.add(whose, f'link {rule}, got {got}')
+        return None
+    whole = moved(inertia, inverse_transform(element.origin))
+    mass_per_length = element.mass_per_length
+    if mass_per_length is None:
+        mass_per_length = inertia.mass / element.length
+    polar_inertia = _polar_inertia(element, whole)
+    if polar_inertia is None:
+        rule = "must be > 0 kg m^2/m, given or by the link's inertia about the beam axis"
+        about = f'{whole.inertia[0, 0]:g} kg m^2'
+        findings.add(whose, f'polar_inertia (torsion) {rule}, got {about}')
+        return None
+    rest = difference(whole, beam_inertia(mass_per_length, element.length, polar_inertia))
+    if not _possible_rest(
+        element, whole, rest, mass_per_length, polar_inertia, findings, warnings
+    ):
+        return None
+    return FlexibleLink(element.origin, _beam(element, mass_per_length, polar_inertia), rest)
+
+
+def _polar_inertia(element: BeamElement, whole: RigidInertia) -> float | None:
+    """Return the polar inertia per length, 0 without torsion, None if torsion has none."""
+    if element.torsion is None or element.torsion.modes == 0:
+        return 0.0
+    if element.polar_inertia is not None:
+        return element.polar_inertia
+    about_axis = float(whole.inertia[0, 0])
+    scale = float(np.abs(whole.inertia).max())
+    return about_axis / element.length if about_axis > ROUNDING * scale else None
+
+
+def _possible_rest(
+    element: BeamElement,
+    whole: RigidInertia,
+    rest: RigidInertia,
+    mass_per_length: float,
+    polar_inertia: float,
+    findings: Findings,
+    warnings: list[str],
+) -> bool:
+    """Return whether the rest of a link is a possible body, or nearly one."""
+    whose, length = f'beam {element.link!r}', element.length
+    lack = shortfall(rest, whole, length)
+    if lack <= ROUNDING:
+        return True
+    numbers = (
+        f'mass_per_length {mass_per_length:g} kg/m x length {length:g} m of the link mass '
+        f'{whole.mass:g} kg leaves mass {rest.mass:g} kg and a pseudo-inertia '
+        f"{lack:.3g} of the link's below zero"
+    )
+    rule = (
+        'rest of the link beside the beam must be a possible body (mass >= 0, pseudo-inertia >= 0)'
+    )
+    if lack <= TOLERANCE:
+        warnings.append(f'{whose}: {rule}, got within rounding: {numbers}')
+        return True
+    findings.add(whose, f'{rule}, got: {numbers}; {_way_out(whole, length, polar_inertia)}')
+    return False
+
+
+def _way_out(whole: RigidInertia, length: float, polar_inertia: float) -> str:
+    largest = largest_mass_per_length(whole, length, polar_inertia)
+    if largest > 0.0:
+        return f'the largest admissible mass_per_length is {largest:.4g} kg/m'
+    if shortfall(whole, whole, length) > ROUNDING:
+        return "no mass_per_length will do: the link's own inertia is that of no possible body"
+    about = f'{whole.inertia[0, 0]:.4g} kg m^2 about the beam axis'
+    if polar_inertia > 0.0 and largest_mass_per_length(whole, length, 0.0) > 0.0:
+        return f'no mass_per_length will do with this polar_inertia: the link has {about}'
+    return "no mass_per_length will do: the link's mass is not spread along the beam axis"
+
+
+def _beam(element: BeamElement, mass_per_length: float, polar_inertia: float) -> Beam:
+    length = element.length
+    y, z = (
+        None
+        if part is None or part.modes == 0
+        else _deformation(
+            part, shape_functions(element.shape, part.modes, length), 2, mass_per_length
+        )
+        for part in (element.y, element.z)
+    )
+    torsion = None
+    if element.torsion is not None and element.torsion.modes > 0:
+        shapes = torsion_shapes(element.torsion.modes, length)
+        torsion = _deformation(element.torsion, shapes, 1, polar_inertia)
+    return Beam(length, mass_per_length, polar_inertia, y, z, torsion)
+
+
+def _deformation(
+    element: DeformationElement, shapes: ShapeFunctions, order: int, inertia_per_length: float
+) -> Deformation:
+    """Return a deformation whose strain is the derivative of an order of the displacement."""
+    stiffness = element.stiffness * np.diag(shapes.gram(order))
+    mass = inertia_per_length * np.diag(shapes.gram(0))
+    damping = np.zeros(element.modes)
+    if element.damping is not None:
+        damping = damping + element.damping
+    elif element.damping_ratio is not None:
+        damping = element.damping_ratio * 2.0 * np.sqrt(stiffness * mass)
+    return Deformation(shapes, element.stiffness, stiffness, damping)

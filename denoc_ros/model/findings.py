@@ -1,0 +1,179 @@
+"""Gather what is wrong with a file, element by element, instead of stopping at the first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Element = Any  # lxml's element
+
+
+class Findings:
+    """Findings of one file, in the order they were made."""
+
+    def __init__(self) -> None:
+        self.items: list[str] = []
+
+    def add(self, whose: str, what: str) -> None:
+        """Note that `what` is wrong with `whose`."""
+        self.items.append(f'{whose}: {what}')
+
+
+class Reader:
+    """Reads the attributes of one XML element; what does not hold becomes a finding.
+
+    A value that cannot be read comes back as nan (or empty), so that reading goes on.
+
+    Parameters
+    ----------
+    element : lxml element
+        What is read.
+    whose : str
+        Its name in findings.
+    findings : Findings
+        Where findings go.
+    label : str
+        Stands behind the name of an attribute, such as ` (direction y)`.
+    """
+
+    def __init__(self, element: Element, whose: str, findings: Findings, label: str = '') -> None:
+        self.element = element
+        self.whose = whose
+        self.findings = findings
+        self.label = label
+
+    def fail(self, attribute: str, rule: str, got: object) -> None:
+        """Note that an attribute must be something else."""
+        shown = 'nothing' if got is None else repr(got) if isinstance(got, str) else got
+        self.findings.add(self.whose, f'{attribute}{self.label} must {rule}, got {shown}')
+
+    def only(self, attributes: Collection[str], children: Collection[str] = ()) -> None:
+        """Note every attribute and child element that is not known."""
+        for name in self.element.attrib:
+            if name not in attributes:
+                known = f'be one of {", ".join(attributes)}' if attributes else 'not stand here'
+                self.fail(f'attribute of <{self.element.tag}>', known, name)
+        for child in self.element.iterchildren('*'):
+            if child.tag not in children:
+                known = f'be one of {", ".join(children)}' if children else 'not stand here'
+                self.fail(f'element in <{self.element.tag}>', known, str(child.tag))
+
+    def text(self, attribute: str, default: str | None = None) -> str:
+        """Return a text, which must not be empty; `default` when it may be left out."""
+        value = self.element.get(attribute)
+        if value is None and default is not None:
+            return default
+        if value is None or not value.strip():
+            self.fail(attribute, 'be given', None)
+            return ''
+        return str(value)
+
+    def choice(self, attribute: str, choices: Sequence[str], default: str | None = None) -> str:
+        """Return a text out of some; an empty one when it is none of them."""
+        value = self.element.get(attribute, default)
+        if value not in choices:
+            self.fail(attribute, f'be one of {", ".join(choices)}', value)
+            return ''
+        return str(value)
+
+    def number(
+        self,
+        attribute: str,
+        unit: str = '',
+        *,
+        above: float | None = None,
+        least: float | None = None,
+        default: float | None = None,
+    ) -> float:
+        """Return a finite number above a bound, or at least one; nan when it is not."""
+        value = self.element.get(attribute)
+        if value is None and default is not None:
+            return default
+        rule = _rule(unit, above, least)
+        if value is None:
+            self.fail(attribute, rule, None)
+            return math.nan
+        number = finite(value)
+        if number is None or not _within(number, above, least):
+            self.fail(attribute, rule, value if number is None else f'{number:g}')
+            return math.nan
+        return number
+
+    def numbers(self, attribute: str, unit: str, *, least: float | None = None) -> Array:
+        """Return one or more finite numbers, (k,); empty when they are not."""
+        value = self.element.get(attribute, '')
+        found = [finite(part) for part in value.split()]
+        good = [number for number in found if number is not None and _within(number, None, least)]
+        if not found or len(good) != len(found):
+            self.fail(attribute, f'{_rule(unit, None, least)} (one for all, or one each)', value)
+            return np.zeros(0)
+        return np.array(good)
+
+    def vector(self, attribute: str, default: str | None = None, unit: str = 'm') -> Array:
+        """Return three finite numbers, (3,); nan when they are not."""
+        value = self.element.get(attribute, default)
+        found = [] if value is None else [finite(part) for part in value.split()]
+        if len(found) != 3 or any(number is None for number in found):
+            self.fail(attribute, f'be three finite numbers [{unit}]', value)
+            return np.full(3, np.nan)
+        return np.array(found, dtype=np.float64)
+
+    def axis(self, attribute: str = 'xyz', default: str | None = None) -> Array:
+        """Return a unit vector, (3,), from three numbers that are not all zero."""
+        vector = self.vector(attribute, default, '-')
+        size = float(np.linalg.norm(vector))
+        if size == 0.0:
+            self.fail(attribute, 'not be zero', self.element.get(attribute, default))
+            return np.full(3, np.nan)
+        return np.asarray(vector / size)
+
+    def count(self, attribute: str, most: int) -> int:
+        """Return a whole number from 0 to `most`; 0 when it is not."""
+        value = self.element.get(attribute)
+        text = '' if value is None else value.strip()
+        if not (text.isascii() and text.isdigit()) or len(text) > 9 or int(text) > most:
+            self.fail(attribute, f'be a whole number from 0 to {most}', value)
+            return 0
+        return int(text)
+
+    def pose(self) -> Array:
+        """Return the (4, 4) transform of the attributes xyz [m] and rpy [rad]."""
+        transform = np.eye(4)
+        transform[:3, :3] = rotation_rpy(self.vector('rpy', '0 0 0', 'rad'))
+        transform[:3, 3] = self.vector('xyz', '0 0 0')
+        return transform
+
+
+def finite(text: str) -> float | None:
+    """Return the finite number a text says, None if it says none."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) and '_' not in text else None
+
+
+def rotation_rpy(rpy: Array) -> Array:
+    """Return the rotation (3, 3) of roll, pitch and yaw [rad] about fixed X, Y, Z."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def _rule(unit: str, above: float | None, least: float | None) -> str:
+    bound = f'> {above:g}' if above is not None else f'>= {least:g}' if least is not None else ''
+    return ' '.join(part for part in ('be', bound or 'a finite number', unit) if part)
+
+
+def _within(number: float, above: float | None, least: float | None) -> bool:
+    return (above is None or number > above) and (least is None or number >= least)

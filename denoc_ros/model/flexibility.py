@@ -1,0 +1,310 @@
+"""The `<flexibility>` block: its elements, read and validated one by one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.model.findings import Element, Findings, Reader
+from denoc_ros.model.loops import LoopElement, read_loop
+from denoc_ros.model.sections import Section, rectangle_section, round_section, tube_section
+from denoc_ros.model.sensors import SensorElement, read_sensor
+from denoc_ros.model.shapes import SHAPES
+
+Array = NDArray[np.float64]
+
+MOST_MODES = 50  # more would only be a typing error
+
+
+@dataclass(frozen=True)
+class DeformationElement:
+    """`<bending>` or `<torsion>` as the file says it."""
+
+    stiffness: float  # EI [N m^2] or GJ [N m^2]
+    modes: int
+    damping_ratio: Array | None  # (modes,) or (1,)
+    damping: Array | None  # (modes,) or (1,)
+
+
+@dataclass(frozen=True)
+class BeamElement:
+    """`<beam>` as the file says it; a section is resolved to numbers."""
+
+    link: str
+    origin: Array  # (4, 4) beam frame seen from the link frame
+    length: float
+    mass_per_length: float | None  # None: the link's mass / length
+    polar_inertia: float | None  # None: the link's inertia about the beam axis / length
+    shape: str
+    y: DeformationElement | None
+    z: DeformationElement | None
+    torsion: DeformationElement | None
+
+
+@dataclass
+class Flexibility:
+    """The whole block: only elements without findings, in file order."""
+
+    beams: dict[str, BeamElement] = field(default_factory=dict)  # by link
+    loops: list[LoopElement] = field(default_factory=list)
+    sensors: list[SensorElement] = field(default_factory=list)
+    armatures: dict[str, float] = field(default_factory=dict)  # by joint
+    flexible_links: set[str] = field(default_factory=set)  # beams with findings as well
+
+
+def read_flexibility(root: Element, findings: Findings) -> Flexibility:
+    """Return the elements of the `<flexibility>` block.
+
+    Parameters
+    ----------
+    root : lxml element
+        `<robot>`.
+    findings : Findings
+        Gathers what is wrong.
+
+    Returns
+    -------
+    Flexibility
+        The elements that have no findings; all empty without a block.
+    """
+    blocks = root.findall('flexibility')
+    if len(blocks) > 1:
+        findings.add('flexibility', f'block must stand once, got {len(blocks)}')
+    flexibility = Flexibility()
+    links = {link.get('name') for link in root.findall('link')}
+    for block in blocks:
+        Reader(block, 'flexibility', findings).only((), ('beam', 'loop', 'sensor', 'actuator'))
+        for element in block.findall('beam'):
+            _add_beam(element, links, flexibility, findings)
+        for element in block.findall('actuator'):
+            _add_actuator(element, root, flexibility, findings)
+        _add_loops(block, links, flexibility, findings)
+        _add_sensors(block, flexibility, findings)
+    return flexibility
+
+
+def _add_loops(
+    block: Element, links: set[str], flexibility: Flexibility, findings: Findings
+) -> None:
+    names: set[str] = set()
+    for element in block.findall('loop'):
+        loop = read_loop(element, links, names, findings)
+        if loop is not None:
+            flexibility.loops.append(loop)
+
+
+def _add_sensors(block: Element, flexibility: Flexibility, findings: Findings) -> None:
+    names: set[str] = set()
+    for element in block.findall('sensor'):
+        sensor = read_sensor(element, flexibility.flexible_links, names, findings)
+        if sensor is not None:
+            flexibility.sensors.append(sensor)
+
+
+def _add_actuator(
+    element: Element, root: Element, flexibility: Flexibility, findings: Findings
+) -> None:
+    name = element.get('joint', '')
+    reader = Reader(element, f'actuator of joint {name!r}', findings)
+    reader.only(('joint', 'armature'))
+    movable = {
+        joint.get('name') for joint in root.findall('joint') if joint.get('type') != 'fixed'
+    }
+    if reader.text('joint') and name not in movable:
+        reader.fail('joint', 'be a movable joint of the robot', name)
+    if name in flexibility.armatures:
+        findings.add(reader.whose, 'must stand once, got it twice')
+    flexibility.armatures[name] = reader.number('armature', 'kg m^2 or kg', least=0.0)
+
+
+def _add_beam(
+    element: Element, links: set[str], flexibility: Flexibility, findings: Findings
+) -> None:
+    before, link = len(findings.items), element.get('link', '')
+    reader = Reader(element, f'beam {link!r}', findings)
+    reader.only(
+        ('link', 'length', 'mass_per_length', 'shape'),
+        ('origin', 'section', 'bending', 'torsion'),
+    )
+    if reader.text('link') and link not in links:
+        reader.fail('link', 'be a link of the robot', link)
+    if link in flexibility.flexible_links:
+        findings.add(reader.whose, 'link must have one beam, got two')
+    flexibility.flexible_links.add(link)
+    beam = _read_beam(reader, link)
+    if len(findings.items) == before:
+        flexibility.beams[link] = beam
+
+
+def _read_beam(reader: Reader, link: str) -> BeamElement:
+    section = _read_section(reader)
+    mass_per_length = None if section is None else section.mass_per_length
+    if reader.element.get('mass_per_length') is not None:
+        given = reader.number('mass_per_length', 'kg/m', above=0.0)
+        if section is not None:
+            reader.fail('mass_per_length', 'not stand beside a <section>', f'{given:g}')
+        mass_per_length = given
+    shape = reader.choice('shape', SHAPES, 'clamped-free')
+    bending = _read_bendings(reader, section, shape)
+    torsion, polar_inertia = _read_torsion(reader, section)
+    return BeamElement(
+        link,
+        _read_origin(reader),
+        reader.number('length', 'm', above=0.0),
+        mass_per_length,
+        polar_inertia,
+        shape,
+        bending.get('y'),
+        bending.get('z'),
+        torsion,
+    )
+
+
+def _read_origin(reader: Reader) -> Array:
+    found = _at_most_one(reader, 'origin')
+    if found is None:
+        return np.eye(4)
+    origin = Reader(found, reader.whose, reader.findings, ' of <origin>')
+    origin.only(('xyz', 'rpy'))
+    return origin.pose()
+
+
+def _at_most_one(reader: Reader, tag: str) -> Element | None:
+    found = reader.element.findall(tag)
+    if len(found) > 1:
+        reader.findings.add(reader.whose, f'<{tag}> must stand once, got {len(found)}')
+    return found[0] if found else None
+
+
+def _read_bendings(
+    reader: Reader, section: BeamSection | None, shape: str
+) -> dict[str, DeformationElement]:
+    found: dict[str, DeformationElement] = {}
+    for element in reader.element.findall('bending'):
+        direction = element.get('direction', '')
+        bending = Reader(element, reader.whose, reader.findings, f' (direction {direction})')
+        bending.only(('direction', 'ei', 'modes', 'damping_ratio', 'damping'))
+        Reader(element, f'{reader.whose} <bending>', reader.findings).choice(
+            'direction', ('y', 'z')
+        )
+        if direction in found:
+            bending.fail('direction', 'stand once', direction)
+        stiffness = None if section is None else section.flexural_rigidity(direction)
+        found[direction] = _read_deformation(bending, 'ei', stiffness, 'N s/m')
+        if shape == 'craig-bampton' and found[direction].modes == 1:
+            bending.fail('modes', 'be >= 2 with shape craig-bampton', 1)
+    return found
+
+
+def _read_torsion(
+    reader: Reader, section: BeamSection | None
+) -> tuple[DeformationElement | None, float | None]:
+    """Return the deformation and the polar inertia per length, None where not given."""
+    element = _at_most_one(reader, 'torsion')
+    polar_inertia = None if section is None else section.polar_inertia
+    if element is None:
+        return None, polar_inertia
+    torsion = Reader(element, reader.whose, reader.findings, ' (torsion)')
+    torsion.only(('gj', 'polar_inertia', 'modes', 'damping_ratio', 'damping'))
+    if element.get('polar_inertia') is not None:
+        given = torsion.number('polar_inertia', 'kg m^2/m', above=0.0)
+        if section is not None:
+            torsion.fail('polar_inertia', 'not stand beside a <section>', f'{given:g}')
+        polar_inertia = given
+    stiffness = None if section is None else section.torsional_rigidity
+    return _read_deformation(torsion, 'gj', stiffness, 'N m s/rad'), polar_inertia
+
+
+def _read_deformation(
+    reader: Reader, name: str, stiffness: float | None, damping_unit: str
+) -> DeformationElement:
+    if stiffness is None:
+        stiffness = reader.number(name, 'N m^2', above=0.0)
+    elif reader.element.get(name) is not None:
+        reader.fail(name, 'not stand beside a <section>', reader.element.get(name))
+    modes = reader.count('modes', MOST_MODES)
+    ratio = _read_damping(reader, 'damping_ratio', '-', modes)
+    damping = _read_damping(reader, 'damping', damping_unit, modes)
+    if ratio is not None and damping is not None:
+        reader.fail('damping', 'not stand beside damping_ratio', reader.element.get('damping'))
+    return DeformationElement(stiffness, modes, ratio, damping)
+
+
+def _read_damping(reader: Reader, name: str, unit: str, modes: int) -> Array | None:
+    text = reader.element.get(name)
+    if text is None:
+        return None
+    values = reader.numbers(name, unit, least=0.0)
+    if len(values) not in (0, 1, modes):
+        reader.fail(name, f'have one number, or one for each of {modes} modes', text)
+    return values
+
+
+@dataclass(frozen=True)
+class BeamSection:
+    """A cross-section with its material."""
+
+    section: Section
+    e: float  # Young's modulus [Pa]
+    g: float  # shear modulus [Pa]
+    density: float  # [kg/m^3]
+
+    @property
+    def mass_per_length(self) -> float:
+        """[kg/m]."""
+        return self.density * self.section.area
+
+    @property
+    def polar_inertia(self) -> float:
+        """Polar inertia per length [kg m^2/m]."""
+        return self.density * self.section.polar_moment
+
+    @property
+    def torsional_rigidity(self) -> float:
+        """GJ [N m^2]."""
+        return self.g * self.section.torsion_constant
+
+    def flexural_rigidity(self, direction: str) -> float:
+        """Return EI [N m^2] for a deflection along y or z."""
+        section = self.section
+        return self.e * (section.moment_y if direction == 'y' else section.moment_z)
+
+
+def _read_section(beam: Reader) -> BeamSection | None:
+    element = _at_most_one(beam, 'section')
+    if element is None:
+        return None
+    reader = Reader(element, beam.whose, beam.findings, ' of <section>')
+    section = _read_profile(reader)
+    materials = element.findall('material')
+    if len(materials) != 1:
+        rule = f'must have one <material>, got {len(materials)}'
+        beam.findings.add(beam.whose, f'<section> {rule}')
+        return BeamSection(section, math.nan, math.nan, math.nan)
+    material = Reader(materials[0], beam.whose, beam.findings, ' of <material>')
+    material.only(('e', 'g', 'density'))
+    bends, twists = (beam.element.find(tag) is not None for tag in ('bending', 'torsion'))
+    return BeamSection(
+        section,
+        material.number('e', 'Pa', above=0.0, default=None if bends else math.nan),
+        material.number('g', 'Pa', above=0.0, default=None if twists else math.nan),
+        material.number('density', 'kg/m^3', above=0.0),
+    )
+
+
+def _read_profile(reader: Reader) -> Section:
+    sides = {'round': ('diameter',), 'tube': ('diameter', 'wall'), 'rectangle': ('y', 'z')}
+    kind = reader.choice('type', tuple(sides))
+    names = sides.get(kind, ())
+    reader.only(('type', *names) if kind else tuple(reader.element.attrib), ('material',))
+    numbers = [reader.number(name, 'm', above=0.0) for name in names]
+    if kind == 'tube' and 2.0 * numbers[1] > numbers[0]:
+        reader.fail('wall', f'be at most half the diameter {numbers[0]:g} m', f'{numbers[1]:g}')
+    if kind == 'rectangle':
+        return rectangle_section(*numbers)
+    if kind:
+        return tube_section(*numbers) if kind == 'tube' else round_section(*numbers)
+    return Section(math.nan, math.nan, math.nan, math.nan)

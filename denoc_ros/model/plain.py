@@ -1,0 +1,279 @@
+"""The plain part of a URDF: links' inertia and joints, validated, then read by yourdfpy."""
+
+from __future__ import annotations
+
+import io
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from denoc_ros.model.findings import Element, Findings, Reader
+from denoc_ros.model.inertia import from_centre, moved
+from denoc_ros.model.tree import JointKind, Limits, Mimic, RigidInertia
+
+Array = NDArray[np.float64]
+
+KINDS = {
+    'fixed': JointKind.FIXED,
+    'revolute': JointKind.REVOLUTE,
+    'continuous': JointKind.REVOLUTE,
+    'prismatic': JointKind.PRISMATIC,
+}
+
+
+@dataclass(frozen=True)
+class PlainJoint:
+    """A joint as the URDF says it."""
+
+    name: str
+    kind: JointKind
+    parent: str
+    child: str
+    origin: Array  # (4, 4) joint frame seen from the parent link's frame
+    axis: Array  # (3,) unit, in the joint frame
+    limits: Limits
+    damping: float
+    friction: float
+    mimic: Mimic | None
+    continuous: bool
+
+
+@dataclass(frozen=True)
+class PlainRobot:
+    """A plain URDF: links with their inertia, None without `<inertial>`, and joints."""
+
+    name: str
+    links: dict[str, RigidInertia | None]  # in file order, about the link frame's origin
+    joints: tuple[PlainJoint, ...]  # in file order
+
+
+def read_plain(root: Element, findings: Findings) -> PlainRobot:
+    """Return the plain part of a robot.
+
+    Parameters
+    ----------
+    root : lxml element
+        `<robot>`.
+    findings : Findings
+        Gathers what is wrong.
+
+    Returns
+    -------
+    PlainRobot
+        Links and joints in file order. With findings: the sound links, and no joints.
+    """
+    before = len(findings.items)
+    Reader(root, 'robot', findings).text('name')
+    links = _check_names(root, 'link', findings)
+    joints = _check_names(root, 'joint', findings)
+    if not links:
+        findings.add('robot', 'links must be at least one, got none')
+    sound = [element for element in root.findall('link') if _check_link(element, findings)]
+    for element in root.findall('joint'):
+        _check_joint(element, links, findings)
+    _check_mimics(root, joints, findings)
+    _check_structure(root, links, findings)
+    clean = len(findings.items) == before
+    return _load(root.get('name', ''), sound, root.findall('joint') if clean else [])
+
+
+def _check_names(root: Element, tag: str, findings: Findings) -> set[str]:
+    names: set[str] = set()
+    for element in root.findall(tag):
+        name = Reader(element, tag, findings).text('name')
+        if name in names:
+            findings.add(f'{tag} {name!r}', 'name must be unique, got it twice')
+        names.add(name)
+    return names
+
+
+def _check_link(element: Element, findings: Findings) -> bool:
+    """Return whether a link has a name and sound numbers."""
+    before = len(findings.items)
+    whose = f'link {element.get("name", "")!r}'
+    inertials = element.findall('inertial')
+    if len(inertials) > 1:
+        findings.add(whose, f'<inertial> must stand once, got {len(inertials)}')
+    for inertial in inertials:
+        _check_inertial(inertial, whose, findings)
+    return len(findings.items) == before and bool(element.get('name'))
+
+
+def _check_inertial(inertial: Element, whose: str, findings: Findings) -> None:
+    for tag in ('mass', 'inertia'):
+        if inertial.find(tag) is None:
+            findings.add(whose, f'<inertial> must have <{tag}>, got none')
+    if inertial.find('mass') is not None:
+        mass = Reader(inertial.find('mass'), whose, findings, ' of <mass>')
+        mass.number('value', 'kg', least=0.0)
+    if inertial.find('origin') is not None:
+        Reader(inertial.find('origin'), whose, findings, ' of <inertial>').pose()
+    if inertial.find('inertia') is not None:
+        inertia = Reader(inertial.find('inertia'), whose, findings, ' of <inertia>')
+        for name in ('ixx', 'iyy', 'izz'):
+            inertia.number(name, 'kg m^2')
+        for name in ('ixy', 'ixz', 'iyz'):
+            inertia.number(name, 'kg m^2', default=0.0)
+
+
+def _check_joint(element: Element, links: set[str], findings: Findings) -> None:
+    whose = f'joint {element.get("name", "")!r}'
+    reader = Reader(element, whose, findings)
+    if element.get('type') in ('floating', 'planar'):
+        rule = f'be one of {", ".join(KINDS)} (floating and planar are not supported yet)'
+        reader.fail('type', rule, element.get('type'))
+    else:
+        reader.choice('type', list(KINDS))
+    for end in ('parent', 'child'):
+        found = element.find(end)
+        link = None if found is None else found.get('link')
+        if link is None or link not in links:
+            findings.add(whose, f'{end} must be a link of the robot, got {link!r}')
+    if element.find('origin') is not None:
+        Reader(element.find('origin'), whose, findings, ' of <origin>').pose()
+    if element.find('axis') is not None and element.get('type') != 'fixed':
+        Reader(element.find('axis'), whose, findings, ' of <axis>').axis('xyz', '1 0 0')
+    _check_limits(element, whose, findings)
+    _check_dynamics(element, whose, findings)
+
+
+def _check_limits(element: Element, whose: str, findings: Findings) -> None:
+    limit = element.find('limit')
+    if limit is None or element.get('type') == 'fixed':
+        return
+    reader = Reader(limit, whose, findings, ' of <limit>')
+    reader.number('effort', least=0.0, default=0.0)
+    reader.number('velocity', least=0.0, default=0.0)
+    lower, upper = (reader.number(name, default=0.0) for name in ('lower', 'upper'))
+    if limit.get('lower') and limit.get('upper') and lower > upper:
+        reader.fail('lower', f'be at most upper ({upper:g})', f'{lower:g}')
+
+
+def _check_dynamics(element: Element, whose: str, findings: Findings) -> None:
+    dynamics = element.find('dynamics')
+    if dynamics is None or element.get('type') == 'fixed':
+        return
+    reader = Reader(dynamics, whose, findings, ' of <dynamics>')
+    reader.number('damping', least=0.0, default=0.0)
+    reader.number('friction', least=0.0, default=0.0)
+
+
+def _check_mimics(root: Element, joints: set[str], findings: Findings) -> None:
+    leaders: dict[str, str] = {}
+    movable = {
+        joint.get('name') for joint in root.findall('joint') if joint.get('type') != 'fixed'
+    }
+    for element in root.findall('joint'):
+        mimic, name = element.find('mimic'), element.get('name', '')
+        if mimic is None:
+            continue
+        reader = Reader(mimic, f'joint {name!r}', findings, ' of <mimic>')
+        leader = reader.text('joint')
+        if leader and leader not in joints & movable:
+            reader.fail('joint', 'be a movable joint of the robot', leader)
+        reader.number('multiplier', default=1.0)
+        reader.number('offset', default=0.0)
+        leaders[name] = leader
+    for name in leaders:
+        seen, at = {name}, leaders[name]
+        while at in leaders and at not in seen:
+            seen.add(at)
+            at = leaders[at]
+        if at == name:
+            findings.add(f'joint {name!r}', 'mimic must not follow itself, got a circle')
+
+
+def _check_structure(root: Element, links: set[str], findings: Findings) -> None:
+    """Note links with two parents, several roots and circles."""
+    parents: dict[str, str] = {}
+    for element in root.findall('joint'):
+        parent, child = (
+            '' if end is None else end.get('link', '')
+            for end in (element.find('parent'), element.find('child'))
+        )
+        if child in parents:
+            findings.add(f'link {child!r}', 'must be the child of one joint, got two')
+        elif child in links and parent in links:
+            parents[child] = parent
+    roots = [link.get('name') for link in root.findall('link') if link.get('name') not in parents]
+    if len(roots) > 1 and len(parents) == len(root.findall('joint')):
+        named = ', '.join(repr(name) for name in roots)
+        findings.add('robot', f'root link must be one, got {named}')
+    settled: set[str] = set(roots)
+    for name in parents:
+        path: list[str] = []
+        while name not in settled and name not in path and name in parents:
+            path.append(name)
+            name = parents[name]
+        if name in path:
+            circle = ', '.join(repr(link) for link in path[path.index(name) :])
+            findings.add('robot', f'links must form a tree, got a circle of {circle}')
+        settled.update(path)
+
+
+def _load(name: str, links: list[Element], joints: list[Element]) -> PlainRobot:
+    """Return what yourdfpy reads of validated elements."""
+    # Imported here: it takes most of a second, and malformed files never get this far.
+    from yourdfpy import URDF
+
+    copy = etree.Element('robot', name=name)
+    for link in links:
+        bare = etree.SubElement(copy, 'link', name=link.get('name'))
+        bare.extend(deepcopy(link.findall('inertial')))
+    copy.extend(deepcopy(joints))
+    text = io.BytesIO(etree.tostring(copy))
+    robot = URDF.load(text, build_scene_graph=False, load_meshes=False).robot
+    inertias = {link.name: _inertia(link.inertial) for link in robot.links}
+    return PlainRobot(name, inertias, tuple(_joint(joint) for joint in robot.joints))
+
+
+def _inertia(inertial: Any) -> RigidInertia | None:
+    """Return a link's inertia about the link frame's origin, None without `<inertial>`."""
+    if inertial is None:
+        return None
+    pose = np.eye(4) if inertial.origin is None else inertial.origin
+    return moved(from_centre(inertial.mass, np.zeros(3), inertial.inertia), pose)
+
+
+def _joint(joint: Any) -> PlainJoint:
+    kind = KINDS[joint.type]
+    axis = np.array([1.0, 0.0, 0.0]) if kind is JointKind.FIXED else joint.axis
+    dynamics = joint.dynamics
+    damping, friction = (
+        float(getattr(dynamics, name, None) or 0.0) for name in ('damping', 'friction')
+    )
+    return PlainJoint(
+        joint.name,
+        kind,
+        joint.parent,
+        joint.child,
+        np.eye(4) if joint.origin is None else joint.origin,
+        axis / np.linalg.norm(axis),
+        _limits(joint),
+        damping,
+        friction,
+        _mimic(joint),
+        joint.type == 'continuous',
+    )
+
+
+def _limits(joint: Any) -> Limits:
+    given = {
+        name: value
+        for name in ('lower', 'upper', 'velocity', 'effort')
+        if (value := getattr(joint.limit, name, None)) is not None
+    }
+    if joint.type == 'continuous':
+        given.pop('lower', None)
+        given.pop('upper', None)
+    return Limits(**given)
+
+
+def _mimic(joint: Any) -> Mimic | None:
+    if joint.mimic is None:
+        return None
+    return Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)

@@ -1,0 +1,99 @@
+"""The beam's share of a link's inertia, and the rigid rest that stays on the link frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.model.inertia import difference, pseudo_inertia
+from denoc_ros.model.tree import RigidInertia
+
+Array = NDArray[np.float64]
+
+ROUNDING = 1e-9  # of the link's pseudo-inertia: what arithmetic leaves of an exact zero
+TOLERANCE = 1e-3  # of the link's pseudo-inertia: what rounded numbers in a file leave
+
+
+def beam_inertia(mass_per_length: float, length: float, polar_inertia: float) -> RigidInertia:
+    """Return the inertia of the undeformed beam in the beam frame.
+
+    Parameters
+    ----------
+    mass_per_length : float
+        [kg/m], of a slender rod along +X.
+    length : float
+        [m].
+    polar_inertia : float
+        About X, per length [kg m^2/m].
+
+    Returns
+    -------
+    RigidInertia
+        About the beam's root.
+    """
+    mass = mass_per_length * length
+    across = mass * length**2 / 3.0
+    return RigidInertia(
+        mass,
+        np.array([0.5 * mass * length, 0.0, 0.0]),
+        np.diag([polar_inertia * length, across, across]),
+    )
+
+
+def shortfall(body: RigidInertia, link: RigidInertia, length: float) -> float:
+    """Return how far a body is from physically possible, as a part of the link's inertia.
+
+    Parameters
+    ----------
+    body : RigidInertia
+        The rest, in the beam frame.
+    link : RigidInertia
+        The whole link, in the beam frame.
+    length : float
+        Of the beam [m], the unit of length that makes masses and inertias comparable.
+
+    Returns
+    -------
+    float
+        0 if the pseudo-inertia is positive semidefinite, else its lowest eigenvalue's size over
+        the largest eigenvalue of the link's.
+    """
+    scale = float(np.linalg.eigvalsh(pseudo_inertia(link, length))[-1])
+    lowest = float(np.linalg.eigvalsh(pseudo_inertia(body, length))[0])
+    if lowest >= 0.0:
+        return 0.0
+    return -lowest / scale if scale > 0.0 else math.inf
+
+
+def largest_mass_per_length(link: RigidInertia, length: float, polar_inertia: float) -> float:
+    """Return the largest mass per length that leaves a physically possible rest.
+
+    Parameters
+    ----------
+    link : RigidInertia
+        The whole link, in the beam frame.
+    length : float
+        Of the beam [m].
+    polar_inertia : float
+        About the beam axis, per length [kg m^2/m].
+
+    Returns
+    -------
+    float
+        [kg/m], rounded down to four digits; 0 if there is none.
+    """
+
+    def possible(mass_per_length: float) -> bool:
+        share = beam_inertia(mass_per_length, length, polar_inertia)
+        return shortfall(difference(link, share), link, length) <= ROUNDING
+
+    low, high = 0.0, max(link.mass, 0.0) / length
+    if not possible(low) or high == 0.0:
+        return 0.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if possible(middle) else (low, middle)
+    digit = 10.0 ** (math.floor(math.log10(low)) - 3) if low > 0.0 else 1.0
+    return math.floor(low / digit * (1.0 + 1e-12)) * digit

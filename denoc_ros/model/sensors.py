@@ -1,0 +1,142 @@
+"""`<sensor>`: what a gauge, load cell or deflection sensor reads of a beam's amplitudes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.model.findings import Element, Findings, Reader
+from denoc_ros.model.tree import Beam, Sensor
+
+Array = NDArray[np.float64]
+
+COMMON = ('name', 'type', 'link', 'station', 'direction', 'gain', 'offset', 'noise')
+OWN = {'strain_gauge': ('surface',), 'load_cell': ('component',), 'deflection': ()}
+
+
+@dataclass(frozen=True)
+class SensorElement:
+    """`<sensor>` as the file says it."""
+
+    name: str
+    type: str
+    link: str
+    station: float  # m
+    direction: str  # y | z
+    surface: float  # m, of a strain gauge
+    component: str  # moment | shear, of a load cell
+    gain: float
+    offset: float
+    noise: float
+    topic: str
+    field: str
+
+
+def read_sensor(
+    element: Element, flexible: Collection[str], names: set[str], findings: Findings
+) -> SensorElement | None:
+    """Return a sensor, None if it has findings.
+
+    Parameters
+    ----------
+    element : lxml element
+        `<sensor>`.
+    flexible : collection of str
+        Links with a beam.
+    names : set of str
+        Names of the sensors before it; its own is added.
+    findings : Findings
+        Gathers what is wrong.
+
+    Returns
+    -------
+    SensorElement or None
+        As the file says it.
+    """
+    before, name = len(findings.items), element.get('name', '')
+    reader = Reader(element, f'sensor {name!r}', findings)
+    type_ = reader.choice('type', tuple(OWN))
+    own = OWN.get(type_, ('surface', 'component'))
+    reader.only((*COMMON, *own, 'topic', 'field'))
+    reader.text('name')
+    if name in names:
+        findings.add(reader.whose, 'name must be unique, got it twice')
+    names.add(name)
+    link = reader.text('link')
+    if link and link not in flexible:
+        reader.fail('link', 'be a link with a <beam>', link)
+    gain = reader.number('gain', default=1.0)
+    if gain == 0.0:
+        reader.fail('gain', 'not be zero', 0)
+    sensor = SensorElement(
+        name,
+        type_,
+        link,
+        reader.number('station', 'm', least=0.0),
+        reader.choice('direction', ('y', 'z')),
+        reader.number('surface', 'm') if type_ == 'strain_gauge' else 0.0,
+        reader.choice('component', ('moment', 'shear')) if type_ == 'load_cell' else '',
+        gain,
+        reader.number('offset', default=0.0),
+        reader.number('noise', least=0.0, default=0.0),
+        reader.text('topic', ''),
+        reader.text('field', ''),
+    )
+    return sensor if len(findings.items) == before else None
+
+
+def sensor_row(element: SensorElement, beam: Beam) -> Array:
+    """Return the derivative of a sensor's value by the amplitudes of its link.
+
+    Parameters
+    ----------
+    element : SensorElement
+        The sensor.
+    beam : Beam
+        Its link's beam, bending in the sensor's direction.
+
+    Returns
+    -------
+    ndarray (ny + nz + nt,)
+        gain times: -surface s'' (strain), s (deflection), EI s''' (shear force), and the bending
+        moment, -EI s'' about z for a deflection along y, EI s'' about y for one along z. Force
+        and moment are those on the part outboard of the station, in the beam frame's axes.
+    """
+    deformation = beam.y if element.direction == 'y' else beam.z
+    assert deformation is not None
+    shapes = deformation.shapes
+    station = np.array([min(element.station, beam.length)])
+    if element.type == 'strain_gauge':
+        part = -element.surface * shapes.curvatures(station)
+    elif element.type == 'deflection':
+        part = shapes.values(station)
+    elif element.component == 'shear':
+        part = deformation.stiffness * shapes.third_derivatives(station)
+    else:
+        sign = -1.0 if element.direction == 'y' else 1.0
+        part = sign * deformation.stiffness * shapes.curvatures(station)
+    ny, nz, nt = beam.modes
+    row = np.zeros(ny + nz + nt)
+    first = 0 if element.direction == 'y' else ny
+    row[first : first + deformation.modes] = element.gain * part[0]
+    return row
+
+
+def make_sensor(element: SensorElement, body: int, beam: Beam) -> Sensor:
+    """Return the sensor of a beam, given the index of its body."""
+    return Sensor(
+        element.name,
+        element.type,
+        element.link,
+        body,
+        sensor_row(element, beam),
+        element.gain,
+        element.offset,
+        element.noise,
+        element.topic,
+        element.field,
+        element.component,
+    )

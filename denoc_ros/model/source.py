@@ -1,0 +1,101 @@
+"""Read a robot description's XML, refusing what XML can be abused for."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from lxml import etree
+
+from denoc_ros.errors import ModelError
+from denoc_ros.model.findings import Element
+
+LARGEST_TEXT = 8 * 1024 * 1024  # bytes; the largest robots in use have a tenth of it
+TEXT_NAME = 'robot description'
+
+
+def read_source(source: str | os.PathLike[str]) -> tuple[str, str]:
+    """Return where a robot description comes from, and its text.
+
+    Parameters
+    ----------
+    source : str or path
+        A file's path, or the XML text itself, which starts with `<`.
+
+    Returns
+    -------
+    where : str
+        The path, or `robot description` for a text.
+    text : str
+        The XML text.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read, is too large or is not UTF-8.
+    """
+    if isinstance(source, str) and source.lstrip('\ufeff \t\r\n').startswith('<'):
+        return TEXT_NAME, source.lstrip('\ufeff \t\r\n')
+    where = os.fspath(source)
+    try:
+        with Path(where).open('rb') as file:
+            raw = file.read(LARGEST_TEXT + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise ModelError(where, [f'the file must be readable, got: {reason}']) from error
+    try:
+        return where, raw.decode('utf-8').lstrip('\ufeff \t\r\n')
+    except UnicodeDecodeError as error:
+        if len(raw) > LARGEST_TEXT:
+            return where, raw.decode('utf-8', 'replace')
+        raise ModelError(where, [f'the file must be UTF-8 text, got: {error}']) from error
+
+
+def parse_xml(where: str, text: str) -> Element:
+    """Return the root element of a description's text.
+
+    Parameters
+    ----------
+    where : str
+        Its name in errors.
+    text : str
+        The XML.
+
+    Returns
+    -------
+    lxml element
+        `<robot>`, without comments and processing instructions.
+
+    Raises
+    ------
+    ModelError
+        For malformed XML, a DOCTYPE or an entity, a text that is too large, another root.
+    """
+    encoded = text.encode('utf-8', 'surrogatepass')
+    if len(encoded) > LARGEST_TEXT:
+        rule = f'the text must be at most {LARGEST_TEXT} bytes'
+        raise ModelError(where, [f'{rule}, got {len(encoded)} or more'])
+    forbidden = re.search(r'<!\s*(DOCTYPE|ENTITY)', text, re.IGNORECASE)
+    if forbidden:
+        line = text.count('\n', 0, forbidden.start()) + 1
+        raise ModelError(
+            where, [f'the XML must have no DOCTYPE and no entities, got one, line {line}']
+        )
+    # The encoding is forced: a declared one could hide a DOCTYPE from the search above.
+    parser = etree.XMLParser(
+        encoding='utf-8',
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        huge_tree=False,
+        remove_comments=True,
+        remove_pis=True,
+    )
+    try:
+        root = etree.fromstring(encoded, parser)
+    except etree.XMLSyntaxError as error:
+        raise ModelError(where, [f'the XML must be well-formed, got: {error.msg}']) from error
+    if root.tag != 'robot':
+        raise ModelError(where, [f'the root element must be <robot>, got <{root.tag}>'])
+    return root

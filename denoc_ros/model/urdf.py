@@ -1,0 +1,147 @@
+"""Load a robot: URDF + `<flexibility>` to the immutable tree."""
+
+from __future__ import annotations
+
+import os
+
+from denoc_ros.errors import ModelError
+from denoc_ros.model.assembly import Assembly, assemble
+from denoc_ros.model.beams import FlexibleLink, flexible_link
+from denoc_ros.model.findings import Element, Findings
+from denoc_ros.model.flexibility import Flexibility, read_flexibility
+from denoc_ros.model.loops import LoopElement
+from denoc_ros.model.plain import PlainRobot, read_plain
+from denoc_ros.model.sensors import SensorElement, make_sensor
+from denoc_ros.model.source import parse_xml, read_source
+from denoc_ros.model.tree import Beam, Loop, LoopFrame, Sensor, Tree
+
+
+def load_tree(source: str | os.PathLike[str]) -> Tree:
+    """Return the robot that a URDF with an optional `<flexibility>` block describes.
+
+    Parameters
+    ----------
+    source : str or path
+        A file's path, or the XML text (as on /robot_description), which starts with `<`.
+
+    Returns
+    -------
+    Tree
+        Bodies depth first, children in the order of their joints in the file. What is doubtful
+        but harmless stands in its `warnings`.
+
+    Raises
+    ------
+    ModelError
+        With every finding of the file.
+    """
+    where, text = read_source(source)
+    return tree_of(parse_xml(where, text), where, text)
+
+
+def tree_of(root: Element, where: str, text: str) -> Tree:
+    """Return the robot of a parsed description.
+
+    Parameters
+    ----------
+    root : lxml element
+        `<robot>`.
+    where : str
+        Its name in errors.
+    text : str
+        The description, kept in the tree as its source.
+
+    Returns
+    -------
+    Tree
+        As `load_tree`.
+
+    Raises
+    ------
+    ModelError
+        With every finding.
+    """
+    findings, warnings = Findings(), list[str]()
+    robot = read_plain(root, findings)
+    flexibility = read_flexibility(root, findings)
+    flexible = _flexible_links(robot, flexibility, findings, warnings)
+    sensors = _sensor_elements(flexibility, findings, warnings)
+    _check_loop_frames(robot, flexibility, findings)
+    if findings.items:
+        raise ModelError(where, findings.items)
+    assembly = assemble(robot, flexible, flexibility.armatures)
+    loops = tuple(_loop(loop, assembly) for loop in flexibility.loops)
+    return Tree(
+        robot.name,
+        tuple(assembly.bodies),
+        assembly.frames,
+        loops,
+        tuple(_sensor(sensor, assembly) for sensor in sensors),
+        tuple(warnings),
+        text,
+    )
+
+
+def _flexible_links(
+    robot: PlainRobot, flexibility: Flexibility, findings: Findings, warnings: list[str]
+) -> dict[str, FlexibleLink]:
+    found: dict[str, FlexibleLink] = {}
+    for link, element in flexibility.beams.items():
+        if link in robot.links:  # else the link itself has findings
+            made = flexible_link(element, robot.links[link], findings, warnings)
+            if made is not None:
+                found[link] = made
+    return found
+
+
+def _sensor_elements(
+    flexibility: Flexibility, findings: Findings, warnings: list[str]
+) -> list[SensorElement]:
+    for sensor in flexibility.sensors:
+        beam = flexibility.beams.get(sensor.link)
+        if beam is None:
+            continue
+        whose = f'sensor {sensor.name!r}'
+        deformation = beam.y if sensor.direction == 'y' else beam.z
+        if deformation is None or deformation.modes == 0:
+            rule = f'direction must be one in which beam {sensor.link!r} bends'
+            findings.add(whose, f'{rule}, got {sensor.direction!r}')
+        if sensor.station > beam.length:
+            rule = f'station must be at most the length {beam.length:g} m of beam {sensor.link!r}'
+            warnings.append(f'{whose}: {rule}, got {sensor.station:g}, taken as the tip')
+    return flexibility.sensors
+
+
+def _frame_names(loop: LoopElement) -> tuple[str, str]:
+    return f'{loop.name}/parent', f'{loop.name}/child'
+
+
+def _check_loop_frames(robot: PlainRobot, flexibility: Flexibility, findings: Findings) -> None:
+    for loop in flexibility.loops:
+        for name in _frame_names(loop):
+            if name in robot.links:
+                rule = 'frame names <name>/parent and <name>/child must be no links'
+                findings.add(f'loop {loop.name!r}', f'{rule}, got {name!r}')
+
+
+def _loop(loop: LoopElement, assembly: Assembly) -> Loop:
+    parent, child = _frame_names(loop)
+    assembly.frames[parent] = assembly.attach(loop.parent, loop.parent_origin)
+    assembly.frames[child] = assembly.attach(loop.child, loop.child_origin)
+    return Loop(
+        loop.name,
+        loop.type,
+        LoopFrame(loop.parent, parent),
+        LoopFrame(loop.child, child),
+        loop.axis,
+        loop.axis2,
+        loop.damping,
+        loop.friction,
+    )
+
+
+def _sensor(sensor: SensorElement, assembly: Assembly) -> Sensor:
+    index = assembly.frames[sensor.link].body
+    beam: Beam | None = assembly.bodies[index].beam
+    assert beam is not None
+    return make_sensor(sensor, index, beam)
