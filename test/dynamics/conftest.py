@@ -1,0 +1,25 @@
+"""Comparisons that the law tests share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Close = Callable[[Array, Array, float], None]
+
+
+@pytest.fixture(scope='session')
+def close() -> Close:
+    """Equality relative to the largest number of the expected array."""
+
+    def check(value: Array, expected: Array, relative: float) -> None:
+        value, expected = np.asarray(value), np.asarray(expected)
+        assert value.shape == expected.shape
+        scale = max(float(np.abs(expected).max(initial=0.0)), 1e-9)
+        np.testing.assert_allclose(value, expected, rtol=0, atol=relative * scale)
+
+    return check

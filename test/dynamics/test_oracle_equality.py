@@ -1,0 +1,117 @@
+"""Every verb against the dense oracle, on random flexible trees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from denoc_ros.dynamics.robot import Robot, load_robot
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from oracles import Oracle
+from scipy.linalg import block_diag
+from strategies import random_state, robots, seeds
+
+Array = NDArray[np.float64]
+Close = Callable[[Array, Array, float], None]
+GRAVITY = (0.7, -1.3, -9.6)
+ROUNDING = 1e-10  # of modal integrals in two ways, over a chain of six bodies
+law = settings(
+    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True
+)
+
+
+def pair(text: str, geometric_stiffness: bool = True) -> tuple[Robot, Oracle]:
+    robot = load_robot(text, gravity=GRAVITY, geometric_stiffness=geometric_stiffness)
+    return robot, Oracle(robot.tree, GRAVITY, geometric_stiffness)
+
+
+@law
+@given(text=robots(), seed=seeds, geometric=st.booleans())
+def test_inverse_dynamics_are_lagranges(
+    close: Close, text: str, seed: int, geometric: bool
+) -> None:
+    robot, oracle = pair(text, geometric)
+    s = random_state(robot.coordinate_names, seed)
+    close(
+        robot.inverse_dynamics(s.q, s.qd, s.qdd),
+        oracle.inverse_dynamics(s.q, s.qd, s.qdd),
+        ROUNDING,
+    )
+    close(robot.bias_forces(s.q, s.qd), oracle.bias_forces(s.q, s.qd), ROUNDING)
+
+
+@law
+@given(text=robots(), seed=seeds, geometric=st.booleans())
+def test_inertia_matrix_and_energy_are_lagranges(
+    close: Close, text: str, seed: int, geometric: bool
+) -> None:
+    robot, oracle = pair(text, geometric)
+    s = random_state(robot.coordinate_names, seed)
+    close(robot.inertia_matrix(s.q), oracle.inertia_matrix(s.q), ROUNDING)
+    close(np.array(robot.energy(s.q, s.qd)), np.array(oracle.energy(s.q, s.qd)), ROUNDING)
+
+
+@law
+@given(text=robots(), seed=seeds)
+def test_forward_dynamics_solve_the_dense_equation(close: Close, text: str, seed: int) -> None:
+    robot, oracle = pair(text)
+    s = random_state(robot.coordinate_names, seed)
+    tau = np.random.default_rng(seed).uniform(-5, 5, robot.n)
+    residual = oracle.inertia_matrix(s.q) @ robot.forward_dynamics(s.q, s.qd, tau)
+    close(residual, tau - oracle.bias_forces(s.q, s.qd), ROUNDING)
+
+
+@law
+@given(text=robots(), seed=seeds)
+def test_recursion_is_the_dense_natural_orthogonal_complement(
+    close: Close, text: str, seed: int
+) -> None:
+    robot, oracle = pair(text)
+    s = random_state(robot.coordinate_names, seed)
+    N_l, N_d = robot.denoc_matrices(s.q)
+    close(N_l @ N_d @ s.qd, oracle.twists(s.q, s.qd), ROUNDING)
+    M = block_diag(*oracle.mass_matrices(s.q))
+    armature = np.diag(oracle.joint_terms('armature'))
+    close(robot.inertia_matrix(s.q), N_d.T @ N_l.T @ M @ N_l @ N_d + armature, ROUNDING)
+
+
+@law
+@given(text=robots(), seed=seeds)
+def test_frames_move_with_the_deflection(close: Close, text: str, seed: int) -> None:
+    robot, oracle = pair(text)
+    s = random_state(robot.coordinate_names, seed)
+    for frame in robot.tree.frames:
+        close(robot.frame_pose(frame, s.q), oracle.frame_pose(frame, s.q), 1e-12)
+        close(robot.frame_jacobian(frame, s.q), oracle.frame_jacobian(frame, s.q), ROUNDING)
+
+
+@law
+@given(text=robots(), seed=seeds)
+def test_wrenches_enter_by_the_jacobian(close: Close, text: str, seed: int) -> None:
+    robot, oracle = pair(text)
+    s = random_state(robot.coordinate_names, seed)
+    rng = np.random.default_rng(seed)
+    wrenches = {frame: rng.uniform(-3, 3, 6) for frame in robot.tree.frames}
+    loads = sum(
+        (robot.frame_jacobian(f, s.q).T @ w for f, w in wrenches.items()), np.zeros(robot.n)
+    )
+    free = robot.inverse_dynamics(s.q, s.qd, s.qdd)
+    loaded = robot.inverse_dynamics(s.q, s.qd, s.qdd, wrenches=wrenches)
+    close(loaded, free - loads, ROUNDING)
+    close(loaded, oracle.inverse_dynamics(s.q, s.qd, s.qdd, wrenches), ROUNDING)
+    tau = rng.uniform(-5, 5, robot.n)
+    close(
+        robot.forward_dynamics(s.q, s.qd, tau, wrenches=wrenches),
+        robot.forward_dynamics(s.q, s.qd, tau + loads),
+        1e-9,
+    )
+    flexible = np.setdiff1d(np.arange(robot.n), robot.joint_indices)
+    qdd_joints = s.qdd[robot.joint_indices]
+    _, amplitudes = robot.hybrid_dynamics(s.q, s.qd, qdd_joints, wrenches=wrenches)
+    qdd = s.qdd.copy()
+    qdd[flexible] = amplitudes
+    rows = robot.inverse_dynamics(s.q, s.qd, qdd, wrenches=wrenches)[flexible]
+    scale = max(1.0, float(np.abs(oracle.stiffness @ s.q).max()), float(np.abs(free).max()))
+    np.testing.assert_allclose(rows, 0, atol=ROUNDING * scale)
