@@ -1,0 +1,346 @@
+"""The lifecycle node under every node: parameters, inputs, diagnostics, start and clean end."""
+
+from __future__ import annotations
+
+import gc
+import math
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.experimental import EventsExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
+
+from denoc_ros.errors import DenocError
+from denoc_ros.nodes.conversions import InputError
+from denoc_ros.nodes.diagnostics import DiagnosticsPublisher, Status, input_status
+from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
+from denoc_ros.nodes.safety import InputMonitor
+
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+STATE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+EVERY_MESSAGE = QoSProfile(depth=10000, reliability=ReliabilityPolicy.RELIABLE)
+LATCHED = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+# parameters that rclpy itself declares
+FOREIGN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+# a waiting thread asks for the interpreter this often (s); the default of 5 ms is five ticks
+SWITCH_INTERVAL = 2e-4
+
+
+class DenocNode(LifecycleNode):
+    """A lifecycle node with a parameter table, monitored inputs and diagnostics.
+
+    A node overrides `configure`, `activate`, `deactivate`, `cleanup` (they may raise DenocError:
+    the transition fails and the message is logged), `statuses` and `settings_changed`.
+
+    Parameters
+    ----------
+    name : str
+        Default node name.
+    table : ParameterTable
+        Its parameters.
+
+    Raises
+    ------
+    ConfigError
+        A parameter given at the start is not one of the table's or not valid; every finding.
+
+    Attributes
+    ----------
+    settings : Settings
+        The parameters' values now.
+    failure : str
+        Why the last transition, or the loop, failed; '' if it did not.
+    ready : bool
+        Whether `configure` has what it needs from topics.
+    owns_process : bool
+        Whether garbage collection is the node's to settle.
+    """
+
+    def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
+        super().__init__(name, **options)
+        self.table = table
+        self.failure = ''
+        self.ready = True
+        self.owns_process = False
+        self.monitors: list[InputMonitor] = []
+        given = {
+            key: parameter.value
+            for key, parameter in self._parameter_overrides.items()
+            if not key.startswith(FOREIGN)
+        }
+        try:
+            self.settings = table.settings(given, self.get_fully_qualified_name())
+        except DenocError:
+            self.destroy_node()
+            raise
+        self._declare()
+        self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._diagnostics = DiagnosticsPublisher(self)
+        self.create_timer(1.0, self._every_second, clock=self.steady_clock)
+
+    # ---- parameters
+
+    def _declare(self) -> None:
+        for name in self.settings:
+            row = self.table.row(name)
+            assert row is not None
+            descriptor = ParameterDescriptor(
+                description=row.text + (f' [{row.unit}]' if row.unit else ''),
+                additional_constraints=row.range.replace('\\', ''),
+                # the table checks types: it takes 5 for 5.0
+                dynamic_typing=True,
+            )
+            self.declare_parameter(name, self.settings[name], descriptor)
+        self.add_on_set_parameters_callback(self._on_parameters)
+
+    def _on_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
+        given = {p.name: p.value for p in parameters if not p.name.startswith(FOREIGN)}
+        try:
+            changes = self.table.changes(self.settings, given)
+            if changes:
+                self.settings_changed(self.settings.replace(changes), changes)
+                self.settings = self.settings.replace(changes)
+        except (ValueError, DenocError) as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
+        """Take live changes before they are stored; may refuse by DenocError or ValueError."""
+
+    # ---- inputs
+
+    def listen(
+        self,
+        message_type: type,
+        topic: str,
+        handle: Callable[[bytes], None],
+        qos: QoSProfile = NEWEST,
+        monitor: InputMonitor | None = None,
+    ) -> InputMonitor:
+        """Subscribe to raw messages; `handle` parses and stores, or raises InputError.
+
+        `handle` calls `monitor.accept(stamp_ns, now)` on the monitor returned here.
+        """
+        limit = self.settings.integer('max_publishers') if 'max_publishers' in self.settings else 1
+        watch = monitor or InputMonitor(topic, limit)
+        self.monitors.append(watch)
+
+        # one argument only: rclpy 7.1.6's EventsExecutor fails on raw messages with their info
+        def on_message(raw: bytes) -> None:
+            try:
+                watch.check_publishers(publishers())
+                handle(raw)
+            except InputError as error:
+                self.refuse(watch, error)
+
+        subscription = self.create_subscription(message_type, topic, on_message, qos, raw=True)
+        publishers = subscription.handle.get_publisher_count
+        return watch
+
+    def refuse(self, monitor: InputMonitor, error: InputError) -> None:
+        """Count a bad message; log the first of each cause."""
+        if monitor.reject(error):
+            self.get_logger().warning(f'{monitor.topic} rejected ({error.cause}): {error}')
+
+    def offer(self, name: str, act: Callable[[], str], service: type = Trigger) -> None:
+        """Offer a Trigger service: `act` returns a message or raises DenocError."""
+
+        def on_request(_request: Any, response: Any) -> Any:
+            try:
+                response.message = act()
+                response.success = True
+            except DenocError as error:
+                response.success, response.message = False, str(error)
+            return response
+
+        self.create_service(service, name, on_request)
+
+    def stamp_ns(self) -> int:
+        """Return now for headers [ns]: the system's time, or simulated time where in use."""
+        return int(self.get_clock().now().nanoseconds) if self._simulated() else time.time_ns()
+
+    def _simulated(self) -> bool:
+        return bool(self._time_source.ros_time_is_active)
+
+    # ---- diagnostics
+
+    def statuses(self) -> list[Status]:
+        """Return the node's own statuses for /diagnostics."""
+        return []
+
+    def _every_second(self) -> None:
+        now = time.perf_counter()
+        statuses = self.statuses()
+        if self.monitors:
+            statuses.append(input_status(self.monitors, now))
+        self._diagnostics.publish(statuses)
+        if self.owns_process:
+            # all that existed at configure is frozen: this looks at the few new objects only
+            gc.collect()
+
+    # ---- lifecycle
+
+    def configure(self) -> None:
+        """Load, build, compile, touch."""
+
+    def activate(self) -> None:
+        """Begin."""
+
+    def deactivate(self) -> None:
+        """End safely."""
+
+    def cleanup(self) -> None:
+        """Drop what configure made."""
+
+    def _transition(self, act: Callable[[], None]) -> TransitionCallbackReturn:
+        self.failure = ''
+        try:
+            act()
+        except (DenocError, OSError, ValueError) as error:
+            self.failure = str(error)
+            self.get_logger().error(self.failure)
+            return TransitionCallbackReturn.FAILURE
+        except Exception as error:
+            self.failure = f'{type(error).__name__}: {error}'
+            self.get_logger().error(traceback.format_exc())
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Configure; then settle memory so that no collection interrupts the loop."""
+        result = self._transition(self.configure)
+        if self.owns_process:
+            gc.collect()
+            gc.freeze()
+            gc.disable()
+        return result
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate."""
+        return self._transition(self.activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate."""
+        return self._transition(self.deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Clean up."""
+        return self._transition(self.cleanup)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate if active, then clean up."""
+
+        def end() -> None:
+            if state.label == 'active':
+                self.deactivate()
+            self.cleanup()
+
+        return self._transition(end)
+
+    @property
+    def state(self) -> str:
+        """Label of the lifecycle state."""
+        return str(self._state_machine.current_state[1])
+
+    def end(self) -> None:
+        """Go to the end of the life cycle from wherever the node is."""
+        if self.state == 'active':
+            self.trigger_deactivate()
+        if self.state == 'inactive':
+            self.trigger_cleanup()
+
+
+def run(make: Callable[[], DenocNode], arguments: Sequence[str] | None = None) -> int:
+    """Run one node as a process until SIGINT or SIGTERM; return the exit status.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the node, after rclpy is initialized.
+    arguments : sequence of str, optional
+        Command line; default the process's own.
+
+    Returns
+    -------
+    int
+        0 after a clean end; 1 for bad parameters or robot, or a failed loop: one clear message
+        on stderr, no traceback.
+    """
+    signals: list[int] = []
+
+    def on_signal(number: int, _frame: FrameType | None) -> None:
+        signals.append(number)
+
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, on_signal)
+    try:
+        # rclpy's own handlers would end the context before the safe command is out
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:
+        print(f'denoc_ros: {error}', file=sys.stderr)
+        return 1
+    try:
+        node = make()
+    except DenocError as error:
+        print(error, file=sys.stderr)
+        rclpy.try_shutdown()
+        return 1
+    node.owns_process = True
+    executor = EventsExecutor()
+    executor.add_node(node)
+    try:
+        return _spin(node, executor, signals)
+    finally:
+        node.end()
+        executor.remove_node(node)
+        node.destroy_node()
+        executor.shutdown()
+        rclpy.try_shutdown()
+
+
+def _spin(node: DenocNode, executor: Any, signals: list[int]) -> int:
+    """Start the node if it starts itself, then serve callbacks until it is to end."""
+    if node.settings.flag('autostart') and not _start(node, executor, signals):
+        return 0 if signals else _fail(node)
+    while rclpy.ok() and not signals:
+        # .spin() hangs in the wheels of rclpy 7.1.6
+        executor.spin_once(0.1)
+        if node.failure:
+            return _fail(node)
+    return 0
+
+
+def _start(node: DenocNode, executor: Any, signals: list[int]) -> bool:
+    """Configure as soon as the node has what it needs, then activate."""
+    told = -math.inf
+    while not node.ready:
+        if signals or not rclpy.ok():
+            return False
+        if time.perf_counter() - told > 5.0:
+            node.get_logger().info('waiting for robot_description')
+            told = time.perf_counter()
+        executor.spin_once(0.1)
+    done = TransitionCallbackReturn.SUCCESS
+    return bool(node.trigger_configure() == done and node.trigger_activate() == done)
+
+
+def _fail(node: DenocNode) -> int:
+    print(f'{node.get_name()}: {node.failure}', file=sys.stderr)
+    return 1

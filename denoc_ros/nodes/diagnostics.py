@@ -1,0 +1,105 @@
+"""/diagnostics, once a second: what the loop, the inputs and the torque are doing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from denoc_ros.nodes.safety import InputMonitor
+from denoc_ros.nodes.timing import HISTOGRAM_EDGES, LoopStatistics
+
+# DiagnosticStatus.level is bytes
+OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
+
+
+@dataclass
+class Status:
+    """One DiagnosticStatus to be: its name follows `<node>: `."""
+
+    name: str
+    level: bytes = OK
+    message: str = 'ok'
+    values: dict[str, object] = field(default_factory=dict)
+
+    def worsen(self, level: bytes, message: str) -> None:
+        """Raise the level and say why; the worst comes first."""
+        if level > self.level:
+            self.message = message if self.level == OK else f'{message}; {self.message}'
+            self.level = level
+        elif level != OK:
+            self.message = f'{self.message}; {message}'
+
+
+class DiagnosticsPublisher:
+    """Publishes a node's statuses on /diagnostics."""
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+
+    def publish(self, statuses: Sequence[Status]) -> None:
+        """Publish statuses, stamped now."""
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        name = self._node.get_fully_qualified_name().lstrip('/')
+        message.status = [_message(name, status) for status in statuses]
+        self._publisher.publish(message)
+
+
+def _message(node: str, status: Status) -> DiagnosticStatus:
+    return DiagnosticStatus(
+        name=f'{node}: {status.name}',
+        level=status.level,
+        message=status.message,
+        hardware_id=node,
+        values=[KeyValue(key=key, value=_shown(value)) for key, value in status.values.items()],
+    )
+
+
+def _shown(value: object) -> str:
+    return f'{value:.6g}' if isinstance(value, float) else str(value)
+
+
+def input_status(monitors: Sequence[InputMonitor], now: float) -> Status:
+    """Return what came in on each topic and what was refused, by cause."""
+    status = Status('inputs')
+    for monitor in monitors:
+        status.values[f'{monitor.topic} accepted'] = monitor.accepted
+        age = monitor.age(now)
+        status.values[f'{monitor.topic} age_s'] = age if monitor.received else 'never'
+        for cause, count in sorted(monitor.rejected.items()):
+            status.values[f'{monitor.topic} rejected {cause}'] = count
+        refused = sum(monitor.rejected.values())
+        if refused > monitor.rejected_reported:
+            status.worsen(WARN, f'rejected: {monitor.last_message}')
+        monitor.rejected_reported = refused
+    return status
+
+
+def loop_status(statistics: LoopStatistics, period: float, late_share: float) -> Status:
+    """Return the loop's timing; warns above a share of late ticks."""
+    values: dict[str, object] = {
+        'rate_hz': statistics.rate,
+        'nominal_rate_hz': 1.0 / period,
+        'period_p50_us': 1e6 * statistics.period_p50,
+        'period_p99_us': 1e6 * statistics.period_p99,
+        'period_max_us': 1e6 * statistics.period_max,
+        'tick_p50_us': 1e6 * statistics.tick_p50,
+        'tick_p99_us': 1e6 * statistics.tick_p99,
+        'ticks': statistics.ticks_total,
+        'overruns': statistics.late,
+        'overruns_total': statistics.late_total,
+        'skipped_total': statistics.skipped_total,
+        'histogram_edges': ' '.join(f'{edge:g}' for edge in HISTOGRAM_EDGES),
+        'histogram_counts': ' '.join(str(count) for count in statistics.histogram),
+    }
+    status = Status('loop', values=values)
+    if statistics.late_share > late_share:
+        status.worsen(
+            WARN,
+            f'{100 * statistics.late_share:.1f} % of ticks late by more than half a period',
+        )
+    return status

@@ -1,0 +1,383 @@
+"""One table per node declares, validates and documents its parameters; nothing here needs ROS."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import cast
+
+from denoc_ros.errors import ConfigError
+
+Value = bool | int | float | str | list[str] | list[float]
+
+
+class Kind(Enum):
+    """Type of a parameter's value, by its ROS name."""
+
+    BOOL = 'bool'
+    INTEGER = 'integer'
+    DOUBLE = 'double'
+    STRING = 'string'
+    STRINGS = 'string array'
+    DOUBLES = 'double array'
+    DOUBLE_OR_DOUBLES = 'double or double array'
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One row of the table; a name that ends in `.*` stands for all names that start so."""
+
+    name: str
+    kind: Kind
+    default: Value | None  # None: a family has none
+    text: str
+    unit: str = ''
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    positive: bool = False  # > 0, not only >= minimum
+    choices: tuple[str, ...] = ()
+    live: bool = False
+
+    @property
+    def is_family(self) -> bool:
+        """Whether the row stands for a family of names."""
+        return self.name.endswith('.*')
+
+    def matches(self, name: str) -> bool:
+        """Say whether the row is the one for `name`."""
+        if self.is_family:
+            return name.startswith(self.name[:-1]) and len(name) >= len(self.name)
+        return name == self.name
+
+    @property
+    def range(self) -> str:
+        """What must hold of a value, in words; empty if anything goes."""
+        if self.choices:
+            return ' \\| '.join(f'`{choice}`' for choice in self.choices)
+        if self.positive:
+            return '> 0' + (f', <= {self.maximum:g}' if self.maximum < math.inf else '')
+        bounds = [
+            f'>= {self.minimum:g}' if self.minimum > -math.inf else '',
+            f'<= {self.maximum:g}' if self.maximum < math.inf else '',
+        ]
+        return ', '.join(bound for bound in bounds if bound)
+
+    def finding(self, name: str, value: object, requirement: str) -> str:
+        """Return the sentence that refuses `value`."""
+        unit = f' {self.unit}' if self.unit else ''
+        return f"parameter '{name}' must be {requirement}{unit}, got {value!r}"
+
+    def accept(self, name: str, value: object) -> Value:
+        """Return `value` as the row's type.
+
+        An integer is taken where a double is meant (`-p x:=5`), one number where an array is.
+
+        Raises
+        ------
+        ValueError
+            With the sentence that says what must hold.
+        """
+        kind = self.kind
+        if kind is Kind.BOOL and isinstance(value, bool):
+            return value
+        if kind is Kind.STRING and isinstance(value, str):
+            return self._accept_text(name, value)
+        if kind is Kind.INTEGER and isinstance(value, int) and not isinstance(value, bool):
+            return int(self._accept_number(name, value))
+        if kind in (Kind.DOUBLE, Kind.DOUBLE_OR_DOUBLES) and _is_number(value):
+            return self._accept_number(name, cast(float, value))
+        if kind is Kind.DOUBLES and _is_number(value):
+            return [self._accept_number(name, cast(float, value))]
+        if kind in (Kind.DOUBLES, Kind.DOUBLE_OR_DOUBLES) and _is_sequence(value):
+            return [self._accept_number(name, each) for each in cast(Iterable[float], value)]
+        if kind is Kind.STRINGS and _is_sequence(value):
+            items = list(cast(Iterable[object], value))
+            if all(isinstance(item, str) for item in items):
+                return cast(list[str], items)
+        raise ValueError(self.finding(name, value, f'a {kind.value}'))
+
+    def _accept_text(self, name: str, value: str) -> str:
+        if self.choices and value not in self.choices:
+            raise ValueError(self.finding(name, value, 'one of ' + ', '.join(self.choices)))
+        return value
+
+    def _accept_number(self, name: str, value: object) -> float:
+        if not _is_number(value):
+            raise ValueError(self.finding(name, value, f'a {self.kind.value}'))
+        number = float(cast(float, value))
+        if math.isnan(number):
+            raise ValueError(self.finding(name, value, 'a number'))
+        if (self.positive and not number > 0.0) or not self.minimum <= number <= self.maximum:
+            raise ValueError(self.finding(name, value, self.range))
+        return number
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_sequence(value: object) -> bool:
+    return isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
+
+
+class Settings:
+    """The accepted values of a node's parameters, each read as the type its row declares."""
+
+    def __init__(self, values: Mapping[str, Value]) -> None:
+        self._values = dict(values)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __getitem__(self, name: str) -> Value:
+        return self._values[name]
+
+    def replace(self, changes: Mapping[str, Value]) -> Settings:
+        """Return settings with some values changed."""
+        return Settings({**self._values, **changes})
+
+    def flag(self, name: str) -> bool:
+        """Return a bool."""
+        return bool(self._values[name])
+
+    def integer(self, name: str) -> int:
+        """Return an integer."""
+        return int(cast(int, self._values[name]))
+
+    def number(self, name: str) -> float:
+        """Return a double."""
+        return float(cast(float, self._values[name]))
+
+    def text(self, name: str) -> str:
+        """Return a string."""
+        return str(self._values[name])
+
+    def texts(self, name: str) -> list[str]:
+        """Return a string array."""
+        return list(cast(list[str], self._values[name]))
+
+    def numbers(self, name: str) -> list[float]:
+        """Return a double array."""
+        return list(cast(list[float], self._values[name]))
+
+    def family(self, *prefixes: str) -> dict[str, float | list[float]]:
+        """Return the values whose names start with one of `prefixes` and a dot."""
+        starts = tuple(f'{prefix}.' for prefix in prefixes)
+        return {
+            name: cast('float | list[float]', value)
+            for name, value in self._values.items()
+            if name.startswith(starts)
+        }
+
+
+class ParameterTable:
+    """All parameters of one node."""
+
+    def __init__(self, rows: Iterable[Parameter]) -> None:
+        self.rows = tuple(rows)
+
+    def row(self, name: str) -> Parameter | None:
+        """Return the row for `name`, None if there is none."""
+        exact = [row for row in self.rows if row.name == name]
+        return next(iter(exact or [row for row in self.rows if row.matches(name)]), None)
+
+    def accept(self, name: str, value: object) -> Value:
+        """Return `value` as its row's type.
+
+        Raises
+        ------
+        ValueError
+            With the sentence that says what must hold.
+        """
+        row = self.row(name)
+        if row is None:
+            names = [row.name for row in self.rows]
+            close = difflib.get_close_matches(name, names, n=1)
+            hint = f"; did you mean '{close[0]}'?" if close else ''
+            raise ValueError(f"parameter '{name}' must be one this node has{hint}")
+        return row.accept(name, value)
+
+    def settings(self, given: Mapping[str, object], where: str) -> Settings:
+        """Return defaults overlaid with `given`.
+
+        Raises
+        ------
+        ConfigError
+            With every finding.
+        """
+        values = {row.name: row.default for row in self.rows if row.default is not None}
+        findings = []
+        for name, value in given.items():
+            try:
+                values[name] = self.accept(name, value)
+            except ValueError as finding:
+                findings.append(str(finding))
+        if findings:
+            raise ConfigError(where, findings)
+        return Settings(values)
+
+    def changes(self, settings: Settings, given: Mapping[str, object]) -> dict[str, Value]:
+        """Return the accepted live changes `given` to `settings`.
+
+        Raises
+        ------
+        ValueError
+            With the sentence that says what must hold.
+        """
+        accepted: dict[str, Value] = {}
+        for name, value in given.items():
+            new = self.accept(name, value)
+            row = self.row(name)
+            known = name in list(settings)
+            if row is not None and not row.live and not (known and settings[name] == new):
+                raise ValueError(
+                    f"parameter '{name}' must be set before the node starts (read-only), "
+                    f'got {value!r}'
+                )
+            accepted[name] = new
+        return accepted
+
+    def markdown(self) -> str:
+        """Return the table as Markdown, as the README shows it."""
+        lines = [
+            '| parameter | type | default | range | unit | live | what |',
+            '|---|---|---|---|---|---|---|',
+        ]
+        for row in self.rows:
+            default = '' if row.default is None else f'`{_shown(row.default)}`'
+            live = 'live' if row.live else 'read-only'
+            lines.append(
+                f'| `{row.name}` | {row.kind.value} | {default} | {row.range} | {row.unit} '
+                f'| {live} | {row.text} |'
+            )
+        return '\n'.join(lines) + '\n'
+
+
+def _shown(value: Value) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'{value:g}' if isinstance(value, float) else str(value) or "''"
+
+
+def lifecycle_parameters() -> tuple[Parameter, ...]:
+    """Return the rows that every node has."""
+    return (
+        Parameter(
+            'autostart',
+            Kind.BOOL,
+            True,
+            'configure and activate at start; false: a lifecycle manager does it',
+        ),
+    )
+
+
+def robot_parameters() -> tuple[Parameter, ...]:
+    """Return the rows of every node that holds a robot's model."""
+    return (
+        Parameter(
+            'urdf_path',
+            Kind.STRING,
+            '',
+            'file of the robot; empty: the topic `robot_description`',
+        ),
+        Parameter(
+            'gravity',
+            Kind.DOUBLES,
+            [0.0, 0.0, -9.81],
+            'gravity in the base frame (three numbers)',
+            'm/s^2',
+        ),
+        Parameter(
+            'geometric_stiffness',
+            Kind.BOOL,
+            True,
+            'foreshortening of the beams; false: the model for slow motion',
+        ),
+        *(
+            Parameter(
+                f'{family}.*',
+                Kind.DOUBLE_OR_DOUBLES,
+                None,
+                f'override of the model by its dotted path, such as `{example}`',
+                'SI',
+                live=True,
+            )
+            for family, example in (
+                ('beam', 'beam.upper_arm.y.damping_ratio'),
+                ('joint', 'joint.j2.damping'),
+                ('payload', 'payload.tool.mass'),
+            )
+        ),
+    )
+
+
+def loop_parameters() -> tuple[Parameter, ...]:
+    """Return the rows of every node with a real-time loop."""
+    return (
+        Parameter('update_rate', Kind.DOUBLE, 1000.0, 'rate of the loop', 'Hz', 1.0, 10000.0),
+        Parameter(
+            'thread_priority',
+            Kind.INTEGER,
+            0,
+            'SCHED_FIFO priority of the loop thread where allowed; 0 = off',
+            '',
+            0,
+            99,
+        ),
+        Parameter('lock_memory', Kind.BOOL, False, 'keep all pages in memory (mlockall)'),
+        Parameter(
+            'cpu_affinity',
+            Kind.INTEGER,
+            -1,
+            'core that the loop thread is kept on; -1 = any',
+            '',
+            -1,
+            1023,
+        ),
+        Parameter(
+            'diagnostics.threshold.late_share',
+            Kind.DOUBLE,
+            0.02,
+            'share of ticks late by more than half a period above which the loop warns',
+            '',
+            0.0,
+            1.0,
+            live=True,
+        ),
+    )
+
+
+def input_parameters() -> tuple[Parameter, ...]:
+    """Return the rows of every node that listens to joints and reference."""
+    return (
+        Parameter(
+            'joint_state_timeout',
+            Kind.DOUBLE,
+            0.05,
+            'age on the steady clock after which joint states are stale',
+            's',
+            positive=True,
+            live=True,
+        ),
+        Parameter(
+            'reference_timeout',
+            Kind.DOUBLE,
+            0.2,
+            'age after which a streamed reference is stale',
+            's',
+            positive=True,
+            live=True,
+        ),
+        Parameter(
+            'max_publishers',
+            Kind.INTEGER,
+            1,
+            'publishers allowed on an input topic; with more, all its messages are rejected',
+            '',
+            1,
+            100,
+        ),
+    )

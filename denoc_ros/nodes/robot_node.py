@@ -1,0 +1,170 @@
+"""A node with a robot's model and a real-time loop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from std_msgs.msg import String
+
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.errors import ConfigError
+from denoc_ros.nodes.base import LATCHED, DenocNode
+from denoc_ros.nodes.diagnostics import ERROR, WARN, Status, loop_status
+from denoc_ros.nodes.parameters import ParameterTable, Settings
+from denoc_ros.nodes.timing import Loop, LoopStatistics, lock_memory
+
+OVERRIDES = ('beam', 'joint', 'payload')
+
+
+class RobotNode(DenocNode):
+    """Loads the robot on configure and runs `tick` in a thread of its own while active.
+
+    A node overrides `prepare` (build and run once everything that `tick` uses), `tick` and, where
+    it has more to say, `statuses`.
+
+    Attributes
+    ----------
+    robot : Robot
+        The loop's own, with the overrides of the parameters.
+    loop : Loop or None
+        The loop while active.
+    """
+
+    robot: Robot
+
+    def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
+        super().__init__(name, table, **options)
+        self.loop: Loop | None = None
+        self.description = ''
+        self.last_statistics: LoopStatistics | None = None
+        self._model_warnings: tuple[str, ...] = ()
+        if not self.settings.text('urdf_path'):
+            self.ready = False
+            self.create_subscription(
+                String, 'robot_description', self._on_description, LATCHED, raw=False
+            )
+
+    def _on_description(self, message: String) -> None:
+        self.description = message.data
+        self.ready = True
+
+    # ---- what a node of this kind does
+
+    def prepare(self) -> None:
+        """Build from `self.robot` all that `tick` uses and call every kernel once."""
+
+    def tick(self, steps: int) -> None:
+        """Advance by `steps` periods; called in the loop thread."""
+
+    def begin(self) -> None:
+        """Do what is to be done just before the loop starts."""
+
+    # ---- robot
+
+    def load(self, settings: Settings) -> Robot:
+        """Return the robot of the file or topic with the overrides of the parameters.
+
+        Raises
+        ------
+        ModelError
+            The description does not give a model; every finding.
+        ConfigError
+            There is none, or gravity has not three elements.
+        """
+        source = settings.text('urdf_path') or self.description
+        gravity = settings.numbers('gravity')
+        name = self.get_fully_qualified_name()
+        if not source:
+            raise ConfigError(
+                name, ["parameter 'urdf_path' or the topic robot_description must give the robot"]
+            )
+        if len(gravity) != 3:
+            raise ConfigError(name, [f"parameter 'gravity' must have 3 elements, got {gravity}"])
+        robot = load_robot(
+            source,
+            gravity=tuple(gravity),
+            geometric_stiffness=settings.flag('geometric_stiffness'),
+        )
+        overrides = settings.family(*OVERRIDES)
+        return robot.with_overrides(overrides) if overrides else robot
+
+    def configure(self) -> None:
+        """Load the robot, build all that the loop uses, compile it by using it."""
+        if self.settings.flag('lock_memory'):
+            for warning in lock_memory():
+                self.get_logger().warning(warning)
+        self.robot = self.load(self.settings)
+        self._model_warnings = tuple(self.robot.tree.warnings)
+        for warning in self._model_warnings:
+            self.get_logger().warning(warning)
+        self.prepare()
+
+    # ---- loop
+
+    def activate(self) -> None:
+        """Start the loop."""
+        self.begin()
+        settings = self.settings
+        self.loop = Loop(
+            settings.number('update_rate'),
+            self.tick,
+            settings.integer('thread_priority'),
+            settings.integer('cpu_affinity'),
+        )
+        self.loop.start()
+
+    def deactivate(self) -> None:
+        """Stop the loop."""
+        if self.loop is not None:
+            self.loop.stop()
+
+    @property
+    def period(self) -> float:
+        """Period of the loop [s]."""
+        return 1.0 / self.settings.number('update_rate')
+
+    def statuses(self) -> list[Status]:
+        """Return the loop's status; a loop that failed fails the node."""
+        loop = self.loop
+        if loop is None:
+            return [Status('loop', message=self.state)]
+        statistics = loop.statistics()
+        self.last_statistics = statistics
+        status = loop_status(
+            statistics,
+            loop.period,
+            self.settings.number('diagnostics.threshold.late_share'),
+        )
+        for warning in loop.warnings:
+            status.worsen(WARN, warning)
+        if loop.failure is not None:
+            self.failure = f'loop failed: {type(loop.failure).__name__}: {loop.failure}'
+            status.worsen(ERROR, self.failure)
+        status.values['state'] = self.state
+        return [status]
+
+
+def driven_joints(robot: Robot, given: Sequence[str], where: str) -> list[str]:
+    """Return the joints a node works on: those `given`, else all that are not mimics.
+
+    Raises
+    ------
+    ConfigError
+        A given one is not the robot's, repeated or a mimic joint.
+    """
+    joints = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint is not None}
+    free = [name for name in robot.joint_names if joints[name].mimic is None]
+    wrong = [name for name in given if name not in free]
+    if wrong or len(set(given)) != len(given):
+        raise ConfigError(
+            where,
+            [f"parameter 'joints' must name different joints of {free}, got {list(given)}"],
+        )
+    return list(given) or free
+
+
+def steady_now() -> float:
+    """Return the steady clock [s]."""
+    return time.perf_counter()

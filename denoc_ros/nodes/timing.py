@@ -1,0 +1,192 @@
+"""The real-time loop: its own thread on an absolute deadline of the steady clock."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+PR_SET_TIMERSLACK = 29
+MCL_CURRENT_AND_FUTURE = 3
+WINDOW = 1 << 15  # ticks kept between two readings of the statistics
+# period over its nominal value: finer around 1, open at both ends
+HISTOGRAM_EDGES = np.concatenate(
+    ([0.0], np.linspace(0.1, 2.0, 96), [2.5, 3.0, 4.0, 5.0, 10.0, 20.0, 50.0, 100.0])
+)
+
+
+@dataclass(frozen=True)
+class LoopStatistics:
+    """What the loop did since the statistics were last read; totals since it started."""
+
+    rate: float  # Hz
+    period_p50: float  # s
+    period_p99: float  # s
+    period_max: float  # s
+    tick_p50: float  # s, time spent in the tick itself
+    tick_p99: float  # s
+    ticks: int
+    late: int  # ticks late by more than half a period
+    skipped: int  # deadlines passed over because a tick was later than a whole period
+    ticks_total: int
+    late_total: int
+    skipped_total: int
+    histogram: NDArray[np.int64]  # of period / nominal since the start, by HISTOGRAM_EDGES
+
+    @property
+    def late_share(self) -> float:
+        """Share of deadlines missed by more than half a period since the last reading."""
+        deadlines = self.ticks + self.skipped
+        return (self.late + self.skipped) / deadlines if deadlines else 0.0
+
+
+class Loop:
+    """Calls `tick(steps)` once per period until stopped.
+
+    `steps` is 1 plus the deadlines skipped since the last call, so that a node that integrates
+    keeps up with the clock. A tick that raises ends the loop; `failure` then holds the error.
+
+    Parameters
+    ----------
+    rate : float
+        Hz.
+    tick : callable
+        Called with the number of periods to advance.
+    priority, core : int
+        SCHED_FIFO priority (0: none) and core (-1: any) of the thread.
+    """
+
+    def __init__(
+        self, rate: float, tick: Callable[[int], None], priority: int = 0, core: int = -1
+    ) -> None:
+        self.period = 1.0 / rate
+        self.warnings: list[str] = []
+        self.failure: BaseException | None = None
+        self._tick = tick
+        self._priority, self._core = priority, core
+        self._running = False
+        self._thread: threading.Thread | None = None
+        self._start = np.zeros(WINDOW)  # ring: when a tick began, against its deadline
+        self._late = np.zeros(WINDOW)
+        self._spent = np.zeros(WINDOW)
+        self._count = 0
+        self._read = 0
+        self._skipped = 0
+        self._skipped_read = 0
+        self._late_total = 0
+        self._last_start = np.nan
+        self._histogram = np.zeros(len(HISTOGRAM_EDGES), dtype=np.int64)
+
+    @property
+    def running(self) -> bool:
+        """Whether the thread is alive."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._running = True
+        self._thread = threading.Thread(target=self._run, name='loop', daemon=True)
+        self._thread.start()
+
+    def stop(self, timeout: float = 2.0) -> None:
+        """Stop after the tick at hand and wait for the thread."""
+        self._running = False
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(timeout)
+
+    def _run(self) -> None:
+        self.warnings += make_thread_timely(self._priority, self._core)
+        try:
+            self._loop()
+        except BaseException as error:
+            self.failure = error
+
+    def _loop(self) -> None:
+        now, sleep, tick, period = time.perf_counter, time.sleep, self._tick, self.period
+        start, late, spent = self._start, self._late, self._spent
+        deadline = now() + period
+        while self._running:
+            wait = deadline - now()
+            if wait > 0.0:
+                sleep(wait)
+            began = now()
+            behind = began - deadline
+            missed = int(behind / period) if behind > period else 0
+            tick(missed + 1)
+            slot = self._count % WINDOW
+            start[slot] = began
+            late[slot] = behind
+            spent[slot] = now() - began
+            self._count += 1
+            self._skipped += missed
+            deadline += period * (missed + 1)
+
+    def statistics(self) -> LoopStatistics:
+        """Return what happened since the last call (at most the last `WINDOW` ticks)."""
+        count = self._count
+        new = min(count - self._read, WINDOW - 1)
+        slots = np.arange(count - new, count) % WINDOW
+        start, late, spent = self._start[slots], self._late[slots], self._spent[slots]
+        self._read = count
+        late_ticks = int(np.count_nonzero(late > 0.5 * self.period))
+        self._late_total += late_ticks
+        skipped = self._skipped
+        new_skipped, self._skipped_read = skipped - self._skipped_read, skipped
+        periods = np.diff(start, prepend=self._last_start)
+        periods = periods[np.isfinite(periods)]
+        if new:
+            self._last_start = start[-1]
+        relative = periods / self.period
+        self._histogram += np.bincount(
+            np.searchsorted(HISTOGRAM_EDGES, relative, side='right') - 1,
+            minlength=len(HISTOGRAM_EDGES),
+        )
+        some = len(periods) > 0
+        return LoopStatistics(
+            rate=float(1.0 / periods.mean()) if some else 0.0,
+            period_p50=float(np.percentile(periods, 50)) if some else 0.0,
+            period_p99=float(np.percentile(periods, 99)) if some else 0.0,
+            period_max=float(periods.max()) if some else 0.0,
+            tick_p50=float(np.percentile(spent, 50)) if new else 0.0,
+            tick_p99=float(np.percentile(spent, 99)) if new else 0.0,
+            ticks=int(new),
+            late=late_ticks,
+            skipped=new_skipped,
+            ticks_total=count,
+            late_total=self._late_total,
+            skipped_total=skipped,
+            histogram=self._histogram.copy(),
+        )
+
+
+def make_thread_timely(priority: int, core: int) -> list[str]:
+    """Set timer slack, priority and core of the calling thread; return what was not allowed."""
+    warnings = []
+    libc = ctypes.CDLL(None, use_errno=True)
+    # the default slack of 50 us would be added to every sleep
+    libc.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
+    if core >= 0:
+        try:
+            os.sched_setaffinity(0, {core})
+        except OSError as error:
+            warnings.append(f'cpu_affinity {core} not set: {error.strerror}')
+    if priority > 0:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        except OSError as error:
+            warnings.append(f'thread_priority {priority} not set: {error.strerror}')
+    return warnings
+
+
+def lock_memory() -> list[str]:
+    """Keep all pages of the process in memory; return what was not allowed."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(MCL_CURRENT_AND_FUTURE) != 0:
+        return [f'lock_memory not possible: {os.strerror(ctypes.get_errno())}']
+    return []

@@ -1,0 +1,120 @@
+"""Nodes on real DDS, on loopback, in a domain that no other test session has."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+DOMAINS = range(20, 100)  # above 101 the ports would meet the ephemeral ones
+
+
+@pytest.fixture(scope='session', autouse=True)
+def ros_domain() -> Iterator[int]:
+    """Claim a domain for this session, keep discovery on this machine; yield its id."""
+    for domain in DOMAINS:
+        claim = socket.socket(socket.AF_UNIX)
+        try:
+            claim.bind(f'\0denoc-ros-domain-{domain}')
+        except OSError:
+            claim.close()
+            continue
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        yield domain
+        claim.close()
+        return
+    raise RuntimeError('every ROS domain is taken by another test session')
+
+
+class Graph:
+    """A node under test and a probe beside it, in one executor that the test itself spins."""
+
+    def __init__(self) -> None:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self.executor = EventsExecutor()
+        self.probe = Node('probe', use_global_arguments=False)
+        self.executor.add_node(self.probe)
+        self.nodes: list[Any] = []
+        self.diagnostics: dict[str, Any] = {}
+        self.probe.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 50)
+
+    def _on_diagnostics(self, message: Any) -> None:
+        for status in message.status:
+            self.diagnostics[status.name] = status
+
+    def add(self, make: Callable[..., Any], start: bool = True, **parameters: Any) -> Any:
+        """Make a node with parameters (`_` of a keyword stands for `.` if written `__`)."""
+        overrides = [
+            Parameter(name.replace('__', '.'), value=value) for name, value in parameters.items()
+        ]
+        node = make(parameter_overrides=overrides, use_global_arguments=False)
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        if start:
+            node.trigger_configure()
+            node.trigger_activate()
+            assert node.state == 'active', node.failure
+        return node
+
+    def until(self, condition: Callable[[], object], timeout: float = 10.0) -> None:
+        """Spin until a condition holds; fail after `timeout` seconds."""
+        end = time.perf_counter() + timeout
+        while not condition():
+            assert time.perf_counter() < end, 'the condition did not come about in time'
+            self.executor.spin_once(0.01)
+
+    def spin(self, duration: float) -> None:
+        """Spin for a while."""
+        end = time.perf_counter() + duration
+        while time.perf_counter() < end:
+            self.executor.spin_once(0.005)
+
+    def publisher(self, message_type: type, topic: str, depth: int = 10) -> Any:
+        """Return a reliable publisher that has found its subscribers."""
+        publisher = self.probe.create_publisher(message_type, topic, depth)
+        self.until(lambda: publisher.get_subscription_count() > 0)
+        return publisher
+
+    def collect(self, message_type: type, topic: str, reliable: bool = True) -> list[Any]:
+        """Return a list that fills with a topic's messages."""
+        messages: list[Any] = []
+        reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+        qos = QoSProfile(depth=5000, reliability=reliability)
+        self.probe.create_subscription(message_type, topic, messages.append, qos)
+        return messages
+
+    def value(self, status: str, key: str) -> str | None:
+        """Return a value of the last diagnostics, None if there is none."""
+        found = self.diagnostics.get(status)
+        values = {each.key: each.value for each in found.values} if found else {}
+        return values.get(key)
+
+    def close(self) -> None:
+        """End all nodes."""
+        for node in [*self.nodes, self.probe]:
+            if node is not self.probe:
+                node.end()
+            self.executor.remove_node(node)
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def graph() -> Iterator[Graph]:
+    """Return a fresh graph."""
+    graph = Graph()
+    yield graph
+    graph.close()

@@ -1,0 +1,127 @@
+"""The lifecycle node under every node."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from rclpy.parameter import Parameter as RosParameter
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from denoc_ros.errors import ConfigError
+from denoc_ros.nodes.base import DenocNode
+from denoc_ros.nodes.conversions import InputError, JointStateReader
+from denoc_ros.nodes.parameters import Kind, Parameter, ParameterTable, lifecycle_parameters
+
+pytestmark = pytest.mark.ros
+
+TABLE = ParameterTable(
+    [
+        *lifecycle_parameters(),
+        Parameter('gain', Kind.DOUBLE, 1.0, 'a gain', 'N m', 0.0, 10.0, live=True),
+        Parameter('names', Kind.STRINGS, [], 'names'),
+        Parameter('max_publishers', Kind.INTEGER, 1, 'publishers'),
+    ]
+)
+
+
+class Listener(DenocNode):
+    def __init__(self, **options: Any) -> None:
+        super().__init__('listener', TABLE, **options)
+        self.reader = JointStateReader(['a', 'b'])
+        self.monitor = self.listen(JointState, 'joint_states', self.on_state)
+        self.offer('~/fail', self.fail)
+
+    def on_state(self, raw: bytes) -> None:
+        self.reader.read(raw)
+        self.monitor.accept(self.reader.stamp_ns, 0.0)
+
+    def fail(self) -> str:
+        raise ConfigError('here', ['nothing goes'])
+
+
+def state(names: list[str], values: list[float], stamp: int = 0) -> JointState:
+    message = JointState(name=names, position=values)
+    message.header.stamp.sec = stamp
+    return message
+
+
+def test_integer_is_taken_for_a_double(graph: Any) -> None:
+    node = graph.add(Listener, gain=5)
+    assert node.settings.number('gain') == 5.0
+
+
+def test_unknown_and_bad_parameters_are_all_named(graph: Any) -> None:
+    with pytest.raises(ConfigError, match='gian') as caught:
+        graph.add(Listener, gian=5.0, gain=11.0)
+    assert "did you mean 'gain'" in str(caught.value)
+    assert "parameter 'gain' must be >= 0, <= 10 N m, got 11.0" in str(caught.value)
+
+
+def test_live_change_is_checked_and_read_only_refused(graph: Any) -> None:
+    node = graph.add(Listener)
+    good, bad, fixed = (
+        node.set_parameters([RosParameter(name, value=value)])[0]
+        for name, value in (('gain', 3), ('gain', -1.0), ('names', ['x']))
+    )
+    assert good.successful
+    assert node.settings.number('gain') == 3.0
+    assert not bad.successful
+    assert 'must be >= 0' in bad.reason
+    assert not fixed.successful
+    assert 'read-only' in fixed.reason
+
+
+def test_rejected_inputs_reach_diagnostics_by_cause(graph: Any) -> None:
+    node = graph.add(Listener)
+    publisher = graph.publisher(JointState, 'joint_states')
+    nan = float('nan')
+    bad = {
+        'non_finite': state(['a', 'b'], [0.0, nan]),
+        'wrong_length': state(['a', 'b'], [0.0]),
+        'unknown_joint': state(['a', 'b', 'c'], [0.0, 0.0, 0.0]),
+        'missing_joint': state(['a'], [0.0]),
+        'repeated_joint': state(['a', 'a'], [0.0, 0.0]),
+    }
+    publisher.publish(state(['b', 'a'], [2.0, 1.0], stamp=5))
+    graph.until(lambda: node.monitor.accepted == 1)
+    bad['backwards_stamp'] = state(['a', 'b'], [9.0, 9.0], stamp=4)
+    for cause, message in bad.items():
+        publisher.publish(message)
+        graph.until(lambda cause=cause: node.monitor.rejected[cause] == 1)
+    key = 'joint_states rejected '
+    graph.until(lambda: all(graph.value('listener: inputs', key + cause) == '1' for cause in bad))
+    assert graph.diagnostics['listener: inputs'].level == b'\x01'
+    assert node.monitor.accepted == 1
+
+
+def test_second_publisher_silences_both(graph: Any) -> None:
+    node = graph.add(Listener)
+    first = graph.publisher(JointState, 'joint_states')
+    graph.probe.create_publisher(JointState, 'joint_states', 1)
+    graph.until(lambda: node.count_publishers('joint_states') == 2)
+    first.publish(state(['a', 'b'], [1.0, 2.0]))
+    graph.until(lambda: node.monitor.rejected['second_publisher'] == 1)
+    assert node.monitor.accepted == 0
+    graph.until(
+        lambda: (
+            graph.value('listener: inputs', 'joint_states rejected second_publisher') is not None
+        )
+    )
+
+
+def test_service_that_cannot_says_why(graph: Any) -> None:
+    graph.add(Listener)
+    client = graph.probe.create_client(Trigger, '/listener/fail')
+    graph.until(client.service_is_ready)
+    future = client.call_async(Trigger.Request())
+    graph.until(future.done)
+    assert not future.result().success
+    assert 'nothing goes' in future.result().message
+
+
+def test_truncated_message_is_malformed() -> None:
+    with pytest.raises(InputError, match='must not end') as caught:
+        JointStateReader(['a']).read(b'\x00\x01\x00\x00\x00\x00\x00\x00')
+    assert caught.value.cause == 'malformed'
