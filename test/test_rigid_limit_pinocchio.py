@@ -15,7 +15,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from denoc_ros.dynamics.robot import Robot, load_robot
+from hypothesis import given, settings
 from numpy.typing import NDArray
+from strategies import robots
 
 Array = NDArray[np.float64]
 # Pinocchio cannot read the first (its <robot> has no name); the next two have no joint that moves
@@ -135,28 +137,36 @@ def test_joint_friction_adds_to_pinocchio(path: Path) -> None:
     close(robot.inverse_dynamics(q, qd, qdd), tau + friction(text, names, qd))
 
 
-@pytest.mark.parametrize('path', FLEXIBLE, ids=lambda path: path.stem)
-def test_undeformed_flexible_robot_equals_pinocchio(path: Path) -> None:
-    text = read(path)
-    robot = load_robot(without_dynamics(text))
+def compare_undeformed(text: str) -> None:
+    """The rule of the format: joint rows and block at rest in the amplitudes, at d = 0."""
+    robot = load_robot(text)
     names, joints = list(robot.joint_names), np.asarray(robot.joint_indices)
     armature = np.zeros(len(names))
     for actuator in ElementTree.fromstring(text).iter('actuator'):
         armature[names.index(str(actuator.get('joint')))] = float(actuator.get('armature', 0))
-    peer = peer_of(without_dynamics(text), names)
+    peer = peer_of(text, names)
     data = peer.model.createData()
     q, qd, qdd = np.zeros((3, robot.n))
     for values, seed in ((q, 1), (qd, 2), (qdd, 3)):
         values[joints] = np.random.default_rng(seed).uniform(-2, 2, len(joints))
-    place = peer.configuration(names, q[joints])
-    tau = pin.rnea(peer.model, data, place, peer.spread(qd[joints]), peer.spread(qdd[joints]))[
-        peer.order
-    ]
-    close(robot.inverse_dynamics(q, qd, qdd)[joints], tau + armature * qdd[joints])
+    place, rate = peer.configuration(names, q[joints]), peer.spread(qd[joints])
+    tau = pin.rnea(peer.model, data, place, rate, peer.spread(qdd[joints]))[peer.order]
+    tau = tau + armature * qdd[joints] + friction(text, names, qd[joints])
+    close(robot.inverse_dynamics(q, qd, qdd)[joints], tau)
     upper = np.triu(pin.crba(peer.model, data, place))
     full = (upper + np.triu(upper, 1).T)[np.ix_(peer.order, peer.order)]
-    block = robot.inertia_matrix(q)[np.ix_(joints, joints)]
-    close(block, full + np.diag(armature))
+    close(robot.inertia_matrix(q)[np.ix_(joints, joints)], full + np.diag(armature))
+
+
+@pytest.mark.parametrize('path', FLEXIBLE, ids=lambda path: path.stem)
+def test_undeformed_flexible_robot_equals_pinocchio(path: Path) -> None:
+    compare_undeformed(read(path))
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(text=robots())
+def test_undeformed_random_tree_equals_pinocchio(text: str) -> None:
+    compare_undeformed(text)
 
 
 def test_flexible_robots_were_compared() -> None:

@@ -14,7 +14,7 @@ GJ, POLAR = 90.0, 0.03
 NONE = (0.0, 0.0, 0.0)
 CLAMPED_FREE = np.array(
     [
-        brentq(lambda b: np.cos(b) * np.cosh(b) + 1, k * np.pi + 0.5, k * np.pi + 2.8)
+        brentq(lambda b: np.cos(b) + 1 / np.cosh(b), np.pi * k + 0.5, np.pi * k + 2.8)
         for k in range(4)
     ]
 )
@@ -35,10 +35,12 @@ def beam(
     m = density * LENGTH
     bend = m * LENGTH**2 / 12
     turn = '0 -1.5707963267948966 0' if up else '0 0 0'
-    tip = f'<inertial><mass value="{tip_mass}"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>'
+    polar = POLAR * LENGTH if 'torsion' in parts else 0.0
+    zeros = ' '.join(f'{name}="0"' for name in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'))
+    tip = f'<inertial><mass value="{tip_mass}"/><inertia {zeros}/></inertial>'
     return f"""<robot name="beam"><link name="base"/>
       <link name="arm"><inertial><origin xyz="{LENGTH / 2} 0 0"/><mass value="{m}"/>
-        <inertia ixx="{POLAR * LENGTH}" ixy="0" ixz="0" iyy="{bend}" iyz="0" izz="{bend}"/>
+        <inertia ixx="{polar}" ixy="0" ixz="0" iyy="{bend}" iyz="0" izz="{bend}"/>
       </inertial></link>
       <link name="tip">{tip if tip_mass else ''}</link>
       <joint name="root" type="{joint}"><parent link="base"/><child link="arm"/>
@@ -115,7 +117,7 @@ def test_cantilever_deflection(shape: str, modes: int, accuracy: float, directio
 
 def test_tip_moment_and_twist() -> None:
     parts = (
-        bending(2) + bending(2, 'z') + f'<torsion gj="{GJ}" polar_inertia="{POLAR}" modes="40"/>'
+        bending(2) + bending(2, 'z') + f'<torsion gj="{GJ}" polar_inertia="{POLAR}" modes="10"/>'
     )
     robot = load_robot(beam(parts, 'craig-bampton'), gravity=NONE)
     moment = 1e-2
@@ -125,7 +127,7 @@ def test_tip_moment_and_twist() -> None:
     assert u[2] == pytest.approx(-moment * LENGTH**2 / (2 * EI), rel=1e-3)
     R = robot.frame_pose('tip', q)[:3, :3]
     # the sine series of a constant torque converges as 1 / modes
-    assert R[2, 1] == pytest.approx(moment * LENGTH / GJ, rel=2e-2)
+    assert R[2, 1] == pytest.approx(moment * LENGTH / GJ, rel=3e-2)
 
 
 def test_gravity_sag_makes_the_flexible_rows_vanish() -> None:
@@ -150,7 +152,8 @@ def test_tip_mass_on_a_light_cantilever() -> None:
 def standing(load: float, gravity: float = -9.81) -> Robot:
     """A light beam under a tip mass whose weight is `load` times Euler's."""
     euler = np.pi**2 * EI / (4 * LENGTH**2)
-    text = beam(bending(5), tip_mass=load * euler / 9.81, density=1e-4, up=True)
+    weight = load * euler / 9.81
+    text = beam(bending(5), 'craig-bampton', tip_mass=weight, density=1e-4, up=True)
     return load_robot(text, gravity=(0, 0, gravity))
 
 
@@ -164,15 +167,15 @@ def test_hanging_beam_is_stiffer_than_the_standing_one() -> None:
         standing(0.5, g).natural_frequencies(np.zeros(6))[0] for g in (-9.81, 0, 9.81)
     )
     assert up < level < down
-    # tip-loaded: near the ends of the range the square falls linearly with the load
-    assert (up / level) ** 2 == pytest.approx(0.5, abs=0.01)
+    a = np.pi / 2 * np.sqrt(0.5)  # beam column: lateral tip stiffness under half of Euler's load
+    assert (up / level) ** 2 == pytest.approx(a**3 / (3 * (np.tan(a) - a)), rel=1e-4)
 
 
 def test_self_weight_buckling() -> None:
     critical = 7.8373 * EI / LENGTH**3 / 9.81
-    for factor, sign in ((0.999, 1), (1.001, -1)):
+    for factor, sign in ((0.998, 1), (1.002, -1)):
         text = beam(bending(4), density=factor * critical, up=True)
-        robot = load_robot(text.replace(f'ixx="{POLAR * LENGTH}"', 'ixx="0"'))
+        robot = load_robot(text)
         assert np.sign(robot.natural_frequencies(np.zeros(5))[0]) == sign
 
 
@@ -209,10 +212,10 @@ def test_spin_stiffens_a_beam(geometric: bool) -> None:
 def test_sensors_of_an_end_loaded_cantilever() -> None:
     x, load = 0.3, 1e-2
     sensors = f"""
-      <sensor name="gauge" type="strain_gauge" link="arm" station="{x}" direction="y" surface="0.02"
-        gain="1" offset="0" noise="0" topic="/a"/>
-      <sensor name="cell" type="load_cell" component="moment" link="arm" station="{x}" direction="y"
-        gain="2" offset="0.5" noise="0" topic="/b"/>
+      <sensor name="gauge" type="strain_gauge" link="arm" station="{x}" direction="y"
+        surface="0.02" gain="1" offset="0" noise="0" topic="/a"/>
+      <sensor name="cell" type="load_cell" component="moment" link="arm" station="{x}"
+        direction="y" gain="2" offset="0.5" noise="0" topic="/b"/>
       <sensor name="laser" type="deflection" link="arm" station="{LENGTH}" direction="y"
         gain="1" offset="0" noise="0" topic="/c"/>"""
     robot = load_robot(beam(bending(2), 'craig-bampton', sensors=sensors), gravity=NONE)

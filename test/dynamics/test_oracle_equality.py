@@ -94,9 +94,9 @@ def test_wrenches_enter_by_the_jacobian(close: Close, text: str, seed: int) -> N
     s = random_state(robot.coordinate_names, seed)
     rng = np.random.default_rng(seed)
     wrenches = {frame: rng.uniform(-3, 3, 6) for frame in robot.tree.frames}
-    loads = sum(
-        (robot.frame_jacobian(f, s.q).T @ w for f, w in wrenches.items()), np.zeros(robot.n)
-    )
+    loads = np.zeros(robot.n)
+    for frame, wrench in wrenches.items():
+        loads += robot.frame_jacobian(frame, s.q).T @ wrench
     free = robot.inverse_dynamics(s.q, s.qd, s.qdd)
     loaded = robot.inverse_dynamics(s.q, s.qd, s.qdd, wrenches=wrenches)
     close(loaded, free - loads, ROUNDING)
