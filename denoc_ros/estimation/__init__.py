@@ -1,0 +1,1 @@
+"""Estimation of deflections from measured joints: the real-time side, without ROS."""

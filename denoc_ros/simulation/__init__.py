@@ -1,0 +1,1 @@
+"""Simulation: integrators over the dynamics, trajectories, scenarios and runs."""

@@ -1,0 +1,185 @@
+"""`denoc check ROBOT`: validate a robot and say what it is made of."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.model.tree import Beam, Body, Joint
+
+Row = dict[str, Any]
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        'check',
+        help='validate a robot; list its links, joints, beams, frequencies and masses',
+        description='Read a URDF with its <flexibility> block, report every finding in it, and '
+        'list links, joints, beams, natural frequencies and masses.',
+    )
+    parser.add_argument('robot', help='the URDF file')
+    parser.add_argument(
+        '--gravity',
+        nargs=3,
+        type=float,
+        default=(0.0, 0.0, -9.81),
+        metavar=('X', 'Y', 'Z'),
+        help='in the base frame [m/s^2], default 0 0 -9.81',
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb and return the exit status; errors are raised."""
+    from denoc_ros.dynamics.robot import load_robot
+
+    summary = summarize(load_robot(args.robot, gravity=tuple(args.gravity)))
+    if args.json:
+        print(json.dumps(summary, indent=2, allow_nan=False))
+        return 0
+    print(_as_text(summary))
+    for warning in summary['warnings']:
+        print(f'denoc check: warning: {warning}', file=sys.stderr)
+    return 0
+
+
+def summarize(robot: Robot) -> Row:
+    """Return what a robot is made of, as plain lists and numbers ready for JSON.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+
+    Returns
+    -------
+    dict
+        `robot`, `mass_kg`, `coordinates`, `links`, `joints`, `beams`, `sensors`, `loops`,
+        `natural_frequencies_hz` (joints held, all coordinates zero; negative: unstable) and
+        `warnings`. Numbers that are infinite stand as None.
+    """
+    import numpy as np
+
+    tree = robot.tree
+    carriers = [body.attachment.body for body in tree.bodies]
+    links = [
+        _link(body, 'base' if carrier < 0 else tree.bodies[carrier].name)
+        for body, carrier in zip(tree.bodies, carriers, strict=True)
+    ]
+    joints = [_joint(body.joint, body.name) for body in tree.bodies if body.joint is not None]
+    beams = [_beam(body.beam, body.name) for body in tree.bodies if body.beam is not None]
+    frequencies = robot.natural_frequencies(np.zeros(robot.n), held=True)
+    return {
+        'robot': tree.name,
+        'mass_kg': sum(link['mass_kg'] for link in links),
+        'coordinates': list(robot.coordinate_names),
+        'links': links,
+        'joints': joints,
+        'beams': beams,
+        'sensors': [
+            {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic}
+            for s in tree.sensors
+        ],
+        'loops': [
+            {'loop': p.name, 'type': p.type, 'parent': p.parent.link, 'child': p.child.link}
+            for p in tree.loops
+        ],
+        'natural_frequencies_hz': [float(value) for value in frequencies],
+        'warnings': list(tree.warnings),
+    }
+
+
+def _link(body: Body, carrier: str) -> Row:
+    beam = body.beam
+    mass = body.inertia.mass + (0.0 if beam is None else beam.mass_per_length * beam.length)
+    return {
+        'link': body.name,
+        'on': carrier,
+        'station_m': float(body.attachment.station),
+        'joint': '(fixed)' if body.joint is None else body.joint.name,
+        'mass_kg': float(mass),
+        'beam_mass_kg': float(mass - body.inertia.mass),
+        'modes': 0 if beam is None else sum(beam.modes),
+    }
+
+
+def _joint(joint: Joint, link: str) -> Row:
+    limits = joint.limits
+    mimic = joint.mimic
+    return {
+        'joint': joint.name,
+        'type': 'continuous' if joint.continuous else joint.kind.name.lower(),
+        'link': link,
+        'axis': [float(value) for value in joint.axis],
+        'lower': _finite(limits.lower),
+        'upper': _finite(limits.upper),
+        'velocity': _finite(limits.velocity),
+        'effort': _finite(limits.effort),
+        'damping': float(joint.damping),
+        'friction': float(joint.friction),
+        'armature': float(joint.armature),
+        'mimics': '' if mimic is None else mimic.leader,
+    }
+
+
+def _beam(beam: Beam, link: str) -> Row:
+    y, z, torsion = beam.y, beam.z, beam.torsion
+    return {
+        'link': link,
+        'length_m': float(beam.length),
+        'mass_per_length': float(beam.mass_per_length),
+        'ei_y': None if y is None else float(y.stiffness),
+        'modes_y': beam.modes[0],
+        'ei_z': None if z is None else float(z.stiffness),
+        'modes_z': beam.modes[1],
+        'gj': None if torsion is None else float(torsion.stiffness),
+        'modes_torsion': beam.modes[2],
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _as_text(summary: Mapping[str, Any]) -> str:
+    """Return the tables for a terminal."""
+    parts = [
+        f'{summary["robot"]}: {summary["mass_kg"]:.6g} kg, '
+        f'{len(summary["coordinates"])} coordinates'
+    ]
+    for title in ('links', 'joints', 'beams', 'sensors', 'loops'):
+        if summary[title]:
+            parts.append(f'{title}\n{_table(summary[title])}')
+    frequencies = summary['natural_frequencies_hz']
+    if frequencies:
+        listed = '  '.join(_text(value) for value in frequencies)
+        parts.append(f'natural frequencies [Hz], joints held at zero\n  {listed}')
+    return '\n\n'.join(parts)
+
+
+def _table(rows: Sequence[Row]) -> str:
+    """Return rows of equal keys as aligned columns."""
+    cells = [list(rows[0])] + [[_text(value) for value in row.values()] for row in rows]
+    widths = [max(len(line[k]) for line in cells) for k in range(len(cells[0]))]
+    lines = [
+        '  '.join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        for line in cells
+    ]
+    return '\n'.join(f'  {line}' for line in lines)
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return '-'
+    if isinstance(value, float):
+        return f'{value:.5g}'
+    if isinstance(value, list):
+        return ' '.join(_text(entry) for entry in value)
+    return str(value) or '-'

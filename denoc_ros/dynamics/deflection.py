@@ -1,0 +1,131 @@
+"""Deflection of the beams' tips from the amplitudes: all flexible links in one call."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.model.tree import Beam, Deformation, Tree
+
+Array = NDArray[np.float64]
+
+COMPONENTS = ('ux', 'uy', 'uz', 'rx', 'ry', 'rz')
+
+
+class TipDeflections:
+    """Displacement and rotation of every flexible link's tip, and their rates.
+
+    Parameters
+    ----------
+    tree : Tree
+        The robot.
+
+    Attributes
+    ----------
+    links : tuple of str
+        The flexible links, in coordinate order.
+    names : tuple of str
+        `link/ux` ... `link/rz`, six per link.
+
+    Notes
+    -----
+    In the beam frame: u_y = s_y . d_y and u_z likewise, the foreshortening
+    u_x = -(d_y^T H_y d_y + d_z^T H_z d_z) / 2 with H = int s' s'^T dx, and the section's rotation
+    vector [beta, -u_z', u_y'].
+    """
+
+    def __init__(self, tree: Tree) -> None:
+        flexible = _flexible_bodies(tree)
+        self.links = tuple(name for name, _, _ in flexible)
+        self.names = tuple(f'{link}/{part}' for link in self.links for part in COMPONENTS)
+        n, count = _coordinates(tree), len(flexible)
+        self._rows = np.zeros((6 * count, n))
+        self._shortening = np.zeros((n, n))
+        self._owner = np.zeros((count, n))  # -1/2 at a link's own amplitudes
+        for index, (_, start, beam) in enumerate(flexible):
+            own = slice(start, start + sum(beam.modes))
+            self._rows[6 * index : 6 * index + 6, own] = _linear_rows(beam)
+            self._shortening[own, own] = _shortening(beam)
+            self._owner[index, own] = -0.5
+
+    def evaluate(
+        self, q: Array, qd: Array, out: tuple[Array, Array] | None = None
+    ) -> tuple[Array, Array]:
+        """Return the deflections and their rates.
+
+        Parameters
+        ----------
+        q, qd : (n,) arrays
+            Coordinates and rates.
+        out : pair of (6 k,) arrays, optional
+            Written and returned: the two results.
+
+        Returns
+        -------
+        pair of (6 k,) arrays
+            In the order of `names`: [m, rad] and [m/s, rad/s], beam frames.
+        """
+        size = len(self.names)
+        position, rate = (np.empty(size), np.empty(size)) if out is None else out
+        np.matmul(self._rows, q, out=position)
+        np.matmul(self._rows, qd, out=rate)
+        drawn = self._shortening @ q
+        position[::6] = self._owner @ (drawn * q)
+        drawn *= qd
+        drawn *= 2.0
+        rate[::6] = self._owner @ drawn
+        return position, rate
+
+
+def _coordinates(tree: Tree) -> int:
+    """Return the number of coordinates."""
+    joints = sum(1 for body in tree.bodies if body.joint is not None)
+    return joints + sum(sum(body.beam.modes) for body in tree.bodies if body.beam is not None)
+
+
+def _flexible_bodies(tree: Tree) -> list[tuple[str, int, Beam]]:
+    """Return link, first amplitude's coordinate and beam of every flexible body."""
+    found, start = [], 0
+    for body in tree.bodies:
+        start += int(body.joint is not None)
+        if body.beam is None:
+            continue
+        if any(body.beam.modes):
+            found.append((body.name, start, body.beam))
+        start += sum(body.beam.modes)
+    return found
+
+
+def _parts(beam: Beam) -> list[tuple[str, slice, Deformation]]:
+    """Return direction, place among the link's amplitudes and deformation of each part."""
+    found, start = [], 0
+    for direction, part in (('y', beam.y), ('z', beam.z), ('torsion', beam.torsion)):
+        if part is not None:
+            found.append((direction, slice(start, start + part.modes), part))
+            start += part.modes
+    return found
+
+
+def _linear_rows(beam: Beam) -> Array:
+    """Return d(deflection)/d(amplitudes) at the tip, undeformed, (6, m)."""
+    rows = np.zeros((6, sum(beam.modes)))
+    tip = np.array([beam.length])
+    for direction, place, part in _parts(beam):
+        value, slope = part.shapes.values(tip)[0], part.shapes.slopes(tip)[0]
+        if direction == 'y':
+            rows[1, place], rows[5, place] = value, slope
+        elif direction == 'z':
+            rows[2, place], rows[4, place] = value, -slope
+        else:
+            rows[3, place] = value
+    return rows
+
+
+def _shortening(beam: Beam) -> Array:
+    """Return H of both planes, (m, m) [1/m], zero for torsion."""
+    size = sum(beam.modes)
+    matrix = np.zeros((size, size))
+    for direction, place, part in _parts(beam):
+        if direction != 'torsion':
+            matrix[place, place] = part.shapes.gram(1)
+    return matrix

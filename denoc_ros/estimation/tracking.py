@@ -1,0 +1,80 @@
+"""Tracking filter: position, rate and acceleration of joints from sampled, late measurements."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class TrackingFilter:
+    """A critically damped fading-memory filter per joint, all with one bandwidth.
+
+    Parameters
+    ----------
+    joints : int
+        How many joints.
+    cutoff : float
+        Bandwidth [Hz]: lower is smoother, higher follows faster. Steady acceleration is followed
+        without lag.
+
+    Attributes
+    ----------
+    q, qd, qdd : (joints,) arrays
+        Estimates at the filter's time.
+
+    Notes
+    -----
+    With z = exp(-2 pi cutoff T) for measurements T apart: a first-order correction of the
+    position and a second-order one of rate and acceleration where rates are measured; the
+    third-order (g, h, k) one where only positions are.
+    """
+
+    def __init__(self, joints: int, cutoff: float) -> None:
+        self._rate = 2.0 * math.pi * cutoff
+        self.q, self.qd, self.qdd = np.zeros(joints), np.zeros(joints), np.zeros(joints)
+
+    def reset(self, q: Array, qd: Array | None = None) -> None:
+        """Start at positions and rates (joints,); no rates: at rest."""
+        self.q[:] = q
+        self.qd[:] = 0.0 if qd is None else qd
+        self.qdd[:] = 0.0
+
+    def advance(self, step: float) -> None:
+        """Go on by a time [s] with constant acceleration."""
+        self.q += step * self.qd + (0.5 * step * step) * self.qdd
+        self.qd += step * self.qdd
+
+    def slow_down(self, share: float) -> None:
+        """Take a share of the rates away, and all acceleration: nothing is measured any more."""
+        self.qd *= math.exp(-share)
+        self.qdd[:] = 0.0
+
+    def correct(self, q: Array, qd: Array | None, age: float, interval: float) -> None:
+        """Take a measurement in.
+
+        Parameters
+        ----------
+        q : (joints,) array
+            Measured positions.
+        qd : (joints,) array or None
+            Measured rates.
+        age : float
+            How long before the filter's time they were taken [s].
+        interval : float
+            Time since the measurement before this one [s], > 0.
+        """
+        pole = math.exp(-self._rate * interval)
+        error = q - (self.q - age * self.qd + (0.5 * age * age) * self.qdd)
+        if qd is not None:
+            error_rate = qd - (self.qd - age * self.qdd)
+            self.q += (1.0 - pole) * error
+            self.qd += (1.0 - pole * pole) * error_rate
+            self.qdd += ((1.0 - pole) ** 2 / interval) * error_rate
+            return
+        self.q += (1.0 - pole**3) * error
+        self.qd += (1.5 * (1.0 - pole) ** 2 * (1.0 + pole) / interval) * error
+        self.qdd += ((1.0 - pole) ** 3 / interval**2) * error

@@ -1,0 +1,222 @@
+"""First-order equations of a robot's motion, for an integrator: which coordinates are free.
+
+The coordinates are affine in independent ones, q = T z + c: T ties mimic joints to their
+leaders (the identity where there are none). Of z some are prescribed in time, the rest free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import StateError
+
+Array = NDArray[np.float64]
+Torque = Callable[[float, Array, Array], Array]
+Prescribed = Mapping[str, Callable[[float], tuple[float, float, float]]]
+
+# A start this far from the motion prescribed at that time is a mistake, not rounding.
+START_TOLERANCE = 1e-6
+
+
+class Motion:
+    """The equations of a robot under torques, some joints prescribed.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot; the motion works on a copy with its own workspace.
+    torque : callable, optional
+        `(t, q, qd) -> (n,)` generalized forces [N m, N]; none: zero.
+    prescribed : mapping of str to callable, optional
+        Joint name to `t -> (q, qd, qdd)`.
+
+    Attributes
+    ----------
+    free : (f,) array of int
+        The coordinates that are integrated.
+    evaluations : int
+        How often accelerations were worked out.
+
+    Raises
+    ------
+    StateError
+        If a prescribed joint is unknown or mimics another.
+    """
+
+    def __init__(
+        self, robot: Robot, torque: Torque | None = None, prescribed: Prescribed | None = None
+    ) -> None:
+        self._robot = robot.copy()
+        self._torque = torque
+        self._leaders = mimic_ties(robot)
+        names = dict(zip(robot.joint_names, np.asarray(robot.joint_indices).tolist(), strict=True))
+        given = dict(prescribed or {})
+        self._check_names(given, names)
+        # In coordinate order, as hybrid_dynamics wants and gives them.
+        self._given_names = [name for name in robot.joint_names if name in given]
+        self._given = np.array([names[name] for name in self._given_names], dtype=np.intp)
+        self._laws = [given[name] for name in self._given_names]
+        followers = [names[name] for name in self._leaders]
+        held = set(self._given.tolist()) | set(followers)
+        self.free = np.array([i for i in range(robot.n) if i not in held], dtype=np.intp)
+        self._tie = tie_matrix(robot, self._leaders, names)
+        self._followers = np.array(followers, dtype=np.intp)
+        self._offset = np.zeros(robot.n)
+        for name, (_, _, offset) in self._leaders.items():
+            self._offset[names[name]] = offset
+        self.q, self.qd, self.qdd = (np.zeros(robot.n) for _ in range(3))
+        self.tau = np.zeros(robot.n)
+        self.evaluations = 0
+        self._accelerate = self._choose()
+
+    def _check_names(self, given: Mapping[str, object], names: Mapping[str, int]) -> None:
+        for name in given:
+            if name not in names:
+                raise StateError(
+                    f'simulate: prescribed joint must be one of {", ".join(names)}, got {name!r}'
+                )
+            if name in self._leaders:
+                raise StateError(
+                    f'simulate: prescribed joint must not mimic another, got {name!r} '
+                    f'(prescribe its leader {self._leaders[name][0]!r})'
+                )
+
+    def _choose(self) -> Callable[[], None]:
+        if self._leaders:
+            return self._accelerate_tied
+        return self._accelerate_hybrid if self._laws else self._accelerate_free
+
+    def start(self, q0: Array, qd0: Array, t: float) -> Array:
+        """Return the integrator's state at the start, and check that it fits what is prescribed.
+
+        Parameters
+        ----------
+        q0, qd0 : (n,) arrays
+            The whole state.
+        t : float
+            Time [s].
+
+        Returns
+        -------
+        (2 f,) array
+            Free coordinates, then their rates.
+
+        Raises
+        ------
+        StateError
+            If a prescribed or mimic joint starts elsewhere.
+        """
+        state = np.concatenate([q0[self.free], qd0[self.free]])
+        self.complete(t, state)
+        for index, name in enumerate(self._robot.coordinate_names):
+            for what, got, must in (
+                ('position', q0[index], self.q[index]),
+                ('rate', qd0[index], self.qd[index]),
+            ):
+                if abs(got - must) > START_TOLERANCE * (1.0 + abs(must)):
+                    raise StateError(
+                        f'simulate: {what} of {name!r} at the start must be {must:.9g} as '
+                        f'prescribed or tied, got {got:.9g}'
+                    )
+        return state
+
+    def complete(self, t: float, state: Array) -> None:
+        """Fill `q`, `qd` and the prescribed `qdd` at a time [s] and state (2 f,)."""
+        count = len(self.free)
+        self.q[self.free] = state[:count]
+        self.qd[self.free] = state[count:]
+        for index, law in zip(self._given, self._laws, strict=True):
+            self.q[index], self.qd[index], self.qdd[index] = law(t)
+        if self._leaders:
+            independent = self.q.copy()
+            independent[self._followers] = 0.0
+            rates = self.qd.copy()
+            rates[self._followers] = 0.0
+            self.q[:] = self._tie @ independent + self._offset
+            self.qd[:] = self._tie @ rates
+
+    def accelerate(self, t: float, state: Array) -> None:
+        """Work out `qdd` and `tau` (n,) at a time [s] and an integrator's state (2 f,)."""
+        self.complete(t, state)
+        if self._torque is None:
+            self.tau[:] = 0.0
+        else:
+            self.tau[:] = _checked(self._torque(t, self.q, self.qd), self._robot.n, t)
+        self._accelerate()
+        self.evaluations += 1
+
+    def rate(self, t: float, state: Array) -> Array:
+        """Return d(state)/dt, (2 f,), at a time [s] and a state (2 f,)."""
+        self.accelerate(t, state)
+        return np.concatenate([state[len(self.free) :], self.qdd[self.free]])
+
+    def _accelerate_free(self) -> None:
+        self._robot.forward_dynamics(self.q, self.qd, self.tau, out=self.qdd, check=False)
+
+    def _accelerate_hybrid(self) -> None:
+        torques, rest = self._robot.hybrid_dynamics(
+            self.q,
+            self.qd,
+            self.qdd[self._given],
+            joints=self._given_names,
+            tau=self.tau,
+            check=False,
+        )
+        self.tau[self._given] = torques
+        self.qdd[self.free] = rest
+
+    def _accelerate_tied(self) -> None:
+        """Solve T^T (I T z'' + h - tau) = 0 for the free z''."""
+        bias = self._robot.bias_forces(self.q, self.qd)
+        inertia = self._tie.T @ self._robot.inertia_matrix(self.q) @ self._tie
+        force = self._tie.T @ (self.tau - bias)
+        free, given = self.free, self._given
+        right = force[free] - inertia[np.ix_(free, given)] @ self.qdd[given]
+        self.qdd[free] = np.linalg.solve(inertia[np.ix_(free, free)], right)
+        needed = inertia[given] @ self.qdd - force[given]
+        self.tau[given] += needed
+        self.qdd[self._followers] = 0.0
+        self.qdd[:] = self._tie @ self.qdd
+
+
+def mimic_ties(robot: Robot) -> dict[str, tuple[str, float, float]]:
+    """Return follower to (independent leader, multiplier, offset), chains resolved."""
+    direct = {
+        body.joint.name: body.joint.mimic
+        for body in robot.tree.bodies
+        if body.joint is not None and body.joint.mimic is not None
+    }
+    ties = {}
+    for name in direct:
+        leader, multiplier, offset = name, 1.0, 0.0
+        while leader in direct:
+            mimic = direct[leader]
+            offset += multiplier * mimic.offset
+            multiplier *= mimic.multiplier
+            leader = mimic.leader
+        ties[name] = (leader, multiplier, offset)
+    return ties
+
+
+def tie_matrix(
+    robot: Robot, ties: Mapping[str, tuple[str, float, float]], names: Mapping[str, int]
+) -> Array:
+    """Return T (n, n) of q = T z + c; the columns of followers are zero."""
+    matrix = np.eye(robot.n)
+    for name, (leader, multiplier, _) in ties.items():
+        matrix[names[name], names[name]] = 0.0
+        matrix[names[name], names[leader]] = multiplier
+    return matrix
+
+
+def _checked(tau: Array, n: int, t: float) -> Array:
+    tau = np.asarray(tau, dtype=np.float64)
+    if tau.shape != (n,):
+        raise StateError(f'simulate: torque must have shape ({n},), got {tau.shape}')
+    if not np.isfinite(tau).all():
+        raise StateError(f'simulate: torque must be finite, got {tau} at t = {t:.9g} s')
+    return tau

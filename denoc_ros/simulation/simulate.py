@@ -1,0 +1,160 @@
+"""Simulation with an adaptive integrator over the robot's dynamics."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
+from tqdm import tqdm
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import SolverError, StateError
+from denoc_ros.simulation.motion import Motion, Prescribed, Torque
+from denoc_ros.simulation.run import Run
+
+Array = NDArray[np.float64]
+
+METHODS = {'DOP853': DOP853, 'RK45': RK45, 'LSODA': LSODA, 'Radau': Radau, 'BDF': BDF}
+
+
+def simulate(
+    robot: Robot,
+    q0: Array,
+    qd0: Array,
+    t: Array,
+    torque: Torque | None = None,
+    prescribed: Prescribed | None = None,
+    rtol: float = 1e-8,
+    atol: float = 1e-10,
+    *,
+    method: str = 'DOP853',
+    progress: bool = False,
+) -> Run:
+    """Integrate the equations of motion.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot. Mimic joints are kept tied to their leaders.
+    q0, qd0 : (n,) arrays
+        State at `t[0]`.
+    t : (k,) array
+        Output times [s], strictly increasing; the first is the start.
+    torque : callable, optional
+        `(t, q, qd) -> (n,)` generalized forces [N m, N]; none: zero.
+    prescribed : mapping of str to callable, optional
+        Joint name to `t -> (q, qd, qdd)`: these joints move so, the other coordinates freely.
+    rtol, atol : float
+        Tolerances of the integrator per step.
+    method : str
+        DOP853 (order 8; the right one for lightly damped vibration), RK45, or for overdamped,
+        stiff robots LSODA, Radau or BDF.
+    progress : bool
+        Show a progress bar on a terminal.
+
+    Returns
+    -------
+    Run
+        Sampled at `t`.
+
+    Raises
+    ------
+    StateError
+        For arrays of a wrong shape, not finite or times out of order.
+    SolverError
+        If the integrator fails; the message says how far it came.
+    """
+    times = _checked_times(t)
+    motion = Motion(robot, torque, prescribed)
+    state = motion.start(
+        _checked_state(q0, robot.n, 'q0'), _checked_state(qd0, robot.n, 'qd0'), times[0]
+    )
+    if method not in METHODS:
+        raise StateError(f'simulate: method must be one of {", ".join(METHODS)}, got {method!r}')
+    with (
+        np.errstate(over='ignore', invalid='ignore'),
+        tqdm(
+            total=times[-1] - times[0],
+            disable=not (progress and sys.stderr.isatty()),
+            unit='s',
+            bar_format='{l_bar}{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]',
+        ) as bar,
+    ):
+        states = _integrate(motion, state, times, METHODS[method], (rtol, atol), bar)
+    return _sampled(robot, motion, times, states)
+
+
+def _integrate(
+    motion: Motion,
+    state: Array,
+    times: Array,
+    solver_class: Any,
+    tolerances: tuple[float, float],
+    bar: Any,
+) -> Array:
+    """Return the integrator's states (k, 2 f) at the output times."""
+    states = np.empty((len(times), len(state)))
+    states[0], done = state, 1
+    if len(times) == 1:
+        return states
+    if not len(state):
+        return states
+    solver = solver_class(
+        motion.rate, times[0], state, times[-1], rtol=tolerances[0], atol=tolerances[1]
+    )
+    while solver.status == 'running':
+        before = solver.t
+        message = solver.step()
+        if solver.status == 'failed' or not np.isfinite(solver.y).all():
+            raise SolverError(_failure(solver, motion, times[-1], message))
+        upto = int(np.searchsorted(times, solver.t, side='right'))
+        if upto > done:
+            states[done:upto] = solver.dense_output()(times[done:upto]).T
+            done = upto
+        bar.update(solver.t - before)
+    states[-1] = solver.y
+    return states
+
+
+def _failure(solver: Any, motion: Motion, end: float, message: str | None) -> str:
+    count = len(motion.free)
+    largest = np.max(np.abs(solver.y[:count])), np.max(np.abs(solver.y[count:]))
+    return (
+        f'simulate: {type(solver).__name__} must reach t = {end:.6g} s, got to {solver.t:.6g} s '
+        f'after {motion.evaluations} evaluations with steps of {solver.h_abs:.3g} s: '
+        f'largest coordinate {largest[0]:.3g}, largest rate {largest[1]:.3g} '
+        f'({message or "the state is not finite"}); the motion diverges, or needs another method'
+    )
+
+
+def _sampled(robot: Robot, motion: Motion, times: Array, states: Array) -> Run:
+    """Return the run of the integrator's states (k, 2 f)."""
+    evaluations = motion.evaluations
+    q, qd, tau = (np.empty((len(times), robot.n)) for _ in range(3))
+    for index, time in enumerate(times):
+        motion.accelerate(float(time), states[index])
+        q[index], qd[index], tau[index] = motion.q, motion.qd, motion.tau
+    energy = np.column_stack(robot.energy(q, qd))
+    names = tuple(robot.coordinate_names)
+    return Run(times, q, qd, energy, tau, names, evaluations)
+
+
+def _checked_state(value: Array, n: int, name: str) -> Array:
+    array = np.array(value, dtype=np.float64)
+    if array.shape != (n,):
+        raise StateError(f'simulate: {name} must have shape ({n},), got {array.shape}')
+    if not np.isfinite(array).all():
+        raise StateError(f'simulate: {name} must be finite, got {array}')
+    return array
+
+
+def _checked_times(t: Array) -> Array:
+    times = np.array(t, dtype=np.float64)
+    if times.ndim != 1 or not len(times):
+        raise StateError(f'simulate: t must have shape (k,) with k >= 1, got {times.shape}')
+    if not np.isfinite(times).all() or np.any(np.diff(times) <= 0.0):
+        raise StateError('simulate: t must be finite and strictly increasing')
+    return times
