@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as stop:
         return int(stop.code or 0)
     try:
-        status = int(args.run(args))
+        status = int(args.execute(args))
         sys.stdout.flush()
     except DenocError as error:
         return _complain(args.verb, str(error))
@@ -84,7 +84,7 @@ def build_parser(arguments: Sequence[str] = ()) -> Parser:
     for verb in (named,) if named in VERBS else VERBS:
         module = _verb_module(verb)
         module.add_parser(subparsers)
-        subparsers.choices[verb].set_defaults(run=module.run)
+        subparsers.choices[verb].set_defaults(execute=module.run)
     return parser
 
 

@@ -1,0 +1,305 @@
+"""What a run shows, in numbers: tracking, deflection, torque, loops."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
+
+from denoc_ros.bags.series import Diagnostic
+from denoc_ros.cli.recording import Interval, Recording, Series
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+SHOWN_COMPONENTS = ('uy', 'uz', 'rx')
+NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: neither shown nor judged
+POSES = 2000  # per phase: enough for an rms, each costs a pass over the links
+
+
+@dataclass(frozen=True)
+class Deflection:
+    """One deflection of a phase, predicted and true."""
+
+    name: str  # link/component
+    t: Array  # (k,) s since the phase began
+    predicted: Array  # (k,) m or rad
+    true: Array | None  # (k,), None where there is no judge
+
+    @property
+    def unit(self) -> str:
+        """Metres, or radians of a turn."""
+        return 'rad' if self.name.rpartition('/')[2].startswith('r') else 'm'
+
+
+@dataclass(frozen=True)
+class PhaseMeasures:
+    """What one phase shows; times count from its reference's start."""
+
+    name: str
+    joints: Series | None  # measured positions
+    error: Series | None  # reference minus measured [rad, m]
+    tip_error: Series | None  # distance of the deflected tip from the reference's [m]
+    torque: Series | None  # commanded [N m, N]
+    deflections: tuple[Deflection, ...]
+
+
+@dataclass(frozen=True)
+class LoopMeasure:
+    """How evenly a node's loop ran, by its own last word on /diagnostics.
+
+    Attributes
+    ----------
+    node : str
+        Its name.
+    nominal, median, p99, longest : float
+        Periods [s]; median and p99 of the last second, longest of the whole run.
+    edges : (b,) array
+        Of the histogram, in nominal periods; the last bin is open.
+    counts : (b,) array
+        Ticks since the start of the node.
+    ticks, late, skipped : int
+        All ticks; those late by more than half a period; deadlines passed over.
+    """
+
+    node: str
+    nominal: float
+    median: float
+    p99: float
+    longest: float
+    edges: Array
+    counts: Array
+    ticks: int
+    late: int
+    skipped: int
+
+    def summary(self) -> dict[str, float]:
+        """Return the numbers, ready for JSON."""
+        names = ('nominal', 'median', 'p99', 'longest', 'ticks', 'late', 'skipped')
+        return {name: getattr(self, name) for name in names}
+
+
+def loop_measures(statuses: Sequence[Diagnostic]) -> tuple[LoopMeasure, ...]:
+    """Return the loops among diagnostic statuses, by node."""
+    by_node: dict[str, list[dict[str, str]]] = {}
+    for status in statuses:
+        node, _, what = status.name.rpartition(': ')
+        if what == 'loop' and 'histogram_counts' in status.values:
+            by_node.setdefault(node, []).append(status.values)
+    return tuple(_loop(node, values) for node, values in sorted(by_node.items()))
+
+
+def _loop(node: str, statuses: list[dict[str, str]]) -> LoopMeasure:
+    last = statuses[-1]
+    return LoopMeasure(
+        node=node,
+        nominal=1.0 / float(last['nominal_rate_hz']),
+        median=1e-6 * float(last['period_p50_us']),
+        p99=1e-6 * float(last['period_p99_us']),
+        longest=1e-6 * max(float(values['period_max_us']) for values in statuses),
+        edges=np.array(last['histogram_edges'].split(), dtype=np.float64),
+        counts=np.array(last['histogram_counts'].split(), dtype=np.float64),
+        ticks=int(last['ticks']),
+        late=int(last['overruns_total']),
+        skipped=int(last['skipped_total']),
+    )
+
+
+def measure(recording: Recording, robot: Robot | None, tip: str) -> tuple[PhaseMeasures, ...]:
+    """Return what each phase of a recording shows.
+
+    Parameters
+    ----------
+    recording : Recording
+        The bag.
+    robot : Robot or None
+        The robot, for the tip's error; None leaves that out.
+    tip : str
+        The frame taken for the tip.
+    """
+    return tuple(_phase(recording, interval, robot, tip) for interval in recording.phases)
+
+
+def summarize(phases: tuple[PhaseMeasures, ...]) -> dict[str, Any]:
+    """Return the numbers of the phases, ready for JSON: SI units, rms and largest values."""
+    return {phase.name: _phase_summary(phase) for phase in phases}
+
+
+def rms(values: Array) -> float:
+    """Return the root mean square of the finite values, 0 if there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if len(finite) else 0.0
+
+
+def peak(values: Array) -> float:
+    """Return the largest magnitude of the finite values, 0 if there are none."""
+    return float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+
+
+def _phase(
+    recording: Recording, interval: Interval, robot: Robot | None, tip: str
+) -> PhaseMeasures:
+    reference = _reference(recording, interval)
+    start, end = interval.start, interval.end
+    if reference is not None:
+        start, end = reference.start, min(end, reference.end)
+    elif not np.isfinite(start):
+        start = 0.0
+    measured = _cut(recording.series('joint_states'), start, end)
+    return PhaseMeasures(
+        name=interval.name,
+        joints=measured,
+        error=_tracking(measured, reference),
+        tip_error=_tip_error(recording, reference, robot, tip, start, end),
+        torque=_cut(recording.series('feedforward/effort', 'effort'), start, end),
+        deflections=_deflections(recording, start, end),
+    )
+
+
+def _cut(series: Series | None, start: float, end: float) -> Series | None:
+    """Return the rows of an interval, with times counted from its start."""
+    if series is None:
+        return None
+    part = series.between(start, end)
+    return Series(part.t - start, part.names, part.values) if len(part.t) > 1 else None
+
+
+class _Reference:
+    """The trajectory that a phase was to follow, by joint names; time since the recording."""
+
+    def __init__(self, start: float, names: tuple[str, ...], times: Array, rows: Any) -> None:
+        self.start, self.names = start, names
+        self.end = start + float(times[-1])
+        positions = np.array([point.positions for point in rows])
+        if all(len(point.velocities) for point in rows):
+            velocities = np.array([point.velocities for point in rows])
+            self._curve = CubicHermiteSpline(times, positions, velocities)
+        else:
+            self._curve = CubicSpline(times, positions)
+
+    def at(self, t: Array) -> Array:
+        """Return positions (k, n) at times since the start."""
+        return np.asarray(self._curve(t), dtype=np.float64)
+
+
+def _reference(recording: Recording, interval: Interval) -> _Reference | None:
+    """Return the phase's last trajectory of many points; streamed points are joined to one."""
+    streamed = []
+    for item in reversed(recording.messages('reference')):
+        if not interval.start <= recording.seconds(item.log_ns) <= interval.end:
+            continue
+        message, start = item.message, recording.seconds(item.stamp_ns)
+        names = tuple(message.joint_names)
+        if len(message.points) > 1:
+            times = np.array([_seconds(point.time_from_start) for point in message.points])
+            return _Reference(start, names, times, message.points)
+        streamed.append((start, names, message.points[0]))
+    if len(streamed) < 2:
+        return None
+    streamed.reverse()
+    starts = np.array([entry[0] for entry in streamed])
+    keep = np.concatenate(([True], np.diff(starts) > 0.0))
+    rows = [entry[2] for entry, kept in zip(streamed, keep, strict=True) if kept]
+    return _Reference(float(starts[0]), streamed[0][1], (starts - starts[0])[keep], rows)
+
+
+def _seconds(duration: Any) -> float:
+    return float(duration.sec) + 1e-9 * float(duration.nanosec)
+
+
+def _tracking(measured: Series | None, reference: _Reference | None) -> Series | None:
+    if measured is None or reference is None:
+        return None
+    names = tuple(name for name in measured.names if name in reference.names)
+    if not names:
+        return None
+    columns = [reference.names.index(name) for name in names]
+    wanted = reference.at(measured.t)[:, columns]
+    return Series(measured.t, names, wanted - measured.select(names).values)
+
+
+def _tip_error(
+    recording: Recording,
+    reference: _Reference | None,
+    robot: Robot | None,
+    tip: str,
+    start: float,
+    end: float,
+) -> Series | None:
+    true = _cut(recording.series('plant/true_modal_state'), start, end)
+    if true is None or reference is None or robot is None:
+        return None
+    if set(true.names) != set(robot.coordinate_names):
+        return None
+    rows = np.linspace(0, len(true.t) - 1, min(POSES, len(true.t))).astype(np.intp)
+    q = np.ascontiguousarray(true.select(tuple(robot.coordinate_names)).values[rows])
+    wanted = np.zeros_like(q)
+    places = [robot.coordinate_names.index(name) for name in reference.names]
+    wanted[:, places] = reference.at(true.t[rows])
+    gap = _positions(robot, tip, q) - _positions(robot, tip, wanted)
+    return Series(true.t[rows], (tip,), np.linalg.norm(gap, axis=1)[:, np.newaxis])
+
+
+def _positions(robot: Robot, frame: str, states: Array) -> Array:
+    return np.array([robot.frame_pose(frame, q)[:3, 3] for q in states])
+
+
+def _deflections(recording: Recording, start: float, end: float) -> tuple[Deflection, ...]:
+    predicted = _cut(recording.series('predictor/tip_deflection'), start, end)
+    true = _cut(recording.series('plant/true_deflection'), start, end)
+    if predicted is None:
+        return ()
+    judge = true or predicted
+    names = [name for name in predicted.names if name in judge.names]
+    peaks = {name: peak(judge.column(name)) for name in names}
+    return tuple(
+        Deflection(
+            name,
+            predicted.t,
+            predicted.column(name),
+            None if true is None else true.select((name,)).at(predicted.t)[:, 0],
+        )
+        for name in names
+        if _matters(name, peaks)
+    )
+
+
+def _matters(name: str, peaks: Mapping[str, float]) -> bool:
+    kind = name.rpartition('/')[2]
+    alike = [value for other, value in peaks.items() if other.rpartition('/')[2][0] == kind[0]]
+    return kind in SHOWN_COMPONENTS and peaks[name] > max(NEGLIGIBLE * max(alike), 1e-9)
+
+
+def _phase_summary(phase: PhaseMeasures) -> dict[str, Any]:
+    summary: dict[str, Any] = {}
+    if phase.error is not None:
+        summary['joint_error'] = _columns(phase.error)
+        summary['joint_error_rms'] = rms(phase.error.values)
+    if phase.tip_error is not None:
+        summary['tip_error'] = _extent(phase.tip_error.values[:, 0])
+    if phase.torque is not None:
+        summary['torque'] = _columns(phase.torque)
+    judged = [entry for entry in phase.deflections if entry.true is not None]
+    if judged:
+        summary['deflection_error'] = {entry.name: _deflection_error(entry) for entry in judged}
+    return summary
+
+
+def _deflection_error(entry: Deflection) -> dict[str, float]:
+    assert entry.true is not None
+    error = rms(entry.predicted - entry.true)
+    largest = peak(entry.true)
+    return {'rms': error, 'peak': largest, 'percent_of_peak': 100.0 * error / largest}
+
+
+def _columns(series: Series) -> dict[str, dict[str, float]]:
+    return {name: _extent(series.column(name)) for name in series.names}
+
+
+def _extent(values: Array) -> dict[str, float]:
+    return {'rms': rms(values), 'max': peak(values)}
