@@ -1,0 +1,1 @@
+"""Bags: MCAP out, MCAP and db3 in, recovery; bytes and schemas, no ROS."""

@@ -1,0 +1,204 @@
+"""A bag written by a thread of its own: the producer never waits for the disk."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from denoc_ros.bags.definitions import message_definition
+from denoc_ros.bags.metadata import Qos
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.errors import BagError
+
+_ROUNDS_PER_FLUSH = 10
+
+
+@dataclass(frozen=True)
+class WriterStatus:
+    """Where a background writer stands.
+
+    Attributes
+    ----------
+    written : int
+        Messages handed to the bag.
+    queued : int
+        Messages that wait.
+    lost : dict of str to int
+        Messages that never reach the bag, by topic.
+    stalled : float
+        Time since the writing thread last came round [s]; far over the flush period when the
+        disk stalls.
+    failure : str
+        Why recording ended by itself; empty while it goes on.
+    """
+
+    written: int
+    queued: int
+    lost: dict[str, int]
+    stalled: float
+    failure: str
+
+
+def free_space(path: Path) -> int:
+    """Return the bytes that the file system of a path still takes."""
+    return shutil.disk_usage(path).free
+
+
+class BackgroundWriter:
+    """Takes messages from one producer thread and writes them in another.
+
+    Parameters
+    ----------
+    bag : BagWriter
+        An open bag; from here on it belongs to this object.
+    queue_size : int
+        Most messages that may wait; more are lost, and counted by topic.
+    flush_period : float
+        Everything taken is flushed at most this much later [s], unless the disk stalls.
+    min_free_space : int
+        The bag is closed, whole, before the disk has less than this left [bytes].
+    free_space : callable
+        Gives the free bytes at a path.
+
+    Raises
+    ------
+    BagError
+        When a number is out of range.
+    """
+
+    def __init__(
+        self,
+        bag: BagWriter,
+        queue_size: int = 20_000,
+        flush_period: float = 0.2,
+        min_free_space: int = 64 << 20,
+        free_space: Callable[[Path], int] = free_space,
+    ) -> None:
+        if not (queue_size > 0 and 0 < flush_period < float('inf') and min_free_space >= 0):
+            raise BagError(
+                f'{bag.path}: queue_size and flush_period must be > 0, min_free_space >= 0, '
+                f'got {queue_size}, {flush_period}, {min_free_space}'
+            )
+        self._bag = bag
+        self._queue_size = queue_size
+        self._round = flush_period / _ROUNDS_PER_FLUSH
+        self._flush_period = flush_period
+        self._min_free_space = min_free_space
+        self._free_space = free_space
+        # append and popleft of a deque are atomic: no lock that the producer could wait for
+        self._queue: deque[tuple[str, int, bytes, int | None] | Callable[[], None]] = deque()
+        self._offered: Counter[str] = Counter()
+        self._lost: Counter[str] = Counter()
+        self._failure = ''
+        self._alive_at = time.monotonic()
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._work, name='bag-writer', daemon=True)
+        self._thread.start()
+
+    @property
+    def path(self) -> Path:
+        """Where the bag is."""
+        return self._bag.path
+
+    def put(self, topic: str, stamp_ns: int, raw: bytes, publish_ns: int | None = None) -> bool:
+        """Take a message without waiting; return False when it is lost.
+
+        Arguments as `BagWriter.write`. Call from one thread.
+        """
+        self._offered[topic] += 1
+        if self._failure or self._stopping.is_set() or len(self._queue) >= self._queue_size:
+            self._lost[topic] += 1
+            return False
+        self._queue.append((topic, stamp_ns, raw, publish_ns))
+        return True
+
+    def add_topic(self, name: str, type_name: str, qos: tuple[Qos, ...] = (Qos(),)) -> None:
+        """Add a topic before its first message is put; BagError when its type is unknown."""
+        definition = message_definition(type_name)
+        self._queue.append(lambda: self._bag.add_topic(name, type_name, qos, definition))
+
+    def attach(self, name: str, content: str | bytes, stamp_ns: int = 0) -> None:
+        """Attach an XML file, in the order of the messages."""
+        self._queue.append(lambda: self._bag.attach(name, content, stamp_ns=stamp_ns))
+
+    def split(self) -> None:
+        """Go on in a new file after the messages that wait."""
+        self._queue.append(self._bag.split)
+
+    def status(self) -> WriterStatus:
+        """Return where it stands; from any thread."""
+        return WriterStatus(
+            written=self._bag.messages,
+            queued=len(self._queue),
+            lost=dict(self._lost),
+            stalled=time.monotonic() - self._alive_at if self._thread.is_alive() else 0.0,
+            failure=self._failure,
+        )
+
+    def close(self, timeout: float = 10.0) -> WriterStatus:
+        """Write what waits, finish the bag and return the last status.
+
+        Raises
+        ------
+        BagError
+            When the disk does not take it within the timeout [s]; the flushed part can be
+            recovered.
+        """
+        self._stopping.set()
+        self._thread.join(timeout)
+        if self._thread.is_alive():
+            raise BagError(
+                f'{self.path}: disk must take what waits within {timeout} s, got none of the last '
+                f'{len(self._queue)} messages through; run denoc recover on it'
+            )
+        return self.status()
+
+    def _work(self) -> None:
+        flushed_at = time.monotonic()
+        try:
+            while not self._stopping.wait(self._round):
+                self._write_waiting()
+                self._alive_at = time.monotonic()
+                # due before the next round would come too late
+                if self._alive_at - flushed_at >= self._flush_period - 1.5 * self._round:
+                    flushed_at = self._alive_at
+                    self._check_space()
+                    self._bag.flush()
+            self._write_waiting()
+            self._bag.close()
+        except BagError as error:
+            self._end(str(error))
+        except Exception as error:
+            self._end(f'{self.path}: writer must go on, got {type(error).__name__}: {error}')
+
+    def _write_waiting(self) -> None:
+        for _ in range(len(self._queue)):
+            item = self._queue.popleft()
+            if callable(item):
+                item()
+            else:
+                self._bag.write(*item)
+
+    def _check_space(self) -> None:
+        free = self._free_space(self.path.parent)
+        if free < self._min_free_space:
+            self._bag.close()
+            raise BagError(
+                f'{self.path}: disk must keep {self._min_free_space >> 20} MiB free, '
+                f'got {free >> 20} MiB; recording ended, the bag is whole'
+            )
+
+    def _end(self, reason: str) -> None:
+        self._failure = reason
+        try:
+            self._bag.close()
+        except BagError as error:
+            self._failure = f'{reason}; {error}'
+        kept = sum((part.counts for part in self._bag.files), Counter[str]())
+        self._lost = self._offered - kept
+        self._queue.clear()

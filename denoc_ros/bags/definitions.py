@@ -1,0 +1,161 @@
+"""Message definitions and CDR without ROS: what a bag must carry to be read by anybody."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+
+from denoc_ros.errors import BagError
+
+_NS = 1_000_000_000
+_DTYPES = {'byte': 'uint8', 'octet': 'uint8', 'char': 'uint8'}
+
+
+@lru_cache(maxsize=1)
+def message_types() -> Any:
+    """Return the typestore of ROS 2 Jazzy, which grows by the installed types that are asked for.
+
+    Returns
+    -------
+    rosbags.typesys.store.Typestore
+    """
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def message_definition(type_name: str) -> str:
+    """Return a type's full ros2msg text, the sections of its dependencies included.
+
+    Parameters
+    ----------
+    type_name : str
+        `package/msg/Name`. Types beyond the common interfaces are looked up below
+        `share/package/msg` of every prefix in AMENT_PREFIX_PATH.
+
+    Raises
+    ------
+    BagError
+        When nothing defines the type.
+    """
+    require_type(type_name)
+    text, _ = message_types().generate_msgdef(type_name, ros_version=2)
+    return str(text)
+
+
+def encode(type_name: str, stamp_ns: int, fields: Mapping[str, Any]) -> bytes:
+    """Return the CDR bytes of a message given by its fields.
+
+    Parameters
+    ----------
+    type_name : str
+        `package/msg/Name`.
+    stamp_ns : int
+        Goes into `header.stamp` of a type with a header that is not among the fields [ns].
+    fields : mapping
+        Values by field name: numbers, strings, sequences, arrays, mappings for nested messages.
+        Left out fields are zero or empty.
+
+    Raises
+    ------
+    BagError
+        When the type is unknown, or has no such field, or cannot hold such a value.
+    """
+    require_type(type_name)
+    names = [name for name, _ in message_types().fielddefs[type_name][1]]
+    if 'header' in names and 'header' not in fields:
+        stamp = {'sec': stamp_ns // _NS, 'nanosec': stamp_ns % _NS}
+        fields = {'header': {'stamp': stamp}, **fields}
+    message = _message(type_name, fields)
+    try:
+        return bytes(message_types().serialize_cdr(message, type_name))
+    except Exception as error:
+        raise BagError(f'{type_name}: fields must fit the type, got {error}') from error
+
+
+def require_type(type_name: str) -> None:
+    """Make a type and all that it consists of known, or raise BagError."""
+    if type_name not in message_types().fielddefs:
+        _register(type_name)
+
+
+def _register(type_name: str) -> None:
+    known = message_types().fielddefs
+    found: dict[str, Any] = {}
+    wanted = [type_name]
+    while wanted:
+        name = wanted.pop()
+        if name in known or name in found:
+            continue
+        text = _definition_file(name).read_text(encoding='utf-8')
+        try:
+            found.update(get_types_from_msg(text, name))
+        except TypesysError as error:
+            raise BagError(f'{name}: definition must be valid, got {error}') from error
+        wanted.extend(_nested(found[name][1]))
+    message_types().register(found)
+
+
+def _definition_file(type_name: str) -> Path:
+    package, _, name = type_name.partition('/msg/')
+    prefixes = [
+        *filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)),
+        sys.prefix,
+    ]
+    for prefix in prefixes:
+        path = Path(prefix, 'share', package, 'msg', f'{name}.msg')
+        if name and path.is_file():
+            return path
+    raise BagError(
+        f'{type_name}: message definition must be installed: no share/{package}/msg/{name}.msg '
+        f'below {", ".join(prefixes)}'
+    )
+
+
+def _nested(fields: list[Any]) -> Iterator[str]:
+    for _, (kind, detail) in fields:
+        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            kind, detail = detail[0]
+        if kind == Nodetype.NAME:
+            yield detail
+
+
+def _message(type_name: str, fields: Mapping[str, Any]) -> Any:
+    definition = message_types().fielddefs[type_name][1]
+    unknown = sorted(set(fields) - {name for name, _ in definition})
+    if unknown:
+        raise BagError(
+            f'{type_name}: fields must be among '
+            f'{", ".join(name for name, _ in definition)}, got {", ".join(unknown)}'
+        )
+    values = {name: _value(form, fields.get(name)) for name, form in definition}
+    return message_types().types[type_name](**values)
+
+
+def _value(form: Any, given: Any) -> Any:
+    kind, detail = form
+    if kind == Nodetype.NAME:
+        return (
+            _message(detail, given or {}) if given is None or isinstance(given, Mapping) else given
+        )
+    if kind == Nodetype.BASE:
+        return _zero(detail[0]) if given is None else given
+    element, length = detail
+    if given is None:
+        given = [None] * length if kind == Nodetype.ARRAY else []
+    if element[0] == Nodetype.BASE and not element[1][0].endswith('string'):
+        dtype = _DTYPES.get(element[1][0], element[1][0])
+        return np.array([0 if item is None else item for item in given], dtype=dtype)
+    return [_value(element, item) for item in given]
+
+
+def _zero(base: str) -> Any:
+    if base.endswith('string'):
+        return ''
+    return 0.0 if base.startswith('float') else 0

@@ -1,0 +1,194 @@
+"""Bags in: MCAP and db3, with or without metadata.yaml, message by message."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from denoc_ros.bags.definitions import message_types
+from denoc_ros.bags.ending import MAGIC
+from denoc_ros.bags.metadata import METADATA_NAME
+from denoc_ros.errors import BagError
+
+Stamp = Literal['header', 'log']
+
+
+@dataclass(frozen=True)
+class BagMessage:
+    """One message of a bag.
+
+    Attributes
+    ----------
+    topic, type : str
+        Its topic and message type, `package/msg/Name`.
+    stamp_ns : int
+        Time by the stamp that was asked for [ns].
+    log_ns : int
+        When it was recorded [ns].
+    raw : bytes
+        Its CDR bytes.
+    message : object
+        Its fields, as attributes.
+    """
+
+    topic: str
+    type: str
+    stamp_ns: int
+    log_ns: int
+    raw: bytes
+    message: Any
+
+
+def read_bag(
+    path: str | Path, topics: Collection[str] | None = None, stamp: Stamp = 'header'
+) -> Iterator[BagMessage]:
+    """Iterate over the messages of a bag in the order of their log times.
+
+    Parameters
+    ----------
+    path : str or Path
+        A rosbag2 folder, a bare `.mcap` or a bare `.db3` file.
+    topics : collection of str, optional
+        Only these; each must be in the bag.
+    stamp : {'header', 'log'}
+        Where `stamp_ns` comes from. A message with no header, or a zero stamp in it, has its
+        log time.
+
+    Raises
+    ------
+    BagError
+        When the bag cannot be read; for an unfinished recording it says how to recover it.
+    """
+    if stamp not in ('header', 'log'):
+        raise BagError(f'{path}: stamp must be header or log, got {stamp!r}')
+    return _messages(Path(path), topics, stamp)
+
+
+def bag_topics(path: str | Path) -> dict[str, str]:
+    """Return the message type of each topic of a bag; errors as `read_bag`."""
+    with _open(Path(path)) as reader:
+        return {connection.topic: connection.msgtype for connection in reader.connections}
+
+
+def read_attachment(path: str | Path, name: str) -> bytes:
+    """Return a file attached to a bag of MCAP, e.g. `robot_description.urdf`.
+
+    Raises
+    ------
+    BagError
+        When the bag cannot be read or has no such attachment.
+    """
+    source = _require_readable(Path(path))
+    found: set[str] = set()
+    for part in sorted(source.glob('*.mcap')) if source.is_dir() else [source]:
+        with _only_bag_errors(source), part.open('rb') as stream:
+            for attachment in make_reader(stream).iter_attachments():
+                if attachment.name == name:
+                    return bytes(attachment.data)
+                found.add(attachment.name)
+    raise BagError(
+        f'{path}: attachment must be one of {", ".join(sorted(found)) or "(none)"}, got {name!r}'
+    )
+
+
+def _messages(path: Path, topics: Collection[str] | None, stamp: Stamp) -> Iterator[BagMessage]:
+    with _open(path) as reader:
+        chosen = _connections(path, reader, topics)
+        if not chosen:
+            return
+        for connection, log_ns, raw in reader.messages(chosen):
+            message = reader.deserialize(raw, connection.msgtype)
+            stamp_ns = (header_stamp_ns(message) if stamp == 'header' else 0) or log_ns
+            yield BagMessage(
+                connection.topic, connection.msgtype, stamp_ns, log_ns, bytes(raw), message
+            )
+
+
+def header_stamp_ns(message: Any) -> int:
+    """Return the time in a message's header [ns], 0 when it has none."""
+    stamp = getattr(getattr(message, 'header', None), 'stamp', None)
+    return 0 if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def _connections(path: Path, reader: Any, topics: Collection[str] | None) -> list[Any]:
+    if topics is None:
+        return list(reader.connections)
+    present = {connection.topic for connection in reader.connections}
+    missing = sorted(set(topics) - present)
+    if missing:
+        raise BagError(
+            f'{path}: topics must be among {", ".join(sorted(present)) or "(none)"}, '
+            f'got {", ".join(missing)}'
+        )
+    return [connection for connection in reader.connections if connection.topic in topics]
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[Any]:
+    source = _require_readable(path)
+    with _only_bag_errors(path), AnyReader([source], default_typestore=message_types()) as reader:
+        yield reader
+
+
+@contextmanager
+def _only_bag_errors(path: Path) -> Iterator[None]:
+    # damaged files lead the readers below to errors of nearly every kind
+    try:
+        yield
+    except (BagError, GeneratorExit):
+        raise
+    except Exception as error:
+        reason = str(error) or type(error).__name__
+        raise BagError(f'{path}: bag must be readable, got: {reason}') from error
+
+
+def _require_readable(path: Path) -> Path:
+    if not path.exists():
+        raise BagError(f'{path}: bag must exist, got nothing there')
+    if path.is_dir():
+        return _require_finished_folder(path)
+    if path.suffix not in ('.mcap', '.db3'):
+        raise BagError(f'{path}: bag must be a rosbag2 folder, a .mcap or a .db3 file')
+    if path.suffix == '.mcap' and not _is_finished(path):
+        raise BagError(_unfinished(path))
+    return path
+
+
+def _require_finished_folder(folder: Path) -> Path:
+    parts = sorted(folder.glob('*.mcap'))
+    unfinished = [part for part in parts if not _is_finished(part)]
+    if (folder / METADATA_NAME).is_file() and not unfinished:
+        return folder
+    if parts:
+        raise BagError(_unfinished(folder))
+    databases = sorted(folder.glob('*.db3'))
+    if len(databases) == 1:
+        return databases[0]
+    raise BagError(
+        f'{folder}: bag folder must hold {METADATA_NAME} or one .db3 file, '
+        f'got {len(databases)} of those'
+    )
+
+
+def _unfinished(path: Path) -> str:
+    return (
+        f'{path}: bag must be finished, got one whose recording was cut off; '
+        f'run: denoc recover {path}'
+    )
+
+
+def _is_finished(path: Path) -> bool:
+    try:
+        with path.open('rb') as stream:
+            start = stream.read(len(MAGIC))
+            stream.seek(max(path.stat().st_size - len(MAGIC), 0))
+            # what does not even begin as MCAP is not unfinished but something else
+            return stream.read() == MAGIC or start != MAGIC
+    except OSError as error:
+        raise BagError(f'{path}: bag must be readable, got: {error.strerror}') from error

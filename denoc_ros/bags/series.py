@@ -1,0 +1,197 @@
+"""Arrays out of bags: joint states, multi-arrays and diagnostics over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.bags.reader import BagMessage, Stamp, read_bag
+from denoc_ros.errors import BagError
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class JointSeries:
+    """Joint states over time.
+
+    Attributes
+    ----------
+    stamp_ns : (k,) int array
+        Times [ns].
+    names : tuple of str
+        The m joints.
+    position, velocity, effort : (k, m) array
+        rad or m, per s, N m or N; NaN where a message did not have it.
+    """
+
+    stamp_ns: Stamps
+    names: tuple[str, ...]
+    position: Array
+    velocity: Array
+    effort: Array
+
+    @property
+    def t(self) -> Array:
+        """Times since the first message [s], (k,)."""
+        return elapsed(self.stamp_ns)
+
+
+@dataclass(frozen=True)
+class ArraySeries:
+    """Float64MultiArray over time.
+
+    Attributes
+    ----------
+    stamp_ns : (k,) int array
+        Times [ns].
+    labels : tuple of str
+        Names of the m columns, from the label of the first dimension, comma-separated; empty
+        when it names another number of columns.
+    values : (k, m) array
+    """
+
+    stamp_ns: Stamps
+    labels: tuple[str, ...]
+    values: Array
+
+    @property
+    def t(self) -> Array:
+        """Times since the first message [s], (k,)."""
+        return elapsed(self.stamp_ns)
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One status of a DiagnosticArray: level 0 ok, 1 warning, 2 error, 3 stale."""
+
+    stamp_ns: int
+    name: str
+    level: int
+    message: str
+    hardware_id: str
+    values: dict[str, str]
+
+
+def elapsed(stamp_ns: Stamps) -> Array:
+    """Return seconds since the first of some times in ns, (k,)."""
+    since: Stamps = stamp_ns - stamp_ns[:1]
+    return np.asarray(since * 1e-9, dtype=np.float64)
+
+
+def read_joint_states(
+    path: str | Path,
+    topic: str = '/joint_states',
+    names: Sequence[str] | None = None,
+    stamp: Stamp = 'header',
+) -> JointSeries:
+    """Read a topic of sensor_msgs/JointState into arrays, joints matched by name.
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag that `read_bag` reads.
+    topic : str
+        The topic.
+    names : sequence of str, optional
+        The joints and their order; default: all, in the order of first appearance.
+    stamp : {'header', 'log'}
+        As `read_bag`.
+
+    Raises
+    ------
+    BagError
+        As `read_bag`; also for another type, a field of another length than `name`, or a joint
+        that is in no message.
+    """
+    messages = list(_of_type(path, topic, 'sensor_msgs/msg/JointState', stamp))
+    seen = tuple(dict.fromkeys(name for item in messages for name in item.message.name))
+    chosen = seen if names is None else tuple(names)
+    if messages and (unknown := sorted(set(chosen) - set(seen))):
+        raise BagError(
+            f'{path}: joints on {topic} must be among {", ".join(seen)}, got {", ".join(unknown)}'
+        )
+    column = {name: index for index, name in enumerate(chosen)}
+    fields = {
+        name: np.full((len(messages), len(chosen)), np.nan)
+        for name in ('position', 'velocity', 'effort')
+    }
+    for row, item in enumerate(messages):
+        joints = item.message.name
+        columns = [column.get(name, -1) for name in joints]
+        for field, values in fields.items():
+            given = getattr(item.message, field)
+            if len(given) == len(joints):
+                _fill(values[row], columns, given)
+            elif len(given):
+                raise BagError(
+                    f'{path}: {field} in message {row} on {topic} must have as many values as '
+                    f'name has ({len(joints)}), got {len(given)}'
+                )
+    return JointSeries(_stamps(messages), chosen, **fields)
+
+
+def read_arrays(path: str | Path, topic: str, stamp: Stamp = 'header') -> ArraySeries:
+    """Read a topic of std_msgs/Float64MultiArray, or Float64, into an array.
+
+    Raises
+    ------
+    BagError
+        As `read_bag`; also for another type, or when the number of values changes.
+    """
+    messages = list(
+        _of_type(path, topic, ('std_msgs/msg/Float64MultiArray', 'std_msgs/msg/Float64'), stamp)
+    )
+    rows = [np.atleast_1d(item.message.data) for item in messages]
+    widths = sorted({len(row) for row in rows})
+    if len(widths) > 1:
+        raise BagError(f'{path}: messages on {topic} must keep their length, got {widths}')
+    width = widths[0] if widths else 0
+    layout = getattr(messages[0].message, 'layout', None) if messages else None
+    labels = tuple(layout.dim[0].label.split(',')) if layout is not None and layout.dim else ()
+    values = np.array(rows, dtype=np.float64).reshape(len(rows), width)
+    return ArraySeries(_stamps(messages), labels if len(labels) == width else (), values)
+
+
+def read_diagnostics(path: str | Path, topic: str = '/diagnostics') -> list[Diagnostic]:
+    """Read every status of a topic of diagnostic_msgs/DiagnosticArray; errors as `read_bag`."""
+    return [
+        Diagnostic(
+            item.stamp_ns,
+            status.name,
+            int(status.level),
+            status.message,
+            status.hardware_id,
+            {pair.key: pair.value for pair in status.values},
+        )
+        for item in _of_type(path, topic, 'diagnostic_msgs/msg/DiagnosticArray', 'header')
+        for status in item.message.status
+    ]
+
+
+def _of_type(
+    path: str | Path, topic: str, types: str | tuple[str, ...], stamp: Stamp
+) -> Iterator[BagMessage]:
+    allowed = (types,) if isinstance(types, str) else types
+    for item in read_bag(path, [topic], stamp):
+        if item.type not in allowed:
+            raise BagError(
+                f'{path}: topic {topic} must be of type {" or ".join(allowed)}, got {item.type}'
+            )
+        yield item
+
+
+def _fill(row: Array, columns: list[int], given: Any) -> None:
+    for index, value in zip(columns, given, strict=True):
+        if index >= 0:
+            row[index] = value
+
+
+def _stamps(messages: list[BagMessage]) -> Stamps:
+    return np.array([item.stamp_ns for item in messages], dtype=np.int64)

@@ -1,0 +1,216 @@
+"""One MCAP file: written so that a kill or a full disk leaves its complete part readable."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import IO
+
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import CompressionType, Writer
+
+from denoc_ros.bags.ending import Layout, read_layout
+from denoc_ros.bags.metadata import FileContents, Topic
+
+COMPRESSIONS = {
+    'none': CompressionType.NONE,
+    'lz4': CompressionType.LZ4,
+    'zstd': CompressionType.ZSTD,
+}
+_CHUNK_SIZE = 1 << 20
+
+
+def library_name() -> str:
+    """Return what the header of a file says about who wrote it."""
+    return f'denoc_ros {version("denoc_ros")}'
+
+
+class DiskFile:
+    """A new file without a buffer of its own: what `write` took, the kernel has."""
+
+    def __init__(self, path: Path) -> None:
+        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+        self._position = 0
+
+    def write(self, block: bytes) -> int:
+        """Write all of a block, or raise OSError."""
+        rest = memoryview(block)
+        while rest:
+            written = os.write(self._descriptor, rest)
+            self._position += written
+            rest = rest[written:]
+        return len(block)
+
+    def tell(self) -> int:
+        """Return the number of bytes written."""
+        return self._position
+
+    def flush(self) -> None:
+        """Do nothing: there is no buffer."""
+
+    def truncate(self, size: int) -> None:
+        """Cut the file back to a size [bytes] and go on from there."""
+        os.ftruncate(self._descriptor, size)
+        os.lseek(self._descriptor, size, os.SEEK_SET)
+        self._position = size
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._descriptor)
+
+
+class McapFile:
+    """Writes one MCAP file of profile ros2.
+
+    Parameters
+    ----------
+    path : Path
+        A file that does not exist yet.
+    compression : str
+        `none`, `lz4` or `zstd`, by chunk.
+    chunk_size : int
+        Largest chunk [bytes] before compression; a flush ends a chunk earlier.
+    """
+
+    def __init__(self, path: Path, compression: str, chunk_size: int = _CHUNK_SIZE) -> None:
+        self.path = path
+        self.contents = FileContents(path.name)
+        self._disk = DiskFile(path)
+        self._writer = Writer(
+            self._disk,
+            chunk_size=chunk_size,
+            compression=COMPRESSIONS[compression],
+        )
+        self._schemas: dict[str, Schema] = {}
+        self._channels: dict[str, Channel] = {}
+        self._complete = 0
+        self._writer.start('ros2', library_name())
+        self.flush()
+
+    @property
+    def size(self) -> int:
+        """Bytes on disk; up to a chunk more may wait in memory."""
+        return self._disk.tell()
+
+    def add_topic(self, topic: Topic, definition: str) -> None:
+        """Register a topic with the ros2msg text of its type."""
+        if topic.type not in self._schemas:
+            content = definition.encode()
+            number = self._writer.register_schema(topic.type, 'ros2msg', content)
+            self._schemas[topic.type] = Schema(
+                id=number, name=topic.type, encoding='ros2msg', data=content
+            )
+        schema = self._schemas[topic.type].id
+        metadata = {'offered_qos_profiles': topic.qos}
+        number = self._writer.register_channel(topic.name, topic.encoding, schema, metadata)
+        self._channels[topic.name] = Channel(
+            id=number,
+            topic=topic.name,
+            message_encoding=topic.encoding,
+            metadata=metadata,
+            schema_id=schema,
+        )
+
+    def write(self, topic: str, stamp_ns: int, raw: bytes, publish_ns: int) -> None:
+        """Append one message as it came from the wire."""
+        sequence = self.contents.counts[topic] & 0xFFFFFFFF
+        self._writer.add_message(self._channels[topic].id, stamp_ns, raw, publish_ns, sequence)
+        self.contents.add(topic, stamp_ns)
+
+    def attach(self, name: str, media_type: str, content: bytes, stamp_ns: int) -> None:
+        """Append an attachment."""
+        self._writer.add_attachment(stamp_ns, stamp_ns, name, media_type, content)
+
+    def flush(self) -> None:
+        """End the chunk: after this a killed process loses nothing of what was written."""
+        self._writer.flush()
+        self._complete = self._disk.tell()
+
+    def finish(self) -> None:
+        """Write the summary and close the file."""
+        self.flush()
+        self._writer.finish()
+        self._disk.close()
+
+    def salvage(self) -> None:
+        """Close the file after a failed write, whole up to the last flush.
+
+        The summary needs room too: as many chunks go as that takes.
+        """
+        layout = read_layout(self.path, self._complete)
+        while not self._try_ending(layout) and layout.chunks:
+            layout.drop_last_chunk()
+        self._disk.close()
+        self.contents = count_messages(self.path)
+
+    def _try_ending(self, layout: Layout) -> bool:
+        self._disk.truncate(layout.end)
+        try:
+            self._disk.write(layout.ending([*self._schemas.values()], [*self._channels.values()]))
+        except OSError:
+            # without an end, but all records complete: denoc recover reads it
+            self._disk.truncate(layout.end)
+            return False
+        return True
+
+
+class CompleteRecords:
+    """Iterates over the complete records, those in chunks included, of a file that may be torn.
+
+    Parameters
+    ----------
+    stream : IO[bytes]
+        The file, at its start.
+
+    Attributes
+    ----------
+    damaged_chunks : int
+        Chunks left out so far because their content is not what was written.
+    finished : bool
+        Whether the file's own end was reached.
+    """
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self.damaged_chunks = 0
+        self.finished = False
+        self._records = StreamReader(stream, emit_chunks=True).records
+
+    def __iter__(self) -> Iterator[McapRecord]:
+        """Yield records until the file ends or is torn."""
+        while (record := self._next()) is not None:
+            if isinstance(record, Chunk):
+                yield from self._opened(record)
+            else:
+                yield record
+
+    def _next(self) -> McapRecord | None:
+        try:
+            return next(self._records)
+        except StopIteration:
+            self.finished = True
+        except Exception:  # mcap raises whatever torn bytes lead it to
+            pass
+        return None
+
+    def _opened(self, chunk: Chunk) -> list[McapRecord]:
+        try:
+            return list(breakup_chunk(chunk, validate_crc=True))
+        except Exception:
+            self.damaged_chunks += 1
+            return []
+
+
+def count_messages(path: Path) -> FileContents:
+    """Return what the complete part of a file holds."""
+    contents = FileContents(path.name)
+    topics: dict[int, str] = {}
+    with path.open('rb') as stream:
+        for record in CompleteRecords(stream):
+            if isinstance(record, Channel):
+                topics[record.id] = record.topic
+            elif isinstance(record, Message) and record.channel_id in topics:
+                contents.add(topics[record.channel_id], record.log_time)
+    return contents

@@ -1,0 +1,287 @@
+"""Bags out: MCAP that rosbag2, rosbags, mcap-ros2-support and Foxglove read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NoReturn
+
+from denoc_ros.bags.definitions import encode, message_definition
+from denoc_ros.bags.metadata import (
+    FileContents,
+    Qos,
+    Topic,
+    metadata_text,
+    qos_text,
+    write_metadata,
+)
+from denoc_ros.bags.storage import COMPRESSIONS, McapFile
+from denoc_ros.errors import BagError
+
+
+class BagWriter:
+    """Writes a bag that does not exist yet.
+
+    Not thread-safe; `denoc_ros.bags.background.BackgroundWriter` serves a real-time producer.
+
+    Parameters
+    ----------
+    path : str or Path
+        A path that ends in `.mcap`: one bare file. Any other: a rosbag2 folder with
+        `NAME_0.mcap`, `NAME_1.mcap`, … and, from `close` on, metadata.yaml.
+    compression : str
+        `none`, `lz4` or `zstd`.
+    max_bag_size : int
+        A file that has reached this size [bytes] is followed by the next one; 0: no bound.
+    max_bag_duration : float
+        Longest stretch of log time in one file [s]; 0: no bound.
+
+    Raises
+    ------
+    BagError
+        When the path exists, an argument is out of range, or the disk refuses.
+
+    Notes
+    -----
+    What was written before the last `flush` survives a kill of the process (`denoc recover`).
+    When the disk refuses a write, BagError says so and the file is closed, whole up to the last
+    flush.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        compression: str = 'zstd',
+        max_bag_size: int = 0,
+        max_bag_duration: float = 0.0,
+    ) -> None:
+        self.path = Path(path)
+        self._check_arguments(compression, max_bag_size, max_bag_duration)
+        self._compression = compression
+        self._max_size = max_bag_size
+        self._max_duration_ns = round(max_bag_duration * 1e9)
+        self._topics: dict[str, tuple[Topic, str]] = {}
+        self._attachments: dict[str, tuple[str, bytes, int]] = {}
+        self._finished: list[FileContents] = []
+        self._file: McapFile | None = None
+        try:
+            (self.path.parent if self._bare else self.path).mkdir(
+                parents=True, exist_ok=self._bare
+            )
+            self._file = self._next_file()
+        except FileExistsError as error:
+            raise BagError(
+                f'{self.path}: output must not exist yet, got an existing one'
+            ) from error
+        except OSError as error:
+            raise BagError(
+                f'{self.path}: output must be writable, got: {error.strerror}'
+            ) from error
+
+    def _check_arguments(self, compression: str, size: int, duration: float) -> None:
+        if compression not in COMPRESSIONS:
+            raise BagError(
+                f'{self.path}: compression must be one of {", ".join(COMPRESSIONS)}, '
+                f'got {compression!r}'
+            )
+        if not (size >= 0 and 0 <= duration < float('inf')):
+            raise BagError(
+                f'{self.path}: max_bag_size and max_bag_duration must be >= 0 and finite, '
+                f'got {size} and {duration}'
+            )
+        if self._bare and (size or duration):
+            raise BagError(
+                f'{self.path}: a bag that splits must be a folder, got a path ending in .mcap'
+            )
+
+    @property
+    def _bare(self) -> bool:
+        return self.path.suffix == '.mcap'
+
+    @property
+    def files(self) -> tuple[FileContents, ...]:
+        """What each file holds, in order."""
+        return (*self._finished, *([self._file.contents] if self._file else []))
+
+    @property
+    def messages(self) -> int:
+        """Number of messages in all files."""
+        return sum(part.messages for part in self.files)
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """The topics, in the order they were added."""
+        return tuple(topic for topic, _ in self._topics.values())
+
+    def add_topic(
+        self, name: str, type_name: str, qos: tuple[Qos, ...] = (Qos(),), definition: str = ''
+    ) -> None:
+        """Add a topic; adding it again with the same type changes nothing.
+
+        Parameters
+        ----------
+        name : str
+            Topic name.
+        type_name : str
+            Message type, `package/msg/Name`.
+        qos : tuple of Qos
+            What its publishers offer.
+        definition : str
+            ros2msg text with all dependencies; looked up by type when empty.
+        """
+        known = self._topics.get(name)
+        if known is None:
+            entry = (
+                Topic(name, type_name, qos_text(qos)),
+                definition or message_definition(type_name),
+            )
+            try:
+                self._open_file().add_topic(*entry)
+            except OSError as error:
+                self._give_up(error)
+            self._topics[name] = entry
+        elif known[0].type != type_name:
+            raise BagError(
+                f'{self.path}: topic {name} must keep its type {known[0].type}, got {type_name}'
+            )
+
+    def write(self, topic: str, stamp_ns: int, raw: bytes, publish_ns: int | None = None) -> None:
+        """Append a message, its CDR bytes unparsed.
+
+        Parameters
+        ----------
+        topic : str
+            A topic that was added.
+        stamp_ns : int
+            Log time: when it was received [ns].
+        raw : bytes
+            CDR with its 4 bytes of encapsulation.
+        publish_ns : int, optional
+            When it was sent [ns]; default: the log time.
+        """
+        if topic not in self._topics:
+            raise BagError(f'{self.path}: topic {topic} must be added before messages are written')
+        if stamp_ns < 0:
+            raise BagError(f'{self.path}: stamp on {topic} must be >= 0 ns, got {stamp_ns}')
+        if self._due(stamp_ns):
+            self.split()
+        sent = stamp_ns if publish_ns is None else publish_ns
+        try:
+            self._open_file().write(topic, stamp_ns, raw, sent)
+        except OSError as error:
+            self._give_up(error)
+
+    def write_message(self, topic: str, stamp_ns: int, **fields: Any) -> None:
+        """Append a message given by its fields, without ROS.
+
+        A type with a header gets `stamp_ns` as its stamp unless `header` is given; fields left out
+        are zero or empty. Otherwise as `write`.
+        """
+        if topic not in self._topics:
+            raise BagError(f'{self.path}: topic {topic} must be added before messages are written')
+        self.write(topic, stamp_ns, encode(self._topics[topic][0].type, stamp_ns, fields))
+
+    def attach(
+        self,
+        name: str,
+        content: str | bytes,
+        media_type: str = 'application/xml',
+        stamp_ns: int = 0,
+    ) -> None:
+        """Attach a file, e.g. the URDF; every file of a split bag carries it."""
+        data = content.encode() if isinstance(content, str) else content
+        self._attachments[name] = (media_type, data, stamp_ns)
+        try:
+            self._open_file().attach(name, *self._attachments[name])
+        except OSError as error:
+            self._give_up(error)
+
+    def flush(self) -> None:
+        """Hand everything to the system: a kill after this loses nothing written before it."""
+        try:
+            self._open_file().flush()
+        except OSError as error:
+            self._give_up(error)
+
+    def split(self) -> None:
+        """Finish the current file and go on in the next one."""
+        if self._bare:
+            raise BagError(f'{self.path}: a bag that splits must be a folder, got a bare file')
+        try:
+            self._finish_file()
+            self._file = self._next_file()
+            for entry in self._topics.values():
+                self._file.add_topic(*entry)
+            for name, attachment in self._attachments.items():
+                self._file.attach(name, *attachment)
+        except OSError as error:
+            self._give_up(error)
+
+    def close(self) -> None:
+        """Finish the last file and write metadata.yaml; closing again does nothing."""
+        if self._file is None:
+            return
+        try:
+            self._finish_file()
+            self._write_metadata()
+        except OSError as error:
+            self._give_up(error)
+
+    def __enter__(self) -> BagWriter:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close: what was written before an error is worth keeping."""
+        self.close()
+
+    def _open_file(self) -> McapFile:
+        if self._file is None:
+            raise BagError(f'{self.path}: bag must be open for writing, got a closed one')
+        return self._file
+
+    def _next_file(self) -> McapFile:
+        if self._bare:
+            return McapFile(self.path, self._compression)
+        name = f'{self.path.name}_{len(self._finished)}.mcap'
+        # small chunks for small files, as only whole chunks count towards the size
+        chunk = min(1 << 20, max(self._max_size // 8, 1 << 12)) if self._max_size else 1 << 20
+        return McapFile(self.path / name, self._compression, chunk)
+
+    def _due(self, stamp_ns: int) -> bool:
+        file = self._open_file()
+        if not file.contents.messages:
+            return False
+        long = 0 < self._max_duration_ns <= stamp_ns - file.contents.start_ns
+        return long or 0 < self._max_size <= file.size
+
+    def _finish_file(self) -> None:
+        file = self._open_file()
+        file.finish()
+        self._finished.append(file.contents)
+        self._file = None
+
+    def _write_metadata(self) -> None:
+        if not self._bare:
+            write_metadata(self.path, metadata_text(self.topics, self._finished))
+
+    def _give_up(self, cause: OSError) -> NoReturn:
+        offered = self.messages
+        file, self._file = self._file, None
+        problem = ''
+        try:
+            if file is not None:
+                file.salvage()
+                self._finished.append(file.contents)
+            self._write_metadata()
+        except OSError as error:
+            problem = f', not whole ({error.strerror}): run denoc recover'
+        raise BagError(
+            f'{self.path}: disk must take what is recorded, got: {cause.strerror}; closed with '
+            f'{self.messages} messages{problem}, the last {offered - self.messages} are lost'
+        ) from cause
