@@ -1,0 +1,1 @@
+"""Robot: the verbs of the dynamics over kernels and one workspace."""

@@ -1,0 +1,50 @@
+"""Numba kernels of the recursion: arrays in, arrays out; they return a status and never raise.
+
+The compiled code is cached in a folder named by the kernels' own source, so that an edit of one
+file never meets stale code of another (numba looks at the file of the called function only).
+`NUMBA_CACHE_DIR` moves the cache; a read-only home falls back to the temporary folder.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+import numba
+
+
+def _digest() -> str:
+    """Return a digest of the kernels' source and the compiler's version."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    for path in sorted(Path(__file__).parent.glob('*.py')):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _writable(folder: Path) -> bool:
+    """Say whether files can be made in a folder, making it if need be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def cache_folder() -> Path:
+    """Return the folder that holds the compiled kernels of this very source."""
+    named = os.environ.get('NUMBA_CACHE_DIR')
+    home = os.environ.get('XDG_CACHE_HOME') or str(Path.home() / '.cache')
+    user = f'denoc_ros-{os.getuid()}' if hasattr(os, 'getuid') else 'denoc_ros'
+    candidates = [Path(named)] if named else []
+    candidates += [Path(home) / 'denoc_ros', Path(tempfile.gettempdir()) / user]
+    for candidate in candidates:
+        folder = candidate / f'kernels-{_digest()}'
+        if _writable(folder):
+            return folder
+    return candidates[-1]
+
+
+numba.config.CACHE_DIR = str(cache_folder())

@@ -1,0 +1,87 @@
+"""The border between users' arrays and the kernels: the only place that checks arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.errors import StateError
+
+Array = NDArray[np.float64]
+
+
+def as_rows(name: str, value: ArrayLike, n: int) -> Array:
+    """Return a C-contiguous float64 array of shape (n,) or (k, n).
+
+    Raises
+    ------
+    StateError
+        For another shape, or numbers that are not real.
+    """
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.flags.c_contiguous:
+        array: Array = value
+    else:
+        array = _converted(name, value)
+    if array.shape == (n,) or (array.ndim == 2 and array.shape[1] == n):
+        return array
+    raise StateError(f'{name} must have shape ({n},) or (k, {n}), got {array.shape}')
+
+
+def as_vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Return a finite C-contiguous float64 array of just this shape, or raise StateError."""
+    array = _converted(name, value)
+    if array.shape != shape:
+        raise StateError(f'{name} must have shape {shape}, got {array.shape}')
+    require_finite({name: array})
+    return array
+
+
+def _converted(name: str, value: ArrayLike) -> Array:
+    try:
+        array: NDArray[Any] = np.asarray(value)
+    except ValueError as error:
+        raise StateError(f'{name} must be an array of real numbers, got {value!r}') from error
+    if array.dtype.kind not in 'iuf':
+        raise StateError(f'{name} must be real numbers (float64), got dtype {array.dtype}')
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def as_output(out: Array | None, shape: tuple[int, ...]) -> Array:
+    """Return the caller's output array after a check, or a new one."""
+    if out is None:
+        return np.empty(shape)
+    if (
+        type(out) is np.ndarray
+        and out.dtype == np.float64
+        and out.shape == shape
+        and out.flags.carray
+    ):
+        return out
+    raise StateError(
+        f'out must be a writable C-contiguous float64 array of shape {shape}, '
+        f'got {getattr(out, "dtype", type(out))} of shape {getattr(out, "shape", None)}'
+    )
+
+
+def require_finite(arguments: dict[str, Array]) -> None:
+    """Raise StateError naming the first argument, and its element, that is not finite."""
+    for name, array in arguments.items():
+        bad = np.argwhere(~np.isfinite(array))
+        if len(bad):
+            where = tuple(int(k) for k in bad[0])
+            raise StateError(f'{name} must be finite, got {array[where]} at index {where}')
+
+
+def same_rows(arrays: Sequence[Array]) -> list[Array]:
+    """Return the arrays all as (k, n), single states repeated; raise StateError if k differs."""
+    counts = {len(array) for array in arrays if array.ndim == 2}
+    if len(counts) > 1:
+        raise StateError(f'states must have the same number of rows, got {sorted(counts)}')
+    k = counts.pop()
+    return [
+        array if array.ndim == 2 else np.ascontiguousarray(np.broadcast_to(array, (k, len(array))))
+        for array in arrays
+    ]

@@ -1,0 +1,126 @@
+"""Equilibrium and vibration about it: static deflection, natural frequencies and modes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.dynamics.borders import as_vector
+from denoc_ros.errors import SolverError
+from denoc_ros.kernels.internal import DAMPING, STIFFNESS
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+STEP = 1e-3  # of a central difference of fourth order; rounding and truncation meet near 1e-11
+ITERATIONS = 50
+
+
+class NaturalModes(NamedTuple):
+    """Natural modes of the linearization at rest.
+
+    frequencies (k,) [Hz] ascending, shapes (n, k) with unit modal mass, damping_ratios (k,).
+    """
+
+    frequencies: Array
+    shapes: Array
+    damping_ratios: Array
+
+
+def _steps(robot: Robot) -> Array:
+    """Return the difference step of each coordinate: rad, or a share of the beam's length."""
+    steps = np.full(robot.n, STEP)
+    for body in robot.tree.bodies:
+        if body.beam is not None and sum(body.beam.modes):
+            at = robot.amplitudes(body.name)
+            bending = body.beam.modes[0] + body.beam.modes[1]
+            steps[at.start : at.start + bending] *= body.beam.length
+    return steps
+
+
+def _derivative(function: Callable[[Array], Array], x: Array, steps: Array) -> Array:
+    """Return the derivative (m, len(x)) of a vector function by central differences."""
+    columns = []
+    for j, step in enumerate(steps):
+        shifted = [x.copy() for _ in range(4)]
+        for state, factor in zip(shifted, (1.0, -1.0, 2.0, -2.0), strict=True):
+            state[j] += factor * step
+        a, b, c, d = (function(state) for state in shifted)
+        columns.append((8.0 * (a - b) - (c - d)) / (12.0 * step))
+    derivative: Array = np.array(columns).T.reshape(-1, len(x))
+    return derivative
+
+
+def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None = None) -> Array:
+    """Return the symmetric tangent stiffness (n, n) at rest: elasticity, gravity and loads."""
+    zero = np.zeros(robot.n)
+    elastic = robot.lowered.diagonals[STIFFNESS]
+
+    def load(state: Array) -> Array:
+        return robot.inverse_dynamics(state, zero, zero, wrenches) - elastic * state
+
+    tangent = _derivative(load, q, _steps(robot))
+    symmetric: Array = 0.5 * (tangent + tangent.T) + np.diag(elastic)
+    return symmetric
+
+
+def static_deflection(
+    robot: Robot,
+    q_joints: ArrayLike,
+    wrenches: Mapping[str, ArrayLike] | None,
+    start: ArrayLike | None,
+) -> Array:
+    """Return the state (n,) whose amplitudes are in equilibrium at given joint positions."""
+    flexible = robot.flexible_indices
+    q = np.zeros(robot.n) if start is None else as_vector('start', start, (robot.n,)).copy()
+    q[robot.joint_indices] = as_vector('q_joints', q_joints, (len(robot.joint_indices),))
+    zero = np.zeros(robot.n)
+    if not len(flexible):
+        return q
+    scale = robot.lowered.diagonals[STIFFNESS][flexible]
+    change = np.inf
+    for _ in range(ITERATIONS):
+        residual = robot.inverse_dynamics(q, zero, zero, wrenches)[flexible]
+        tangent = stiffness(robot, q, wrenches)[np.ix_(flexible, flexible)]
+        try:
+            step = np.linalg.solve(tangent, -residual)
+        except np.linalg.LinAlgError:
+            break
+        q[flexible] += step
+        last, change = change, float(np.max(np.abs(step)))
+        size = 1e-3 + float(np.max(np.abs(q[flexible])))
+        if change <= 1e-14 * size or (change <= 1e-9 * size and change >= 0.5 * last):
+            return q
+        if not np.isfinite(change):
+            break
+    residual = robot.inverse_dynamics(np.nan_to_num(q), zero, zero, wrenches, check=False)
+    worst = float(np.max(np.abs(residual[flexible] / scale)))
+    raise SolverError(
+        f'{robot.tree.name}: static deflection must have an equilibrium near its start, '
+        f'got a residual of {worst:.3g} m after {ITERATIONS} Newton steps (buckling?)'
+    )
+
+
+def natural_modes(robot: Robot, q: Array, held: bool) -> NaturalModes:
+    """Return the natural modes at rest at q."""
+    index = robot.flexible_indices if held else np.arange(robot.n)
+    if not len(index):
+        return NaturalModes(np.zeros(0), np.zeros((robot.n, 0)), np.zeros(0))
+    block = np.ix_(index, index)
+    tangent = stiffness(robot, q)
+    squares, vectors = scipy.linalg.eigh(tangent[block], robot.inertia_matrix(q)[block])
+    rounding = 1e-10 * max(1.0, float(np.abs(squares).max()))
+    squares = np.where(np.abs(squares) < rounding, 0.0, squares)
+    frequencies = np.sign(squares) * np.sqrt(np.abs(squares)) / (2.0 * np.pi)
+    damping = robot.lowered.diagonals[DAMPING][index]
+    modal = np.einsum('ij,i,ij->j', vectors, damping, vectors)
+    omega = 2.0 * np.pi * np.abs(frequencies)
+    ratios = np.divide(modal, 2.0 * omega, out=np.zeros_like(modal), where=omega > 0.0)
+    shapes = np.zeros((robot.n, len(index)))
+    shapes[index] = vectors
+    return NaturalModes(frequencies, shapes, ratios)

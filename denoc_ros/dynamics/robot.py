@@ -1,0 +1,492 @@
+"""A robot and the verbs of its dynamics: one immutable model, one workspace."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.dynamics import constraints, linearization, structure
+from denoc_ros.dynamics.batch import run_rows
+from denoc_ros.dynamics.borders import as_output, as_rows, as_vector, require_finite, same_rows
+from denoc_ros.dynamics.section import Section
+from denoc_ros.errors import ModelError, SolverError, StateError
+from denoc_ros.kernels import articulated, composite, inverse, world
+from denoc_ros.kernels.internal import ARMATURE
+from denoc_ros.kernels.layout import MASS, PARENT, REAL
+from denoc_ros.model.lowering import SLIP_RATE, Lowered, inertia_row, lower
+from denoc_ros.model.overrides import with_overrides
+from denoc_ros.model.tree import Tree
+from denoc_ros.model.urdf import load_tree
+
+Array = NDArray[np.float64]
+Wrenches = Mapping[str, ArrayLike]
+Source = str | os.PathLike[str]
+
+
+class Robot:
+    """A robot with rigid and flexible links (see :func:`load_robot`).
+
+    States are vectors (n,) in the order of `coordinate_names`; every verb also takes rows (k, n)
+    and then returns (k, …), rows in parallel. `out=` takes the result where no allocation is
+    wanted, `check=False` skips the test that arguments are finite. A robot holds one workspace and
+    so is not to be used by two threads at once: give each its own :meth:`copy`.
+
+    Attributes
+    ----------
+    tree : Tree
+    n : int
+    joint_names, coordinate_names : tuple of str
+    joint_indices : (joints,) int array, where the joints stand among the coordinates
+    gravity : (3,) [m/s^2] in the base frame
+    geometric_stiffness : bool
+    """
+
+    def __init__(
+        self,
+        tree: Tree,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        geometric_stiffness: bool = True,
+        source: Source | None = None,
+    ) -> None:
+        self.tree = tree
+        self.gravity = as_vector('gravity', gravity, (3,))
+        self.gravity.setflags(write=False)
+        self.geometric_stiffness = bool(geometric_stiffness)
+        self._source = source
+        self._adopt(lower(tree, self.gravity, self.geometric_stiffness))
+        self._payloads: dict[str, Array] = {}
+
+    def _adopt(self, lowered: Lowered) -> None:
+        self.lowered = lowered
+        self.n = lowered.n
+        self.joint_names = lowered.joint_names
+        self.coordinate_names = lowered.coordinate_names
+        self.joint_indices = lowered.joint_indices
+        self.flexible_indices = np.setdiff1d(np.arange(self.n), self.joint_indices)
+        self._reals = lowered.reals.copy()
+        self._work = np.zeros(lowered.work_size)
+        self._zero = np.zeros(self.n)
+        self._torque = np.zeros(self.n)
+        self._free = np.zeros(lowered.bodies, dtype=np.int64)
+        self._held = np.ones(lowered.bodies, dtype=np.int64)
+        self._sections: dict[tuple[str, float | None], tuple[Section, slice]] = {}
+
+    @property
+    def model_arrays(self) -> tuple[Any, ...]:
+        """The kernels' leading arguments: ints, reals, work, diagonals, bodies, slip rate."""
+        low = self.lowered
+        return low.ints, self._reals, self._work, low.diagonals, low.bodies, SLIP_RATE
+
+    def copy(self) -> Robot:
+        """Return a robot with the same model and payloads and a workspace of its own."""
+        other = Robot.__new__(Robot)
+        other.__dict__.update(self.__dict__)
+        other._adopt(self.lowered)
+        other._reals = self._reals.copy()
+        other._payloads = dict(self._payloads)
+        return other
+
+    def with_overrides(self, overrides: Mapping[str, Any]) -> Robot:
+        """Return a robot with other parameters, by dotted paths such as `beam.arm.y.ei`.
+
+        Raises
+        ------
+        ConfigError
+            A path that names nothing, or a value that makes no model.
+        """
+        tree = with_overrides(self.tree if self._source is None else self._source, overrides)
+        return Robot(tree, self.gravity, self.geometric_stiffness)
+
+    # dynamics ---------------------------------------------------------------------------------
+
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        wrenches: Wrenches | None = None,
+        out: Array | None = None,
+        check: bool = True,
+    ) -> Array:
+        """Return the generalized forces I q'' + h.
+
+        Parameters
+        ----------
+        q, qd, qdd : (n,) or (k, n)
+        wrenches : {frame: (6,)}, optional
+            External loads, base axes, linear first, at the frame's origin [N, N m].
+
+        Returns
+        -------
+        tau : (n,) or (k, n) [N m, N]
+
+        Raises
+        ------
+        StateError
+            For a wrong shape or type, or a number that is not finite.
+        """
+        n = self.n
+        q, qd, qdd = as_rows('q', q, n), as_rows('qd', qd, n), as_rows('qdd', qdd, n)
+        low = self.lowered
+        if q.ndim == qd.ndim == qdd.ndim == 1:
+            out = as_output(out, (n,))
+            finite = inverse.inverse_dynamics(
+                low.ints, self._reals, self._work, low.diagonals, low.bodies, SLIP_RATE,
+                q, qd, qdd, out,
+            )  # fmt: skip
+        else:
+            q, qd, qdd = same_rows((q, qd, qdd))
+            out = as_output(out, q.shape)
+            finite = run_rows(self, inverse.inverse_dynamics_rows, len(q), (q, qd, qdd), (out,))
+        if check and not finite:
+            self._refuse(q=q, qd=qd, qdd=qdd)
+        if wrenches:
+            out -= self._load(q, wrenches)
+        return out
+
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        wrenches: Wrenches | None = None,
+        out: Array | None = None,
+        check: bool = True,
+    ) -> Array:
+        """Return the accelerations (n,) or (k, n) under generalized forces tau, by UDU^T, O(n).
+
+        Parameters and errors as in :meth:`inverse_dynamics`; SolverError where the inertia is
+        singular (a massless chain).
+        """
+        n = self.n
+        q, qd, tau = as_rows('q', q, n), as_rows('qd', qd, n), as_rows('tau', tau, n)
+        if wrenches:
+            tau = tau + self._load(q, wrenches)
+        low = self.lowered
+        if q.ndim == qd.ndim == tau.ndim == 1:
+            out = as_output(out, (n,))
+            status = articulated.articulated_dynamics(
+                low.ints, self._reals, self._work, low.diagonals, low.diagonals[ARMATURE],
+                self._free, low.bodies, SLIP_RATE, q, qd, self._zero, tau, out, self._torque,
+            )  # fmt: skip
+        else:
+            q, qd, tau = same_rows((q, qd, tau))
+            out = as_output(out, q.shape)
+            status = self._articulated_rows(self._free, q, qd, np.zeros(q.shape), tau, out)[0]
+        self._judge(status, check, q=q, qd=qd, tau=tau)
+        return out
+
+    def hybrid_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd_joints: ArrayLike,
+        joints: Sequence[str] | None = None,
+        tau: ArrayLike | None = None,
+        wrenches: Wrenches | None = None,
+        check: bool = True,
+    ) -> tuple[Array, Array]:
+        """Return the torques of joints whose motion is given and the other accelerations.
+
+        Parameters
+        ----------
+        q, qd : (n,) or (k, n)
+        qdd_joints : (joints,) or (k, joints)
+            In the order of `joints`.
+        joints : names, optional
+            The prescribed joints; default all, in the order of `joint_names`.
+        tau : (n,) or (k, n), optional
+            Generalized forces of the free coordinates; default zero.
+
+        Returns
+        -------
+        tau_joints : (joints,) or (k, joints) [N m, N]
+        qdd_free : (n - joints,) or (k, n - joints), the other coordinates in order
+        """
+        names = self.joint_names if joints is None else tuple(joints)
+        index = self._indices(names)
+        n = self.n
+        q, qd = as_rows('q', q, n), as_rows('qd', qd, n)
+        qdd_joints = as_rows('qdd_joints', qdd_joints, len(names))
+        force = self._zero if tau is None else as_rows('tau', tau, n)
+        if wrenches:
+            force = force + self._load(q, wrenches)
+        single = q.ndim == qd.ndim == qdd_joints.ndim == force.ndim == 1
+        arrays = (q, qd, qdd_joints, force)
+        q, qd, qdd_joints, force = same_rows([a[None] for a in arrays] if single else arrays)
+        given = np.zeros(q.shape)
+        given[:, index] = qdd_joints
+        qdd = np.empty(q.shape)
+        held = self.held_bodies(index)
+        status, torque = self._articulated_rows(held, q, qd, given, force, qdd)
+        self._judge(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
+        free = np.setdiff1d(np.arange(n), index)
+        torque, qdd = np.ascontiguousarray(torque[:, index]), np.ascontiguousarray(qdd[:, free])
+        return (torque[0], qdd[0]) if single else (torque, qdd)
+
+    def inertia_matrix(self, q: ArrayLike, out: Array | None = None, check: bool = True) -> Array:
+        """Return the generalized inertia matrix (n, n) or (k, n, n), armature included."""
+        q = as_rows('q', q, self.n)
+        low = self.lowered
+        if q.ndim == 1:
+            out = as_output(out, (self.n, self.n))
+            finite = composite.inertia_matrix(
+                low.ints, self._reals, self._work, low.diagonals, low.bodies, q, out
+            )
+        else:
+            out = as_output(out, (len(q), self.n, self.n))
+            finite = run_rows(
+                self, composite.inertia_matrix_rows, len(q), (q,), (out,), slip=False
+            )
+        if check and not finite:
+            self._refuse(q=q)
+        return out
+
+    def bias_forces(
+        self, q: ArrayLike, qd: ArrayLike, out: Array | None = None, check: bool = True
+    ) -> Array:
+        """Return h (n,) or (k, n): velocity, gravity, elastic, damping and friction forces."""
+        return self.inverse_dynamics(q, qd, self._zero, out=out, check=check)
+
+    def energy(
+        self, q: ArrayLike, qd: ArrayLike, out: Array | None = None, check: bool = True
+    ) -> Array:
+        """Return (kinetic, potential) [J], shape (2,) or (k, 2).
+
+        Potential is gravity, with zero at the base origin, plus strain.
+        """
+        q, qd = as_rows('q', q, self.n), as_rows('qd', qd, self.n)
+        low = self.lowered
+        if q.ndim == qd.ndim == 1:
+            out = as_output(out, (2,))
+            finite = composite.energies(
+                low.ints,
+                self._reals,
+                self._work,
+                low.diagonals,
+                low.bodies,
+                q,
+                qd,
+                self._zero,
+                out,
+            )
+        else:
+            q, qd = same_rows((q, qd))
+            out = as_output(out, (len(q), 2))
+            finite = run_rows(
+                self, composite.energies_rows, len(q), (q, qd, self._zero), (out,), slip=False
+            )
+        if check and not finite:
+            self._refuse(q=q, qd=qd)
+        return out
+
+    def denoc_matrices(self, q: ArrayLike) -> tuple[Array, Array]:
+        """Return the dense decoupled natural orthogonal complement N_l, N_d (section 3.1.4).
+
+        Stacked twists t_i = [v; omega; d'; c'] of the bodies, each in its body frame at its
+        origin, are N_l @ N_d @ qd.
+        """
+        return structure.denoc_matrices(self, as_vector('q', q, (self.n,)))
+
+    # kinematics -------------------------------------------------------------------------------
+
+    def frame_pose(self, frame: str, q: ArrayLike, out: Array | None = None) -> Array:
+        """Return the pose (4, 4) of a link or loop frame in the base frame, deflected."""
+        out = as_output(out, (4, 4))
+        q = as_vector('q', q, (self.n,))
+        low = self.lowered
+        row = self._row(frame)
+        world.frame_pose(low.ints, self._reals, self._work, low.bodies, q, row, out)
+        return out
+
+    def frame_jacobian(self, frame: str, q: ArrayLike, out: Array | None = None) -> Array:
+        """Return the Jacobian (6, n) of a frame: linear first, base axes, at its origin."""
+        out = as_output(out, (6, self.n))
+        q = as_vector('q', q, (self.n,))
+        low = self.lowered
+        row = self._row(frame)
+        world.frame_jacobian(low.ints, self._reals, self._work, low.bodies, q, row, out)
+        return out
+
+    def section(self, link: str, station: float | None = None) -> tuple[Section, slice]:
+        """Return the cross-section of a link's beam (default the tip) and its amplitudes."""
+        key = (link, station)
+        if key not in self._sections:
+            self._sections[key] = structure.find_section(self, link, station)
+        return self._sections[key]
+
+    def tip_deflection(self, link: str, q: ArrayLike, station: float | None = None) -> Array:
+        """Return the deflection (3,) [m] of a link's beam in the beam frame; default the tip."""
+        section, amplitudes = self.section(link, station)
+        q = as_vector('q', q, (self.n,))
+        return section.deflection(q[amplitudes])[:3]
+
+    def sensor_values(
+        self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None
+    ) -> Array:
+        """Return the predicted values of the sensors, in file order (each in its own unit).
+
+        All types read the shape of a beam, so rates and accelerations do not matter to them.
+        """
+        q = as_vector('q', q, (self.n,))
+        rows = [s.row @ q[self.amplitudes(s.link)] for s in self.tree.sensors]
+        return np.array(rows, dtype=np.float64)
+
+    def amplitudes(self, link: str) -> slice:
+        """Return where the amplitudes of a flexible link stand among the coordinates."""
+        return structure.amplitudes(self, link)
+
+    # statics and vibration --------------------------------------------------------------------
+
+    def static_deflection(
+        self, q_joints: ArrayLike, wrenches: Wrenches | None = None, start: ArrayLike | None = None
+    ) -> Array:
+        """Return the state (n,) whose amplitudes are in equilibrium at given joint positions.
+
+        Parameters
+        ----------
+        q_joints : (joints,)
+        wrenches : {frame: (6,)}, optional
+        start : (n,), optional
+            First guess of the amplitudes (its joints are not used); default undeformed.
+
+        Raises
+        ------
+        SolverError
+            Newton's iteration found no equilibrium (a load beyond buckling).
+        """
+        return linearization.static_deflection(self, q_joints, wrenches, start)
+
+    def natural_frequencies(self, q: ArrayLike, held: bool = True) -> Array:
+        """Return the natural frequencies [Hz] at rest at q, ascending (see natural_modes)."""
+        return self.natural_modes(q, held).frequencies
+
+    def natural_modes(self, q: ArrayLike, held: bool = True) -> linearization.NaturalModes:
+        """Return frequencies [Hz], shapes (n, k) and damping ratios at rest at q.
+
+        Gravity and load stiffness are as they are at q. `held` joints stay still; else all n
+        coordinates move: rigid motions have frequency 0 and unstable ones a negative one.
+        """
+        return linearization.natural_modes(self, as_vector('q', q, (self.n,)), held)
+
+    # constraints and payload ------------------------------------------------------------------
+
+    def constrained_forward_dynamics(
+        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike
+    ) -> tuple[Array, Array]:
+        """Return accelerations (n,) and multipliers with every mimic joint tied to its leader.
+
+        Raises
+        ------
+        SolverError
+            The robot has loops, which are not solved yet.
+        """
+        return constraints.constrained_forward_dynamics(self, q, qd, tau)
+
+    def set_payload(
+        self, frame: str, mass: float, com: ArrayLike = (0, 0, 0), inertia: ArrayLike | None = None
+    ) -> None:
+        """Hang a rigid payload on a frame, in place of the one set there before; live.
+
+        Parameters
+        ----------
+        frame : link name
+        mass : float [kg]
+        com : (3,) [m] in the frame
+        inertia : (3, 3) [kg m^2] about the centre of mass, frame axes; default a point mass
+        """
+        row = int(self.lowered.ints[self._row(frame), PARENT])
+        attachment = self.tree.frames[frame]
+        if row < 0 or attachment.station != 0.0:
+            raise StateError(f'frame {frame!r} must be a link that moves, got one that does not')
+        payload = structure.payload_inertia(attachment.placement, mass, com, inertia)
+        self._payloads[frame] = inertia_row(payload)
+        at = int(self.lowered.ints[row, REAL]) + MASS
+        total = self.lowered.reals[at : at + 10].copy()
+        for name, load in self._payloads.items():
+            if int(self.lowered.ints[self._row(name), PARENT]) == row:
+                total += load
+        self._reals[at : at + 10] = total
+
+    # inside -----------------------------------------------------------------------------------
+
+    def held_bodies(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return, per body, 1 where its joint is among the coordinates of index."""
+        return structure.held_bodies(self, index)
+
+    def _articulated_rows(
+        self, held: NDArray[np.int64], q: Array, qd: Array, given: Array, tau: Array, qdd: Array
+    ) -> tuple[int, Array]:
+        torque = np.empty(q.shape)
+        status = run_rows(
+            self,
+            articulated.articulated_dynamics_rows,
+            len(q),
+            (q, qd, given, tau),
+            (qdd, torque),
+            held=held,
+        )
+        return status, torque
+
+    def _load(self, q: Array, wrenches: Wrenches) -> Array:
+        if q.ndim == 2:
+            return np.array([self._load(row, wrenches) for row in q])
+        load = np.zeros(self.n)
+        for frame, wrench in wrenches.items():
+            load += self.frame_jacobian(frame, q).T @ as_vector('wrench', wrench, (6,))
+        return load
+
+    def _indices(self, names: Sequence[str]) -> NDArray[np.int64]:
+        unknown = [name for name in names if name not in self.joint_names]
+        if unknown or len(set(names)) != len(names):
+            raise StateError(
+                f'joints must be different ones of {self.joint_names}, got {tuple(names)}'
+            )
+        return self.joint_indices[[self.joint_names.index(name) for name in names]]
+
+    def _row(self, frame: str) -> int:
+        row = self.lowered.frame_rows.get(frame)
+        if row is None:
+            known = ', '.join(self.lowered.frame_rows)
+            raise StateError(f'frame must be one of {known}, got {frame!r}')
+        return row
+
+    def _judge(self, status: int, check: bool, **arguments: Array) -> None:
+        if status == articulated.SINGULAR:
+            require_finite(arguments)
+            raise SolverError(f'{self.tree.name}: the inertia must be positive definite, got none')
+        if check and status == articulated.NOT_FINITE:
+            self._refuse(**arguments)
+
+    def _refuse(self, **arguments: Array) -> None:
+        require_finite(arguments)
+        raise StateError('the result must be finite, got an overflow from finite arguments')
+
+
+def load_robot(
+    source: Source,
+    gravity: ArrayLike = (0.0, 0.0, -9.81),
+    geometric_stiffness: bool = True,
+) -> Robot:
+    """Load a robot from a URDF with an optional `<flexibility>` block.
+
+    Parameters
+    ----------
+    source : path, or the XML text itself
+    gravity : (3,) [m/s^2], base frame
+    geometric_stiffness : bool
+        False drops the foreshortening of bent beams (the book's slow-motion model).
+
+    Raises
+    ------
+    ModelError
+        With every finding of the file.
+    """
+    return Robot(load_tree(source), gravity, geometric_stiffness, source)
+
+
+__all__ = ['ModelError', 'Robot', 'load_robot']

@@ -1,0 +1,64 @@
+"""Deflection of one cross-section of a beam, as a function of its link's amplitudes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.model.lowering import foreshortening
+from denoc_ros.model.tree import Beam, Deformation
+
+Array = NDArray[np.float64]
+
+
+class Section:
+    """A cross-section at a station, in the beam frame.
+
+    Parameters
+    ----------
+    beam : Beam
+    station : float [m], clamped to [0, length]
+    geometric_stiffness : bool
+        False leaves the foreshortening u_x out.
+
+    Attributes
+    ----------
+    station : float [m]
+    """
+
+    def __init__(self, beam: Beam, station: float, geometric_stiffness: bool) -> None:
+        self.station = min(max(station, 0.0), beam.length)
+        x = np.array([self.station])
+        ny, nz, nt = beam.modes
+        m = ny + nz + nt
+        self._linear = np.zeros((6, m))  # d[ux uy uz rx ry rz] / d[amplitudes] at rest
+        self._shortening = np.zeros((m, m))
+        planes = ((beam.y, 1, 5, 1.0, 0), (beam.z, 2, 4, -1.0, ny))
+        for part, row, turn, sign, first in planes:
+            if part is None:
+                continue
+            columns = slice(first, first + part.modes)
+            self._linear[row, columns] = part.shapes.values(x)[0]
+            self._linear[turn, columns] = sign * part.shapes.slopes(x)[0]
+            if geometric_stiffness:
+                self._shortening[columns, columns] = foreshortening(part.shapes, x)[0]
+        self._twist(beam.torsion, x, slice(ny + nz, m))
+
+    def _twist(self, torsion: Deformation | None, x: Array, columns: slice) -> None:
+        if torsion is not None:
+            self._linear[3, columns] = torsion.shapes.values(x)[0]
+
+    def deflection(self, amplitudes: Array) -> Array:
+        """Return [ux, uy, uz, rx, ry, rz] (6,) [m, rad] for amplitudes (m,).
+
+        The last three are the rotation vector phi of the section, R = Exp(phi).
+        """
+        u: Array = self._linear @ amplitudes
+        u[0] = -0.5 * amplitudes @ self._shortening @ amplitudes
+        return u
+
+    def rate(self, amplitudes: Array, rates: Array) -> Array:
+        """Return the time rates (6,) of :meth:`deflection`."""
+        u: Array = self._linear @ rates
+        u[0] = -amplitudes @ self._shortening @ rates
+        return u

@@ -1,0 +1,133 @@
+"""What can be read off a robot's structure: DeNOC matrices, sections, payload inertia."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.dynamics.borders import as_vector
+from denoc_ros.dynamics.section import Section
+from denoc_ros.errors import StateError
+from denoc_ros.kernels import layout, world
+from denoc_ros.model.lowering import cross_matrix, is_flexible
+from denoc_ros.model.tree import RigidInertia
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+def _body_index(robot: Robot, link: str) -> int:
+    for index, body in enumerate(robot.tree.bodies):
+        if body.name == link and is_flexible(body):
+            return index
+    flexible = [body.name for body in robot.tree.bodies if is_flexible(body)]
+    raise StateError(f'link must be a flexible one of {flexible}, got {link!r}')
+
+
+def amplitudes(robot: Robot, link: str) -> slice:
+    """Return where the amplitudes of a flexible link stand among the coordinates."""
+    row = robot.lowered.ints[_body_index(robot, link)]
+    first = int(row[layout.COORDINATE] + row[layout.JOINT])
+    return slice(first, first + int(row[layout.MODES]))
+
+
+def find_section(robot: Robot, link: str, station: float | None) -> tuple[Section, slice]:
+    """Return a section of a link's beam (default its tip) and its amplitudes' slice."""
+    beam = robot.tree.bodies[_body_index(robot, link)].beam
+    assert beam is not None
+    at = beam.length if station is None else float(station)
+    if not 0.0 <= at <= beam.length:
+        raise StateError(f'station of {link!r} must be in [0, {beam.length}] m, got {at}')
+    return Section(beam, at, robot.geometric_stiffness), amplitudes(robot, link)
+
+
+def held_bodies(robot: Robot, index: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return, per body, 1 where its joint is among the coordinates of index."""
+    rows = robot.lowered.ints[: robot.lowered.bodies]
+    moved = rows[:, layout.JOINT] == 1
+    held: NDArray[np.int64] = (moved & np.isin(rows[:, layout.COORDINATE], index)).astype(np.int64)
+    return held
+
+
+def payload_inertia(
+    placement: Array, mass: float, com: ArrayLike, inertia: ArrayLike | None
+) -> RigidInertia:
+    """Return a payload's inertia about the body origin, from its frame's placement on the body.
+
+    Raises
+    ------
+    StateError
+        The mass is negative or not finite, or the inertia is not symmetric positive semidefinite.
+    """
+    centre = as_vector('com', com, (3,))
+    about = np.zeros((3, 3)) if inertia is None else as_vector('inertia', inertia, (3, 3))
+    if not (np.isfinite(mass) and mass >= 0.0):
+        raise StateError(f'payload mass must be >= 0 kg, got {mass}')
+    moments = np.linalg.eigvalsh(about)
+    scale = 1e-9 * max(1.0, float(np.abs(about).max()))
+    if not np.allclose(about, about.T, atol=scale) or moments[0] < -scale:
+        raise StateError(
+            f'payload inertia must be symmetric positive semidefinite, got {about.tolist()}'
+        )
+    rotation = placement[:3, :3]
+    centre = rotation @ centre + placement[:3, 3]
+    arm = cross_matrix(centre)
+    total = rotation @ about @ rotation.T - mass * arm @ arm
+    return RigidInertia(float(mass), mass * centre, total)
+
+
+def _blocks(robot: Robot, i: int) -> tuple[Array | None, Array]:
+    """Return twist propagation A (6 + m_i, 6 + m_parent) and P (6 + m_i, k_i) of body i."""
+    low = robot.lowered
+    row = low.ints[i]
+    reals, work = robot.model_arrays[1], robot.model_arrays[2]
+    modes = int(row[layout.MODES])
+    joint = int(row[layout.JOINT])
+    p = np.zeros((6 + modes, joint + modes))
+    if joint:
+        at = int(row[layout.REAL]) + layout.AXIS
+        p[:6, 0] = reals[at : at + 6]
+    p[6:, joint:] = np.eye(modes)
+    parent = int(row[layout.PARENT])
+    if parent < 0:
+        return None, p
+    columns = int(low.ints[parent, layout.MODES])
+    six = np.eye(6, 6 + columns)  # twist of the section from that of its body
+    if row[layout.SECTION] >= 0:
+        at = int(row[layout.SECTION_WORK])
+        six[:3, 3:6] = -cross_matrix(work[at : at + 3])
+        each = work[at + layout.COLUMNS : at + layout.COLUMNS + 6 * columns]
+        six[:, 6:] = each.reshape(columns, 6).T
+    at = int(row[layout.WORK])
+    rotation = work[at : at + 9].reshape(3, 3)
+    arm = cross_matrix(work[at + layout.ARM : at + layout.ARM + 3])
+    a = np.zeros((6 + modes, 6 + columns))
+    a[:3] = rotation.T @ (six[:3] - arm @ six[3:])
+    a[3:6] = rotation.T @ six[3:]
+    return a, p
+
+
+def denoc_matrices(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """Return the dense N_l (twists of all bodies by bodies) and N_d (block diagonal)."""
+    low = robot.lowered
+    ints, reals, work = robot.model_arrays[:3]
+    world.place_world(ints, reals, work, low.bodies, q)
+    sizes = 6 + low.ints[: low.bodies, layout.MODES]
+    edges = np.concatenate([[0], np.cumsum(sizes)])
+    n_l = np.eye(int(edges[-1]))
+    diagonal = []
+    for i in range(low.bodies):
+        a, p = _blocks(robot, i)
+        diagonal.append(p)
+        if a is None:
+            continue
+        parent = int(low.ints[i, layout.PARENT])
+        rows = slice(edges[i], edges[i + 1])
+        above = slice(edges[parent], edges[parent + 1])
+        n_l[rows, : edges[parent + 1]] = a @ n_l[above, : edges[parent + 1]]
+    return n_l, np.asarray(scipy.linalg.block_diag(*diagonal), dtype=np.float64)

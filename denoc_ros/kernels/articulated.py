@@ -1,0 +1,334 @@
+"""Forward and hybrid dynamics by UDU^T: inward elimination, outward accelerations (section 3.4).
+
+With all velocities as they are and only the given accelerations, every body needs a wrench p. Free
+coordinates x add accelerations on top, which obey the linear, bias-free part of the equations: so
+bias terms appear in the outward motion only. Per body, with P = [S 0; 0 1],
+D = P^T M P + shift = L L^T, W = (rows 1..6 of M P) L^-T and y = L^-1 (tau - P^T p); its carrier
+sees the inertia M - W W^T and the wrench p + W y; on the way out x = L^-T (y - W^T a).
+"""
+
+import numpy as np
+from numba import njit
+
+from denoc_ros.kernels.body_inertia import body_inertia, transmit_inertia
+from denoc_ros.kernels.internal import ARMATURE, internal_force
+from denoc_ros.kernels.inverse import joint_force, outward_motion
+from denoc_ros.kernels.layout import (
+    ARM,
+    AXIS,
+    BEAM_WORK,
+    CHANGE,
+    COLUMNS,
+    COORDINATE,
+    ELIMINATED,
+    FORCE,
+    INERTIA_WORK,
+    JOINT,
+    MODES,
+    PARENT,
+    PLACE,
+    REAL,
+    SECTION,
+    SECTION_WORK,
+    TORQUE,
+    WORK,
+)
+from denoc_ros.kernels.vector import add, all_finite, cross, load, scale, store, unrotate
+from denoc_ros.kernels.wrench import transmit_wrench
+
+GOOD = 0
+NOT_FINITE = 1
+SINGULAR = 2
+
+
+@njit(cache=True)
+def project_inertia(ints, reals, work, shift, i, free):
+    """Write six rows of M P and the lower half of D = P^T M P + shift of body i."""
+    m = ints[i, MODES]
+    size = 6 + m
+    k = free + m
+    o = ints[i, INERTIA_WORK]
+    w = ints[i, ELIMINATED]
+    d = w + 6 * k
+    j = ints[i, COORDINATE] + ints[i, JOINT]
+    for n in range(m):
+        for r in range(6):
+            work[w + k * r + free + n] = work[o + size * r + 6 + n]
+        for r in range(n + 1):
+            work[d + k * (free + n) + free + r] = work[o + size * (6 + n) + 6 + r]
+        work[d + (k + 1) * (free + n)] += shift[j + n]
+    if free == 1:
+        s = ints[i, REAL] + AXIS
+        pivot = shift[j - 1]
+        for r in range(6):
+            u = 0.0
+            for n in range(6):
+                u += work[o + size * r + n] * reals[s + n]
+            work[w + k * r] = u
+            pivot += reals[s + r] * u
+        work[d] = pivot
+        for n in range(m):
+            u = 0.0
+            for r in range(6):
+                u += work[o + size * (6 + n) + r] * reals[s + r]
+            work[d + k * (1 + n)] = u
+
+
+@njit(cache=True)
+def factor(work, d, k):
+    """Replace the lower half of a k x k matrix by its Cholesky factor; say whether it has one."""
+    for c in range(k):
+        pivot = work[d + (k + 1) * c]
+        for n in range(c):
+            pivot -= work[d + k * c + n] ** 2
+        if not pivot > 0.0:
+            return False
+        pivot = np.sqrt(pivot)
+        work[d + (k + 1) * c] = pivot
+        for r in range(c + 1, k):
+            u = work[d + k * r + c]
+            for n in range(c):
+                u -= work[d + k * r + n] * work[d + k * c + n]
+            work[d + k * r + c] = u / pivot
+    return True
+
+
+@njit(cache=True)
+def solve_lower(work, d, k, x):
+    """Replace the k elements at offset x by L^-1 of them."""
+    for r in range(k):
+        u = work[x + r]
+        for n in range(r):
+            u -= work[d + k * r + n] * work[x + n]
+        work[x + r] = u / work[d + (k + 1) * r]
+
+
+@njit(cache=True)
+def solve_upper(work, d, k, x):
+    """Replace the k elements at offset x by L^-T of them."""
+    for r in range(k - 1, -1, -1):
+        u = work[x + r]
+        for n in range(r + 1, k):
+            u -= work[d + k * n + r] * work[x + n]
+        work[x + r] = u / work[d + (k + 1) * r]
+
+
+@njit(cache=True)
+def eliminate(ints, reals, work, shift, drive, i, free, block):
+    """Eliminate body i's free coordinates; write its six-row block; say whether it was possible.
+
+    drive[j] is the generalized force less elasticity, damping and friction.
+    """
+    m = ints[i, MODES]
+    size = 6 + m
+    k = free + m
+    o = ints[i, INERTIA_WORK]
+    w = ints[i, ELIMINATED]
+    d = w + 6 * k
+    y = d + k * k
+    j = ints[i, COORDINATE]
+    project_inertia(ints, reals, work, shift, i, free)
+    if not factor(work, d, k):
+        return False
+    if free == 1:
+        work[y] = drive[j] - joint_force(ints, reals, work, i)
+    j += ints[i, JOINT]
+    modal = ints[i, BEAM_WORK]
+    for n in range(m):
+        work[y + free + n] = drive[j + n] - work[modal + n]
+    solve_lower(work, d, k, y)
+    for r in range(6):
+        solve_lower(work, d, k, w + k * r)
+    for r in range(3):
+        for c in range(3):
+            a = work[o + size * r + c]
+            b = work[o + size * r + 3 + c]
+            e = work[o + size * (3 + r) + 3 + c]
+            for n in range(k):
+                left = work[w + k * r + n]
+                right = work[w + k * (3 + c) + n]
+                a -= left * work[w + k * c + n]
+                b -= left * right
+                e -= work[w + k * (3 + r) + n] * right
+            work[block + 3 * r + c] = a
+            work[block + 9 + 3 * r + c] = b
+            work[block + 18 + 3 * r + c] = e
+    return True
+
+
+@njit(cache=True)
+def inward_articulated(ints, reals, work, shift, held, bodies, drive, block):
+    """Eliminate every body's free coordinates, from the tips to the base."""
+    for i in range(bodies):
+        body_inertia(ints, reals, work, i)
+    for i in range(bodies - 1, -1, -1):
+        free = ints[i, JOINT] * (1 - held[i])
+        if not eliminate(ints, reals, work, shift, drive, i, free, block):
+            return False
+        if ints[i, PARENT] < 0:
+            continue
+        o = ints[i, WORK]
+        k = free + ints[i, MODES]
+        w = ints[i, ELIMINATED]
+        y = w + 6 * k + k * k
+        force = load(work, o + FORCE)
+        torque = load(work, o + TORQUE)
+        for n in range(k):
+            u = work[y + n]
+            force = add(force, (u * work[w + n], u * work[w + k + n], u * work[w + 2 * k + n]))
+            c = w + 3 * k + n
+            torque = add(torque, (u * work[c], u * work[c + k], u * work[c + 2 * k]))
+        transmit_wrench(ints, work, i, force, torque)
+        transmit_inertia(ints, work, i, block)
+    return True
+
+
+@njit(cache=True)
+def carried_change(ints, work, qdd, i):
+    """Return the acceleration that row i inherits from free coordinates before its joint."""
+    p = ints[i, PARENT]
+    o = ints[i, WORK]
+    if p < 0:
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    u = ints[p, WORK]
+    a = load(work, u + CHANGE)
+    al = load(work, u + CHANGE + 3)
+    if ints[i, SECTION] >= 0:
+        s = ints[i, SECTION_WORK]
+        a = add(a, cross(al, load(work, s + PLACE)))
+        c = s + COLUMNS
+        j = ints[p, COORDINATE] + ints[p, JOINT]
+        for n in range(j, j + ints[p, MODES]):
+            a = add(a, scale(qdd[n], load(work, c)))
+            al = add(al, scale(qdd[n], load(work, c + 3)))
+            c += 6
+    a = add(a, cross(al, load(work, o + ARM)))
+    return unrotate(work, o, a), unrotate(work, o, al)
+
+
+@njit(cache=True)
+def outward_accelerations(ints, reals, work, held, bodies, given, qdd):
+    """Write the accelerations of all coordinates, from the base to the tips."""
+    for i in range(bodies):
+        o = ints[i, WORK]
+        a, al = carried_change(ints, work, qdd, i)
+        free = ints[i, JOINT] * (1 - held[i])
+        k = free + ints[i, MODES]
+        w = ints[i, ELIMINATED]
+        d = w + 6 * k
+        y = d + k * k
+        for n in range(k):
+            c = w + n
+            work[y + n] -= (
+                work[c] * a[0]
+                + work[c + k] * a[1]
+                + work[c + 2 * k] * a[2]
+                + work[c + 3 * k] * al[0]
+                + work[c + 4 * k] * al[1]
+                + work[c + 5 * k] * al[2]
+            )
+        solve_upper(work, d, k, y)
+        j = ints[i, COORDINATE]
+        if ints[i, JOINT] == 1:
+            if free == 1:
+                s = ints[i, REAL] + AXIS
+                qdd[j] = work[y]
+                a = add(a, scale(work[y], load(reals, s)))
+                al = add(al, scale(work[y], load(reals, s + 3)))
+            else:
+                qdd[j] = given[j]
+            j += 1
+        for n in range(ints[i, MODES]):
+            qdd[j + n] = work[y + free + n]
+        store(work, o + CHANGE, a)
+        store(work, o + CHANGE + 3, al)
+
+
+@njit(cache=True)
+def held_force(ints, reals, work, qdd, i):
+    """Return S^T of the wrench on body i when every acceleration is known."""
+    o = ints[i, WORK]
+    s = ints[i, REAL] + AXIS
+    m = ints[i, MODES]
+    inertia = ints[i, INERTIA_WORK]
+    j = ints[i, COORDINATE] + 1
+    force = joint_force(ints, reals, work, i)
+    for r in range(6):
+        u = 0.0
+        for n in range(6):
+            u += work[inertia + (6 + m) * r + n] * work[o + CHANGE + n]
+        for n in range(m):
+            u += work[inertia + (6 + m) * r + 6 + n] * qdd[j + n]
+        force += reals[s + r] * u
+    return force
+
+
+@njit(cache=True, nogil=True)
+def articulated_dynamics(
+    ints, reals, work, diagonals, shift, held, bodies, slip_rate, q, qd, given, tau, qdd, torque
+):
+    """Write q'' (n) of the free coordinates and the torque (n) of the held joints.
+
+    held[i] = 1: body i's joint has the acceleration given; given is zero elsewhere. shift is what
+    stands on the diagonal beside the bodies' inertia: the armature, and more in a time step.
+    """
+    n = tau.shape[0]
+    for j in range(n):
+        torque[j] = tau[j] - internal_force(diagonals, slip_rate, q, qd, j)
+    outward_motion(ints, reals, work, bodies, q, qd, given)
+    block = work.shape[0] - 27
+    if not inward_articulated(ints, reals, work, shift, held, bodies, torque, block):
+        return SINGULAR
+    outward_accelerations(ints, reals, work, held, bodies, given, qdd)
+    for i in range(bodies):
+        j = ints[i, COORDINATE]
+        if ints[i, JOINT] == 1 and held[i] == 1:
+            torque[j] = (
+                held_force(ints, reals, work, qdd, i)
+                + diagonals[ARMATURE, j] * given[j]
+                + internal_force(diagonals, slip_rate, q, qd, j)
+            )
+    if all_finite(qdd) and all_finite(torque):
+        return GOOD
+    return NOT_FINITE
+
+
+@njit(cache=True, nogil=True)
+def articulated_dynamics_rows(
+    ints,
+    reals,
+    work,
+    diagonals,
+    held,
+    bodies,
+    slip_rate,
+    q,
+    qd,
+    given,
+    tau,
+    first,
+    last,
+    qdd,
+    torque,
+):
+    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
+    worst = GOOD
+    for k in range(first, last):
+        status = articulated_dynamics(
+            ints,
+            reals,
+            work,
+            diagonals,
+            diagonals[ARMATURE],
+            held,
+            bodies,
+            slip_rate,
+            q[k],
+            qd[k],
+            given[k],
+            tau[k],
+            qdd[k],
+            torque[k],
+        )
+        worst = max(worst, status)
+    return worst

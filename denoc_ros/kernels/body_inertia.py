@@ -1,0 +1,262 @@
+"""The inertia of one body and the way a child's six rows take to its carrier.
+
+Inertias stand in work as full (6 + m) x (6 + m) row-major matrices over [v; omega; d'; c'].
+A six-row block is three 3 x 3 matrices one after another: A (force by linear acceleration), B
+(force by angular acceleration), D (torque by angular acceleration).
+"""
+
+from numba import njit
+
+from denoc_ros.kernels.layout import (
+    ARM,
+    BEAM,
+    BEAM_WORK,
+    COLUMNS,
+    INERTIA_WORK,
+    MASS,
+    MODES,
+    MOMENT,
+    NT,
+    NY,
+    NZ,
+    PARENT,
+    PLACE,
+    POINTS,
+    REAL,
+    SECTION,
+    SECTION_WORK,
+    SPIN,
+    WORK,
+)
+from denoc_ros.kernels.vector import add, cross, dot, load, rotate, store
+
+
+@njit(cache=True)
+def add_moment(work, o, size, m):
+    """Add -(m x) to the linear-angular block of an inertia and its transpose below."""
+    x, y, z = m
+    work[o + 4] += z
+    work[o + 5] -= y
+    work[o + size + 3] -= z
+    work[o + size + 5] += x
+    work[o + 2 * size + 3] += y
+    work[o + 2 * size + 4] -= x
+    work[o + 3 * size + 1] -= z
+    work[o + 3 * size + 2] += y
+    work[o + 4 * size] += z
+    work[o + 4 * size + 2] -= x
+    work[o + 5 * size] -= y
+    work[o + 5 * size + 1] += x
+
+
+@njit(cache=True)
+def add_spin(work, o, size, xx, xy, xz, yy, yz, zz):
+    """Add a symmetric rotational inertia to the angular block of an inertia."""
+    k = o + 3 * size + 3
+    work[k] += xx
+    work[k + 1] += xy
+    work[k + 2] += xz
+    work[k + size] += xy
+    work[k + size + 1] += yy
+    work[k + size + 2] += yz
+    work[k + 2 * size] += xz
+    work[k + 2 * size + 1] += yz
+    work[k + 2 * size + 2] += zz
+
+
+@njit(cache=True)
+def body_inertia(ints, reals, work, i):
+    """Write the (6 + m) inertia of body i."""
+    c = ints[i, REAL]
+    o = ints[i, INERTIA_WORK]
+    size = 6 + ints[i, MODES]
+    for k in range(size * size):
+        work[o + k] = 0.0
+    mass = reals[c + MASS]
+    for k in range(3):
+        work[o + (size + 1) * k] = mass
+    add_moment(work, o, size, load(reals, c + MOMENT))
+    s = c + SPIN
+    add_spin(
+        work,
+        o,
+        size,
+        reals[s],
+        reals[s + 1],
+        reals[s + 2],
+        reals[s + 3],
+        reals[s + 4],
+        reals[s + 5],
+    )
+    if ints[i, POINTS] > 0:
+        beam_inertia(ints, reals, work, i)
+    if ints[i, NT] > 0:
+        torsion_inertia(ints, reals, work, i)
+
+
+@njit(cache=True)
+def beam_inertia(ints, reals, work, i):
+    """Add int rho C^T C with C = [1, -p x, B] of body i's beam."""
+    ny = ints[i, NY]
+    nz = ints[i, NZ]
+    nt = ints[i, NT]
+    bending = ny + nz
+    size = 6 + ints[i, MODES]
+    o = ints[i, INERTIA_WORK]
+    c = ints[i, BEAM] + 1 + nt + nt * nt
+    k = ints[i, BEAM_WORK] + ints[i, MODES]
+    mass = 0.0
+    mx = my = mz = 0.0
+    xx = xy = xz = yy = yz = zz = 0.0
+    for _ in range(ints[i, POINTS]):
+        e = reals[c]
+        x, y, z = load(work, k)
+        mass += e * e
+        mx += e * x
+        my += e * y
+        mz += e * z
+        xx += y * y + z * z
+        yy += x * x + z * z
+        zz += x * x + y * y
+        xy -= x * y
+        xz -= x * z
+        yz -= y * z
+        for j in range(bending):
+            b = -work[k + 3 + j]
+            s = reals[c + 2 + j]
+            u = o + 6 + j
+            work[u] += e * b
+            if j < ny:
+                work[u + size] += e * s
+                work[u + 3 * size] -= z * s
+                work[u + 4 * size] += z * b
+                work[u + 5 * size] += x * s - y * b
+            else:
+                work[u + 2 * size] += e * s
+                work[u + 3 * size] += y * s
+                work[u + 4 * size] += z * b - x * s
+                work[u + 5 * size] -= y * b
+            for n in range(j + 1):
+                both = -b * work[k + 3 + n]
+                if (n < ny) == (j < ny):
+                    both += s * reals[c + 2 + n]
+                work[o + (6 + n) * size + 6 + j] += both
+        c += 2 + bending + ny * ny + nz * nz
+        k += 3 + bending
+    for n in range(3):
+        work[o + (size + 1) * n] += mass
+    add_moment(work, o, size, (mx, my, mz))
+    add_spin(work, o, size, xx, xy, xz, yy, yz, zz)
+    for j in range(6, 6 + bending):
+        for n in range(j):
+            work[o + j * size + n] = work[o + n * size + j]
+
+
+@njit(cache=True)
+def torsion_inertia(ints, reals, work, i):
+    """Add int rho J (omega_x + beta')^2 of body i's beam."""
+    nt = ints[i, NT]
+    size = 6 + ints[i, MODES]
+    o = ints[i, INERTIA_WORK]
+    b = ints[i, BEAM]
+    work[o + 3 * size + 3] += reals[b]
+    first = 6 + ints[i, NY] + ints[i, NZ]
+    for j in range(nt):
+        s = reals[b + 1 + j]
+        work[o + 3 * size + first + j] += s
+        work[o + (first + j) * size + 3] += s
+        for k in range(nt):
+            work[o + (first + j) * size + first + k] += reals[b + 1 + nt + nt * j + k]
+
+
+@njit(cache=True)
+def rotate_block(work, rotation, block):
+    """Replace a 3 x 3 block X by R X R^T."""
+    for j in range(3):
+        v = rotate(work, rotation, (work[block + j], work[block + 3 + j], work[block + 6 + j]))
+        work[block + j] = v[0]
+        work[block + 3 + j] = v[1]
+        work[block + 6 + j] = v[2]
+    for j in range(3):
+        k = block + 3 * j
+        store(work, k, rotate(work, rotation, load(work, k)))
+
+
+@njit(cache=True)
+def shift_block(work, block, r):
+    """Refer a six-row block to a point that lies -r from its own (same axes).
+
+    B -> B - A r x, D -> D - B^T r x + r x B_new.
+    """
+    a = block
+    b = block + 9
+    d = block + 18
+    # each row of X r x is (row of X) x r
+    for j in range(3):
+        col = (work[b + j], work[b + 3 + j], work[b + 6 + j])
+        v = cross(col, r)
+        work[d + 3 * j] -= v[0]
+        work[d + 3 * j + 1] -= v[1]
+        work[d + 3 * j + 2] -= v[2]
+    for j in range(3):
+        v = cross(load(work, a + 3 * j), r)
+        work[b + 3 * j] -= v[0]
+        work[b + 3 * j + 1] -= v[1]
+        work[b + 3 * j + 2] -= v[2]
+    for j in range(3):
+        v = cross(r, (work[b + j], work[b + 3 + j], work[b + 6 + j]))
+        work[d + j] += v[0]
+        work[d + 3 + j] += v[1]
+        work[d + 6 + j] += v[2]
+
+
+@njit(cache=True)
+def block_wrench(work, block, linear, angular):
+    """Return the force and torque of a six-row block for an acceleration."""
+    force = add(rotate(work, block, linear), rotate(work, block + 9, angular))
+    b = block + 9
+    torque = (
+        work[b] * linear[0] + work[b + 3] * linear[1] + work[b + 6] * linear[2],
+        work[b + 1] * linear[0] + work[b + 4] * linear[1] + work[b + 7] * linear[2],
+        work[b + 2] * linear[0] + work[b + 5] * linear[1] + work[b + 8] * linear[2],
+    )
+    return force, add(torque, rotate(work, block + 18, angular))
+
+
+@njit(cache=True)
+def transmit_inertia(ints, work, i, block):
+    """Add row i's six-row block (body axes, at its origin; overwritten) to its carrier's."""
+    p = ints[i, PARENT]
+    o = ints[i, WORK]
+    for k in range(3):
+        rotate_block(work, o, block + 9 * k)
+    shift_block(work, block, load(work, o + ARM))
+    size = 6 + ints[p, MODES]
+    m = ints[p, INERTIA_WORK]
+    if ints[i, SECTION] >= 0:
+        place = load(work, ints[i, SECTION_WORK] + PLACE)
+        columns = ints[i, SECTION_WORK] + COLUMNS
+        for j in range(ints[p, MODES]):
+            f, n = block_wrench(
+                work, block, load(work, columns + 6 * j), load(work, columns + 6 * j + 3)
+            )
+            for k in range(j, ints[p, MODES]):
+                u = columns + 6 * k
+                s = dot(load(work, u), f) + dot(load(work, u + 3), n)
+                work[m + (6 + j) * size + 6 + k] += s
+                if k > j:
+                    work[m + (6 + k) * size + 6 + j] += s
+            n = add(n, cross(place, f))
+            for k in range(3):
+                work[m + k * size + 6 + j] += f[k]
+                work[m + (3 + k) * size + 6 + j] += n[k]
+                work[m + (6 + j) * size + k] += f[k]
+                work[m + (6 + j) * size + 3 + k] += n[k]
+        shift_block(work, block, place)
+    for j in range(3):
+        for k in range(3):
+            work[m + size * j + k] += work[block + 3 * j + k]
+            b = work[block + 9 + 3 * j + k]
+            work[m + size * j + 3 + k] += b
+            work[m + size * (3 + k) + j] += b
+            work[m + size * (3 + j) + 3 + k] += work[block + 18 + 3 * j + k]

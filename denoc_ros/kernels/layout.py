@@ -1,0 +1,76 @@
+"""Where things stand in the flat arrays that a model is lowered to.
+
+Three arrays are a model: `ints` (rows, INTS), a row per body and then one per frame; `reals`, all
+constants; `work`, the caller's workspace. A body's constants start at `ints[i, REAL]`, its
+workspace at `ints[i, WORK]`; the offsets below count from there. Rotations are row-major and take
+body axes to the axes of what carries the body.
+"""
+
+# columns of ints
+PARENT = 0  # row of the body that carries this one, -1: the base
+MOTION = 1  # FIXED, REVOLUTE or PRISMATIC
+COORDINATE = 2  # index of the first coordinate
+JOINT = 3  # number of joint coordinates: 0 or 1
+NY = 4  # numbers of modes
+NZ = 5
+NT = 6
+MODES = 7  # NY + NZ + NT
+POINTS = 8  # number of integration points of the beam
+REAL = 9  # offset of the body's constants in reals
+BEAM = 10  # offset of the beam's constants in reals
+SECTION = 11  # offset of the attachment's section constants in reals, -1: rigid attachment
+WORK = 12  # offset of the body's workspace in work
+BEAM_WORK = 13  # offset of the beam's workspace
+SECTION_WORK = 14  # offset of the section's workspace
+INERTIA_WORK = 15  # offset of the (6 + MODES)^2 articulated or composite inertia
+ELIMINATED = 16  # offset of the eliminated block: W (6 k), L (k k), y (k)
+INTS = 17
+
+FIXED = 0
+REVOLUTE = 1
+PRISMATIC = 2
+
+# reals: the model
+GRAVITY = 0  # (3) in the base frame
+HEADER = 3
+
+# reals: a body, from REAL
+STILL = 0  # (12) rotation and translation of the body on its carrier: the constant part,
+FIRST = 12  # (12) the part that goes with sin q (revolute) or q (prismatic),
+SECOND = 24  # (12) and the part that goes with 1 - cos q
+AXIS = 36  # (6) motion subspace in the body frame, linear first
+MASS = 42  # mass, first moment (3), inertia about the origin (6: xx xy xz yy yz zz)
+MOMENT = 43
+SPIN = 46
+BODY_REALS = 52
+
+# reals: a beam, from BEAM:
+# polar (1) = int rho J, polar_j (NT), polar_jk (NT NT), then per point:
+# weight, station, s_y (NY), s_z (NZ), H_y (NY NY), H_z (NZ NZ)
+
+# reals: a section, from SECTION:
+# station, s_y (NY), s_z (NZ), s_y' (NY), s_z' (NZ), s_t (NT), H_y (NY NY), H_z (NZ NZ)
+
+# work: a body, from WORK
+ROTATION = 0  # (9) body axes to carrier axes
+ARM = 9  # (3) section (or carrier origin, where rigid) to body origin, carrier axes
+VELOCITY = 12  # (3) of the body origin, body axes
+SPEED = 15  # (3) angular
+ACCELERATION = 18  # (3) classical, of the body origin, with -g at the base
+SPIN_UP = 21  # (3) angular acceleration
+FORCE = 24  # (3)
+TORQUE = 27  # (3) about the body origin
+CHANGE = 30  # (6) acceleration owed to the free coordinates, linear first
+WORLD_ROTATION = 36  # (9) body axes to base axes
+WORLD_POSITION = 45  # (3)
+BODY_WORK = 48
+
+# work: a beam, from BEAM_WORK:
+# modal force (MODES), then per point: position (3), H_y d_y (NY), H_z d_z (NZ)
+
+# work: a section, from SECTION_WORK
+PLACE = 0  # (3) position of the section in the carrier's body frame
+TURN = 3  # (9) rotation of the section
+VECTOR = 12  # (3) rotation vector phi
+COEFFICIENTS = 15  # (4) b, c of the left Jacobian and their rates per phi . phi'
+COLUMNS = 19  # per mode of the carrier: linear column (3), angular column (3)

@@ -1,0 +1,140 @@
+"""Outward pass of velocities and accelerations (dynamics.md: displacements, section, joint)."""
+
+from numba import njit
+
+from denoc_ros.kernels.layout import (
+    ACCELERATION,
+    ARM,
+    AXIS,
+    COEFFICIENTS,
+    COLUMNS,
+    COORDINATE,
+    GRAVITY,
+    JOINT,
+    MODES,
+    NT,
+    NY,
+    NZ,
+    PARENT,
+    PLACE,
+    REAL,
+    SECTION,
+    SECTION_WORK,
+    SPEED,
+    SPIN_UP,
+    VECTOR,
+    VELOCITY,
+    WORK,
+)
+from denoc_ros.kernels.vector import add, cross, dot, load, scale, store, unrotate
+
+
+@njit(cache=True)
+def section_rates(ints, reals, qd, i):
+    """Return phi' and the axial entry of B' d' of the section that carries row i."""
+    p = ints[i, PARENT]
+    ny = ints[p, NY]
+    nz = ints[p, NZ]
+    nt = ints[p, NT]
+    d = ints[p, COORDINATE] + ints[p, JOINT]
+    slope = ints[i, SECTION] + 1 + ny + nz
+    h = slope + ny + nz + nt
+    turn_y = 0.0
+    turn_z = 0.0
+    twist = 0.0
+    shortening = 0.0
+    for j in range(ny):
+        x = qd[d + j]
+        turn_y += reals[slope + j] * x
+        for k in range(ny):
+            shortening -= x * reals[h + ny * j + k] * qd[d + k]
+    h += ny * ny
+    for j in range(nz):
+        x = qd[d + ny + j]
+        turn_z += reals[slope + ny + j] * x
+        for k in range(nz):
+            shortening -= x * reals[h + nz * j + k] * qd[d + ny + k]
+    for j in range(nt):
+        twist += reals[slope + ny + nz + j] * qd[d + ny + nz + j]
+    return (twist, -turn_z, turn_y), shortening
+
+
+@njit(cache=True)
+def section_motion(ints, reals, work, qd, qdd, i, v, w, a, al):
+    """Return velocity, angular velocity, acceleration and angular acceleration of a section.
+
+    It carries row i; v, w, a, al are those of its beam's body frame.
+    """
+    p = ints[i, PARENT]
+    o = ints[i, SECTION_WORK]
+    d = ints[p, COORDINATE] + ints[p, JOINT]
+    place = load(work, o + PLACE)
+    phi = load(work, o + VECTOR)
+    rate, shortening = section_rates(ints, reals, qd, i)
+    slip = (0.0, 0.0, 0.0)  # B d'
+    spin = (0.0, 0.0, 0.0)  # J Theta d'
+    slip_up = (shortening, 0.0, 0.0)  # B d'' + B' d'
+    k = o + COEFFICIENTS
+    c = work[k + 1]
+    r = dot(phi, rate)
+    turned = cross(phi, rate)
+    doubly = cross(phi, turned)
+    spin_up = add(  # J Theta d'' + J' phi'
+        add(scale(r * work[k + 2], turned), scale(r * work[k + 3], doubly)),
+        scale(c, cross(rate, turned)),
+    )
+    k = o + COLUMNS
+    for j in range(d, d + ints[p, MODES]):
+        linear = load(work, k)
+        angular = load(work, k + 3)
+        slip = add(slip, scale(qd[j], linear))
+        spin = add(spin, scale(qd[j], angular))
+        slip_up = add(slip_up, scale(qdd[j], linear))
+        spin_up = add(spin_up, scale(qdd[j], angular))
+        k += 6
+    carried = cross(w, place)
+    a = add(add(a, cross(al, place)), slip_up)
+    a = add(a, cross(w, add(carried, scale(2.0, slip))))
+    al = add(add(al, spin_up), cross(w, spin))
+    return add(add(v, carried), slip), add(w, spin), a, al
+
+
+@njit(cache=True)
+def move_body(ints, reals, work, qd, qdd, i):
+    """Write the twist and the acceleration of body i, joint included, in body axes."""
+    c = ints[i, REAL]
+    o = ints[i, WORK]
+    p = ints[i, PARENT]
+    if p < 0:
+        v = (0.0, 0.0, 0.0)
+        w = (0.0, 0.0, 0.0)
+        a = scale(-1.0, load(reals, GRAVITY))
+        al = (0.0, 0.0, 0.0)
+    else:
+        u = ints[p, WORK]
+        v = load(work, u + VELOCITY)
+        w = load(work, u + SPEED)
+        a = load(work, u + ACCELERATION)
+        al = load(work, u + SPIN_UP)
+    if ints[i, SECTION] >= 0:
+        v, w, a, al = section_motion(ints, reals, work, qd, qdd, i, v, w, a, al)
+    arm = load(work, o + ARM)
+    carried = cross(w, arm)
+    v = unrotate(work, o, add(v, carried))
+    a = unrotate(work, o, add(a, add(cross(al, arm), cross(w, carried))))
+    w = unrotate(work, o, w)
+    al = unrotate(work, o, al)
+    if ints[i, JOINT] == 1:
+        j = ints[i, COORDINATE]
+        slide = load(reals, c + AXIS)
+        turn = load(reals, c + AXIS + 3)
+        slip = scale(qd[j], slide)
+        spin = scale(qd[j], turn)
+        a = add(a, add(scale(qdd[j], slide), add(scale(2.0, cross(w, slip)), cross(spin, slip))))
+        al = add(al, add(scale(qdd[j], turn), cross(w, spin)))
+        v = add(v, slip)
+        w = add(w, spin)
+    store(work, o + VELOCITY, v)
+    store(work, o + SPEED, w)
+    store(work, o + ACCELERATION, a)
+    store(work, o + SPIN_UP, al)

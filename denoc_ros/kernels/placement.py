@@ -1,0 +1,252 @@
+"""Outward pass of positions: where sections, bodies and beam points stand (dynamics.md)."""
+
+import numpy as np
+from numba import njit
+
+from denoc_ros.kernels.layout import (
+    ARM,
+    BEAM,
+    BEAM_WORK,
+    COEFFICIENTS,
+    COLUMNS,
+    COORDINATE,
+    FIRST,
+    JOINT,
+    MODES,
+    MOTION,
+    NT,
+    NY,
+    NZ,
+    PARENT,
+    PLACE,
+    POINTS,
+    REAL,
+    REVOLUTE,
+    SECOND,
+    SECTION,
+    SECTION_WORK,
+    STILL,
+    TURN,
+    VECTOR,
+    WORK,
+)
+from denoc_ros.kernels.vector import add, load, rotate, store
+
+
+@njit(cache=True)
+def exponential_coefficients(s):
+    """Return a, b, c and the rates of b and c per phi . phi', for s = |phi|^2.
+
+    Exp phi = 1 + a K + b K^2, left Jacobian = 1 + b K + c K^2, K = phi x.
+    """
+    if s < 0.25:
+        b = 0.5 - s / 24.0 * (
+            1.0
+            - s
+            / 30.0
+            * (1.0 - s / 56.0 * (1.0 - s / 90.0 * (1.0 - s / 132.0 * (1.0 - s / 182.0))))
+        )
+        c = (
+            1.0
+            - s
+            / 20.0
+            * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0 * (1.0 - s / 156.0))))
+        ) / 6.0
+        db = -2.0 / 24.0 + s * (
+            4.0 / 720.0
+            - s
+            * (
+                6.0 / 40320.0
+                - s * (8.0 / 3628800.0 - s * (10.0 / 479001600.0 - s * 12.0 / 87178291200.0))
+            )
+        )
+        dc = -2.0 / 120.0 + s * (
+            4.0 / 5040.0
+            - s
+            * (
+                6.0 / 362880.0
+                - s * (8.0 / 39916800.0 - s * (10.0 / 6227020800.0 - s * 12.0 / 1307674368000.0))
+            )
+        )
+        return 1.0 - s * c, b, c, db, dc
+    t = np.sqrt(s)
+    a = np.sin(t) / t
+    b = (1.0 - np.cos(t)) / s
+    c = (1.0 - a) / s
+    return a, b, c, (a - 2.0 * b) / s, (b - 3.0 * c) / s
+
+
+@njit(cache=True)
+def square_plus(a, b, phi, out, o):
+    """Write 1 + a K + b K^2 with K = phi x, row-major, at offset o of out."""
+    x, y, z = phi
+    out[o] = 1.0 - b * (y * y + z * z)
+    out[o + 1] = -a * z + b * x * y
+    out[o + 2] = a * y + b * x * z
+    out[o + 3] = a * z + b * x * y
+    out[o + 4] = 1.0 - b * (x * x + z * z)
+    out[o + 5] = -a * x + b * y * z
+    out[o + 6] = -a * y + b * x * z
+    out[o + 7] = a * x + b * y * z
+    out[o + 8] = 1.0 - b * (x * x + y * y)
+
+
+@njit(cache=True)
+def place_plane(reals, s, h, slope, q, coordinate, count, work, column):
+    """Return deflection, slope and foreshortening of one bending plane at a section.
+
+    Writes the axial entry -(H d)_j of each mode's linear column; s, h and slope are offsets of
+    the section's constants in reals, column that of the first mode's columns in work.
+    """
+    deflection = 0.0
+    turn = 0.0
+    shortening = 0.0
+    for j in range(count):
+        d = q[coordinate + j]
+        deflection += reals[s + j] * d
+        turn += reals[slope + j] * d
+        hd = 0.0
+        for k in range(count):
+            hd += reals[h + count * j + k] * q[coordinate + k]
+        shortening += d * hd
+        work[column + 6 * j] = -hd
+    return deflection, turn, 0.5 * shortening
+
+
+@njit(cache=True)
+def place_section(ints, reals, work, q, i):
+    """Place the section that carries row i: position, rotation and the columns [B; J Theta]."""
+    p = ints[i, PARENT]
+    ny = ints[p, NY]
+    nz = ints[p, NZ]
+    nt = ints[p, NT]
+    c = ints[i, SECTION]
+    o = ints[i, SECTION_WORK]
+    d = ints[p, COORDINATE] + ints[p, JOINT]
+    y = c + 1
+    slope = y + ny + nz
+    twist = slope + ny + nz
+    h = twist + nt
+    columns = o + COLUMNS
+    u, du, short_y = place_plane(reals, y, h, slope, q, d, ny, work, columns)
+    w, dw, short_z = place_plane(
+        reals, y + ny, h + ny * ny, slope + ny, q, d + ny, nz, work, columns + 6 * ny
+    )
+    beta = 0.0
+    for j in range(nt):
+        beta += reals[twist + j] * q[d + ny + nz + j]
+    phi = (beta, -dw, du)
+    a, b, e, db, de = exponential_coefficients(beta * beta + dw * dw + du * du)
+    store(work, o + PLACE, (reals[c] - short_y - short_z, u, w))
+    store(work, o + VECTOR, phi)
+    k = o + COEFFICIENTS
+    work[k] = b
+    work[k + 1] = e
+    work[k + 2] = db
+    work[k + 3] = de
+    turn = o + TURN
+    square_plus(b, e, phi, work, turn)
+    for j in range(ny):
+        s = reals[slope + j]
+        k = columns + 6 * j
+        work[k + 1] = reals[y + j]
+        work[k + 2] = 0.0
+        store(work, k + 3, (s * work[turn + 2], s * work[turn + 5], s * work[turn + 8]))
+    for j in range(ny, ny + nz):
+        s = -reals[slope + j]
+        k = columns + 6 * j
+        work[k + 1] = 0.0
+        work[k + 2] = reals[y + j]
+        store(work, k + 3, (s * work[turn + 1], s * work[turn + 4], s * work[turn + 7]))
+    for j in range(nt):
+        s = reals[twist + j]
+        k = columns + 6 * (ny + nz + j)
+        store(work, k, (0.0, 0.0, 0.0))
+        store(work, k + 3, (s * work[turn], s * work[turn + 3], s * work[turn + 6]))
+    square_plus(a, b, phi, work, turn)
+
+
+@njit(cache=True)
+def multiply(a, o, b, p, out, r):
+    """Write A B, all 3 x 3 row-major at offsets o, p, r."""
+    for i in range(3):
+        for j in range(3):
+            out[r + 3 * i + j] = (
+                a[o + 3 * i] * b[p + j]
+                + a[o + 3 * i + 1] * b[p + 3 + j]
+                + a[o + 3 * i + 2] * b[p + 6 + j]
+            )
+
+
+@njit(cache=True)
+def place_body(ints, reals, work, q, i):
+    """Place row i on its carrier: rotation, and arm from the section to the body origin."""
+    c = ints[i, REAL]
+    o = ints[i, WORK]
+    motion = ints[i, MOTION]
+    for k in range(12):
+        work[o + k] = reals[c + STILL + k]
+    if motion == REVOLUTE:
+        x = q[ints[i, COORDINATE]]
+        s = np.sin(x)
+        t = 1.0 - np.cos(x)
+        for k in range(12):
+            work[o + k] += reals[c + FIRST + k] * s + reals[c + SECOND + k] * t
+    elif motion != 0:
+        x = q[ints[i, COORDINATE]]
+        for k in range(9, 12):
+            work[o + k] += reals[c + FIRST + k] * x
+    if ints[i, SECTION] >= 0:
+        place_section(ints, reals, work, q, i)
+        turn = ints[i, SECTION_WORK] + TURN
+        for j in range(3):
+            v = rotate(work, turn, (work[o + j], work[o + 3 + j], work[o + 6 + j]))
+            work[o + j] = v[0]
+            work[o + 3 + j] = v[1]
+            work[o + 6 + j] = v[2]
+        store(work, o + ARM, rotate(work, turn, load(work, o + ARM)))
+
+
+@njit(cache=True)
+def place_beam(ints, reals, work, q, i):
+    """Place the integration points of body i's beam and their products H d."""
+    ny = ints[i, NY]
+    nz = ints[i, NZ]
+    nt = ints[i, NT]
+    d = ints[i, COORDINATE] + ints[i, JOINT]
+    c = ints[i, BEAM] + 1 + nt + nt * nt
+    o = ints[i, BEAM_WORK] + ints[i, MODES]
+    for _ in range(ints[i, POINTS]):
+        x = reals[c + 1]
+        y = 0.0
+        z = 0.0
+        s = c + 2
+        h = s + ny + nz
+        for j in range(ny):
+            y += reals[s + j] * q[d + j]
+            hd = 0.0
+            for k in range(ny):
+                hd += reals[h + ny * j + k] * q[d + k]
+            work[o + 3 + j] = hd
+            x -= 0.5 * hd * q[d + j]
+        s += ny
+        h += ny * ny
+        for j in range(nz):
+            z += reals[s + j] * q[d + ny + j]
+            hd = 0.0
+            for k in range(nz):
+                hd += reals[h + nz * j + k] * q[d + ny + k]
+            work[o + 3 + ny + j] = hd
+            x -= 0.5 * hd * q[d + ny + j]
+        store(work, o, (x, y, z))
+        c = h + nz * nz
+        o += 3 + ny + nz
+
+
+@njit(cache=True)
+def carrier_arm(ints, work, i):
+    """Return the position of row i's origin in its carrier's body frame."""
+    o = ints[i, WORK]
+    if ints[i, SECTION] >= 0:
+        return add(load(work, ints[i, SECTION_WORK] + PLACE), load(work, o + ARM))
+    return load(work, o + ARM)

@@ -1,0 +1,92 @@
+"""Three-vectors as tuples, which the compiler keeps in registers."""
+
+from numba import njit
+
+
+@njit(cache=True)
+def load(a, o):
+    """Return the vector at offset o of a."""
+    return a[o], a[o + 1], a[o + 2]
+
+
+@njit(cache=True)
+def store(a, o, v):
+    """Write v at offset o of a."""
+    a[o] = v[0]
+    a[o + 1] = v[1]
+    a[o + 2] = v[2]
+
+
+@njit(cache=True)
+def accumulate(a, o, v):
+    """Add v to what stands at offset o of a."""
+    a[o] += v[0]
+    a[o + 1] += v[1]
+    a[o + 2] += v[2]
+
+
+@njit(cache=True)
+def add(u, v):
+    """Return u + v."""
+    return u[0] + v[0], u[1] + v[1], u[2] + v[2]
+
+
+@njit(cache=True)
+def scale(s, v):
+    """Return s v."""
+    return s * v[0], s * v[1], s * v[2]
+
+
+@njit(cache=True)
+def dot(u, v):
+    """Return u . v."""
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+@njit(cache=True)
+def cross(u, v):
+    """Return u x v."""
+    return (
+        u[1] * v[2] - u[2] * v[1],
+        u[2] * v[0] - u[0] * v[2],
+        u[0] * v[1] - u[1] * v[0],
+    )
+
+
+@njit(cache=True)
+def rotate(a, o, v):
+    """Return R v, R row-major at offset o of a."""
+    return (
+        a[o] * v[0] + a[o + 1] * v[1] + a[o + 2] * v[2],
+        a[o + 3] * v[0] + a[o + 4] * v[1] + a[o + 5] * v[2],
+        a[o + 6] * v[0] + a[o + 7] * v[1] + a[o + 8] * v[2],
+    )
+
+
+@njit(cache=True)
+def unrotate(a, o, v):
+    """Return R^T v, R row-major at offset o of a."""
+    return (
+        a[o] * v[0] + a[o + 3] * v[1] + a[o + 6] * v[2],
+        a[o + 1] * v[0] + a[o + 4] * v[1] + a[o + 7] * v[2],
+        a[o + 2] * v[0] + a[o + 5] * v[1] + a[o + 8] * v[2],
+    )
+
+
+@njit(cache=True)
+def symmetric(a, o, v):
+    """Return S v, S symmetric at offset o of a as xx xy xz yy yz zz."""
+    return (
+        a[o] * v[0] + a[o + 1] * v[1] + a[o + 2] * v[2],
+        a[o + 1] * v[0] + a[o + 3] * v[1] + a[o + 4] * v[2],
+        a[o + 2] * v[0] + a[o + 4] * v[1] + a[o + 5] * v[2],
+    )
+
+
+@njit(cache=True)
+def all_finite(a):
+    """Say whether every element of a vector is finite (inf - inf and 0 * inf are not a number)."""
+    s = 0.0
+    for k in range(a.shape[0]):
+        s += a[k] * 0.0
+    return s == 0.0

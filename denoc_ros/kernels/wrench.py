@@ -1,0 +1,179 @@
+"""The wrench and modal forces a body needs for its own motion, and their way inward."""
+
+from numba import njit
+
+from denoc_ros.kernels.layout import (
+    ACCELERATION,
+    ARM,
+    BEAM,
+    BEAM_WORK,
+    COLUMNS,
+    COORDINATE,
+    FORCE,
+    JOINT,
+    MASS,
+    MODES,
+    MOMENT,
+    NT,
+    NY,
+    NZ,
+    PARENT,
+    PLACE,
+    POINTS,
+    REAL,
+    SECTION,
+    SECTION_WORK,
+    SPEED,
+    SPIN,
+    SPIN_UP,
+    TORQUE,
+    WORK,
+)
+from denoc_ros.kernels.vector import (
+    accumulate,
+    add,
+    cross,
+    dot,
+    load,
+    rotate,
+    scale,
+    store,
+    symmetric,
+)
+
+
+@njit(cache=True)
+def rigid_wrench(ints, reals, work, i):
+    """Write the wrench of the rigid part of body i about the body origin."""
+    c = ints[i, REAL]
+    o = ints[i, WORK]
+    w = load(work, o + SPEED)
+    a = load(work, o + ACCELERATION)
+    al = load(work, o + SPIN_UP)
+    moment = load(reals, c + MOMENT)
+    force = add(scale(reals[c + MASS], a), add(cross(al, moment), cross(w, cross(w, moment))))
+    torque = add(
+        add(cross(moment, a), symmetric(reals, c + SPIN, al)),
+        cross(w, symmetric(reals, c + SPIN, w)),
+    )
+    store(work, o + FORCE, force)
+    store(work, o + TORQUE, torque)
+
+
+@njit(cache=True)
+def bending_wrench(ints, reals, work, qd, qdd, i):
+    """Add the wrench of body i's beam and write its modal forces: int [1; p x; B^T] acc."""
+    ny = ints[i, NY]
+    nz = ints[i, NZ]
+    nt = ints[i, NT]
+    o = ints[i, WORK]
+    d = ints[i, COORDINATE] + ints[i, JOINT]
+    w = load(work, o + SPEED)
+    a = load(work, o + ACCELERATION)
+    al = load(work, o + SPIN_UP)
+    force = (0.0, 0.0, 0.0)
+    torque = (0.0, 0.0, 0.0)
+    modal = ints[i, BEAM_WORK]
+    for j in range(modal, modal + ny + nz):
+        work[j] = 0.0
+    c = ints[i, BEAM] + 1 + nt + nt * nt
+    k = modal + ints[i, MODES]
+    for _ in range(ints[i, POINTS]):
+        p = load(work, k)
+        sx = 0.0  # B d'
+        sy = 0.0
+        sz = 0.0
+        ax = 0.0  # B d'' + B' d'
+        ay = 0.0
+        az = 0.0
+        s = c + 2
+        h = s + ny + nz
+        for j in range(ny):
+            rate = qd[d + j]
+            hd = work[k + 3 + j]
+            bend = 0.0
+            for n in range(ny):
+                bend += reals[h + ny * j + n] * qd[d + n]
+            sx -= hd * rate
+            sy += reals[s + j] * rate
+            ax -= hd * qdd[d + j] + bend * rate
+            ay += reals[s + j] * qdd[d + j]
+        s += ny
+        h += ny * ny
+        for j in range(nz):
+            rate = qd[d + ny + j]
+            hd = work[k + 3 + ny + j]
+            bend = 0.0
+            for n in range(nz):
+                bend += reals[h + nz * j + n] * qd[d + ny + n]
+            sx -= hd * rate
+            sz += reals[s + j] * rate
+            ax -= hd * qdd[d + ny + j] + bend * rate
+            az += reals[s + j] * qdd[d + ny + j]
+        acc = add(add(scale(reals[c], a), cross(al, p)), (ax, ay, az))
+        acc = add(acc, cross(w, add(cross(w, p), (2.0 * sx, 2.0 * sy, 2.0 * sz))))
+        force = add(force, scale(reals[c], acc))
+        torque = add(torque, cross(p, acc))
+        s = c + 2
+        for j in range(ny):
+            work[modal + j] += reals[s + j] * acc[1] - work[k + 3 + j] * acc[0]
+        for j in range(ny, ny + nz):
+            work[modal + j] += reals[s + j] * acc[2] - work[k + 3 + j] * acc[0]
+        c = h + nz * nz
+        k += 3 + ny + nz
+    accumulate(work, o + FORCE, force)
+    accumulate(work, o + TORQUE, torque)
+
+
+@njit(cache=True)
+def torsion_wrench(ints, reals, work, qd, qdd, i):
+    """Add the torque of body i's twisting sections and write its torsional modal forces."""
+    nt = ints[i, NT]
+    o = ints[i, WORK]
+    d = ints[i, COORDINATE] + ints[i, JOINT] + ints[i, NY] + ints[i, NZ]
+    b = ints[i, BEAM]
+    modal = ints[i, BEAM_WORK] + ints[i, NY] + ints[i, NZ]
+    w = load(work, o + SPEED)
+    spin_up = work[o + SPIN_UP]
+    momentum = reals[b] * w[0]
+    torque = reals[b] * spin_up
+    for j in range(nt):
+        momentum += reals[b + 1 + j] * qd[d + j]
+        torque += reals[b + 1 + j] * qdd[d + j]
+        force = reals[b + 1 + j] * spin_up
+        for k in range(nt):
+            force += reals[b + 1 + nt + nt * j + k] * qdd[d + k]
+        work[modal + j] = force
+    accumulate(work, o + TORQUE, (torque, w[2] * momentum, -w[1] * momentum))
+
+
+@njit(cache=True)
+def body_wrench(ints, reals, work, qd, qdd, i):
+    """Write the wrench and the modal forces that body i needs for its motion (no elasticity)."""
+    rigid_wrench(ints, reals, work, i)
+    if ints[i, POINTS] > 0:
+        bending_wrench(ints, reals, work, qd, qdd, i)
+    if ints[i, NT] > 0:
+        torsion_wrench(ints, reals, work, qd, qdd, i)
+
+
+@njit(cache=True)
+def transmit_wrench(ints, work, i, force, torque):
+    """Add a wrench on row i (its axes, about its origin) to its carrier and that one's modes."""
+    p = ints[i, PARENT]
+    if p < 0:
+        return
+    o = ints[i, WORK]
+    u = ints[p, WORK]
+    f = rotate(work, o, force)
+    n = add(rotate(work, o, torque), cross(load(work, o + ARM), f))
+    if ints[i, SECTION] >= 0:
+        k = ints[i, SECTION_WORK]
+        modal = ints[p, BEAM_WORK]
+        columns = k + COLUMNS
+        for j in range(ints[p, MODES]):
+            work[modal + j] += dot(load(work, columns), f) + dot(load(work, columns + 3), n)
+            columns += 6
+        n = add(n, cross(load(work, k + PLACE), f))
+    accumulate(work, u + FORCE, f)
+    accumulate(work, u + TORQUE, n)

@@ -1,0 +1,326 @@
+"""Lowering of the immutable tree to the flat arrays of the kernels.
+
+Beam integrals are exact to rounding without quadrature points at run time: every integrand is a
+product of two functions out of 1, x, s_j and H_jk, so these are replaced by vectors whose inner
+products are the integrals (a QR factorization of their values at many Gauss points). The kernels
+then sum over as many `points` as there are independent functions, seven for two modes per plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from denoc_ros.kernels import layout
+from denoc_ros.model.shapes import ShapeFunctions
+from denoc_ros.model.tree import (
+    Array,
+    Attachment,
+    Beam,
+    Body,
+    Deformation,
+    JointKind,
+    RigidInertia,
+    Tree,
+)
+
+GAUSS_POINTS = 16
+SLIP_RATE = 1e-3  # rad/s or m/s, of Coulomb friction (design.md, section 1)
+
+
+@dataclass(frozen=True)
+class Lowered:
+    """A robot as flat arrays; see :mod:`denoc_ros.kernels.layout` for what stands where."""
+
+    ints: NDArray[np.int64]  # (bodies + frames, INTS)
+    reals: Array  # constants
+    diagonals: Array  # (4, n) stiffness, damping, friction, armature
+    bodies: int
+    work_size: int
+    frame_rows: dict[str, int]
+    coordinate_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    joint_indices: NDArray[np.int64]
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return int(self.diagonals.shape[1])
+
+
+def cross_matrix(v: Array) -> Array:
+    """Return v x as a (3, 3) matrix."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def foreshortening(shapes: ShapeFunctions, x: Array) -> Array:
+    """Return H(x) = int_0^x s' s'^T, shape (k, m, m) [1/m], at stations x (k,)."""
+    node, weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    panels = 2 + 2 * shapes.modes
+    share = (np.arange(panels)[:, None] + 0.5 * (node + 1.0)) / panels  # of [0, x]
+    stations = np.outer(x, share.ravel())
+    slope = shapes.slopes(stations.ravel()).reshape(len(x), -1, shapes.modes)
+    weights = np.outer(x, np.tile(weight / (2.0 * panels), panels))
+    product: Array = np.einsum('kp,kpi,kpj->kij', weights, slope, slope)
+    return product
+
+
+def _plane(part: Deformation | None, x: Array, geometric: bool) -> tuple[Array, Array]:
+    """Return values (k, m) and H (k, m, m) of a bending plane at stations x."""
+    if part is None:
+        return np.zeros((len(x), 0)), np.zeros((len(x), 0, 0))
+    values = part.shapes.values(x)
+    if not geometric:
+        return values, np.zeros((len(x), part.modes, part.modes))
+    return values, foreshortening(part.shapes, x)
+
+
+def _gauss_rule(beam: Beam) -> tuple[Array, Array]:
+    """Return stations and weights of a rule that integrates the beam's products to rounding."""
+    node, weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    panels = 4 + 4 * max(beam.modes)
+    width = beam.length / panels
+    start = width * np.arange(panels)
+    return (start[:, None] + 0.5 * width * (node + 1.0)).ravel(), np.tile(
+        0.5 * width * weight, panels
+    )
+
+
+def beam_points(beam: Beam, geometric: bool) -> Array:
+    """Return the rows (points, 2 + ny + nz + ny^2 + nz^2) that stand for a beam's functions."""
+    x, weight = _gauss_rule(beam)
+    y, h_y = _plane(beam.y, x, geometric)
+    z, h_z = _plane(beam.z, x, geometric)
+    functions = np.concatenate(
+        [np.ones((len(x), 1)), x[:, None], y, z, h_y.reshape(len(x), -1), h_z.reshape(len(x), -1)],
+        axis=1,
+    )
+    weighted = np.sqrt(beam.mass_per_length * weight)[:, None] * functions
+    norm = np.linalg.norm(weighted, axis=0)
+    norm[norm == 0.0] = 1.0
+    upper, order = scipy.linalg.qr(weighted / norm, mode='r', pivoting=True)
+    rank = int(np.sum(np.abs(np.diag(upper)) > 1e-15 * len(x)))
+    rows = np.empty((rank, functions.shape[1]))
+    rows[:, order] = upper[:rank]
+    result: Array = rows * norm
+    return result
+
+
+def _polar(beam: Beam) -> list[Array]:
+    """Return the torsion constants int rho J [1; s; s s^T]."""
+    if beam.torsion is None:
+        return [np.zeros(1)]
+    x, weight = _gauss_rule(beam)
+    s = beam.torsion.shapes.values(x)
+    scaled = beam.polar_inertia * weight
+    return [
+        np.array([beam.polar_inertia * beam.length]),
+        scaled @ s,
+        ((s * scaled[:, None]).T @ s).ravel(),
+    ]
+
+
+def _section(beam: Beam, station: float, geometric: bool) -> Array:
+    """Return the constants of the section at a station."""
+    x = np.array([station])
+    y, h_y = _plane(beam.y, x, geometric)
+    z, h_z = _plane(beam.z, x, geometric)
+    slopes = [part.shapes.slopes(x).ravel() if part else np.zeros(0) for part in (beam.y, beam.z)]
+    twist = beam.torsion.shapes.values(x).ravel() if beam.torsion else np.zeros(0)
+    return np.concatenate([x, y.ravel(), z.ravel(), *slopes, twist, h_y.ravel(), h_z.ravel()])
+
+
+def _pose_rows(rotation: Array, translation: Array) -> Array:
+    return np.concatenate([rotation.ravel(), translation])
+
+
+def _transforms(body: Body, placement: Array) -> list[Array]:
+    """Return the still, first and second part of the body's pose, and its motion subspace."""
+    still = placement @ body.frame
+    rows = [_pose_rows(still[:3, :3], still[:3, 3]), np.zeros(12), np.zeros(12), np.zeros(6)]
+    joint = body.joint
+    if joint is None or joint.kind is JointKind.FIXED:
+        return rows
+    rotation, offset = body.frame[:3, :3], body.frame[:3, 3]
+    outer = placement[:3, :3]
+    if joint.kind is JointKind.PRISMATIC:
+        rows[1] = _pose_rows(np.zeros((3, 3)), outer @ joint.axis)
+        rows[3][:3] = rotation.T @ joint.axis
+        return rows
+    k = cross_matrix(joint.axis)
+    rows[1] = _pose_rows(outer @ k @ rotation, outer @ k @ offset)
+    rows[2] = _pose_rows(outer @ k @ k @ rotation, outer @ k @ k @ offset)
+    rows[3] = np.concatenate([rotation.T @ (k @ offset), rotation.T @ joint.axis])
+    return rows
+
+
+def inertia_row(inertia: RigidInertia) -> Array:
+    """Return mass, first moment and inertia (10,) as the kernels want them."""
+    upper = inertia.inertia[np.triu_indices(3)]
+    row: Array = np.concatenate([[inertia.mass], inertia.first_moment, upper])
+    return row
+
+
+def _rod(beam: Beam) -> Array:
+    """Return the inertia row (10,) of a beam that stays straight."""
+    mass = beam.mass_per_length * beam.length
+    across = mass * beam.length**2 / 3.0
+    return np.array([mass, mass * beam.length / 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, across, 0.0, across])
+
+
+def is_flexible(body: Body) -> bool:
+    """Say whether a body has amplitudes."""
+    return body.beam is not None and sum(body.beam.modes) > 0
+
+
+class _Lowering:
+    """One pass over the tree that fills rows, constants and workspace offsets."""
+
+    def __init__(self, tree: Tree, gravity: Array, geometric: bool) -> None:
+        self.tree = tree
+        self.geometric = geometric
+        self.constants: list[Array] = [gravity]
+        self.real_size = layout.HEADER
+        self.work_size = 0
+        self.coordinate = 0
+        self.rows: list[NDArray[np.int64]] = []
+
+    def append(self, *parts: Array) -> int:
+        """Append constants and return where they start."""
+        start = self.real_size
+        for part in parts:
+            self.constants.append(np.asarray(part, dtype=np.float64).ravel())
+            self.real_size += self.constants[-1].size
+        return start
+
+    def reserve(self, size: int) -> int:
+        """Reserve workspace and return where it starts."""
+        start = self.work_size
+        self.work_size += size
+        return start
+
+    def attach(self, row: NDArray[np.int64], attachment: Attachment) -> Array:
+        """Fill a row's carrier and section; return the placement that is left."""
+        row[layout.PARENT] = attachment.body
+        row[layout.SECTION] = -1
+        if attachment.body < 0 or attachment.station == 0.0:
+            return attachment.placement
+        carrier = self.tree.bodies[attachment.body]
+        if not is_flexible(carrier):
+            moved = attachment.placement.copy()
+            moved[0, 3] += attachment.station
+            return moved
+        assert carrier.beam is not None
+        row[layout.SECTION] = self.append(
+            _section(carrier.beam, attachment.station, self.geometric)
+        )
+        modes = sum(carrier.beam.modes)
+        row[layout.SECTION_WORK] = self.reserve(layout.COLUMNS + 6 * modes)
+        return attachment.placement
+
+    def body(self, body: Body) -> None:
+        """Lower one body."""
+        row = np.zeros(layout.INTS, dtype=np.int64)
+        placement = self.attach(row, body.attachment)
+        kind = JointKind.FIXED if body.joint is None else body.joint.kind
+        row[layout.MOTION] = kind.value
+        row[layout.COORDINATE] = self.coordinate
+        row[layout.JOINT] = int(kind is not JointKind.FIXED)
+        inertia = inertia_row(body.inertia)
+        if body.beam is not None and not is_flexible(body):
+            inertia = inertia + _rod(body.beam)
+        row[layout.REAL] = self.append(*_transforms(body, placement), inertia)
+        row[layout.WORK] = self.reserve(layout.BODY_WORK)
+        if is_flexible(body):
+            self.beam(row, body)
+        modes = int(row[layout.MODES])
+        eliminated = int(row[layout.JOINT]) + modes
+        row[layout.INERTIA_WORK] = self.reserve((6 + modes) ** 2)
+        row[layout.ELIMINATED] = self.reserve(eliminated * (6 + eliminated + 1))
+        self.coordinate += eliminated
+        self.rows.append(row)
+
+    def beam(self, row: NDArray[np.int64], body: Body) -> None:
+        """Lower a body's beam."""
+        assert body.beam is not None
+        points = beam_points(body.beam, self.geometric)
+        row[[layout.NY, layout.NZ, layout.NT]] = body.beam.modes
+        row[layout.MODES] = sum(body.beam.modes)
+        row[layout.POINTS] = len(points)
+        row[layout.BEAM] = self.append(*_polar(body.beam), points)
+        bending = int(row[layout.NY] + row[layout.NZ])
+        row[layout.BEAM_WORK] = self.reserve(int(row[layout.MODES]) + len(points) * (3 + bending))
+
+    def frame(self, attachment: Attachment) -> None:
+        """Lower one frame."""
+        row = np.zeros(layout.INTS, dtype=np.int64)
+        placement = self.attach(row, attachment)
+        row[layout.REAL] = self.append(_pose_rows(placement[:3, :3], placement[:3, 3]))
+        row[layout.WORK] = self.reserve(layout.BODY_WORK)
+        self.rows.append(row)
+
+
+def _diagonals(tree: Tree) -> Array:
+    """Return stiffness, damping, friction and armature (4, n) of the coordinates."""
+    columns: list[Array] = []
+    for body in tree.bodies:
+        joint = body.joint
+        if joint is not None and joint.kind is not JointKind.FIXED:
+            columns.append(np.array([[0.0, joint.damping, joint.friction, joint.armature]]))
+        if body.beam is None:
+            continue
+        for part in (body.beam.y, body.beam.z, body.beam.torsion):
+            if part is not None:
+                zeros = np.zeros(part.modes)
+                columns.append(np.column_stack([part.modal_stiffness, part.damping, zeros, zeros]))
+    stacked = np.concatenate(columns) if columns else np.zeros((0, 4))
+    return np.ascontiguousarray(stacked.T)
+
+
+def _names(tree: Tree) -> tuple[list[str], list[str], list[int]]:
+    """Return coordinate names, joint names and the joints' indices."""
+    coordinates: list[str] = []
+    joints: list[str] = []
+    indices: list[int] = []
+    for body in tree.bodies:
+        if body.joint is not None and body.joint.kind is not JointKind.FIXED:
+            indices.append(len(coordinates))
+            joints.append(body.joint.name)
+            coordinates.append(body.joint.name)
+        if body.beam is not None:
+            for letter, modes in zip('yzt', body.beam.modes, strict=True):
+                coordinates += [f'{body.name}/{letter}{k + 1}' for k in range(modes)]
+    return coordinates, joints, indices
+
+
+def lower(tree: Tree, gravity: Array, geometric_stiffness: bool) -> Lowered:
+    """Lower a tree to flat arrays.
+
+    Parameters
+    ----------
+    tree : Tree
+    gravity : (3,) [m/s^2], base frame
+    geometric_stiffness : bool
+        False drops the foreshortening u_x (the book's slow-motion model).
+    """
+    lowering = _Lowering(tree, gravity, geometric_stiffness)
+    for body in tree.bodies:
+        lowering.body(body)
+    for attachment in tree.frames.values():
+        lowering.frame(attachment)
+    names, joints, indices = _names(tree)
+    rows = lowering.rows or [np.zeros(layout.INTS, dtype=np.int64)]
+    return Lowered(
+        ints=np.array(rows, dtype=np.int64),
+        reals=np.concatenate(lowering.constants),
+        diagonals=_diagonals(tree),
+        bodies=len(tree.bodies),
+        work_size=lowering.work_size + 27,
+        frame_rows={name: len(tree.bodies) + k for k, name in enumerate(tree.frames)},
+        coordinate_names=tuple(names),
+        joint_names=tuple(joints),
+        joint_indices=np.array(indices, dtype=np.int64),
+    )
