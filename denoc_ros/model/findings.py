@@ -49,7 +49,10 @@ class Reader:
 
     def fail(self, attribute: str, rule: str, got: object) -> None:
         """Note that an attribute must be something else."""
-        shown = 'nothing' if got is None else repr(got) if isinstance(got, str) else got
+        if isinstance(got, float):
+            shown = f'{got:g}'
+        else:
+            shown = 'nothing' if got is None else repr(got)
         self.findings.add(self.whose, f'{attribute}{self.label} must {rule}, got {shown}')
 
     def only(self, attributes: Collection[str], children: Collection[str] = ()) -> None:
@@ -100,7 +103,7 @@ class Reader:
             return math.nan
         number = finite(value)
         if number is None or not _within(number, above, least):
-            self.fail(attribute, rule, value if number is None else f'{number:g}')
+            self.fail(attribute, rule, value if number is None else number)
             return math.nan
         return number
 

@@ -145,7 +145,7 @@ def _read_beam(reader: Reader, link: str) -> BeamElement:
     if reader.element.get('mass_per_length') is not None:
         given = reader.number('mass_per_length', 'kg/m', above=0.0)
         if section is not None:
-            reader.fail('mass_per_length', 'not stand beside a <section>', f'{given:g}')
+            reader.fail('mass_per_length', 'not stand beside a <section>', given)
         mass_per_length = given
     shape = reader.choice('shape', SHAPES, 'clamped-free')
     bending = _read_bendings(reader, section, shape)
@@ -212,7 +212,7 @@ def _read_torsion(
     if element.get('polar_inertia') is not None:
         given = torsion.number('polar_inertia', 'kg m^2/m', above=0.0)
         if section is not None:
-            torsion.fail('polar_inertia', 'not stand beside a <section>', f'{given:g}')
+            torsion.fail('polar_inertia', 'not stand beside a <section>', given)
         polar_inertia = given
     stiffness = None if section is None else section.torsional_rigidity
     return _read_deformation(torsion, 'gj', stiffness, 'N m s/rad'), polar_inertia
@@ -295,6 +295,27 @@ def _read_section(beam: Reader) -> BeamSection | None:
     )
 
 
+def expand_section(beam: Element) -> None:
+    """Replace a beam's `<section>` by the numbers that it gives; leave a bad one to be found.
+
+    Parameters
+    ----------
+    beam : lxml element
+        `<beam>`, changed in place.
+    """
+    scratch = Findings()
+    section = _read_section(Reader(beam, '', scratch))
+    if section is None or scratch.items:
+        return
+    beam.remove(beam.find('section'))
+    beam.set('mass_per_length', repr(section.mass_per_length))
+    for bending in beam.findall('bending'):
+        bending.set('ei', repr(section.flexural_rigidity(bending.get('direction'))))
+    for torsion in beam.findall('torsion'):
+        torsion.set('gj', repr(section.torsional_rigidity))
+        torsion.set('polar_inertia', repr(section.polar_inertia))
+
+
 def _read_profile(reader: Reader) -> Section:
     sides = {'round': ('diameter',), 'tube': ('diameter', 'wall'), 'rectangle': ('y', 'z')}
     kind = reader.choice('type', tuple(sides))
@@ -302,7 +323,7 @@ def _read_profile(reader: Reader) -> Section:
     reader.only(('type', *names) if kind else tuple(reader.element.attrib), ('material',))
     numbers = [reader.number(name, 'm', above=0.0) for name in names]
     if kind == 'tube' and 2.0 * numbers[1] > numbers[0]:
-        reader.fail('wall', f'be at most half the diameter {numbers[0]:g} m', f'{numbers[1]:g}')
+        reader.fail('wall', f'be at most half the diameter {numbers[0]:g} m', numbers[1])
     if kind == 'rectangle':
         return rectangle_section(*numbers)
     if kind:

@@ -150,7 +150,7 @@ def _check_limits(element: Element, whose: str, findings: Findings) -> None:
     reader.number('velocity', least=0.0, default=0.0)
     lower, upper = (reader.number(name, default=0.0) for name in ('lower', 'upper'))
     if limit.get('lower') and limit.get('upper') and lower > upper:
-        reader.fail('lower', f'be at most upper ({upper:g})', f'{lower:g}')
+        reader.fail('lower', f'be at most upper ({upper:g})', lower)
 
 
 def _check_dynamics(element: Element, whose: str, findings: Findings) -> None:

@@ -1,0 +1,238 @@
+"""Change single numbers of a robot by dotted paths.
+
+`beam.<link>.<y|z>.<ei|modes|damping_ratio|damping>`,
+`beam.<link>.torsion.<gj|polar_inertia|modes|damping_ratio|damping>`,
+`joint.<name>.<damping|friction|armature>` and `payload.<link>.<mass|com|inertia>`. Beams and
+joints are changed in the description, so that the changed robot passes every check of a new one.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from denoc_ros.errors import ConfigError
+from denoc_ros.model.findings import Element, Findings, finite
+from denoc_ros.model.flexibility import expand_section
+from denoc_ros.model.inertia import from_centre, moved, total
+from denoc_ros.model.source import parse_xml, read_source
+from denoc_ros.model.tree import Tree
+from denoc_ros.model.urdf import tree_of
+
+Array = NDArray[np.float64]
+
+Value = float | int | str | Sequence[float]
+
+DAMPING = ('damping_ratio', 'damping')
+BEAM_FIELDS = {
+    'y': ('ei', 'modes', *DAMPING),
+    'z': ('ei', 'modes', *DAMPING),
+    'torsion': ('gj', 'polar_inertia', 'modes', *DAMPING),
+}
+JOINT_FIELDS = ('damping', 'friction', 'armature')
+PAYLOAD_SIZES = {'mass': (1,), 'com': (3,), 'inertia': (6, 9)}
+WHERE = 'overrides'
+
+
+def with_overrides(
+    source: Tree | str | os.PathLike[str], overrides: Mapping[str, Value | Array]
+) -> Tree:
+    """Return a robot with some of its numbers changed.
+
+    Parameters
+    ----------
+    source : Tree, str or path
+        A robot, a file's path or XML text. A tree's own overrides stay, unless given anew.
+    overrides : mapping of str to number, text or sequence of numbers
+        By dotted path. Payload: mass [kg], com (3,) [m] in the link frame, inertia about that
+        centre in axes of the link frame [kg m^2], (3, 3) or ixx ixy ixz iyy iyz izz; what is
+        not given is 0. It is added rigidly to the link.
+
+    Returns
+    -------
+    Tree
+        The changed robot.
+
+    Raises
+    ------
+    ConfigError
+        For a path that the robot does not have, with those it has, or a value of a wrong kind.
+    ModelError
+        If the changed description does not give a robot.
+    """
+    if isinstance(source, Tree):
+        where, text = 'robot with overrides', source.source
+        overrides = {**source.overrides, **overrides}
+    else:
+        where, text = read_source(source)
+    root = parse_xml(where, text)
+    findings = Findings()
+    payloads: dict[str, dict[str, Array]] = {}
+    for path, value in overrides.items():
+        _apply(root, path, value, payloads, findings)
+    if findings.items:
+        raise ConfigError(WHERE, findings.items)
+    tree = _with_payloads(tree_of(root, where, text), payloads)
+    return replace(tree, overrides=dict(overrides))
+
+
+def _apply(
+    root: Element,
+    path: str,
+    value: Value | Array,
+    payloads: dict[str, dict[str, Array]],
+    findings: Findings,
+) -> None:
+    kind, _, rest = path.partition('.')
+    if kind == 'beam':
+        _override_beam(root, path, rest, value, findings)
+    elif kind == 'joint':
+        _override_joint(root, path, rest, value, findings)
+    elif kind == 'payload':
+        _override_payload(root, path, rest, value, payloads, findings)
+    else:
+        rule = 'start with beam., joint. or payload.'
+        findings.add(f'path {path!r}', f'must {rule}, got {kind!r}')
+
+
+def _unknown(path: str, known: Sequence[str], findings: Findings) -> None:
+    exist = ', '.join(known) if known else 'none of this kind'
+    findings.add(f'path {path!r}', f'must be one that the robot has ({exist}), got another')
+
+
+def _override_beam(
+    root: Element, path: str, rest: str, value: Value | Array, findings: Findings
+) -> None:
+    for beam in root.iterfind('flexibility/beam'):
+        for part in beam.findall('bending') + beam.findall('torsion'):
+            name = part.get('direction', 'torsion')
+            for field in BEAM_FIELDS.get(name, ()):
+                if rest == f'{beam.get("link")}.{name}.{field}':
+                    expand_section(beam)
+                    _set(part, field, path, value, findings)
+                    return
+    _unknown(path, _known_beams(root), findings)
+
+
+def _known_beams(root: Element) -> list[str]:
+    known = []
+    for beam in root.iterfind('flexibility/beam'):
+        for part in beam.findall('bending') + beam.findall('torsion'):
+            name = part.get('direction', 'torsion')
+            fields = '|'.join(BEAM_FIELDS.get(name, ()))
+            known.append(f'beam.{beam.get("link")}.{name}.<{fields}>')
+    return known
+
+
+def _set(
+    element: Element, attribute: str, path: str, value: Value | Array, findings: Findings
+) -> None:
+    text = _text(value)
+    if text is None:
+        findings.add(f'path {path!r}', f'value must be a number, or numbers, got {value!r}')
+        return
+    element.set(attribute, text)
+    if attribute in DAMPING and element.tag in ('bending', 'torsion'):
+        (other,) = set(DAMPING) - {attribute}
+        element.attrib.pop(other, None)
+
+
+def _text(value: Any) -> str | None:
+    """Return a value as an attribute's text, None if it is neither number, text nor numbers."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool) or value is None:
+        return None
+    if isinstance(value, int | float | np.integer | np.floating):
+        return str(value)
+    if isinstance(value, Sequence | np.ndarray):
+        parts = [_text(part) for part in np.ravel(np.asarray(value, dtype=object))]
+        return None if None in parts else ' '.join(str(part) for part in parts)
+    return None
+
+
+def _override_joint(
+    root: Element, path: str, rest: str, value: Value | Array, findings: Findings
+) -> None:
+    joints = [joint for joint in root.findall('joint') if joint.get('type') != 'fixed']
+    name, _, field = rest.rpartition('.')
+    found = [joint for joint in joints if joint.get('name') == name]
+    if not found or field not in JOINT_FIELDS:
+        fields = '|'.join(JOINT_FIELDS)
+        _unknown(path, [f'joint.{joint.get("name")}.<{fields}>' for joint in joints], findings)
+        return
+    if field == 'armature':
+        element = _actuator(root, name)
+    else:
+        element = _child(found[0], 'dynamics')
+    _set(element, field, path, value, findings)
+
+
+def _child(element: Element, tag: str) -> Element:
+    found = element.find(tag)
+    return etree.SubElement(element, tag) if found is None else found
+
+
+def _actuator(root: Element, joint: str) -> Element:
+    block = _child(root, 'flexibility')
+    for actuator in block.findall('actuator'):
+        if actuator.get('joint') == joint:
+            return actuator
+    return etree.SubElement(block, 'actuator', joint=joint)
+
+
+def _override_payload(
+    root: Element,
+    path: str,
+    rest: str,
+    value: Value | Array,
+    payloads: dict[str, dict[str, Array]],
+    findings: Findings,
+) -> None:
+    link, _, field = rest.rpartition('.')
+    children = {end.get('link') for end in root.iterfind('joint/child')}
+    if link not in children or field not in PAYLOAD_SIZES:
+        fields = '|'.join(PAYLOAD_SIZES)
+        known = [f'payload.{name}.<{fields}>' for name in sorted(filter(None, children))]
+        _unknown(path, known, findings)
+        return
+    numbers = [finite(part) for part in (_text(value) or '').split()]
+    if len(numbers) not in PAYLOAD_SIZES[field] or None in numbers:
+        sizes = ' or '.join(str(size) for size in PAYLOAD_SIZES[field])
+        findings.add(f'path {path!r}', f'value must be {sizes} finite numbers, got {value!r}')
+        return
+    array = np.array(numbers, dtype=np.float64)
+    if field == 'mass' and array[0] < 0.0:
+        findings.add(f'path {path!r}', f'value must be >= 0 kg, got {array[0]:g}')
+    payloads.setdefault(link, {})[field] = array
+
+
+def _with_payloads(tree: Tree, payloads: Mapping[str, Mapping[str, Array]]) -> Tree:
+    bodies = list(tree.bodies)
+    for link, payload in payloads.items():
+        at = tree.frames[link]
+        if at.body < 0:
+            rule = 'must be on a link that moves or is flexible, got one fixed to the base'
+            raise ConfigError(WHERE, [f"path 'payload.{link}': {rule}"])
+        mass = float(payload.get('mass', np.zeros(1))[0])
+        com = payload.get('com', np.zeros(3))
+        added = from_centre(mass, com, _inertia(payload.get('inertia', np.zeros(6))))
+        body = bodies[at.body]
+        inertia = total(body.inertia, moved(added, at.placement))
+        bodies[at.body] = replace(body, inertia=inertia)
+    return replace(tree, bodies=tuple(bodies))
+
+
+def _inertia(numbers: Array) -> Array:
+    """Return the (3, 3) matrix of nine numbers, or of ixx ixy ixz iyy iyz izz."""
+    if len(numbers) == 9:
+        matrix = numbers.reshape(3, 3)
+        return np.asarray(0.5 * (matrix + matrix.T))
+    xx, xy, xz, yy, yz, zz = numbers
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
