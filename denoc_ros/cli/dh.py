@@ -1,0 +1,58 @@
+"""`denoc dh`: a Denavit-Hartenberg table to URDF + `<flexibility>`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the verb to the parsers of `denoc`."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        'dh', help='make a URDF with flexible links from a Denavit-Hartenberg table'
+    )
+    parser.add_argument('table', help='YAML file with one system, or with several by name')
+    parser.add_argument('-o', '--output', required=True, help='the URDF to write')
+    parser.add_argument('--system', help='name of the system, in a file with several')
+    parser.add_argument(
+        '--kinds', help='R (rigid) or F (flexible) for each link, such as FFR; default: the table'
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the URDF of a table.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        `table`, `output`, `system`, `kinds`.
+
+    Returns
+    -------
+    int
+        0; what is wrong is raised.
+
+    Raises
+    ------
+    ConfigError
+        With every finding of the table, or if the output cannot be written.
+    ModelError
+        If the table's robot is not possible.
+    """
+    from denoc_ros.errors import ConfigError
+    from denoc_ros.model.dh import load_system
+    from denoc_ros.model.dh_urdf import urdf_text
+    from denoc_ros.model.urdf import load_tree
+
+    system = load_system(args.table, args.system, args.kinds)
+    text = urdf_text(system)
+    tree = load_tree(text)
+    try:
+        Path(args.output).write_text(text, encoding='utf-8')
+    except OSError as error:
+        rule = f'the file must be writable, got: {error.strerror}'
+        raise ConfigError(args.output, [rule]) from error
+    flexible = sum(body.beam is not None for body in tree.bodies)
+    print(f'{args.output}: {len(system.links)} links, {flexible} flexible')
+    return 0

@@ -1,0 +1,179 @@
+"""Write a robot given by a Denavit-Hartenberg table as URDF + `<flexibility>`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from denoc_ros.model.dh import DHLink, DHSystem
+from denoc_ros.model.findings import Element
+
+Array = NDArray[np.float64]
+
+VISUAL_WIDTH = 0.04  # of the longest link
+
+
+def urdf_text(system: DHSystem) -> str:
+    """Return a system's URDF.
+
+    Parameters
+    ----------
+    system : DHSystem
+        A validated table.
+
+    Returns
+    -------
+    str
+        Links `base`, `link_1` ... `link_n` and `tool`, joints `joint_1` ... `joint_n` about or
+        along Z. Link i's frame is the frame of joint i, turned with it: X along the rod or
+        beam. `tool` stands fixed at the end. Planar systems bend along y, others along y and z.
+    """
+    root = etree.Element('robot', name=system.name)
+    root.append(etree.Comment(_head(system)))
+    width = VISUAL_WIDTH * max(link.rod_length for link in system.links)
+    etree.SubElement(root, 'link', name='base')
+    for index, link in enumerate(system.links, 1):
+        element = etree.SubElement(root, 'link', name=f'link_{index}')
+        _add_inertial(element, link)
+        _add_visuals(element, link, width)
+    etree.SubElement(root, 'link', name='tool')
+    parent, shift, turn = 'base', np.zeros(3), np.eye(3)
+    for index, link in enumerate(system.links, 1):
+        origin = turn @ _rotation_z(link.theta)
+        _add_joint(root, system, index, parent, shift, origin)
+        parent = f'link_{index}'
+        shift, turn = np.array([link.a, 0.0, link.b]), _rotation_x(link.alpha)
+    tip = etree.SubElement(root, 'joint', name='tool_joint', type='fixed')
+    _add_ends(tip, parent, 'tool', shift, turn)
+    if any(_bends(system, link) for link in system.links):
+        _add_flexibility(root, system)
+    etree.indent(root, '  ')
+    return f'<?xml version="1.0"?>\n{etree.tostring(root, encoding="unicode")}\n'
+
+
+def rod_inertia(link: DHLink) -> tuple[Array, Array]:
+    """Return centre of mass and inertia of a link's rods and hub.
+
+    Parameters
+    ----------
+    link : DHLink
+        A rod from the origin to (0, 0, b), then to (a, 0, b), of one mass per length; a point
+        mass at the origin if it has no length. The hub has inertia about Z, and no mass.
+
+    Returns
+    -------
+    com : ndarray (3,)
+        Centre of mass in the link frame [m].
+    inertia : ndarray (3, 3)
+        About the centre of mass [kg m^2].
+    """
+    inertia = np.diag([0.0, 0.0, link.hub_inertia])
+    if link.rod_length == 0.0 or link.mass == 0.0:
+        return np.zeros(3), inertia
+    rods = (
+        (np.array([0.0, 0.0, link.b]), np.array([0.0, 0.0, 0.5 * link.b])),
+        (np.array([link.a, 0.0, 0.0]), np.array([0.5 * link.a, 0.0, link.b])),
+    )
+    masses = [link.mass * float(np.abs(rod).sum()) / link.rod_length for rod, _ in rods]
+    com = sum((m * centre for m, (_, centre) in zip(masses, rods, strict=True)), np.zeros(3))
+    com = com / link.mass
+    for mass, (rod, centre) in zip(masses, rods, strict=True):
+        arm = centre - com
+        second = np.outer(rod, rod) / 12.0 + np.outer(arm, arm)
+        inertia = inertia + mass * (np.trace(second) * np.eye(3) - second)
+    return com, inertia
+
+
+def _head(system: DHSystem) -> str:
+    kinds = ''.join('F' if _bends(system, link) else 'R' for link in system.links)
+    plane = ' Planar: it moves in X-Y, Y is up.' if system.planar else ''
+    return f' Made by "denoc dh" from the table {system.name!r}, links {kinds}.{plane} '
+
+
+def _bends(system: DHSystem, link: DHLink) -> bool:
+    return link.ei is not None and system.modes > 0
+
+
+def _add_inertial(element: Element, link: DHLink) -> None:
+    com, inertia = rod_inertia(link)
+    inertial = etree.SubElement(element, 'inertial')
+    etree.SubElement(inertial, 'origin', xyz=_text(*com))
+    etree.SubElement(inertial, 'mass', value=_text(link.mass))
+    names = {f'i{"xyz"[i]}{"xyz"[j]}': _text(inertia[i, j]) for i in range(3) for j in range(i, 3)}
+    etree.SubElement(inertial, 'inertia', names)
+
+
+def _add_visuals(element: Element, link: DHLink, width: float) -> None:
+    rods = (
+        (link.b, (0.0, 0.0, 0.5 * link.b), (width, width, abs(link.b))),
+        (link.a, (0.5 * link.a, 0.0, link.b), (abs(link.a), width, width)),
+    )
+    for length, centre, size in rods:
+        if length:
+            visual = etree.SubElement(element, 'visual')
+            etree.SubElement(visual, 'origin', xyz=_text(*centre))
+            geometry = etree.SubElement(visual, 'geometry')
+            etree.SubElement(geometry, 'box', size=_text(*size))
+
+
+def _add_joint(
+    root: Element, system: DHSystem, index: int, parent: str, shift: Array, turn: Array
+) -> None:
+    kind = 'prismatic' if system.links[index - 1].prismatic else 'revolute'
+    joint = etree.SubElement(root, 'joint', name=f'joint_{index}', type=kind)
+    _add_ends(joint, parent, f'link_{index}', shift, turn)
+    etree.SubElement(joint, 'axis', xyz='0 0 1')
+    limits = {key: _text(value) for key, value in system.limits.items()}
+    etree.SubElement(joint, 'limit', limits)
+
+
+def _add_ends(joint: Element, parent: str, child: str, shift: Array, turn: Array) -> None:
+    etree.SubElement(joint, 'parent', link=parent)
+    etree.SubElement(joint, 'child', link=child)
+    etree.SubElement(joint, 'origin', xyz=_text(*shift), rpy=_text(*_rpy(turn)))
+
+
+def _add_flexibility(root: Element, system: DHSystem) -> None:
+    block = etree.SubElement(root, 'flexibility')
+    for index, link in enumerate(system.links, 1):
+        if not _bends(system, link):
+            continue
+        beam = etree.SubElement(block, 'beam', link=f'link_{index}', length=_text(link.a))
+        beam.set('mass_per_length', _text(link.mass / link.rod_length))
+        if system.shape != 'clamped-free':
+            beam.set('shape', system.shape)
+        etree.SubElement(beam, 'origin', xyz=_text(0.0, 0.0, link.b))
+        for direction in ('y',) if system.planar else ('y', 'z'):
+            assert link.ei is not None
+            bending = etree.SubElement(beam, 'bending', direction=direction, ei=_text(link.ei))
+            bending.set('modes', str(system.modes))
+            bending.set('damping_ratio', _text(*system.damping_ratio))
+
+
+def _rotation_x(angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def _rotation_z(angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _rpy(rotation: Array) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw of a rotation; yaw 0 where pitch is a quarter turn."""
+    level = math.hypot(rotation[0, 0], rotation[1, 0])
+    pitch = math.atan2(-rotation[2, 0], level)
+    if level < 1e-9:
+        roll = math.atan2(-rotation[1, 2], rotation[1, 1])
+        return roll, pitch, 0.0
+    roll = math.atan2(rotation[2, 1], rotation[2, 2])
+    return roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0])
+
+
+def _text(*numbers: float) -> str:
+    """Return numbers to 15 digits, which do not depend on the machine; a rounded zero is 0."""
+    return ' '.join(f'{0.0 if abs(number) < 1e-14 else number:.15g}' for number in numbers)
