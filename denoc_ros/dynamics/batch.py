@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from denoc_ros.model.lowering import SLIP_RATE
 
 if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.dynamics.held_model import HeldModel
 
 Array = NDArray[np.float64]
 ROWS_PER_THREAD = 64  # below that a thread costs more than it saves
@@ -33,7 +33,7 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def run_rows(
-    robot: Robot,
+    robot: HeldModel,
     kernel: Callable[..., Any],
     count: int,
     inputs: Sequence[Array],

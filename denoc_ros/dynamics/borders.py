@@ -21,7 +21,7 @@ def as_rows(name: str, value: ArrayLike, n: int) -> Array:
     StateError
         For another shape, or numbers that are not real.
     """
-    if type(value) is np.ndarray and value.dtype == np.float64 and value.flags.c_contiguous:
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.flags.carray:
         array: Array = value
     else:
         array = _converted(name, value)
@@ -46,7 +46,8 @@ def _converted(name: str, value: ArrayLike) -> Array:
         raise StateError(f'{name} must be an array of real numbers, got {value!r}') from error
     if array.dtype.kind not in 'iuf':
         raise StateError(f'{name} must be real numbers (float64), got dtype {array.dtype}')
-    return np.ascontiguousarray(array, dtype=np.float64)
+    # a read-only or strided array would make numba compile another signature
+    return np.require(array, dtype=np.float64, requirements=['C', 'A', 'W'])
 
 
 def as_output(out: Array | None, shape: tuple[int, ...]) -> Array:
@@ -81,7 +82,4 @@ def same_rows(arrays: Sequence[Array]) -> list[Array]:
     if len(counts) > 1:
         raise StateError(f'states must have the same number of rows, got {sorted(counts)}')
     k = counts.pop()
-    return [
-        array if array.ndim == 2 else np.ascontiguousarray(np.broadcast_to(array, (k, len(array))))
-        for array in arrays
-    ]
+    return [array if array.ndim == 2 else np.tile(array, (k, 1)) for array in arrays]

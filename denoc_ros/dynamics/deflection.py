@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.model.tree import Beam, Deformation, Tree
+from denoc_ros.dynamics.section import Section
+from denoc_ros.model.tree import Beam, Tree
 
 Array = NDArray[np.float64]
 
@@ -19,6 +20,8 @@ class TipDeflections:
     ----------
     tree : Tree
         The robot.
+    geometric_stiffness : bool
+        False leaves the foreshortening u_x out.
 
     Attributes
     ----------
@@ -34,7 +37,7 @@ class TipDeflections:
     vector [beta, -u_z', u_y'].
     """
 
-    def __init__(self, tree: Tree) -> None:
+    def __init__(self, tree: Tree, geometric_stiffness: bool = True) -> None:
         flexible = _flexible_bodies(tree)
         self.links = tuple(name for name, _, _ in flexible)
         self.names = tuple(f'{link}/{part}' for link in self.links for part in COMPONENTS)
@@ -44,8 +47,9 @@ class TipDeflections:
         self._owner = np.zeros((count, n))  # -1/2 at a link's own amplitudes
         for index, (_, start, beam) in enumerate(flexible):
             own = slice(start, start + sum(beam.modes))
-            self._rows[6 * index : 6 * index + 6, own] = _linear_rows(beam)
-            self._shortening[own, own] = _shortening(beam)
+            tip = Section(beam, beam.length, geometric_stiffness)
+            self._rows[6 * index : 6 * index + 6, own] = tip.linear
+            self._shortening[own, own] = tip.shortening
             self._owner[index, own] = -0.5
 
     def evaluate(
@@ -94,38 +98,3 @@ def _flexible_bodies(tree: Tree) -> list[tuple[str, int, Beam]]:
             found.append((body.name, start, body.beam))
         start += sum(body.beam.modes)
     return found
-
-
-def _parts(beam: Beam) -> list[tuple[str, slice, Deformation]]:
-    """Return direction, place among the link's amplitudes and deformation of each part."""
-    found, start = [], 0
-    for direction, part in (('y', beam.y), ('z', beam.z), ('torsion', beam.torsion)):
-        if part is not None:
-            found.append((direction, slice(start, start + part.modes), part))
-            start += part.modes
-    return found
-
-
-def _linear_rows(beam: Beam) -> Array:
-    """Return d(deflection)/d(amplitudes) at the tip, undeformed, (6, m)."""
-    rows = np.zeros((6, sum(beam.modes)))
-    tip = np.array([beam.length])
-    for direction, place, part in _parts(beam):
-        value, slope = part.shapes.values(tip)[0], part.shapes.slopes(tip)[0]
-        if direction == 'y':
-            rows[1, place], rows[5, place] = value, slope
-        elif direction == 'z':
-            rows[2, place], rows[4, place] = value, -slope
-        else:
-            rows[3, place] = value
-    return rows
-
-
-def _shortening(beam: Beam) -> Array:
-    """Return H of both planes, (m, m) [1/m], zero for torsion."""
-    size = sum(beam.modes)
-    matrix = np.zeros((size, size))
-    for direction, place, part in _parts(beam):
-        if direction != 'torsion':
-            matrix[place, place] = part.shapes.gram(1)
-    return matrix

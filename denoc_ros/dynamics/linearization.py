@@ -36,10 +36,10 @@ def _steps(robot: Robot) -> Array:
     """Return the difference step of each coordinate: rad, or a share of the beam's length."""
     steps = np.full(robot.n, STEP)
     for body in robot.tree.bodies:
-        if body.beam is not None and sum(body.beam.modes):
-            at = robot.amplitudes(body.name)
+        if body.beam is not None and any(body.beam.modes):
+            first = robot.amplitudes(body.name).start
             bending = body.beam.modes[0] + body.beam.modes[1]
-            steps[at.start : at.start + bending] *= body.beam.length
+            steps[first : first + bending] *= body.beam.length
     return steps
 
 
@@ -52,8 +52,7 @@ def _derivative(function: Callable[[Array], Array], x: Array, steps: Array) -> A
             state[j] += factor * step
         a, b, c, d = (function(state) for state in shifted)
         columns.append((8.0 * (a - b) - (c - d)) / (12.0 * step))
-    derivative: Array = np.array(columns).T.reshape(-1, len(x))
-    return derivative
+    return np.column_stack(columns)
 
 
 def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None = None) -> Array:
@@ -64,7 +63,7 @@ def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None =
     def load(state: Array) -> Array:
         return robot.inverse_dynamics(state, zero, zero, wrenches) - elastic * state
 
-    tangent = _derivative(load, q, _steps(robot))
+    tangent: Array = _derivative(load, q, _steps(robot))
     symmetric: Array = 0.5 * (tangent + tangent.T) + np.diag(elastic)
     return symmetric
 

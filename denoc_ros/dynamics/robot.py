@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import constraints, linearization, structure
 from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.borders import as_output, as_rows, as_vector, require_finite, same_rows
+from denoc_ros.dynamics.borders import as_output, as_rows, as_vector, same_rows
+from denoc_ros.dynamics.held_model import HeldModel, Source
 from denoc_ros.dynamics.section import Section
-from denoc_ros.errors import ModelError, SolverError, StateError
 from denoc_ros.kernels import articulated, composite, inverse, world
 from denoc_ros.kernels.internal import ARMATURE
-from denoc_ros.kernels.layout import MASS, PARENT, REAL
-from denoc_ros.model.lowering import SLIP_RATE, Lowered, inertia_row, lower
-from denoc_ros.model.overrides import with_overrides
-from denoc_ros.model.tree import Tree
+from denoc_ros.model.lowering import SLIP_RATE
 from denoc_ros.model.urdf import load_tree
 
 Array = NDArray[np.float64]
 Wrenches = Mapping[str, ArrayLike]
-Source = str | os.PathLike[str]
 
 
-class Robot:
+class Robot(HeldModel):
     """A robot with rigid and flexible links (see :func:`load_robot`).
 
     States are vectors (n,) in the order of `coordinate_names`; every verb also takes rows (k, n)
@@ -35,71 +29,8 @@ class Robot:
     wanted, `check=False` skips the test that arguments are finite. A robot holds one workspace and
     so is not to be used by two threads at once: give each its own :meth:`copy`.
 
-    Attributes
-    ----------
-    tree : Tree
-    n : int
-    joint_names, coordinate_names : tuple of str
-    joint_indices : (joints,) int array, where the joints stand among the coordinates
-    gravity : (3,) [m/s^2] in the base frame
-    geometric_stiffness : bool
+    Attributes as in :class:`HeldModel`.
     """
-
-    def __init__(
-        self,
-        tree: Tree,
-        gravity: ArrayLike = (0.0, 0.0, -9.81),
-        geometric_stiffness: bool = True,
-        source: Source | None = None,
-    ) -> None:
-        self.tree = tree
-        self.gravity = as_vector('gravity', gravity, (3,))
-        self.gravity.setflags(write=False)
-        self.geometric_stiffness = bool(geometric_stiffness)
-        self._source = source
-        self._adopt(lower(tree, self.gravity, self.geometric_stiffness))
-        self._payloads: dict[str, Array] = {}
-
-    def _adopt(self, lowered: Lowered) -> None:
-        self.lowered = lowered
-        self.n = lowered.n
-        self.joint_names = lowered.joint_names
-        self.coordinate_names = lowered.coordinate_names
-        self.joint_indices = lowered.joint_indices
-        self.flexible_indices = np.setdiff1d(np.arange(self.n), self.joint_indices)
-        self._reals = lowered.reals.copy()
-        self._work = np.zeros(lowered.work_size)
-        self._zero = np.zeros(self.n)
-        self._torque = np.zeros(self.n)
-        self._free = np.zeros(lowered.bodies, dtype=np.int64)
-        self._held = np.ones(lowered.bodies, dtype=np.int64)
-        self._sections: dict[tuple[str, float | None], tuple[Section, slice]] = {}
-
-    @property
-    def model_arrays(self) -> tuple[Any, ...]:
-        """The kernels' leading arguments: ints, reals, work, diagonals, bodies, slip rate."""
-        low = self.lowered
-        return low.ints, self._reals, self._work, low.diagonals, low.bodies, SLIP_RATE
-
-    def copy(self) -> Robot:
-        """Return a robot with the same model and payloads and a workspace of its own."""
-        other = Robot.__new__(Robot)
-        other.__dict__.update(self.__dict__)
-        other._adopt(self.lowered)
-        other._reals = self._reals.copy()
-        other._payloads = dict(self._payloads)
-        return other
-
-    def with_overrides(self, overrides: Mapping[str, Any]) -> Robot:
-        """Return a robot with other parameters, by dotted paths such as `beam.arm.y.ei`.
-
-        Raises
-        ------
-        ConfigError
-            A path that names nothing, or a value that makes no model.
-        """
-        tree = with_overrides(self.tree if self._source is None else self._source, overrides)
-        return Robot(tree, self.gravity, self.geometric_stiffness)
 
     # dynamics ---------------------------------------------------------------------------------
 
@@ -387,37 +318,6 @@ class Robot:
         """
         return constraints.constrained_forward_dynamics(self, q, qd, tau)
 
-    def set_payload(
-        self, frame: str, mass: float, com: ArrayLike = (0, 0, 0), inertia: ArrayLike | None = None
-    ) -> None:
-        """Hang a rigid payload on a frame, in place of the one set there before; live.
-
-        Parameters
-        ----------
-        frame : link name
-        mass : float [kg]
-        com : (3,) [m] in the frame
-        inertia : (3, 3) [kg m^2] about the centre of mass, frame axes; default a point mass
-        """
-        row = int(self.lowered.ints[self._row(frame), PARENT])
-        attachment = self.tree.frames[frame]
-        if row < 0 or attachment.station != 0.0:
-            raise StateError(f'frame {frame!r} must be a link that moves, got one that does not')
-        payload = structure.payload_inertia(attachment.placement, mass, com, inertia)
-        self._payloads[frame] = inertia_row(payload)
-        at = int(self.lowered.ints[row, REAL]) + MASS
-        total = self.lowered.reals[at : at + 10].copy()
-        for name, load in self._payloads.items():
-            if int(self.lowered.ints[self._row(name), PARENT]) == row:
-                total += load
-        self._reals[at : at + 10] = total
-
-    # inside -----------------------------------------------------------------------------------
-
-    def held_bodies(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return, per body, 1 where its joint is among the coordinates of index."""
-        return structure.held_bodies(self, index)
-
     def _articulated_rows(
         self, held: NDArray[np.int64], q: Array, qd: Array, given: Array, tau: Array, qdd: Array
     ) -> tuple[int, Array]:
@@ -440,32 +340,6 @@ class Robot:
             load += self.frame_jacobian(frame, q).T @ as_vector('wrench', wrench, (6,))
         return load
 
-    def _indices(self, names: Sequence[str]) -> NDArray[np.int64]:
-        unknown = [name for name in names if name not in self.joint_names]
-        if unknown or len(set(names)) != len(names):
-            raise StateError(
-                f'joints must be different ones of {self.joint_names}, got {tuple(names)}'
-            )
-        return self.joint_indices[[self.joint_names.index(name) for name in names]]
-
-    def _row(self, frame: str) -> int:
-        row = self.lowered.frame_rows.get(frame)
-        if row is None:
-            known = ', '.join(self.lowered.frame_rows)
-            raise StateError(f'frame must be one of {known}, got {frame!r}')
-        return row
-
-    def _judge(self, status: int, check: bool, **arguments: Array) -> None:
-        if status == articulated.SINGULAR:
-            require_finite(arguments)
-            raise SolverError(f'{self.tree.name}: the inertia must be positive definite, got none')
-        if check and status == articulated.NOT_FINITE:
-            self._refuse(**arguments)
-
-    def _refuse(self, **arguments: Array) -> None:
-        require_finite(arguments)
-        raise StateError('the result must be finite, got an overflow from finite arguments')
-
 
 def load_robot(
     source: Source,
@@ -486,7 +360,4 @@ def load_robot(
     ModelError
         With every finding of the file.
     """
-    return Robot(load_tree(source), gravity, geometric_stiffness, source)
-
-
-__all__ = ['ModelError', 'Robot', 'load_robot']
+    return Robot(load_tree(source), gravity, geometric_stiffness)

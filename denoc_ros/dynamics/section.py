@@ -24,6 +24,8 @@ class Section:
     Attributes
     ----------
     station : float [m]
+    linear : (6, m), [ux uy uz rx ry rz] per amplitude (ux: none)
+    shortening : (m, m) [1/m], H in ux = -d^T H d / 2
     """
 
     def __init__(self, beam: Beam, station: float, geometric_stiffness: bool) -> None:
@@ -31,34 +33,34 @@ class Section:
         x = np.array([self.station])
         ny, nz, nt = beam.modes
         m = ny + nz + nt
-        self._linear = np.zeros((6, m))  # d[ux uy uz rx ry rz] / d[amplitudes] at rest
-        self._shortening = np.zeros((m, m))
+        self.linear = np.zeros((6, m))
+        self.shortening = np.zeros((m, m))
         planes = ((beam.y, 1, 5, 1.0, 0), (beam.z, 2, 4, -1.0, ny))
         for part, row, turn, sign, first in planes:
             if part is None:
                 continue
             columns = slice(first, first + part.modes)
-            self._linear[row, columns] = part.shapes.values(x)[0]
-            self._linear[turn, columns] = sign * part.shapes.slopes(x)[0]
+            self.linear[row, columns] = part.shapes.values(x)[0]
+            self.linear[turn, columns] = sign * part.shapes.slopes(x)[0]
             if geometric_stiffness:
-                self._shortening[columns, columns] = foreshortening(part.shapes, x)[0]
+                self.shortening[columns, columns] = foreshortening(part.shapes, x)[0]
         self._twist(beam.torsion, x, slice(ny + nz, m))
 
     def _twist(self, torsion: Deformation | None, x: Array, columns: slice) -> None:
         if torsion is not None:
-            self._linear[3, columns] = torsion.shapes.values(x)[0]
+            self.linear[3, columns] = torsion.shapes.values(x)[0]
 
     def deflection(self, amplitudes: Array) -> Array:
         """Return [ux, uy, uz, rx, ry, rz] (6,) [m, rad] for amplitudes (m,).
 
         The last three are the rotation vector phi of the section, R = Exp(phi).
         """
-        u: Array = self._linear @ amplitudes
-        u[0] = -0.5 * amplitudes @ self._shortening @ amplitudes
+        u: Array = self.linear @ amplitudes
+        u[0] = -0.5 * amplitudes @ self.shortening @ amplitudes
         return u
 
     def rate(self, amplitudes: Array, rates: Array) -> Array:
         """Return the time rates (6,) of :meth:`deflection`."""
-        u: Array = self._linear @ rates
-        u[0] = -amplitudes @ self._shortening @ rates
+        u: Array = self.linear @ rates
+        u[0] = -amplitudes @ self.shortening @ rates
         return u

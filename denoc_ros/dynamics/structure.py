@@ -16,12 +16,12 @@ from denoc_ros.model.lowering import cross_matrix, is_flexible
 from denoc_ros.model.tree import RigidInertia
 
 if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.dynamics.held_model import HeldModel
 
 Array = NDArray[np.float64]
 
 
-def _body_index(robot: Robot, link: str) -> int:
+def _body_index(robot: HeldModel, link: str) -> int:
     for index, body in enumerate(robot.tree.bodies):
         if body.name == link and is_flexible(body):
             return index
@@ -29,14 +29,14 @@ def _body_index(robot: Robot, link: str) -> int:
     raise StateError(f'link must be a flexible one of {flexible}, got {link!r}')
 
 
-def amplitudes(robot: Robot, link: str) -> slice:
+def amplitudes(robot: HeldModel, link: str) -> slice:
     """Return where the amplitudes of a flexible link stand among the coordinates."""
     row = robot.lowered.ints[_body_index(robot, link)]
     first = int(row[layout.COORDINATE] + row[layout.JOINT])
     return slice(first, first + int(row[layout.MODES]))
 
 
-def find_section(robot: Robot, link: str, station: float | None) -> tuple[Section, slice]:
+def find_section(robot: HeldModel, link: str, station: float | None) -> tuple[Section, slice]:
     """Return a section of a link's beam (default its tip) and its amplitudes' slice."""
     beam = robot.tree.bodies[_body_index(robot, link)].beam
     assert beam is not None
@@ -46,7 +46,7 @@ def find_section(robot: Robot, link: str, station: float | None) -> tuple[Sectio
     return Section(beam, at, robot.geometric_stiffness), amplitudes(robot, link)
 
 
-def held_bodies(robot: Robot, index: NDArray[np.int64]) -> NDArray[np.int64]:
+def held_bodies(robot: HeldModel, index: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return, per body, 1 where its joint is among the coordinates of index."""
     rows = robot.lowered.ints[: robot.lowered.bodies]
     moved = rows[:, layout.JOINT] == 1
@@ -81,7 +81,7 @@ def payload_inertia(
     return RigidInertia(float(mass), mass * centre, total)
 
 
-def _blocks(robot: Robot, i: int) -> tuple[Array | None, Array]:
+def _blocks(robot: HeldModel, i: int) -> tuple[Array | None, Array]:
     """Return twist propagation A (6 + m_i, 6 + m_parent) and P (6 + m_i, k_i) of body i."""
     low = robot.lowered
     row = low.ints[i]
@@ -112,7 +112,7 @@ def _blocks(robot: Robot, i: int) -> tuple[Array | None, Array]:
     return a, p
 
 
-def denoc_matrices(robot: Robot, q: Array) -> tuple[Array, Array]:
+def denoc_matrices(robot: HeldModel, q: Array) -> tuple[Array, Array]:
     """Return the dense N_l (twists of all bodies by bodies) and N_d (block diagonal)."""
     low = robot.lowered
     ints, reals, work = robot.model_arrays[:3]

@@ -210,7 +210,7 @@ class _Lowering:
             return attachment.placement
         carrier = self.tree.bodies[attachment.body]
         if not is_flexible(carrier):
-            moved = attachment.placement.copy()
+            moved: Array = attachment.placement.copy()
             moved[0, 3] += attachment.station
             return moved
         assert carrier.beam is not None

@@ -1,0 +1,290 @@
+"""Torque feedforward: what the joints must give so that they follow a desired motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.errors import StateError
+from denoc_ros.kernels.articulated import GOOD, articulated_dynamics
+from denoc_ros.kernels.internal import ARMATURE, DAMPING, FRICTION, STIFFNESS
+from denoc_ros.model.lowering import SLIP_RATE
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+
+MODELS = ('rigid', 'flexible', 'quasi_static')
+LONGEST_GAP = 0.1  # s between two updates after which the amplitudes start anew from equilibrium
+SUBSTEPS = 200  # at most, per update
+SETTLE_ITERATIONS = 60
+FOLLOW_ITERATIONS = 3  # of the static deflection, per update
+SETTLED = 1e-12  # relative change that ends the iteration
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Which parts of the torque are wanted.
+
+    Attributes
+    ----------
+    inertia : bool
+        What accelerations need.
+    coriolis : bool
+        What rates need: centrifugal and Coriolis.
+    gravity : bool
+        What weight needs.
+    friction : bool
+        The joints' viscous damping and Coulomb friction.
+    elastic : bool
+        What deflection changes: without it amplitudes count as zero and the rest is as rigid.
+    """
+
+    inertia: bool = True
+    coriolis: bool = True
+    gravity: bool = True
+    friction: bool = True
+    elastic: bool = True
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Return the switches' names."""
+        return tuple(field.name for field in fields(cls))
+
+
+class TorqueFeedforward:
+    """Torque along a desired joint motion, update by update; allocates nothing that grows.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its workspace is used: do not share it with another thread.
+    joints : sequence of str, optional
+        The joints that are driven, in the order of all arrays here; default all that are not
+        mimics. Mimic joints follow their leaders, the others stay at `held`.
+    model : {'rigid', 'flexible', 'quasi_static'}
+        rigid: the book's, links taken as rigid; flexible: the joints move as desired while the
+        amplitudes move freely (hybrid dynamics, integrated alongside); quasi_static: the
+        amplitudes stand in equilibrium with gravity.
+    terms : Terms
+    step : float
+        Longest step of the integration alongside [s].
+    held : mapping of str to float, optional
+        Positions of joints that are not driven [rad or m]; default 0.
+
+    Attributes
+    ----------
+    q, qd, qdd : (n,) array
+        State and acceleration that the last torque is for.
+
+    Raises
+    ------
+    StateError
+        An unknown model or joint.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        joints: Sequence[str] | None = None,
+        model: str = 'flexible',
+        terms: Terms | None = None,
+        step: float = 1e-3,
+        held: Mapping[str, float] | None = None,
+    ) -> None:
+        if model not in MODELS:
+            raise StateError(f'model must be one of {MODELS}, got {model!r}')
+        self.robot = robot
+        self.model = model
+        self.terms = Terms() if terms is None else terms
+        self.step = step
+        self.ties, self.offsets, self.joints = joint_ties(robot, joints, held or {})
+        n = robot.n
+        self.q, self.qd, self.qdd = np.zeros((3, n))
+        self._flexible = np.ascontiguousarray(robot.flexible_indices)
+        self._index = robot.joint_indices
+        self._moves = model == 'flexible' and self.terms.elastic and len(self._flexible) > 0
+        self._sags = model == 'quasi_static' and self.terms.elastic and len(self._flexible) > 0
+        self._stepper = Stepper(robot, step)
+        self._held_bodies = robot.held_bodies(robot.joint_indices)
+        self._zero = np.zeros(n)
+        self._drive, self._given, self._full, self._part, self._torque = np.zeros((5, n))
+        self._acceleration = np.zeros(len(self._index))
+        self._result = np.zeros(len(self.joints))
+        diagonals = robot.lowered.diagonals
+        self._damping = diagonals[DAMPING][self._index].copy()
+        self._friction = diagonals[FRICTION][self._index].copy()
+        self._stiffness = diagonals[STIFFNESS][self._flexible].copy()
+        self._settled = False
+
+    def reset(self) -> None:
+        """Forget the amplitudes: the next update starts from equilibrium."""
+        self._settled = False
+
+    def adopt(self, other: TorqueFeedforward) -> None:
+        """Go on from another's amplitudes, if they are as many (a changed model of one robot)."""
+        if other.q.shape == self.q.shape and other._moves and self._moves and other._settled:
+            self.q[:], self.qd[:], self.qdd[:] = other.q, other.qd, other.qdd
+            self._settled = True
+
+    def update(self, q: Array, qd: Array, qdd: Array, elapsed: float) -> Array:
+        """Return the torque (driven joints,) for a desired motion; the same array each time.
+
+        Parameters
+        ----------
+        q, qd, qdd : (driven joints,) array
+            rad or m, and per s, per s^2.
+        elapsed : float
+            s since the last update; the amplitudes are integrated over it. The first update, and
+            one after a gap longer than 0.1 s, starts from the amplitudes' equilibrium.
+
+        Raises
+        ------
+        StateError
+            A number is not finite.
+        """
+        if self._moves and self._settled and 0.0 <= elapsed <= LONGEST_GAP:
+            self._integrate(qdd, elapsed)
+            self._place(q, qd, qdd)
+        else:
+            self._place(q, qd, qdd)
+            self._start()
+        if self._moves:
+            self._free_accelerations()
+        return self._joint_torque()
+
+    def gravity(self, q: Array) -> Array:
+        """Return the torque (driven joints,) that carries the weight at rest at joints q.
+
+        Zero without the gravity term. Does not touch the state of a motion; amplitudes count as
+        they are.
+        """
+        if not self.terms.gravity:
+            self._result[:] = 0.0
+            return self._result
+        state = self._given
+        state[:] = self.q if self.terms.elastic else 0.0
+        state[self._index] = self.ties @ q + self.offsets
+        self.robot.inverse_dynamics(state, self._zero, self._zero, out=self._full, check=False)
+        return self._reduce(self._full)
+
+    def _place(self, q: Array, qd: Array, qdd: Array) -> None:
+        """Put the desired motion into the state's joints."""
+        index, ties = self._index, self.ties
+        self.q[index] = ties @ q + self.offsets
+        self.qd[index] = ties @ qd
+        self.qdd[index] = ties @ qdd
+
+    def _integrate(self, qdd: Array, elapsed: float) -> None:
+        """Move the amplitudes over `elapsed`, the joints' acceleration going to `qdd`."""
+        if elapsed == 0.0:
+            return
+        before = self.qdd[self._index]
+        after = self.ties @ qdd
+        count = min(SUBSTEPS, max(1, round(elapsed / self.step)))
+        self._stepper.step = elapsed / count
+        for k in range(count):
+            np.multiply(after - before, (k + 0.5) / count, out=self._acceleration)
+            self._acceleration += before
+            self._stepper.driven(self.q, self.qd, self._acceleration)
+
+    def _start(self) -> None:
+        """Put the amplitudes where they stand still (or keep them zero)."""
+        if self._moves or self._sags:
+            self.qd[self._flexible] = 0.0
+            self.qdd[self._flexible] = 0.0
+            self._settle(FOLLOW_ITERATIONS if self._settled and self._sags else SETTLE_ITERATIONS)
+            self._settled = True
+
+    def _settle(self, iterations: int) -> None:
+        """Iterate d -= K^-1 (amplitude rows at rest): gravity's stiffness is small beside K."""
+        flexible = self._flexible
+        for _ in range(iterations):
+            self.robot.inverse_dynamics(
+                self.q, self._zero, self._zero, out=self._part, check=False
+            )
+            change = self._part[flexible] / self._stiffness
+            self.q[flexible] -= change
+            largest = float(np.abs(change).max())
+            if largest <= SETTLED * (1e-3 + float(np.abs(self.q[flexible]).max())):
+                return
+            if not np.isfinite(largest):
+                self.q[flexible] = 0.0
+                raise StateError('static deflection must be finite, got one that is not')
+
+    def _free_accelerations(self) -> None:
+        """Write the amplitudes' accelerations into `qdd`."""
+        ints, reals, work, diagonals, bodies, slip = self.robot.model_arrays
+        self._given[:] = self.qdd
+        status = articulated_dynamics(
+            ints, reals, work, diagonals, diagonals[ARMATURE], self._held_bodies, bodies, slip,
+            self.q, self.qd, self._given, self._drive, self.qdd, self._torque,
+        )  # fmt: skip
+        if status != GOOD:
+            self._settled = False
+            raise StateError('desired motion must be finite, got one that is not')
+        self.qdd[self._index] = self._given[self._index]
+
+    def _joint_torque(self) -> Array:
+        """Return the wanted terms of the torque at the state."""
+        terms, inverse = self.terms, self.robot.inverse_dynamics
+        q, qd, qdd, zero = self.q, self.qd, self.qdd, self._zero
+        full, part = self._full, self._part
+        inverse(q, qd, qdd if terms.inertia else zero, out=full, check=False)
+        if not (terms.coriolis and terms.gravity):
+            if not terms.coriolis:
+                # at these rates less at rest: Coriolis and friction; friction is put back below
+                full -= inverse(q, qd, zero, out=part, check=False)
+                inverse(q, zero, zero, out=part, check=False)
+                if terms.gravity:
+                    full += part
+            else:
+                full -= inverse(q, zero, zero, out=part, check=False)
+        if terms.friction != terms.coriolis:
+            friction = self._joint_friction(qd[self._index])
+            full[self._index] += -friction if terms.coriolis else friction
+        return self._reduce(full)
+
+    def _joint_friction(self, rate: Array) -> Array:
+        return self._damping * rate + self._friction * np.tanh(rate / SLIP_RATE)
+
+    def _reduce(self, force: Array) -> Array:
+        """Return the driven joints' share: a leader carries its mimics."""
+        return np.dot(force[self._index], self.ties, out=self._result)
+
+
+def joint_ties(
+    robot: Robot, joints: Sequence[str] | None, held: Mapping[str, float]
+) -> tuple[Array, Array, tuple[str, ...]]:
+    """Return T (all joints, driven) and c (all joints,) of q_all = T q + c, and the driven names.
+
+    Raises
+    ------
+    StateError
+        A driven joint is unknown, repeated or a mimic; a mimic's leader is unknown.
+    """
+    described = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint}
+    free = [name for name in robot.joint_names if described[name].mimic is None]
+    driven = tuple(joints) if joints is not None else tuple(free)
+    if len(set(driven)) != len(driven) or not set(driven) <= set(free):
+        raise StateError(f'driven joints must be different ones of {free}, got {list(driven)}')
+    ties = np.zeros((len(robot.joint_names), len(driven)))
+    offsets = np.zeros(len(robot.joint_names))
+    for row, name in enumerate(robot.joint_names):
+        factor, offset, leader = 1.0, 0.0, name
+        while (mimic := described[leader].mimic) is not None:
+            offset += factor * mimic.offset
+            factor *= mimic.multiplier
+            leader = mimic.leader
+        if leader in driven:
+            ties[row, driven.index(leader)] = factor
+            offsets[row] = offset
+        else:
+            offsets[row] = factor * held.get(leader, 0.0) + offset
+    return ties, offsets, driven

@@ -1,0 +1,147 @@
+"""What a robot holds: one immutable model, its payloads and one workspace."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.dynamics import structure
+from denoc_ros.dynamics.borders import as_vector, require_finite
+from denoc_ros.dynamics.section import Section
+from denoc_ros.errors import SolverError, StateError
+from denoc_ros.kernels import articulated
+from denoc_ros.kernels.layout import MASS, PARENT, REAL
+from denoc_ros.model.lowering import SLIP_RATE, Lowered, inertia_row, lower
+from denoc_ros.model.overrides import with_overrides
+from denoc_ros.model.tree import Tree
+
+Array = NDArray[np.float64]
+Source = str | os.PathLike[str]
+Held = TypeVar('Held', bound='HeldModel')
+
+
+class HeldModel:
+    """A lowered model with its workspace; :class:`denoc_ros.dynamics.robot.Robot` adds the verbs.
+
+    Attributes
+    ----------
+    tree : Tree
+    n : int
+    joint_names, coordinate_names : tuple of str
+    joint_indices, flexible_indices : int arrays, where joints and amplitudes stand
+    gravity : (3,) [m/s^2] in the base frame
+    geometric_stiffness : bool
+    """
+
+    def __init__(
+        self,
+        tree: Tree,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        geometric_stiffness: bool = True,
+    ) -> None:
+        self.tree = tree
+        self.gravity = as_vector('gravity', gravity, (3,)).copy()
+        self.gravity.setflags(write=False)
+        self.geometric_stiffness = bool(geometric_stiffness)
+        self._adopt(lower(tree, self.gravity, self.geometric_stiffness))
+        self._payloads: dict[str, Array] = {}
+
+    def _adopt(self, lowered: Lowered) -> None:
+        self.lowered = lowered
+        self.n = lowered.n
+        self.joint_names = lowered.joint_names
+        self.coordinate_names = lowered.coordinate_names
+        self.joint_indices = lowered.joint_indices
+        self.flexible_indices = np.setdiff1d(np.arange(self.n), self.joint_indices)
+        self._reals = lowered.reals.copy()
+        self._work = np.zeros(lowered.work_size)
+        self._zero = np.zeros(self.n)
+        self._torque = np.zeros(self.n)
+        self._free = np.zeros(lowered.bodies, dtype=np.int64)
+        self._held = np.ones(lowered.bodies, dtype=np.int64)
+        self._sections: dict[tuple[str, float | None], tuple[Section, slice]] = {}
+
+    @property
+    def model_arrays(self) -> tuple[Any, ...]:
+        """The kernels' leading arguments: ints, reals, work, diagonals, bodies, slip rate."""
+        low = self.lowered
+        return low.ints, self._reals, self._work, low.diagonals, low.bodies, SLIP_RATE
+
+    def copy(self: Held) -> Held:
+        """Return a robot with the same model and payloads and a workspace of its own."""
+        other = type(self).__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other._adopt(self.lowered)
+        other._reals = self._reals.copy()
+        other._payloads = dict(self._payloads)
+        return other
+
+    def with_overrides(self: Held, overrides: Mapping[str, Any]) -> Held:
+        """Return a robot with other parameters, by dotted paths such as `beam.arm.y.ei`.
+
+        Raises
+        ------
+        ConfigError
+            A path that names nothing, or a value that makes no model.
+        """
+        tree = with_overrides(self.tree, overrides)
+        return type(self)(tree, self.gravity, self.geometric_stiffness)
+
+    def set_payload(
+        self, frame: str, mass: float, com: ArrayLike = (0, 0, 0), inertia: ArrayLike | None = None
+    ) -> None:
+        """Hang a rigid payload on a frame, in place of the one set there before; live.
+
+        Parameters
+        ----------
+        frame : link name
+        mass : float [kg]
+        com : (3,) [m] in the frame
+        inertia : (3, 3) [kg m^2] about the centre of mass, frame axes; default a point mass
+        """
+        row = int(self.lowered.ints[self._row(frame), PARENT])
+        attachment = self.tree.frames[frame]
+        if row < 0 or attachment.station != 0.0:
+            raise StateError(f'frame {frame!r} must be a link that moves, got one that does not')
+        payload = structure.payload_inertia(attachment.placement, mass, com, inertia)
+        self._payloads[frame] = inertia_row(payload)
+        at = int(self.lowered.ints[row, REAL]) + MASS
+        total = self.lowered.reals[at : at + 10].copy()
+        for name, load in self._payloads.items():
+            if int(self.lowered.ints[self._row(name), PARENT]) == row:
+                total += load
+        self._reals[at : at + 10] = total
+
+    def held_bodies(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return, per body, 1 where its joint is among the coordinates of index."""
+        return structure.held_bodies(self, index)
+
+    def _indices(self, names: Sequence[str]) -> NDArray[np.int64]:
+        unknown = [name for name in names if name not in self.joint_names]
+        if unknown or len(set(names)) != len(names):
+            raise StateError(
+                f'joints must be different ones of {self.joint_names}, got {tuple(names)}'
+            )
+        return self.joint_indices[[self.joint_names.index(name) for name in names]]
+
+    def _row(self, frame: str) -> int:
+        row = self.lowered.frame_rows.get(frame)
+        if row is None:
+            known = ', '.join(self.lowered.frame_rows)
+            raise StateError(f'frame must be one of {known}, got {frame!r}')
+        return row
+
+    def _judge(self, status: int, check: bool, **arguments: Array) -> None:
+        if status == articulated.SINGULAR:
+            require_finite(arguments)
+            raise SolverError(f'{self.tree.name}: the inertia must be positive definite, got none')
+        if check and status == articulated.NOT_FINITE:
+            self._refuse(**arguments)
+
+    def _refuse(self, **arguments: Array) -> None:
+        require_finite(arguments)
+        raise StateError('the result must be finite, got an overflow from finite arguments')
