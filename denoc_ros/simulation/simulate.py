@@ -137,7 +137,7 @@ def _sampled(robot: Robot, motion: Motion, times: Array, states: Array) -> Run:
     for index, time in enumerate(times):
         motion.accelerate(float(time), states[index])
         q[index], qd[index], tau[index] = motion.q, motion.qd, motion.tau
-    energy = np.column_stack(robot.energy(q, qd))
+    energy = robot.energy(q, qd)
     names = tuple(robot.coordinate_names)
     return Run(times, q, qd, energy, tau, names, evaluations)
 

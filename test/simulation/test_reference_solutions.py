@@ -67,10 +67,10 @@ def fall(kind: str, modes: int = 2, shape: str = 'clamped-free') -> tuple[dn.Rob
     ('kind', 'modes', 'shape', 'angle', 'deflection'),
     [
         ('RF', 2, 'clamped-free', 4.4e-5, 3.5e-5),
-        ('RF', 4, 'clamped-free', 2.2e-5, 1.4e-5),
+        ('RF', 4, 'clamped-free', 1.8e-5, 1.2e-5),
         ('FR', 2, 'clamped-free', 2.2e-4, 1.65e-4),
         # A heavy link swings on this tip: craig-bampton shapes have its static deflections.
-        ('FR', 3, 'craig-bampton', 2e-5, 2e-5),
+        ('FR', 4, 'craig-bampton', 2.1e-5, 1.6e-5),
     ],
 )
 def test_two_link_arm_falls_as_finite_segments_do(
@@ -88,11 +88,11 @@ def test_flexible_links_move_two_link_joints_by_the_printed_order() -> None:
     for kind in ('RF', 'FR'):
         robot, run = fall(kind)
         gaps[kind] = np.max(np.abs(run.q[:, robot.joint_indices] - rigid), axis=0)
-    # The book: of the order of 1e-4 rad, RF by less than FR, most of all in joint 1.
+    # The book: of the order of 1e-4 rad, RF by less than FR in joint 1, alike in joint 2.
     for gap in gaps.values():
-        assert 1e-5 < np.max(gap) < 1e-2
-    assert np.all(gaps['RF'] < gaps['FR'])
-    assert gaps['RF'][0] / gaps['FR'][0] < gaps['RF'][1] / gaps['FR'][1]
+        assert np.all((gap > 3e-5) & (gap < 1e-3))
+    assert gaps['RF'][0] < 0.6 * gaps['FR'][0]
+    assert gaps['RF'][1] == pytest.approx(gaps['FR'][1], rel=0.05)
 
 
 def canadarm_motion(t: float) -> tuple[Array, Array, Array]:
@@ -139,7 +139,7 @@ def test_rigid_canadarm_follows_its_inverse_dynamics_torques() -> None:
 
 
 @pytest.mark.parametrize(
-    ('modes', 'angle', 'deflection'), [(2, 8.0e-3, 4.8e-3), (4, 3.8e-3, 1.0e-3)]
+    ('modes', 'angle', 'deflection'), [(2, 8.0e-3, 4.8e-3), (4, 3.7e-3, 1.0e-3)]
 )
 def test_flexible_canadarm_vibrates_as_finite_segments_do(
     modes: int, angle: float, deflection: float
@@ -184,10 +184,10 @@ def test_spinning_beam_with_geometric_stiffness_stays_bounded() -> None:
     deflection = tip_deflections(robot, run)['v1']
     table = reference('spinning_beam')
     lowest = int(np.argmin(deflection))
-    assert deflection[lowest] == pytest.approx(-0.575, abs=5e-4)  # two modes, exact equations
+    assert deflection[lowest] == pytest.approx(-0.575, abs=1e-4)  # two modes, exact equations
     assert run.t[lowest] == pytest.approx(6.762, abs=0.05)
-    # Two modes against the finite elements' -0.57379 m: 2e-3 of the peak, phases drift slowly.
-    assert np.max(np.abs(deflection - table['v1'])) <= 5e-3
+    # Two modes miss the finite elements' -0.57379 m by 1.2e-3, and a little more on the slopes.
+    assert np.max(np.abs(deflection - table['v1'])) <= 3.3e-3
     assert np.max(np.abs(deflection[run.t > 15.0])) < 0.02
 
 
@@ -198,16 +198,28 @@ def test_spinning_beam_without_geometric_stiffness_diverges() -> None:
     assert np.all(np.diff(deflection[run.t > 8.0]) > 0.0)
 
 
-def test_single_link_under_a_step_torque_swings_as_finite_segments_do() -> None:
-    robot = dn.load_robot(planar_chain(SINGLE_LINK), gravity=WEIGHTLESS)
-    step = np.array([5.0, 0.0, 0.0])
+@pytest.mark.parametrize(('modes', 'angle', 'direction'), [(2, 2.5e-2, 2.5e-3), (4, 1.1e-2, 6e-4)])
+def test_single_link_under_a_step_torque_swings_as_finite_segments_do(
+    modes: int, angle: float, direction: float
+) -> None:
+    robot = dn.load_robot(planar_chain(SINGLE_LINK, modes), gravity=WEIGHTLESS)
+    step = np.zeros(robot.n)
+    step[0] = 5.0
     run = dn.simulate(
-        robot, np.zeros(3), np.zeros(3), np.linspace(0.0, 2.0, 201), torque=lambda *_: step
+        robot,
+        np.zeros(robot.n),
+        np.zeros(robot.n),
+        np.linspace(0.0, 2.0, 201),
+        torque=lambda *_: step,
     )
-    angle, deflection = errors(robot, run, reference('single_link'))
-    # The deflection is 6 % of the length here and the table's own accuracy is 2e-2.
-    assert angle <= 2e-2
-    assert deflection <= 4e-2
+    table = reference('single_link')
+    # The torque steps on a massless root: there every mode left out is missed, and the tip at 6 %
+    # of the length is beyond small deflections; the tip as seen from the root's place is not
+    # touched by the first.
+    assert errors(robot, run, table)[0] <= angle
+    seen = run.q[:, 0] + np.arctan2(tip_deflections(robot, run)['v1'], 8.0)
+    true = (table['th1'] + np.arctan2(table['v1'], 8.0))[: len(run.t)]
+    assert np.max(np.abs(seen - true)) <= direction
 
 
 def test_energy_is_conserved_in_the_free_fall_of_two_flexible_links() -> None:
