@@ -101,8 +101,8 @@ def sensor_row(element: SensorElement, beam: Beam) -> Array:
     Returns
     -------
     ndarray (ny + nz + nt,)
-        gain times: -surface s'' (strain), s (deflection), EI s''' (shear force), and the bending
-        moment, -EI s'' about z for a deflection along y, EI s'' about y for one along z. Force
+        -surface s'' (strain), s (deflection), EI s''' (shear force), and the bending moment,
+        -EI s'' about z for a deflection along y, EI s'' about y for one along z. Force
         and moment are those on the part outboard of the station, in the beam frame's axes.
     """
     deformation = beam.y if element.direction == 'y' else beam.z
@@ -121,7 +121,7 @@ def sensor_row(element: SensorElement, beam: Beam) -> Array:
     ny, nz, nt = beam.modes
     row = np.zeros(ny + nz + nt)
     first = 0 if element.direction == 'y' else ny
-    row[first : first + deformation.modes] = element.gain * part[0]
+    row[first : first + deformation.modes] = part[0]
     return row
 
 
