@@ -1,0 +1,180 @@
+"""Torque feedforward against the verbs of the dynamics and against the robot it drives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from denoc_ros.dynamics.feedforward import Terms, TorqueFeedforward
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.errors import StateError
+from denoc_ros.kernels.internal import DAMPING, FRICTION
+from denoc_ros.model.lowering import SLIP_RATE
+from denoc_ros.simulation.trajectories import BookTrajectory
+
+LINK = """
+<link name="{link}"><inertial><origin xyz="1 0 0"/><mass value="6"/>
+<inertia ixx="0.01" ixy="0" ixz="0" iyy="2.01" iyz="0" izz="2.01"/></inertial></link>
+<joint name="{joint}" type="revolute"><parent link="{parent}"/><child link="{link}"/>
+<origin xyz="{x} 0 0"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="500" velocity="9"/>
+<dynamics damping="0.7" friction="0.4"/>{mimic}</joint>"""
+FLEXIBILITY = """<flexibility>
+<beam link="one" length="2"><bending direction="y" ei="900" modes="2" damping_ratio="0.01"/></beam>
+<beam link="two" length="2"><bending direction="y" ei="900" modes="2" damping_ratio="0.01"/></beam>
+</flexibility>"""
+
+
+def arm(flexible: bool = True, mimic: bool = False) -> Robot:
+    """Two links in a vertical plane with damping and friction in their joints."""
+    tie = '<mimic joint="j1" multiplier="-2" offset="0.1"/>' if mimic else ''
+    links = LINK.format(link='one', joint='j1', parent='base', x=0, mimic='')
+    links += LINK.format(link='two', joint='j2', parent='one', x=2, mimic=tie)
+    block = FLEXIBILITY if flexible else ''
+    return load_robot(
+        f'<robot name="arm"><link name="base"/>{links}{block}</robot>', gravity=(0, -9.81, 0)
+    )
+
+
+Q, QD, QDD = np.array([0.3, -0.5]), np.array([0.4, 0.9]), np.array([-1.0, 2.0])
+
+
+def state(robot: Robot, *joints: Any) -> list[Any]:
+    full = [np.zeros(robot.n) for _ in joints]
+    for whole, part in zip(full, joints, strict=True):
+        whole[robot.joint_indices] = part
+    return full
+
+
+@pytest.mark.parametrize('flexible', [False, True])
+def test_rigid_torque_is_inverse_dynamics_undeformed(flexible: bool) -> None:
+    robot = arm(flexible)
+    expected = robot.inverse_dynamics(*state(robot, Q, QD, QDD))[robot.joint_indices]
+    torque = TorqueFeedforward(robot, model='rigid').update(Q, QD, QDD, 0.0)
+    np.testing.assert_array_equal(torque, expected)
+
+
+@pytest.mark.parametrize('model', ['rigid', 'quasi_static'])
+def test_each_switch_takes_out_its_own_term(model: str) -> None:
+    robot = arm()
+    full = TorqueFeedforward(robot, model=model)
+    whole = full.update(Q, QD, QDD, 0.0).copy()
+    q, qd, qdd, zero = full.q.copy(), full.qd.copy(), full.qdd.copy(), np.zeros(robot.n)
+    index = robot.joint_indices
+    inverse = robot.inverse_dynamics
+    diagonals = robot.lowered.diagonals[:, index]
+    friction = diagonals[DAMPING] * QD + diagonals[FRICTION] * np.tanh(QD / SLIP_RATE)
+    gravity = inverse(q, zero, zero)[index]
+    terms = {
+        'inertia': (robot.inertia_matrix(q) @ qdd)[index],
+        'gravity': gravity,
+        'friction': friction,
+        'coriolis': inverse(q, qd, zero)[index] - gravity - friction,
+    }
+    for name, term in terms.items():
+        assert np.abs(term).min() > 1e-3, name
+        without = TorqueFeedforward(robot, model=model, terms=replace(Terms(), **{name: False}))
+        np.testing.assert_allclose(without.update(Q, QD, QDD, 0.0), whole - term, atol=1e-9)
+        nothing = Terms(False, False, False, False)
+        alone = TorqueFeedforward(robot, model=model, terms=replace(nothing, **{name: True}))
+        np.testing.assert_allclose(alone.update(Q, QD, QDD, 0.0), term, atol=1e-9)
+
+
+@pytest.mark.parametrize('model', ['flexible', 'quasi_static'])
+def test_without_the_elastic_term_torque_is_the_rigid_one(model: str) -> None:
+    robot = arm()
+    rigid = TorqueFeedforward(robot, model='rigid').update(Q, QD, QDD, 0.0).copy()
+    bare = TorqueFeedforward(robot, model=model, terms=Terms(elastic=False))
+    for _ in range(3):
+        np.testing.assert_array_equal(bare.update(Q, QD, QDD, 1e-3), rigid)
+    assert np.abs(TorqueFeedforward(robot, model=model).update(Q, QD, QDD, 0.0) - rigid).max() > 1
+
+
+def test_quasi_static_amplitudes_are_the_static_deflection() -> None:
+    robot = arm()
+    feedforward = TorqueFeedforward(robot, model='quasi_static')
+    feedforward.update(Q, QD, QDD, 0.0)
+    expected = robot.static_deflection(Q)
+    assert np.abs(expected[robot.flexible_indices]).max() > 0.05
+    np.testing.assert_allclose(feedforward.q, expected, atol=1e-11)
+
+
+def test_flexible_torque_starts_from_equilibrium() -> None:
+    robot = arm()
+    feedforward = TorqueFeedforward(robot)
+    torque = feedforward.update(Q, 0 * QD, 0 * QDD, 0.0)
+    at_rest = robot.inverse_dynamics(robot.static_deflection(Q), np.zeros(6), np.zeros(6))
+    np.testing.assert_allclose(torque, at_rest[robot.joint_indices], atol=1e-8)
+    np.testing.assert_allclose(feedforward.qdd, 0.0, atol=1e-6)
+
+
+def follow(model: str, step: float) -> float:
+    """Drive the arm by feedforward alone along a motion; return the largest joint error [rad]."""
+    plant, robot = arm(), arm()
+    start = np.array([-1.2, 0.4])
+    motion = BookTrajectory(start, np.array([0.4, -0.6]), np.array([1.5, 1.5]))
+    feedforward = TorqueFeedforward(robot, model=model, step=step)
+    stepper = Stepper(plant, step)
+    q, qd, tau = plant.static_deflection(start), np.zeros(plant.n), np.zeros(plant.n)
+    desired, rate, acceleration = np.zeros((3, 2))
+    worst = 0.0
+    for tick in range(round(1.5 / step)):
+        # torque is held over a step: that of the middle of it is the fair one
+        motion.sample((tick + 0.5) * step, desired, rate, acceleration)
+        elapsed = step if tick else 0.0
+        tau[plant.joint_indices] = feedforward.update(desired, rate, acceleration, elapsed)
+        stepper.free(q, qd, tau)
+        motion.sample((tick + 1) * step, desired, rate, acceleration)
+        worst = max(worst, float(np.abs(q[plant.joint_indices] - desired).max()))
+    return worst
+
+
+def test_flexible_feedforward_alone_makes_the_arm_follow() -> None:
+    flexible, rigid = follow('flexible', 1e-3), follow('rigid', 1e-3)
+    assert flexible < 2e-4
+    assert rigid > 20 * flexible
+
+
+def test_a_mimic_joint_is_moved_and_carried_by_its_leader() -> None:
+    robot = arm(flexible=False, mimic=True)
+    feedforward = TorqueFeedforward(robot, model='rigid')
+    assert feedforward.joints == ('j1',)
+    torque = feedforward.update(Q[:1], QD[:1], QDD[:1], 0.0)
+    joints = [np.array([v, -2 * v]) for v in (Q[0], QD[0], QDD[0])]
+    joints[0][1] += 0.1
+    both = robot.inverse_dynamics(*joints)
+    np.testing.assert_allclose(torque, [both[0] - 2 * both[1]], rtol=1e-12)
+
+
+def test_joints_not_driven_stay_where_they_are_held() -> None:
+    robot = arm(flexible=False)
+    feedforward = TorqueFeedforward(robot, joints=['j2'], model='rigid', held={'j1': 0.7})
+    torque = feedforward.update(Q[1:], QD[1:], QDD[1:], 0.0)
+    states = [np.array(pair) for pair in ((0.7, Q[1]), (0.0, QD[1]), (0.0, QDD[1]))]
+    np.testing.assert_allclose(torque, robot.inverse_dynamics(*states)[1:], rtol=1e-12)
+
+
+def test_gravity_carries_the_weight_without_touching_the_motion() -> None:
+    robot = arm()
+    feedforward = TorqueFeedforward(robot)
+    feedforward.update(Q, QD, QDD, 0.0)
+    before = feedforward.q.copy()
+    assert feedforward.gravity(Q)[0] > 100.0
+    np.testing.assert_array_equal(feedforward.q, before)
+    silent = TorqueFeedforward(robot, terms=Terms(gravity=False))
+    np.testing.assert_array_equal(silent.gravity(Q), [0.0, 0.0])
+
+
+def test_bad_choices_are_refused() -> None:
+    robot = arm()
+    with pytest.raises(StateError, match='model must be one of'):
+        TorqueFeedforward(robot, model='stiff')
+    with pytest.raises(StateError, match='driven joints must be'):
+        TorqueFeedforward(robot, joints=['j1', 'j9'])
+    feedforward = TorqueFeedforward(robot)
+    feedforward.update(Q, QD, QDD, 0.0)
+    with pytest.raises(StateError, match='finite'):
+        feedforward.update(Q, QD, np.array([np.nan, 0.0]), 1e-3)
