@@ -221,7 +221,8 @@ class TorqueFeedforward:
     def _free_accelerations(self) -> None:
         """Write the amplitudes' accelerations into `qdd`."""
         ints, reals, work, diagonals, bodies, slip = self.robot.model_arrays
-        self._given[:] = self.qdd
+        self._given[:] = 0.0
+        self._given[self._index] = self.qdd[self._index]
         status = articulated_dynamics(
             ints, reals, work, diagonals, diagonals[ARMATURE], self._held_bodies, bodies, slip,
             self.q, self.qd, self._given, self._drive, self.qdd, self._torque,
@@ -237,22 +238,20 @@ class TorqueFeedforward:
         q, qd, qdd, zero = self.q, self.qd, self.qdd, self._zero
         full, part = self._full, self._part
         inverse(q, qd, qdd if terms.inertia else zero, out=full, check=False)
-        if not (terms.coriolis and terms.gravity):
-            if not terms.coriolis:
-                # at these rates less at rest: Coriolis and friction; friction is put back below
-                full -= inverse(q, qd, zero, out=part, check=False)
-                inverse(q, zero, zero, out=part, check=False)
-                if terms.gravity:
-                    full += part
-            else:
-                full -= inverse(q, zero, zero, out=part, check=False)
+        if not terms.coriolis:
+            # leaves the inertia term alone; gravity and friction are put back
+            full -= inverse(q, qd, zero, out=part, check=False)
+        if terms.gravity != terms.coriolis:
+            inverse(q, zero, zero, out=part, check=False)
+            full += part if terms.gravity else -part
         if terms.friction != terms.coriolis:
             friction = self._joint_friction(qd[self._index])
             full[self._index] += -friction if terms.coriolis else friction
         return self._reduce(full)
 
     def _joint_friction(self, rate: Array) -> Array:
-        return self._damping * rate + self._friction * np.tanh(rate / SLIP_RATE)
+        friction: Array = self._damping * rate + self._friction * np.tanh(rate / SLIP_RATE)
+        return friction
 
     def _reduce(self, force: Array) -> Array:
         """Return the driven joints' share: a leader carries its mimics."""

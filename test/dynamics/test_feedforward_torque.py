@@ -143,7 +143,7 @@ def test_a_mimic_joint_is_moved_and_carried_by_its_leader() -> None:
     feedforward = TorqueFeedforward(robot, model='rigid')
     assert feedforward.joints == ('j1',)
     torque = feedforward.update(Q[:1], QD[:1], QDD[:1], 0.0)
-    joints = [np.array([v, -2 * v]) for v in (Q[0], QD[0], QDD[0])]
+    joints: list[Any] = [np.array([v, -2 * v]) for v in (Q[0], QD[0], QDD[0])]
     joints[0][1] += 0.1
     both = robot.inverse_dynamics(*joints)
     np.testing.assert_allclose(torque, [both[0] - 2 * both[1]], rtol=1e-12)
@@ -153,7 +153,7 @@ def test_joints_not_driven_stay_where_they_are_held() -> None:
     robot = arm(flexible=False)
     feedforward = TorqueFeedforward(robot, joints=['j2'], model='rigid', held={'j1': 0.7})
     torque = feedforward.update(Q[1:], QD[1:], QDD[1:], 0.0)
-    states = [np.array(pair) for pair in ((0.7, Q[1]), (0.0, QD[1]), (0.0, QDD[1]))]
+    states: list[Any] = [np.array(pair) for pair in ((0.7, Q[1]), (0.0, QD[1]), (0.0, QDD[1]))]
     np.testing.assert_allclose(torque, robot.inverse_dynamics(*states)[1:], rtol=1e-12)
 
 
