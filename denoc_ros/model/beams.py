@@ -15,6 +15,7 @@ from denoc_ros.model.remainder import (
     TOLERANCE,
     beam_inertia,
     largest_mass_per_length,
+    largest_polar_inertia,
     shortfall,
 )
 from denoc_ros.model.shapes import ShapeFunctions, shape_functions, torsion_shapes
@@ -121,11 +122,11 @@ def _way_out(whole: RigidInertia, length: float, polar_inertia: float) -> str:
     largest = largest_mass_per_length(whole, length, polar_inertia)
     if largest > 0.0:
         return f'the largest admissible mass_per_length is {largest:.4g} kg/m'
-    if shortfall(whole, whole, length) > ROUNDING:
+    if shortfall(whole, whole, length) > TOLERANCE:
         return "no mass_per_length will do: the link's own inertia is that of no possible body"
-    about = f'{whole.inertia[0, 0]:.4g} kg m^2 about the beam axis'
     if polar_inertia > 0.0 and largest_mass_per_length(whole, length, 0.0) > 0.0:
-        return f'no mass_per_length will do with this polar_inertia: the link has {about}'
+        polar = largest_polar_inertia(whole, length)
+        return f'no mass_per_length will do unless polar_inertia is below {polar:.4g} kg m^2/m'
     return "no mass_per_length will do: the link's mass is not spread along the beam axis"
 
 

@@ -142,7 +142,8 @@ def _add_flexibility(root: Element, system: DHSystem) -> None:
         if not _bends(system, link):
             continue
         beam = etree.SubElement(block, 'beam', link=f'link_{index}', length=_text(link.a))
-        beam.set('mass_per_length', _text(link.mass / link.rod_length))
+        if link.b:  # else the beam is the whole link, which is the default
+            beam.set('mass_per_length', _text(link.mass / link.rod_length))
         if system.shape != 'clamped-free':
             beam.set('shape', system.shape)
         etree.SubElement(beam, 'origin', xyz=_text(0.0, 0.0, link.b))

@@ -127,7 +127,7 @@ def _add_beam(
     reader = Reader(element, f'beam {link!r}', findings)
     reader.only(
         ('link', 'length', 'mass_per_length', 'shape'),
-        ('origin', 'section', 'bending', 'torsion'),
+        ('origin', 'section', 'material', 'bending', 'torsion'),
     )
     if reader.text('link') and link not in links:
         reader.fail('link', 'be a link of the robot', link)
@@ -275,11 +275,13 @@ class BeamSection:
 
 def _read_section(beam: Reader) -> BeamSection | None:
     element = _at_most_one(beam, 'section')
+    materials = beam.element.findall('material')
     if element is None:
+        if materials:
+            beam.findings.add(beam.whose, '<material> must stand beside a <section>, got none')
         return None
-    reader = Reader(element, beam.whose, beam.findings, ' of <section>')
-    section = _read_profile(reader)
-    materials = element.findall('material')
+    section = _read_profile(Reader(element, beam.whose, beam.findings, ' of <section>'))
+    materials += element.findall('material')
     if len(materials) != 1:
         rule = f'must have one <material>, got {len(materials)}'
         beam.findings.add(beam.whose, f'<section> {rule}')
@@ -307,7 +309,8 @@ def expand_section(beam: Element) -> None:
     section = _read_section(Reader(beam, '', scratch))
     if section is None or scratch.items:
         return
-    beam.remove(beam.find('section'))
+    for element in beam.findall('section') + beam.findall('material'):
+        beam.remove(element)
     beam.set('mass_per_length', repr(section.mass_per_length))
     for bending in beam.findall('bending'):
         bending.set('ei', repr(section.flexural_rigidity(bending.get('direction'))))

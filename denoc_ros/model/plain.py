@@ -178,13 +178,26 @@ def _check_mimics(root: Element, joints: set[str], findings: Findings) -> None:
         reader.number('multiplier', default=1.0)
         reader.number('offset', default=0.0)
         leaders[name] = leader
-    for name in leaders:
-        seen, at = {name}, leaders[name]
-        while at in leaders and at not in seen:
-            seen.add(at)
-            at = leaders[at]
-        if at == name:
-            findings.add(f'joint {name!r}', 'mimic must not follow itself, got a circle')
+    for circle in _circles(leaders):
+        rule = 'mimic joints must not follow themselves, got a circle of'
+        findings.add(f'joint {circle[0]!r}', f'{rule} {", ".join(map(repr, circle))}')
+
+
+def _circles(follows: dict[str, str]) -> list[list[str]]:
+    """Return the circles among names that each follow at most one other."""
+    settled: set[str] = set()
+    circles = []
+    for start in follows:
+        path: dict[str, None] = {}
+        name = start
+        while name in follows and name not in settled and name not in path:
+            path[name] = None
+            name = follows[name]
+        if name in path:
+            names = list(path)
+            circles.append(names[names.index(name) :])
+        settled.update(path)
+    return circles
 
 
 def _check_structure(root: Element, links: set[str], findings: Findings) -> None:
@@ -203,16 +216,10 @@ def _check_structure(root: Element, links: set[str], findings: Findings) -> None
     if len(roots) > 1 and len(parents) == len(root.findall('joint')):
         named = ', '.join(repr(name) for name in roots)
         findings.add('robot', f'root link must be one, got {named}')
-    settled: set[str] = set(roots)
-    for name in parents:
-        path: list[str] = []
-        while name not in settled and name not in path and name in parents:
-            path.append(name)
-            name = parents[name]
-        if name in path:
-            circle = ', '.join(repr(link) for link in path[path.index(name) :])
-            findings.add('robot', f'links must form a tree, got a circle of {circle}')
-        settled.update(path)
+    for circle in _circles(parents):
+        findings.add(
+            'robot', f'links must form a tree, got a circle of {", ".join(map(repr, circle))}'
+        )
 
 
 def _load(name: str, links: list[Element], joints: list[Element]) -> PlainRobot:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,21 +51,19 @@ def shortfall(body: RigidInertia, link: RigidInertia, length: float) -> float:
     body : RigidInertia
         The rest, in the beam frame.
     link : RigidInertia
-        The whole link, in the beam frame.
+        The whole link, in the beam frame; its mass is > 0.
     length : float
         Of the beam [m], the unit of length that makes masses and inertias comparable.
 
     Returns
     -------
     float
-        0 if the pseudo-inertia is positive semidefinite, else its lowest eigenvalue's size over
-        the largest eigenvalue of the link's.
+        0 if mass and pseudo-inertia are not negative, else the larger of two: the missing mass
+        over the link's, and the lowest eigenvalue's size over the link's largest.
     """
     scale = float(np.linalg.eigvalsh(pseudo_inertia(link, length))[-1])
     lowest = float(np.linalg.eigvalsh(pseudo_inertia(body, length))[0])
-    if lowest >= 0.0:
-        return 0.0
-    return -lowest / scale if scale > 0.0 else math.inf
+    return max(0.0, -lowest / scale, -body.mass / link.mass)
 
 
 def largest_mass_per_length(link: RigidInertia, length: float, polar_inertia: float) -> float:
@@ -73,7 +72,7 @@ def largest_mass_per_length(link: RigidInertia, length: float, polar_inertia: fl
     Parameters
     ----------
     link : RigidInertia
-        The whole link, in the beam frame.
+        The whole link, in the beam frame; its mass is > 0.
     length : float
         Of the beam [m].
     polar_inertia : float
@@ -87,13 +86,50 @@ def largest_mass_per_length(link: RigidInertia, length: float, polar_inertia: fl
 
     def possible(mass_per_length: float) -> bool:
         share = beam_inertia(mass_per_length, length, polar_inertia)
-        return shortfall(difference(link, share), link, length) <= ROUNDING
+        return shortfall(difference(link, share), link, length) <= allowed
 
-    low, high = 0.0, max(link.mass, 0.0) / length
-    if not possible(low) or high == 0.0:
+    allowed = _allowed(link, length)
+    return _largest(possible, link.mass / length)
+
+
+def largest_polar_inertia(link: RigidInertia, length: float) -> float:
+    """Return the largest polar inertia per length of a massless beam that leaves a possible rest.
+
+    Parameters
+    ----------
+    link : RigidInertia
+        The whole link, in the beam frame; its mass is > 0.
+    length : float
+        Of the beam [m].
+
+    Returns
+    -------
+    float
+        [kg m^2/m], rounded down to four digits; 0 if there is none.
+    """
+
+    def possible(polar_inertia: float) -> bool:
+        share = beam_inertia(0.0, length, polar_inertia)
+        return shortfall(difference(link, share), link, length) <= allowed
+
+    allowed = _allowed(link, length)
+    return _largest(possible, max(float(link.inertia[0, 0]), 0.0) / length)
+
+
+def _allowed(link: RigidInertia, length: float) -> float:
+    """Return the shortfall that a rest may have: what the printed link itself has."""
+    return min(shortfall(link, link, length) + ROUNDING, TOLERANCE)
+
+
+def _largest(possible: Callable[[float], bool], most: float) -> float:
+    """Return the largest number from 0 to `most` that is possible, down to four digits."""
+    if not possible(0.0):
         return 0.0
+    low, high = 0.0, most * (1.0 + ROUNDING)
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if possible(middle) else (low, middle)
-    digit = 10.0 ** (math.floor(math.log10(low)) - 3) if low > 0.0 else 1.0
-    return math.floor(low / digit * (1.0 + 1e-12)) * digit
+    if low < ROUNDING * most or low == 0.0:
+        return 0.0
+    digit = 10.0 ** (math.floor(math.log10(low)) - 3)
+    return math.floor(low / digit * (1.0 + ROUNDING)) * digit
