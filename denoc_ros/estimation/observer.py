@@ -163,11 +163,10 @@ class Observer:
         if not stamp > self._stamp:
             self.repeated += 1
             return False
-        age = self.time - stamp
-        if age > self.settings.max_age:
+        if self.time - stamp > self.settings.max_age:
             self.late += 1
             return False
-        self._filter.correct(q, qd, age, stamp - self._stamp)
+        self._filter.update(q, qd, stamp - self._stamp)
         self._stamp = stamp
         self._take_effort(effort)
         return True
@@ -198,12 +197,11 @@ class Observer:
         steps = round((now - self.time) / self.settings.step)
         if steps > MOST_STEPS:
             self.restarts += 1
-            self._filter.advance((steps - 1) * self.settings.step)
             self.time += (steps - 1) * self.settings.step
             steps = 1
         for _ in range(steps):
-            self._step()
             self.time += self.settings.step
+            self._step()
 
     @property
     def stale(self) -> bool:
@@ -211,28 +209,26 @@ class Observer:
         return self.started and self.time - self._stamp > self.settings.max_age
 
     def _step(self) -> None:
-        if self.stale:
-            self._filter.slow_down(self.settings.step / self.settings.max_age)
-        self._filter.advance(self.settings.step)
-        if self.settings.source == 'joints':
-            # The mean acceleration, not the filter's: so the amplitudes' rates feel the jumps of
-            # the joints' rates once and noise does not pile up.
-            acceleration = (self._filter.qd - self.qd[self._joints]) / self.settings.step
-            self._stepper.driven(self.q, self.qd, acceleration)
-            self.q[self._joints] = self._filter.q
-            self.qd[self._joints] = self._filter.qd
+        joints = self._joints
+        q, qd = self._filter.ahead(self.time - self._stamp, self.settings.max_age)
+        if self.settings.source == 'torque':
+            self._stepper.free(self.q, self.qd, self._tau)
+            self._correct(q, qd)
             return
-        self._stepper.free(self.q, self.qd, self._tau)
-        self._correct()
+        # The mean acceleration, not the filter's: so the amplitudes' rates feel the jumps of the
+        # joints' rates once and noise does not pile up.
+        self._stepper.driven(self.q, self.qd, (qd - self.qd[joints]) / self.settings.step)
+        self.q[joints] = q
+        self.qd[joints] = qd
 
-    def _correct(self) -> None:
+    def _correct(self, q: Array, qd: Array) -> None:
         """Pull the joints towards the measured motion, the amplitudes as by an impulse there.
 
         A jump v of the joints' rates moves those of the amplitudes by -I_dd^-1 I_dj v.
         """
         gain = -math.expm1(-2.0 * math.pi * self.settings.correction_cutoff * self.settings.step)
-        self.q[self._joints] += gain * (self._filter.q - self.q[self._joints])
-        jump = gain * (self._filter.qd - self.qd[self._joints])
+        self.q[self._joints] += gain * (q - self.q[self._joints])
+        jump = gain * (qd - self.qd[self._joints])
         if len(self._flexible):
             _, moved = self._robot.hybrid_dynamics(self.q, self.qd, jump, check=False)
             _, still = self._robot.hybrid_dynamics(self.q, self.qd, 0.0 * jump, check=False)
@@ -246,8 +242,7 @@ class Observer:
         ----------
         reference : callable, optional
             `t -> (q, qd, qdd)` of the joints, on the clock of `tick`: they are taken to move on
-            with its accelerations. None: with the present acceleration (`joints`), or under the
-            present effort (`torque`).
+            with its accelerations. None: with those measured last.
 
         Returns
         -------
@@ -258,11 +253,7 @@ class Observer:
         if not self._ahead_steps:
             return self.q_ahead, self.qd_ahead
         step = self.settings.horizon / self._ahead_steps
-        free = self.settings.source == 'torque' and reference is None
         for index in range(self._ahead_steps):
-            if free:
-                self._ahead.free(self.q_ahead, self.qd_ahead, self._tau)
-                continue
             acceleration = self._filter.qdd
             if reference is not None:
                 acceleration = reference(self.time + (index + 0.5) * step)[2]

@@ -24,7 +24,7 @@ class TrackingFilter:
     Attributes
     ----------
     q, qd, qdd : (joints,) arrays
-        Estimates at the filter's time.
+        Estimates at the last measurement.
 
     Notes
     -----
@@ -43,18 +43,8 @@ class TrackingFilter:
         self.qd[:] = 0.0 if qd is None else qd
         self.qdd[:] = 0.0
 
-    def advance(self, step: float) -> None:
-        """Go on by a time [s] with constant acceleration."""
-        self.q += step * self.qd + (0.5 * step * step) * self.qdd
-        self.qd += step * self.qdd
-
-    def slow_down(self, share: float) -> None:
-        """Take a share of the rates away, and all acceleration: nothing is measured any more."""
-        self.qd *= math.exp(-share)
-        self.qdd[:] = 0.0
-
-    def correct(self, q: Array, qd: Array | None, age: float, interval: float) -> None:
-        """Take a measurement in.
+    def update(self, q: Array, qd: Array | None, interval: float) -> None:
+        """Go on to the next measurement and take it in.
 
         Parameters
         ----------
@@ -62,15 +52,15 @@ class TrackingFilter:
             Measured positions.
         qd : (joints,) array or None
             Measured rates.
-        age : float
-            How long before the filter's time they were taken [s].
         interval : float
             Time since the measurement before this one [s], > 0.
         """
+        self.q += interval * self.qd + (0.5 * interval * interval) * self.qdd
+        self.qd += interval * self.qdd
         pole = math.exp(-self._rate * interval)
-        error = q - (self.q - age * self.qd + (0.5 * age * age) * self.qdd)
+        error = q - self.q
         if qd is not None:
-            error_rate = qd - (self.qd - age * self.qdd)
+            error_rate = qd - self.qd
             self.q += (1.0 - pole) * error
             self.qd += (1.0 - pole * pole) * error_rate
             self.qdd += ((1.0 - pole) ** 2 / interval) * error_rate
@@ -78,3 +68,23 @@ class TrackingFilter:
         self.q += (1.0 - pole**3) * error
         self.qd += (1.5 * (1.0 - pole) ** 2 * (1.0 + pole) / interval) * error
         self.qdd += ((1.0 - pole) ** 3 / interval**2) * error
+
+    def ahead(self, lead: float, patience: float) -> tuple[Array, Array]:
+        """Return positions and rates (joints,) some time after the last measurement.
+
+        Parameters
+        ----------
+        lead : float
+            That time [s].
+        patience : float
+            For this long [s] the acceleration is taken to last; then the joints come to rest,
+            with this time constant.
+        """
+        going = min(lead, patience)
+        q = self.q + going * self.qd + (0.5 * going * going) * self.qdd
+        qd = self.qd + going * self.qdd
+        if lead > patience:
+            left = math.exp(-(lead - patience) / patience)
+            q += (patience * (1.0 - left)) * qd
+            qd *= left
+        return q, qd

@@ -10,28 +10,21 @@ from denoc_ros.estimation.tracking import TrackingFilter
 STEP = 1e-3
 
 
-def follow(tracker: TrackingFilter, rates: bool, age_steps: int = 0, every: int = 1) -> None:
-    """Feed 2 s of constant acceleration, 3 rad/s^2, measured late and seldom."""
-    for k in range(2001):
-        if k % every == 0 and k >= age_steps:
-            t = (k - age_steps) * STEP
-            q, qd = np.array([1.5 * t * t]), np.array([3.0 * t])
-            tracker.correct(q, qd if rates else None, age_steps * STEP, every * STEP)
-        if k < 2000:
-            tracker.advance(STEP)
-
-
 @pytest.mark.parametrize('rates', [True, False])
-@pytest.mark.parametrize('age_steps', [0, 20])
-@pytest.mark.parametrize('every', [1, 8])
+@pytest.mark.parametrize('lead', [0.0, 0.02])
+@pytest.mark.parametrize('interval', [1e-3, 8e-3])
 def test_constant_acceleration_is_followed_without_lag(
-    rates: bool, age_steps: int, every: int
+    rates: bool, lead: float, interval: float
 ) -> None:
     tracker = TrackingFilter(1, cutoff=5.0)
-    follow(tracker, rates, age_steps, every)
-    # 2 s are 63 time constants of the filter.
+    times = np.arange(0.0, 2.0, interval)  # 2 s are 63 time constants of the filter
+    for t in times:
+        q, qd = np.array([1.5 * t * t]), np.array([3.0 * t])
+        tracker.update(q, qd if rates else None, interval)
+    q, qd = tracker.ahead(lead, patience=0.05)
+    end = times[-1] + lead
     np.testing.assert_allclose(
-        [tracker.q[0], tracker.qd[0], tracker.qdd[0]], [6.0, 6.0, 3.0], rtol=1e-6
+        [q[0], qd[0], tracker.qdd[0]], [1.5 * end**2, 3.0 * end, 3.0], rtol=1e-6
     )
 
 
@@ -41,8 +34,7 @@ def test_lower_cutoff_lets_less_noise_through() -> None:
     for cutoff in (5.0, 50.0):
         tracker, rates = TrackingFilter(1, cutoff), []
         for value in noise:
-            tracker.advance(STEP)
-            tracker.correct(np.zeros(1), value, 0.0, STEP)
+            tracker.update(np.zeros(1), value, STEP)
             rates.append(tracker.qd[0])
         spread[cutoff] = np.std(rates)
     assert spread[5.0] < 0.5 * spread[50.0] < 0.5
@@ -51,8 +43,8 @@ def test_lower_cutoff_lets_less_noise_through() -> None:
 def test_joint_that_is_not_measured_any_more_comes_to_rest() -> None:
     tracker = TrackingFilter(1, 10.0)
     tracker.reset(np.array([1.0]), np.array([2.0]))
-    for _ in range(1000):
-        tracker.slow_down(STEP / 0.05)
-        tracker.advance(STEP)
-    assert abs(tracker.qd[0]) < 1e-8
-    assert tracker.q[0] == pytest.approx(1.0 + 2.0 * 0.05, rel=0.02)
+    q, qd = tracker.ahead(1.0, patience=0.05)
+    assert abs(qd[0]) < 1e-7
+    assert q[0] == pytest.approx(1.0 + 2.0 * 2 * 0.05)
+    just, _ = tracker.ahead(0.05 + 1e-9, patience=0.05)
+    assert just[0] == pytest.approx(1.0 + 2.0 * 0.05)
