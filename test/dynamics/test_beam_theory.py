@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from denoc_ros.dynamics.robot import Robot, load_robot
 from numpy.typing import NDArray
 from scipy.optimize import brentq
+
+from denoc_ros.dynamics.robot import Robot, load_robot
 
 Array = NDArray[np.float64]
 LENGTH, EI, DENSITY = 2.0, 350.0, 1.7

@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from denoc_ros.dynamics.robot import Robot, load_robot
 from numpy.typing import NDArray
 from strategies import random_state, seeded_robot
 
+from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import StateError
 
 Array = NDArray[np.float64]
@@ -64,15 +64,11 @@ def test_arguments_are_left_alone(robot: Robot, state: tuple[Array, Array, Array
 
 
 @pytest.mark.parametrize('position', [0, 1, 2])
-def test_wrong_shape_is_named(
-    robot: Robot, state: tuple[Array, Array, Array], position: int
-) -> None:
-    arguments: list[Array] = list(state)
-    arguments[position] = np.zeros(robot.n + 1)
-    with pytest.raises(StateError, match=rf'must .*{robot.n}.*got.*{robot.n + 1}'):
-        robot.inverse_dynamics(*arguments)
-    with pytest.raises(StateError, match=rf'must .*{robot.n}.*got.*{robot.n + 1}'):
-        robot.forward_dynamics(*arguments)
+def test_wrong_shape_is_named(robot: Robot, position: int) -> None:
+    q, qd, u = (np.zeros(robot.n + (k == position)) for k in range(3))
+    for verb in (robot.inverse_dynamics, robot.forward_dynamics):
+        with pytest.raises(StateError, match=rf'must .*{robot.n}.*got.*{robot.n + 1}'):
+            verb(q, qd, u)
 
 
 @pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf])

@@ -6,12 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from denoc_ros.dynamics.robot import Robot, load_robot
 from hypothesis import HealthCheck, given, settings
 from numpy.typing import NDArray
 from oracles import Oracle
 from scipy.linalg import eigh
 from strategies import random_state, robots, seeded_robot, seeds
+
+from denoc_ros.dynamics.robot import Robot, load_robot
 
 Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from denoc_ros.dynamics.robot import Robot, load_robot
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from oracles import Oracle
 from scipy.linalg import block_diag
 from strategies import random_state, robots, seeds
+
+from denoc_ros.dynamics.robot import Robot, load_robot
 
 Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]

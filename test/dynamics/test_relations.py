@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from denoc_ros.dynamics.robot import Robot, load_robot
 from hypothesis import HealthCheck, given, settings
 from numpy.typing import NDArray
 from oracles import Oracle
 from strategies import State, random_state, robots, seeded_robot, seeds
+
+from denoc_ros.dynamics.robot import Robot, load_robot
 
 Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
