@@ -113,7 +113,7 @@ def natural_modes(robot: Robot, q: Array, held: bool) -> NaturalModes:
     block = np.ix_(index, index)
     tangent = stiffness(robot, q)
     squares, vectors = scipy.linalg.eigh(tangent[block], robot.inertia_matrix(q)[block])
-    # the differences' rounding [rad^2/s^2], or the solver's; a slow mode of a stiff robot is neither
+    # rounding of the differences [rad^2/s^2] or the solver; a stiff robot's slow mode is neither
     rounding = max(1e-8, 1e-13 * float(np.abs(squares).max()))
     squares = np.where(np.abs(squares) < rounding, 0.0, squares)
     frequencies = np.sign(squares) * np.sqrt(np.abs(squares)) / (2.0 * np.pi)
