@@ -16,6 +16,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typest
 from denoc_ros.errors import BagError
 
 _NS = 1_000_000_000
+_ENCAPSULATION = 4
 _DTYPES = {'byte': 'uint8', 'octet': 'uint8', 'char': 'uint8'}
 
 
@@ -77,6 +78,33 @@ def encode(type_name: str, stamp_ns: int, fields: Mapping[str, Any]) -> bytes:
         return bytes(message_types().serialize_cdr(message, type_name))
     except Exception as error:
         raise BagError(f'{type_name}: fields must fit the type, got {error}') from error
+
+
+def decode(types: Any, type_name: str, raw: bytes) -> tuple[Any, int]:
+    """Return a message and the number of its bytes that mean something.
+
+    Parameters
+    ----------
+    types : rosbags.typesys.store.Typestore
+        Where the type is defined.
+    type_name : str
+        `package/msg/Name`.
+    raw : bytes
+        CDR. What rclpy's `serialize_message` appends to it (up to 8 uninitialised bytes, at
+        which rosbags itself takes offence) is passed over.
+    """
+    if len(raw) < _ENCAPSULATION or raw[0] != 0 or raw[1] not in (0, 1):
+        raise BagError(f'{type_name}: bytes must begin as plain CDR, got {bytes(raw[:4]).hex()}')
+    form = types.get_msgdef(type_name)
+    read = form.deserialize_cdr_le if raw[1] else form.deserialize_cdr_be
+    message, end = read(raw[_ENCAPSULATION:], 0, form.cls, types)
+    return message, end + _ENCAPSULATION
+
+
+def exact_cdr(type_name: str, raw: bytes) -> bytes:
+    """Return what rclpy's `serialize_message` gave without the bytes it appends."""
+    require_type(type_name)
+    return raw[: decode(message_types(), type_name, raw)[1]]
 
 
 def require_type(type_name: str) -> None:

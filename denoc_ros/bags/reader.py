@@ -11,7 +11,7 @@ from typing import Any, Literal
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from denoc_ros.bags.definitions import message_types
+from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.ending import MAGIC
 from denoc_ros.bags.metadata import METADATA_NAME
 from denoc_ros.errors import BagError
@@ -103,7 +103,7 @@ def _messages(path: Path, topics: Collection[str] | None, stamp: Stamp) -> Itera
         if not chosen:
             return
         for connection, log_ns, raw in reader.messages(chosen):
-            message = reader.deserialize(raw, connection.msgtype)
+            message, _ = decode(reader.typestore, connection.msgtype, raw)
             stamp_ns = (header_stamp_ns(message) if stamp == 'header' else 0) or log_ns
             yield BagMessage(
                 connection.topic, connection.msgtype, stamp_ns, log_ns, bytes(raw), message

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from denoc_ros.bags.definitions import encode, exact_cdr
 from denoc_ros.bags.reader import bag_topics, read_attachment, read_bag
 from denoc_ros.bags.series import read_arrays, read_diagnostics, read_joint_states
 from denoc_ros.bags.writer import BagWriter
@@ -122,6 +123,17 @@ def test_lengths_that_do_not_fit_are_refused(tmp_path: Path) -> None:
         read_joint_states(tmp_path / 'run')
     with pytest.raises(BagError, match=r'must keep their length, got \[1, 2\]'):
         read_arrays(tmp_path / 'run', '/commands')
+
+
+def test_bytes_that_rclpy_appends_are_passed_over(tmp_path: Path) -> None:
+    raw = encode(JOINT_STATE, 5, {'name': ['a'], 'position': [1.5]})
+    assert exact_cdr(JOINT_STATE, raw + 8 * b'\xa3') == raw
+    with BagWriter(tmp_path / 'run') as writer:
+        writer.add_topic('/joint_states', JOINT_STATE)
+        writer.write('/joint_states', 1, raw + 8 * b'\xa3')
+    np.testing.assert_array_equal(read_joint_states(tmp_path / 'run').position, [[1.5]])
+    with pytest.raises(BagError, match='must begin as plain CDR, got 0900'):
+        exact_cdr(JOINT_STATE, b'\x09\x00')
 
 
 def test_unfinished_recording_names_the_way_out(tmp_path: Path) -> None:
