@@ -17,6 +17,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from denoc_ros.bags.definitions import exact_cdr
+
 Array = NDArray[np.float64]
 FIELDS = ('position', 'velocity', 'effort')
 _STAMP = struct.Struct('<iI')
@@ -24,14 +26,16 @@ _STAMP = struct.Struct('<iI')
 
 def _template(message: object, markers: Sequence[float]) -> tuple[bytearray, list[int]]:
     """Return a message's bytes and where each marker value stands in them."""
-    raw = bytearray(serialize_message(message))
+    kind = type(message)
+    name = f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
+    # rosbags refuses a message with the uninitialised bytes that serialize_message leaves behind
+    raw = bytearray(exact_cdr(name, serialize_message(message)))
     offsets = []
     start = 4
     for marker in markers:
         start = raw.index(struct.pack('<d', marker), start)
         offsets.append(start)
         start += 8
-    # serialize_message may leave uninitialised bytes behind the last field
     return raw, offsets
 
 
