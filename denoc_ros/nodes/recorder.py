@@ -1,0 +1,384 @@
+"""The recorder: topics into MCAP that a kill, a slow or a full disk does not spoil."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+
+from denoc_ros.bags.background import BackgroundWriter, WriterStatus
+from denoc_ros.bags.definitions import encode
+from denoc_ros.bags.metadata import Qos
+from denoc_ros.bags.storage import COMPRESSIONS
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.errors import BagError
+from denoc_ros.nodes.base import LATCHED, DenocNode, run
+from denoc_ros.nodes.diagnostics import ERROR, OK, WARN, Status
+from denoc_ros.nodes.parameters import Kind, Parameter, ParameterTable, lifecycle_parameters
+
+DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
+MARK_TYPE = 'std_msgs/msg/String'
+QUEUE_DEPTH = 5000
+LOOK_PERIOD = 0.05  # s between looks at the graph: what is published before one is not recorded
+LOOKS_PER_CHECK = 20  # looks between checks of the offered QoS
+STALL_PERIODS = 5.0  # flush periods without progress of the writing thread that make a stall
+
+TABLE = ParameterTable(
+    [
+        *lifecycle_parameters(),
+        Parameter(
+            'output',
+            Kind.STRING,
+            '',
+            'bag folder to make, must not exist; a later recording of the same process gets `_2`, '
+            '`_3`, ...; empty: `recording_` and the time',
+        ),
+        Parameter(
+            'topics',
+            Kind.STRINGS,
+            [],
+            'names, or patterns with `*`, of the topics to record; empty: all but hidden ones',
+        ),
+        Parameter(
+            'urdf_path',
+            Kind.STRING,
+            '',
+            'file of the robot to attach; empty: what `robot_description` publishes',
+        ),
+        Parameter(
+            'compression',
+            Kind.STRING,
+            'zstd',
+            'of the chunks',
+            choices=tuple(COMPRESSIONS),
+        ),
+        Parameter(
+            'flush_period',
+            Kind.DOUBLE,
+            0.2,
+            'most that a kill of the process loses',
+            's',
+            maximum=60.0,
+            positive=True,
+        ),
+        Parameter(
+            'max_bag_size', Kind.INTEGER, 0, 'size that starts a new file; 0: none', 'bytes', 0
+        ),
+        Parameter(
+            'max_bag_duration', Kind.DOUBLE, 0.0, 'time in one file; 0: no bound', 's', 0.0, 1e9
+        ),
+        Parameter(
+            'queue_size',
+            Kind.INTEGER,
+            20000,
+            'messages that may wait for the disk; more are lost, and counted',
+            '',
+            1,
+        ),
+        Parameter(
+            'min_free_space',
+            Kind.INTEGER,
+            64 << 20,
+            'the recording ends, whole, before the disk has less',
+            'bytes',
+            0,
+        ),
+    ]
+)
+
+
+@dataclass
+class Recorded:
+    """A topic that is recorded, and what its publishers offer."""
+
+    type: str
+    qos: QoSProfile
+    subscription: Any
+
+
+class Recorder(DenocNode):
+    """Records while active; `~/start`, `~/stop`, `~/split`, `~/mark` act within that."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('recorder', TABLE, **options)
+        self.writer: BackgroundWriter | None = None
+        self.description = ''
+        self._topics: dict[str, Recorded] = {}
+        self._refused: set[str] = set()
+        self._missed: Counter[str] = Counter()
+        self._looks = 0
+        self._recordings = 0
+        self._marks = 0
+        self._told_lost = 0
+        self._told_failure = False
+        self._mark_topic = f'{self.get_fully_qualified_name()}/marks'
+        self._timer = self.create_timer(LOOK_PERIOD, self._look, clock=self.steady_clock)
+        self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
+        for name in ('start', 'stop', 'split', 'mark'):
+            self.offer(f'~/{name}', getattr(self, name))
+
+    # ---- lifecycle
+
+    def configure(self) -> None:
+        """Read the robot to attach."""
+        if path := self.settings.text('urdf_path'):
+            self.description = Path(path).read_text(encoding='utf-8')
+
+    def activate(self) -> None:
+        """Begin to record."""
+        self.start()
+
+    def deactivate(self) -> None:
+        """Finish the bag."""
+        if self.writer is not None:
+            self.stop()
+
+    # ---- services
+
+    def start(self) -> str:
+        """Begin a new bag; return where."""
+        if self.writer is not None:
+            raise BagError(
+                f'{self.writer.path}: recording must be stopped before a new one starts'
+            )
+        settings = self.settings
+        bag = BagWriter(
+            self._next_path(),
+            settings.text('compression'),
+            settings.integer('max_bag_size'),
+            settings.number('max_bag_duration'),
+        )
+        self._recordings += 1
+        self._marks = self._told_lost = 0
+        self._told_failure = False
+        self._missed.clear()
+        self.writer = BackgroundWriter(
+            bag,
+            settings.integer('queue_size'),
+            settings.number('flush_period'),
+            settings.integer('min_free_space'),
+        )
+        if self.description:
+            self.writer.attach(DESCRIPTION_ATTACHMENT, self.description, self.stamp_ns())
+        self._looks = 0
+        self._look()
+        self.get_logger().info(f'recording to {bag.path}')
+        return f'recording to {bag.path}'
+
+    def stop(self) -> str:
+        """Finish the bag; return what is in it."""
+        writer = self._recording()
+        self.writer = None
+        for recorded in self._topics.values():
+            self.destroy_subscription(recorded.subscription)
+        count = len(self._topics)
+        self._topics.clear()
+        status = writer.close()
+        lost = self._lost(status)
+        message = (
+            f'{writer.path}: {status.written} messages on {count} topics, '
+            f'{sum(lost.values())} lost'
+        )
+        if lost:
+            message += ' (' + ', '.join(f'{topic} {lost[topic]}' for topic in sorted(lost)) + ')'
+        if status.failure:
+            raise BagError(f'{message}; {status.failure}')
+        (self.get_logger().warning if lost else self.get_logger().info)(message)
+        return message
+
+    def split(self) -> str:
+        """Go on in a new file."""
+        self._recording().split()
+        return 'next file'
+
+    def mark(self) -> str:
+        """Put a numbered mark into the bag, on `~/marks`."""
+        writer = self._recording()
+        if not self._marks:
+            writer.add_topic(self._mark_topic, MARK_TYPE)
+        self._marks += 1
+        text = f'mark {self._marks}'
+        stamp = self.stamp_ns()
+        writer.put(self._mark_topic, stamp, encode(MARK_TYPE, stamp, {'data': text}))
+        return text
+
+    def _recording(self) -> BackgroundWriter:
+        if self.writer is None:
+            raise BagError(
+                f'{self.get_fully_qualified_name()}: must be recording, got a stopped one'
+            )
+        return self.writer
+
+    def _next_path(self) -> Path:
+        output = self.settings.text('output') or time.strftime('recording_%Y%m%d_%H%M%S')
+        path = Path(output)
+        return path.with_name(f'{path.name}_{self._recordings + 1}') if self._recordings else path
+
+    # ---- topics
+
+    def _on_description(self, message: String) -> None:
+        if message.data == self.description or self.settings.text('urdf_path'):
+            return
+        self.description = message.data
+        if self.writer is not None:
+            self.writer.attach(DESCRIPTION_ATTACHMENT, self.description, self.stamp_ns())
+
+    def _look(self) -> None:
+        """Subscribe to what is new on the graph; now and then see whether offers changed."""
+        if self.writer is None:
+            return
+        check = self._looks % LOOKS_PER_CHECK == 0
+        self._looks += 1
+        for topic, types in self.get_topic_names_and_types():
+            if topic in self._topics:
+                if check:
+                    self._check_offer(topic)
+            elif topic not in self._refused and self._wanted(topic):
+                self._add(topic, types)
+
+    def _wanted(self, topic: str) -> bool:
+        patterns = self.settings.texts('topics')
+        if not patterns:
+            return not any(part.startswith('_') for part in topic.split('/'))
+        return any(fnmatchcase(topic, f'/{pattern.lstrip("/")}') for pattern in patterns)
+
+    def _add(self, topic: str, types: Sequence[str]) -> None:
+        offers = self.get_publishers_info_by_topic(topic)
+        if not offers:
+            return
+        try:
+            if len(types) > 1:
+                raise BagError(f'{topic}: must have one type, got {", ".join(sorted(types))}')
+            message_type = message_class(types[0])
+            self._recording().add_topic(topic, types[0], offered(offers))
+        except BagError as error:
+            self._refused.add(topic)
+            self.get_logger().warning(f'not recorded: {error}')
+            return
+        self._subscribe(topic, types[0], message_type, matching(offers))
+
+    def _check_offer(self, topic: str) -> None:
+        recorded = self._topics[topic]
+        offers = self.get_publishers_info_by_topic(topic)
+        if not offers or same(matching(offers), recorded.qos):
+            return
+        self.get_logger().warning(f'{topic}: offered QoS changed, subscribing anew')
+        self.destroy_subscription(recorded.subscription)
+        self._subscribe(topic, recorded.type, message_class(recorded.type), matching(offers))
+
+    def _subscribe(self, topic: str, name: str, message_type: type, qos: QoSProfile) -> None:
+        # bound once: this runs for every message of every topic
+        put = self._recording().put
+        now = self.stamp_ns if self._simulated() else time.time_ns
+
+        def on_message(raw: bytes) -> None:
+            put(topic, now(), raw)
+
+        def on_lost(info: Any) -> None:
+            self._missed[topic] += info.total_count_change
+
+        subscription = self.create_subscription(
+            message_type,
+            topic,
+            on_message,
+            qos,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(message_lost=on_lost),
+        )
+        self._topics[topic] = Recorded(name, qos, subscription)
+
+    # ---- diagnostics
+
+    def _lost(self, status: WriterStatus) -> Counter[str]:
+        return Counter(status.lost) + self._missed
+
+    def statuses(self) -> list[Status]:
+        """Return how the recording goes."""
+        if self.writer is None:
+            return [Status('recording', OK, 'stopped')]
+        now = self.writer.status()
+        lost = self._lost(now)
+        total = sum(lost.values())
+        status = Status('recording', OK, f'recording to {self.writer.path}')
+        status.values = {
+            'path': self.writer.path,
+            'topics': len(self._topics),
+            'written': now.written,
+            'queued': now.queued,
+            'lost': total,
+            'stalled_s': now.stalled,
+            **{f'lost {topic}': count for topic, count in sorted(lost.items())},
+        }
+        if total > self._told_lost:
+            status.worsen(WARN, f'{total - self._told_lost} messages lost')
+            self.get_logger().warning(f'{total - self._told_lost} messages lost')
+        self._told_lost = total
+        if now.stalled > STALL_PERIODS * self.settings.number('flush_period'):
+            status.worsen(WARN, f'disk stalled for {now.stalled:.1f} s')
+        if now.failure:
+            status.worsen(ERROR, now.failure)
+            if not self._told_failure:
+                self.get_logger().error(now.failure)
+            self._told_failure = True
+        return [status]
+
+
+def message_class(type_name: str) -> type:
+    """Return the Python class of `package/msg/Name`; BagError when it is not installed."""
+    package, _, name = type_name.partition('/msg/')
+    try:
+        found: type = getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError) as error:
+        raise BagError(f'{type_name}: message type must be installed, got: {error}') from error
+    return found
+
+
+def matching(offers: Sequence[Any]) -> QoSProfile:
+    """Return the strictest request that all publishers of a topic meet."""
+    profiles = [offer.qos_profile for offer in offers]
+    reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
+    latched = all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
+    return QoSProfile(
+        depth=QUEUE_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def same(one: QoSProfile, other: QoSProfile) -> bool:
+    """Say whether two requests ask for the same reliability and durability."""
+    return bool(one.reliability == other.reliability and one.durability == other.durability)
+
+
+def offered(offers: Sequence[Any]) -> tuple[Qos, ...]:
+    """Return what the publishers offer, each profile once, as the bag states it."""
+    profiles = [offer.qos_profile for offer in offers]
+    rows = [
+        Qos(
+            history=int(each.history),
+            depth=int(each.depth),
+            reliability=int(each.reliability),
+            durability=int(each.durability),
+            liveliness=int(each.liveliness),
+        )
+        for each in profiles
+    ]
+    return tuple(dict.fromkeys(rows))
+
+
+def main() -> int:
+    """Run the recorder as a process."""
+    return run(Recorder)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

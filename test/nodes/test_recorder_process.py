@@ -1,0 +1,111 @@
+"""The recorder as a process: what is left after it is told to end, or killed."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sensor_msgs.msg import JointState
+
+from denoc_ros.bags.reader import read_bag
+from denoc_ros.bags.recover import recover
+from denoc_ros.errors import BagError
+
+pytestmark = pytest.mark.ros
+
+FLUSH_PERIOD = 0.2
+DELIVERY = 0.1  # s that a loaded machine may take from publishing to the recorder
+RATE = 1000.0
+
+
+class Stream:
+    """Publishes numbered joint states from a thread and remembers when."""
+
+    def __init__(self, publisher: Any) -> None:
+        self.times: list[float] = []
+        self._publisher = publisher
+        self._running = True
+        self._thread = threading.Thread(target=self._publish, daemon=True)
+        self._thread.start()
+
+    def _publish(self) -> None:
+        message = JointState(name=['a'], position=[0.0])
+        start = time.perf_counter()
+        while self._running:
+            message.header.stamp.sec, message.header.stamp.nanosec = 1, len(self.times)
+            self._publisher.publish(message)
+            self.times.append(time.perf_counter())
+            time.sleep(max(0.0, start + len(self.times) / RATE - time.perf_counter()))
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._running = False
+        self._thread.join(5.0)
+
+
+@pytest.fixture
+def recorder(graph: Any, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, '-m', 'denoc_ros.nodes.recorder', '--ros-args']
+    command += ['-p', f'output:={tmp_path / "run"}', '-p', f'flush_period:={FLUSH_PERIOD}']
+    command += ['-p', 'topics:=[/joint_states]']
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        yield process
+        process.kill()
+
+
+def stream_for(graph: Any, duration: float) -> Stream:
+    """Return a stream that has run for a while into the recorder."""
+    publisher = graph.probe.create_publisher(JointState, '/joint_states', 1000)
+    graph.until(lambda: publisher.get_subscription_count() == 1, timeout=20.0)
+    stream = Stream(publisher)
+    time.sleep(duration)
+    return stream
+
+
+def test_killed_recorder_loses_at_most_the_flush_period(
+    graph: Any, recorder: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    stream = stream_for(graph, 1.5)
+    killed = time.perf_counter()
+    recorder.kill()
+    recorder.wait(5.0)
+    stream.stop()
+    with pytest.raises(BagError, match='denoc recover'):
+        list(read_bag(tmp_path / 'run'))
+    result = recover(tmp_path / 'run')
+    numbers = [item.message.header.stamp.nanosec for item in read_bag(result.path)]
+    due = sum(moment < killed - FLUSH_PERIOD - DELIVERY for moment in stream.times)
+    assert numbers == list(range(len(numbers)))
+    assert len(numbers) >= due > 500
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_told_to_end_it_leaves_a_whole_bag(
+    graph: Any, recorder: subprocess.Popen[str], tmp_path: Path, number: signal.Signals
+) -> None:
+    stream = stream_for(graph, 0.5)
+    stream.stop()
+    time.sleep(DELIVERY)
+    recorder.send_signal(number)
+    _, said = recorder.communicate(timeout=20.0)
+    assert recorder.returncode == 0
+    numbers = [item.message.header.stamp.nanosec for item in read_bag(tmp_path / 'run')]
+    assert numbers == list(range(len(stream.times)))
+    assert f'{len(numbers)} messages on 1 topics, 0 lost' in said
+
+
+def test_existing_output_is_one_message_and_status_1(graph: Any, tmp_path: Path) -> None:
+    command = [sys.executable, '-m', 'denoc_ros.nodes.recorder', '--ros-args']
+    done = subprocess.run(
+        [*command, '-p', f'output:={tmp_path}'], capture_output=True, text=True, timeout=30
+    )
+    assert done.returncode == 1
+    assert 'must not exist yet' in done.stderr
+    assert 'Traceback' not in done.stderr
