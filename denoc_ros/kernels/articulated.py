@@ -8,9 +8,9 @@ sees the inertia M - W W^T and the wrench p + W y; on the way out x = L^-T (y - 
 """
 
 import numpy as np
-from numba import njit
 
 from denoc_ros.kernels.body_inertia import body_inertia, transmit_inertia
+from denoc_ros.kernels.compiled import inlined, kernel
 from denoc_ros.kernels.internal import ARMATURE, internal_force
 from denoc_ros.kernels.inverse import joint_force, outward_motion
 from denoc_ros.kernels.layout import (
@@ -41,7 +41,7 @@ NOT_FINITE = 1
 SINGULAR = 2
 
 
-@njit(cache=True)
+@inlined
 def project_inertia(ints, reals, work, shift, i, free):
     """Write six rows of M P and the lower half of D = P^T M P + shift of body i."""
     m = ints[i, MODES]
@@ -74,7 +74,7 @@ def project_inertia(ints, reals, work, shift, i, free):
             work[d + k * (1 + n)] = u
 
 
-@njit(cache=True)
+@inlined
 def factor(work, d, k):
     """Replace the lower half of a k x k matrix by its Cholesky factor; say whether it has one."""
     for c in range(k):
@@ -93,7 +93,7 @@ def factor(work, d, k):
     return True
 
 
-@njit(cache=True)
+@inlined
 def solve_lower(work, d, k, x):
     """Replace the k elements at offset x by L^-1 of them."""
     for r in range(k):
@@ -103,7 +103,7 @@ def solve_lower(work, d, k, x):
         work[x + r] = u / work[d + (k + 1) * r]
 
 
-@njit(cache=True)
+@inlined
 def solve_upper(work, d, k, x):
     """Replace the k elements at offset x by L^-T of them."""
     for r in range(k - 1, -1, -1):
@@ -113,7 +113,7 @@ def solve_upper(work, d, k, x):
         work[x + r] = u / work[d + (k + 1) * r]
 
 
-@njit(cache=True)
+@inlined
 def eliminate(ints, reals, work, shift, drive, i, free, block):
     """Eliminate body i's free coordinates; write its six-row block; say whether it was possible.
 
@@ -156,7 +156,7 @@ def eliminate(ints, reals, work, shift, drive, i, free, block):
     return True
 
 
-@njit(cache=True)
+@inlined
 def inward_articulated(ints, reals, work, shift, held, bodies, drive, block):
     """Eliminate every body's free coordinates, from the tips to the base."""
     for i in range(bodies):
@@ -183,7 +183,7 @@ def inward_articulated(ints, reals, work, shift, held, bodies, drive, block):
     return True
 
 
-@njit(cache=True)
+@inlined
 def carried_change(ints, work, qdd, i):
     """Return the acceleration that row i inherits from free coordinates before its joint."""
     p = ints[i, PARENT]
@@ -206,7 +206,7 @@ def carried_change(ints, work, qdd, i):
     return unrotate(work, o, a), unrotate(work, o, al)
 
 
-@njit(cache=True)
+@inlined
 def outward_accelerations(ints, reals, work, held, bodies, given, qdd):
     """Write the accelerations of all coordinates, from the base to the tips."""
     for i in range(bodies):
@@ -244,7 +244,7 @@ def outward_accelerations(ints, reals, work, held, bodies, given, qdd):
         store(work, o + CHANGE + 3, al)
 
 
-@njit(cache=True)
+@inlined
 def held_force(ints, reals, work, qdd, i):
     """Return S^T of the wrench on body i when every acceleration is known."""
     o = ints[i, WORK]
@@ -263,7 +263,7 @@ def held_force(ints, reals, work, qdd, i):
     return force
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def articulated_dynamics(
     ints, reals, work, diagonals, shift, held, bodies, slip_rate, q, qd, given, tau, qdd, torque
 ):
@@ -293,7 +293,7 @@ def articulated_dynamics(
     return NOT_FINITE
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def articulated_dynamics_rows(
     ints,
     reals,

@@ -5,8 +5,7 @@ A six-row block is three 3 x 3 matrices one after another: A (force by linear ac
 (force by angular acceleration), D (torque by angular acceleration).
 """
 
-from numba import njit
-
+from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.layout import (
     ARM,
     BEAM,
@@ -31,7 +30,7 @@ from denoc_ros.kernels.layout import (
 from denoc_ros.kernels.vector import add, cross, dot, load, rotate, store
 
 
-@njit(cache=True)
+@inlined
 def add_moment(work, o, size, m):
     """Add -(m x) to the linear-angular block of an inertia and its transpose below."""
     x, y, z = m
@@ -49,7 +48,7 @@ def add_moment(work, o, size, m):
     work[o + 5 * size + 1] += x
 
 
-@njit(cache=True)
+@inlined
 def add_spin(work, o, size, xx, xy, xz, yy, yz, zz):
     """Add a symmetric rotational inertia to the angular block of an inertia."""
     k = o + 3 * size + 3
@@ -64,7 +63,7 @@ def add_spin(work, o, size, xx, xy, xz, yy, yz, zz):
     work[k + 2 * size + 2] += zz
 
 
-@njit(cache=True)
+@inlined
 def body_inertia(ints, reals, work, i):
     """Write the (6 + m) inertia of body i."""
     c = ints[i, REAL]
@@ -94,7 +93,7 @@ def body_inertia(ints, reals, work, i):
         torsion_inertia(ints, reals, work, i)
 
 
-@njit(cache=True)
+@inlined
 def beam_inertia(ints, reals, work, i):
     """Add int rho C^T C with C = [1, -p x, B] of body i's beam."""
     ny = ints[i, NY]
@@ -152,7 +151,7 @@ def beam_inertia(ints, reals, work, i):
             work[o + j * size + n] = work[o + n * size + j]
 
 
-@njit(cache=True)
+@inlined
 def torsion_inertia(ints, reals, work, i):
     """Add int rho J (omega_x + beta')^2 of body i's beam."""
     nt = ints[i, NT]
@@ -169,7 +168,7 @@ def torsion_inertia(ints, reals, work, i):
             work[o + (first + j) * size + first + k] += reals[b + 1 + nt + nt * j + k]
 
 
-@njit(cache=True)
+@inlined
 def rotate_block(work, rotation, block):
     """Replace a 3 x 3 block X by R X R^T."""
     for j in range(3):
@@ -182,7 +181,7 @@ def rotate_block(work, rotation, block):
         store(work, k, rotate(work, rotation, load(work, k)))
 
 
-@njit(cache=True)
+@inlined
 def shift_block(work, block, r):
     """Refer a six-row block to a point that lies -r from its own (same axes).
 
@@ -210,7 +209,7 @@ def shift_block(work, block, r):
         work[d + 6 + j] += v[2]
 
 
-@njit(cache=True)
+@inlined
 def block_wrench(work, block, linear, angular):
     """Return the force and torque of a six-row block for an acceleration."""
     force = add(rotate(work, block, linear), rotate(work, block + 9, angular))
@@ -223,7 +222,7 @@ def block_wrench(work, block, linear, angular):
     return force, add(torque, rotate(work, block + 18, angular))
 
 
-@njit(cache=True)
+@inlined
 def transmit_inertia(ints, work, i, block):
     """Add row i's six-row block (body axes, at its origin; overwritten) to its carrier's."""
     p = ints[i, PARENT]

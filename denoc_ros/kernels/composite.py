@@ -1,8 +1,7 @@
 """The generalized inertia matrix by composite bodies (section 3.2), and the energies."""
 
-from numba import njit
-
 from denoc_ros.kernels.body_inertia import body_inertia, transmit_inertia
+from denoc_ros.kernels.compiled import inlined, kernel
 from denoc_ros.kernels.internal import ARMATURE, STIFFNESS
 from denoc_ros.kernels.inverse import outward_motion
 from denoc_ros.kernels.layout import (
@@ -30,7 +29,7 @@ from denoc_ros.kernels.vector import add, all_finite, cross, dot, load, rotate
 from denoc_ros.kernels.world import world_pose
 
 
-@njit(cache=True)
+@inlined
 def column_wrench(ints, reals, work, i, column):
     """Return force and torque of a unit acceleration of body i's coordinate, and write its own."""
     size = 6 + ints[i, MODES]
@@ -52,7 +51,7 @@ def column_wrench(ints, reals, work, i, column):
     )
 
 
-@njit(cache=True)
+@inlined
 def own_entries(ints, reals, work, i, f, n, column, out):
     """Write the entries between body i's coordinate and its joint and modes."""
     j = ints[i, COORDINATE]
@@ -71,7 +70,7 @@ def own_entries(ints, reals, work, i, f, n, column, out):
             out[j + k, c] = work[u + k]
 
 
-@njit(cache=True)
+@inlined
 def carrier_entries(ints, reals, work, i, f, n, c, out):
     """Write the entries between coordinate c and those of all bodies that carry body i."""
     while ints[i, PARENT] >= 0:
@@ -101,7 +100,7 @@ def carrier_entries(ints, reals, work, i, f, n, c, out):
         i = p
 
 
-@njit(cache=True)
+@inlined
 def copy_block(work, o, size, block):
     """Copy the six rows and columns of an inertia into a six-row block."""
     for r in range(3):
@@ -111,7 +110,7 @@ def copy_block(work, o, size, block):
             work[block + 18 + 3 * r + c] = work[o + size * (3 + r) + 3 + c]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def inertia_matrix(ints, reals, work, diagonals, bodies, q, out):
     """Write the (n, n) generalized inertia matrix; return whether it is finite."""
     for i in range(bodies):
@@ -136,7 +135,7 @@ def inertia_matrix(ints, reals, work, diagonals, bodies, q, out):
     return finite
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def inertia_matrix_rows(ints, reals, work, diagonals, bodies, q, first, last, out):
     """Do the same for rows first .. last - 1 of (k, n) states."""
     finite = True
@@ -145,7 +144,7 @@ def inertia_matrix_rows(ints, reals, work, diagonals, bodies, q, first, last, ou
     return finite
 
 
-@njit(cache=True)
+@inlined
 def body_kinetic(ints, work, qd, i):
     """Return the kinetic energy of body i from its own inertia and twist."""
     m = ints[i, MODES]
@@ -162,7 +161,7 @@ def body_kinetic(ints, work, qd, i):
     return energy
 
 
-@njit(cache=True)
+@inlined
 def body_gravity(ints, reals, work, i):
     """Return the gravity potential of body i, zero at the base origin."""
     size = 6 + ints[i, MODES]
@@ -174,7 +173,7 @@ def body_gravity(ints, reals, work, i):
     return -work[o] * dot(g, position) - dot(g, rotate(work, u + WORLD_ROTATION, moment))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def energies(ints, reals, work, diagonals, bodies, q, qd, zero, out):
     """Write kinetic and potential energy (gravity and strain); return whether they are finite."""
     outward_motion(ints, reals, work, bodies, q, qd, zero)
@@ -193,7 +192,7 @@ def energies(ints, reals, work, diagonals, bodies, q, qd, zero, out):
     return all_finite(out)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def energies_rows(ints, reals, work, diagonals, bodies, q, qd, zero, first, last, out):
     """Do the same for rows first .. last - 1 of (k, n) states."""
     finite = True

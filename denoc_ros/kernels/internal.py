@@ -1,7 +1,8 @@
 """Forces that act along the coordinates: elasticity, damping and friction, all diagonal."""
 
 import numpy as np
-from numba import njit
+
+from denoc_ros.kernels.compiled import inlined
 
 STIFFNESS = 0  # rows of the (4, n) array of diagonals
 DAMPING = 1
@@ -9,7 +10,7 @@ FRICTION = 2
 ARMATURE = 3
 
 
-@njit(cache=True)
+@inlined
 def internal_force(diagonals, slip_rate, q, qd, j):
     """Return k q + c q' + f tanh(q' / v_s) of coordinate j."""
     force = diagonals[STIFFNESS, j] * q[j] + diagonals[DAMPING, j] * qd[j]

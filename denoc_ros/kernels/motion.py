@@ -1,7 +1,6 @@
 """Outward pass of velocities and accelerations (dynamics.md: displacements, section, joint)."""
 
-from numba import njit
-
+from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.layout import (
     ACCELERATION,
     ARM,
@@ -29,7 +28,7 @@ from denoc_ros.kernels.layout import (
 from denoc_ros.kernels.vector import add, cross, dot, load, scale, store, unrotate
 
 
-@njit(cache=True)
+@inlined
 def section_rates(ints, reals, qd, i):
     """Return phi' and the axial entry of B' d' of the section that carries row i."""
     p = ints[i, PARENT]
@@ -59,7 +58,7 @@ def section_rates(ints, reals, qd, i):
     return (twist, -turn_z, turn_y), shortening
 
 
-@njit(cache=True)
+@inlined
 def section_motion(ints, reals, work, qd, qdd, i, v, w, a, al):
     """Return velocity, angular velocity, acceleration and angular acceleration of a section.
 
@@ -99,7 +98,7 @@ def section_motion(ints, reals, work, qd, qdd, i, v, w, a, al):
     return add(add(v, carried), slip), add(w, spin), a, al
 
 
-@njit(cache=True)
+@inlined
 def move_body(ints, reals, work, qd, qdd, i):
     """Write the twist and the acceleration of body i, joint included, in body axes."""
     c = ints[i, REAL]

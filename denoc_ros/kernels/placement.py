@@ -1,8 +1,8 @@
 """Outward pass of positions: where sections, bodies and beam points stand (dynamics.md)."""
 
 import numpy as np
-from numba import njit
 
+from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.layout import (
     ARM,
     BEAM,
@@ -33,7 +33,7 @@ from denoc_ros.kernels.layout import (
 from denoc_ros.kernels.vector import add, load, rotate, store
 
 
-@njit(cache=True)
+@inlined
 def exponential_coefficients(s):
     """Return a, b, c and the rates of b and c per phi . phi', for s = |phi|^2.
 
@@ -76,7 +76,7 @@ def exponential_coefficients(s):
     return a, b, c, (a - 2.0 * b) / s, (b - 3.0 * c) / s
 
 
-@njit(cache=True)
+@inlined
 def square_plus(a, b, phi, out, o):
     """Write 1 + a K + b K^2 with K = phi x, row-major, at offset o of out."""
     x, y, z = phi
@@ -91,7 +91,7 @@ def square_plus(a, b, phi, out, o):
     out[o + 8] = 1.0 - b * (x * x + y * y)
 
 
-@njit(cache=True)
+@inlined
 def place_plane(reals, s, h, slope, q, coordinate, count, work, column):
     """Return deflection, slope and foreshortening of one bending plane at a section.
 
@@ -113,7 +113,7 @@ def place_plane(reals, s, h, slope, q, coordinate, count, work, column):
     return deflection, turn, 0.5 * shortening
 
 
-@njit(cache=True)
+@inlined
 def place_section(ints, reals, work, q, i):
     """Place the section that carries row i: position, rotation and the columns [B; J Theta]."""
     p = ints[i, PARENT]
@@ -166,7 +166,7 @@ def place_section(ints, reals, work, q, i):
     square_plus(a, b, phi, work, turn)
 
 
-@njit(cache=True)
+@inlined
 def multiply(a, o, b, p, out, r):
     """Write A B, all 3 x 3 row-major at offsets o, p, r."""
     for i in range(3):
@@ -178,7 +178,7 @@ def multiply(a, o, b, p, out, r):
             )
 
 
-@njit(cache=True)
+@inlined
 def place_body(ints, reals, work, q, i):
     """Place row i on its carrier: rotation, and arm from the section to the body origin."""
     c = ints[i, REAL]
@@ -207,7 +207,7 @@ def place_body(ints, reals, work, q, i):
         store(work, o + ARM, rotate(work, turn, load(work, o + ARM)))
 
 
-@njit(cache=True)
+@inlined
 def place_beam(ints, reals, work, q, i):
     """Place the integration points of body i's beam and their products H d."""
     ny = ints[i, NY]
@@ -243,7 +243,7 @@ def place_beam(ints, reals, work, q, i):
         o += 3 + ny + nz
 
 
-@njit(cache=True)
+@inlined
 def carrier_arm(ints, work, i):
     """Return the position of row i's origin in its carrier's body frame."""
     o = ints[i, WORK]

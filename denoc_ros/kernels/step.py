@@ -8,9 +8,9 @@ shift on its diagonal, so a mode much faster than the step costs nothing and sta
 """
 
 import numpy as np
-from numba import njit
 
 from denoc_ros.kernels.articulated import articulated_dynamics
+from denoc_ros.kernels.compiled import kernel
 from denoc_ros.kernels.internal import ARMATURE, DAMPING, FRICTION, STIFFNESS
 from denoc_ros.kernels.layout import COORDINATE, JOINT
 
@@ -28,7 +28,7 @@ GIVEN = 7
 STEP_ROWS = 8
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def advance(ints, reals, work, diagonals, steps, held, bodies, slip_rate, dt, q, qd, given, tau):
     """Advance q and q' by dt in place; held joints have the acceleration given throughout.
 

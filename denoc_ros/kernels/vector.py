@@ -1,15 +1,15 @@
 """Three-vectors as tuples, which the compiler keeps in registers."""
 
-from numba import njit
+from denoc_ros.kernels.compiled import inlined
 
 
-@njit(cache=True)
+@inlined
 def load(a, o):
     """Return the vector at offset o of a."""
     return a[o], a[o + 1], a[o + 2]
 
 
-@njit(cache=True)
+@inlined
 def store(a, o, v):
     """Write v at offset o of a."""
     a[o] = v[0]
@@ -17,7 +17,7 @@ def store(a, o, v):
     a[o + 2] = v[2]
 
 
-@njit(cache=True)
+@inlined
 def accumulate(a, o, v):
     """Add v to what stands at offset o of a."""
     a[o] += v[0]
@@ -25,25 +25,25 @@ def accumulate(a, o, v):
     a[o + 2] += v[2]
 
 
-@njit(cache=True)
+@inlined
 def add(u, v):
     """Return u + v."""
     return u[0] + v[0], u[1] + v[1], u[2] + v[2]
 
 
-@njit(cache=True)
+@inlined
 def scale(s, v):
     """Return s v."""
     return s * v[0], s * v[1], s * v[2]
 
 
-@njit(cache=True)
+@inlined
 def dot(u, v):
     """Return u . v."""
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-@njit(cache=True)
+@inlined
 def cross(u, v):
     """Return u x v."""
     return (
@@ -53,7 +53,7 @@ def cross(u, v):
     )
 
 
-@njit(cache=True)
+@inlined
 def rotate(a, o, v):
     """Return R v, R row-major at offset o of a."""
     return (
@@ -63,7 +63,7 @@ def rotate(a, o, v):
     )
 
 
-@njit(cache=True)
+@inlined
 def unrotate(a, o, v):
     """Return R^T v, R row-major at offset o of a."""
     return (
@@ -73,7 +73,7 @@ def unrotate(a, o, v):
     )
 
 
-@njit(cache=True)
+@inlined
 def symmetric(a, o, v):
     """Return S v, S symmetric at offset o of a as xx xy xz yy yz zz."""
     return (
@@ -83,7 +83,7 @@ def symmetric(a, o, v):
     )
 
 
-@njit(cache=True)
+@inlined
 def all_finite(a):
     """Say whether every element of a vector is finite (inf - inf and 0 * inf are not a number)."""
     s = 0.0

@@ -1,7 +1,6 @@
 """Poses, Jacobians and twists of frames in the base frame."""
 
-from numba import njit
-
+from denoc_ros.kernels.compiled import inlined, kernel
 from denoc_ros.kernels.layout import (
     ARM,
     AXIS,
@@ -22,7 +21,7 @@ from denoc_ros.kernels.placement import multiply, place_body
 from denoc_ros.kernels.vector import add, cross, load, rotate, scale, store
 
 
-@njit(cache=True)
+@inlined
 def section_place(ints, work, i):
     """Return the position, in the base frame, of what row i hangs on."""
     p = ints[i, PARENT]
@@ -36,7 +35,7 @@ def section_place(ints, work, i):
     return position
 
 
-@njit(cache=True)
+@inlined
 def world_pose(ints, work, i):
     """Write the pose of row i in the base frame; its carrier's must stand there already."""
     o = ints[i, WORK]
@@ -52,7 +51,7 @@ def world_pose(ints, work, i):
     store(work, o + WORLD_POSITION, add(section_place(ints, work, i), arm))
 
 
-@njit(cache=True)
+@inlined
 def place_world(ints, reals, work, bodies, q):
     """Place every body in the base frame."""
     for i in range(bodies):
@@ -60,7 +59,7 @@ def place_world(ints, reals, work, bodies, q):
         world_pose(ints, work, i)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def frame_pose(ints, reals, work, bodies, q, i, out):
     """Write the (4, 4) pose of row i in the base frame."""
     place_world(ints, reals, work, bodies, q)
@@ -76,7 +75,7 @@ def frame_pose(ints, reals, work, bodies, q, i, out):
     out[3, 3] = 1.0
 
 
-@njit(cache=True)
+@inlined
 def write_column(out, j, linear, angular):
     """Write column j of a (6, n) Jacobian."""
     for k in range(3):
@@ -84,7 +83,7 @@ def write_column(out, j, linear, angular):
         out[3 + k, j] = angular[k]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def frame_jacobian(ints, reals, work, bodies, q, i, out):
     """Write the (6, n) Jacobian of row i, linear first, base axes, at its origin."""
     place_world(ints, reals, work, bodies, q)

@@ -1,7 +1,6 @@
 """The wrench and modal forces a body needs for its own motion, and their way inward."""
 
-from numba import njit
-
+from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.layout import (
     ACCELERATION,
     ARM,
@@ -42,7 +41,7 @@ from denoc_ros.kernels.vector import (
 )
 
 
-@njit(cache=True)
+@inlined
 def rigid_wrench(ints, reals, work, i):
     """Write the wrench of the rigid part of body i about the body origin."""
     c = ints[i, REAL]
@@ -60,7 +59,7 @@ def rigid_wrench(ints, reals, work, i):
     store(work, o + TORQUE, torque)
 
 
-@njit(cache=True)
+@inlined
 def bending_wrench(ints, reals, work, qd, qdd, i):
     """Add the wrench of body i's beam and write its modal forces: int [1; p x; B^T] acc."""
     ny = ints[i, NY]
@@ -125,7 +124,7 @@ def bending_wrench(ints, reals, work, qd, qdd, i):
     accumulate(work, o + TORQUE, torque)
 
 
-@njit(cache=True)
+@inlined
 def torsion_wrench(ints, reals, work, qd, qdd, i):
     """Add the torque of body i's twisting sections and write its torsional modal forces."""
     nt = ints[i, NT]
@@ -147,7 +146,7 @@ def torsion_wrench(ints, reals, work, qd, qdd, i):
     accumulate(work, o + TORQUE, (torque, w[2] * momentum, -w[1] * momentum))
 
 
-@njit(cache=True)
+@inlined
 def body_wrench(ints, reals, work, qd, qdd, i):
     """Write the wrench and the modal forces that body i needs for its motion (no elasticity)."""
     rigid_wrench(ints, reals, work, i)
@@ -157,7 +156,7 @@ def body_wrench(ints, reals, work, qd, qdd, i):
         torsion_wrench(ints, reals, work, qd, qdd, i)
 
 
-@njit(cache=True)
+@inlined
 def transmit_wrench(ints, work, i, force, torque):
     """Add a wrench on row i (its axes, about its origin) to its carrier and that one's modes."""
     p = ints[i, PARENT]
