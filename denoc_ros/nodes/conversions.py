@@ -104,21 +104,23 @@ class CdrReader:
         return values
 
 
-def joint_map(given: Sequence[str], wanted: Sequence[str], extra: bool) -> NDArray[np.intp]:
+def joint_map(
+    given: Sequence[str], wanted: Sequence[str], known: Sequence[str] | None = None
+) -> NDArray[np.intp]:
     """Return where in `given` each of `wanted` stands.
 
     Raises
     ------
     InputError
-        Cause `unknown_joint` (unless `extra` joints may come along), `missing_joint` or
+        Cause `unknown_joint` (not one of `known`, if these are given), `missing_joint` or
         `repeated_joint`.
     """
     places = {name: place for place, name in enumerate(given)}
     if len(places) != len(given):
         raise InputError('repeated_joint', f'joint names must differ, got {list(given)}')
-    unknown = [] if extra else sorted(set(given) - set(wanted))
-    if unknown:
-        raise InputError('unknown_joint', f'joint must be one of {list(wanted)}, got {unknown}')
+    unknown = [] if known is None else sorted(set(given) - set(known))
+    if known is not None and unknown:
+        raise InputError('unknown_joint', f'joint must be one of {list(known)}, got {unknown}')
     missing = [name for name in wanted if name not in places]
     if missing:
         raise InputError('missing_joint', f'message must have joints {missing}, got {list(given)}')
@@ -131,9 +133,23 @@ class JointStateReader:
     After a successful `read`, `stamp_ns`, `position`, `velocity` and `effort` (each (n,), zeros
     where the message has none) hold the message until the next one; `has_velocity` and
     `has_effort` say what it had.
+
+    Parameters
+    ----------
+    joints : sequence of str
+        Those that every message must have.
+    allow_extra : bool
+        Whether others may come along.
+    known : sequence of str, optional
+        Those that may come along in any case; default none but `joints`.
     """
 
-    def __init__(self, joints: Sequence[str], allow_extra: bool = False) -> None:
+    def __init__(
+        self,
+        joints: Sequence[str],
+        allow_extra: bool = False,
+        known: Sequence[str] | None = None,
+    ) -> None:
         n = len(joints)
         self.joints = tuple(joints)
         self.stamp_ns = 0
@@ -142,7 +158,7 @@ class JointStateReader:
         self.effort: Array = np.zeros(n)
         self.has_velocity = False
         self.has_effort = False
-        self._allow_extra = allow_extra
+        self._joints_known = None if allow_extra else tuple(known or joints)
         self._known = b''  # frame_id and names of the last message, as bytes
         self._end = 0
         self._map: NDArray[np.intp] = np.arange(n)
@@ -192,7 +208,7 @@ class JointStateReader:
         reader.stamp_ns()
         reader.string()
         names = reader.strings()
-        self._map = joint_map(names, self.joints, self._allow_extra)
+        self._map = joint_map(names, self.joints, self._joints_known)
         self._count = len(names)
         self._end = reader.position
         self._known = raw[12 : self._end]
@@ -243,7 +259,7 @@ def read_trajectory(raw: bytes, joints: Sequence[str]) -> TrajectoryMessage:
         times[point] = 1e-9 * reader.stamp_ns()
     if count == 0:
         raise InputError('empty', 'trajectory must have points, got none')
-    places = joint_map(names, joints, False)
+    places = joint_map(names, joints, joints)
     if (np.diff(times) <= 0.0).any() or times[0] < 0.0:
         raise InputError(
             'times_not_increasing', f'time_from_start must increase from >= 0, got {times}'
@@ -321,5 +337,5 @@ class CommandReader:
             raise InputError(
                 'unknown_joint', f'joint must be one of {list(self.joints)}, got {unknown}'
             )
-        self._map, self._count = joint_map(self.joints, names, True), len(names)
+        self._map, self._count = joint_map(self.joints, names), len(names)
         self._known = raw[: reader.position]

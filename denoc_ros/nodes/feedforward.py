@@ -1,0 +1,379 @@
+"""The feedforward node: desired trajectory in, torque out."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
+from trajectory_msgs.msg import JointTrajectory
+
+from denoc_ros.dynamics.feedforward import Terms, TorqueFeedforward
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.nodes.base import EVERY_MESSAGE, NEWEST, run
+from denoc_ros.nodes.conversions import InputError, JointStateReader, read_trajectory
+from denoc_ros.nodes.diagnostics import ERROR, WARN, Status
+from denoc_ros.nodes.feedforward_parameters import TABLE
+from denoc_ros.nodes.parameters import Settings, Value
+from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
+from denoc_ros.nodes.robot_node import OVERRIDES, RobotNode, driven_joints
+from denoc_ros.nodes.safety import InputMonitor, SafeCommand, TorqueLimiter, effort_limits
+from denoc_ros.nodes.torque_output import TorqueOutput
+
+FINAL_COMMANDS = 5  # sent at the end, in case a reader misses some
+FINAL_SPACING = 0.005  # s
+END_PATIENCE = 1.0  # s beyond the ramp to reach it, however small max_delta_tau is
+
+
+class FeedforwardNode(RobotNode):
+    """Follows `reference` with the torque that the model says it takes."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('feedforward', TABLE, **options)
+        self.enabled = self.settings.flag('enabled')
+        self.stopped = False
+        self.by_message = self.settings.text('trigger') == 'message'
+        self.from_joints = self.settings.text('reference_source') == 'joint_states'
+        self.create_service(SetBool, '~/enable', self._on_enable)
+        self.offer('~/stop', self._stop)
+        self.offer('~/reset', self._reset)
+        self.offer('~/reload_model', self._reload)
+        self._connected = False
+
+    # ---- configure
+
+    def prepare(self) -> None:
+        """Build the torque, what guards it, and all messages; run each once."""
+        settings, name = self.settings, self.get_fully_qualified_name()
+        self.joints = driven_joints(self.robot, settings.texts('joints'), name)
+        n = len(self.joints)
+        described = {b.joint.name: b.joint for b in self.robot.tree.bodies if b.joint is not None}
+        of_model = [described[joint].limits.effort for joint in self.joints]
+        try:
+            limits = effort_limits(
+                settings.numbers('effort_limits'),
+                of_model,
+                self.joints,
+                settings.flag('enforce_command_limits'),
+            )
+        except ValueError as error:
+            raise ConfigError(name, [str(error)]) from error
+        for joint, limit in zip(self.joints, limits, strict=True):
+            if limit == 0.0:
+                self.get_logger().warning(f'{joint} has effort limit 0: no torque will leave it')
+        self.limiter = TorqueLimiter(limits, settings.number('max_delta_tau'))
+        self.safe = SafeCommand(settings.text('stale_action'), settings.number('ramp_time'), n)
+        self.q, self.qd, self.qdd, self._posture = np.zeros((4, n))
+        self.follower = ReferenceFollower(n, settings.number('reference_timeout'))
+        self.stream = DifferencedStream(
+            n, settings.number('reference_timeout'), settings.number('acceleration_cutoff')
+        )
+        self.output = TorqueOutput(
+            self, self.joints, self.by_message, settings.flag('publish_joint_trajectory')
+        )
+        self._reader = JointStateReader(
+            self.joints, settings.flag('allow_extra_joints'), self.robot.joint_names
+        )
+        self.torque_source = self._build(self.robot, settings)
+        self._pending: TorqueFeedforward | None = None
+        self._cause = 'waiting'
+        self._message_time: int | None = None
+        self._clamped_reported = 0
+        self._model_failures = 0
+        self._reset_wanted = False
+        self._cache(settings)
+        self._connect()
+
+    def _build(self, robot: Robot, settings: Settings) -> TorqueFeedforward:
+        """Return the torque of a model, each of its verbs called once."""
+        terms = Terms(**{name: settings.flag(f'terms.{name}') for name in Terms.names()})
+        source = TorqueFeedforward(robot, self.joints, settings.text('model'), terms, self.period)
+        zero = np.zeros(len(self.joints))
+        source.update(zero, zero, zero, 0.0)
+        source.update(zero, zero, zero, self.period)
+        source.gravity(zero)
+        source.reset()
+        return source
+
+    def _cache(self, settings: Settings) -> None:
+        """Keep what the loop reads each tick at hand."""
+        self._joint_timeout = settings.number('joint_state_timeout')
+        self._reference_timeout = settings.number('reference_timeout')
+        self._needs_joints = settings.flag('require_joint_states')
+
+    def _connect(self) -> None:
+        """Subscribe, once: a node that is configured again keeps its subscriptions."""
+        if self._connected:
+            return
+        self._connected = True
+        qos_in = EVERY_MESSAGE if self.by_message else NEWEST
+        self.joint_input: InputMonitor = self.listen(
+            JointState, 'joint_states', self._on_joint_state, qos_in
+        )
+        self.reference_input: InputMonitor | None = None
+        if not self.from_joints:
+            self.reference_input = self.listen(
+                JointTrajectory, 'reference', self._on_reference, qos_in
+            )
+
+    # ---- inputs: callbacks only store, the tick consumes
+
+    def _on_joint_state(self, raw: bytes) -> None:
+        reader, now = self._reader, time.perf_counter()
+        reader.read(raw)
+        self.joint_input.accept(reader.stamp_ns, now)
+        if not self.from_joints:
+            return
+        velocity = reader.velocity if reader.has_velocity else None
+        point = self.stream.complete(1e-9 * reader.stamp_ns, reader.position, velocity, None)
+        if self.by_message:
+            self._answer(reader.stamp_ns, *point)
+        else:
+            self.follower.offer_point(now, *point)
+
+    def _on_reference(self, raw: bytes) -> None:
+        assert self.reference_input is not None
+        message, now = read_trajectory(raw, self.joints), time.perf_counter()
+        if self.by_message and not message.is_streamed:
+            raise InputError(
+                'not_streamed',
+                "reference must be single points for now while 'trigger' is message, "
+                f'got {len(message.times)} points',
+            )
+        self.reference_input.accept(message.stamp_ns, now)
+        if not self.by_message:
+            self.follower.offer(message, now, self.stamp_ns())
+            return
+        velocities, accelerations = message.velocities, message.accelerations
+        point = self.stream.complete(
+            1e-9 * message.stamp_ns,
+            message.positions[0],
+            None if velocities is None else velocities[0],
+            None if accelerations is None else accelerations[0],
+        )
+        self._answer(message.stamp_ns, *point)
+
+    def _answer(self, stamp_ns: int, q: Any, qd: Any, qdd: Any) -> None:
+        """Publish the torque of one message's state, with its stamp."""
+        if self.state != 'active':
+            return
+        self._swap()
+        before, self._message_time = self._message_time, stamp_ns
+        elapsed = 0.0 if before is None else 1e-9 * (stamp_ns - before)
+        torque = self.torque_source.update(q, qd, qdd, elapsed)
+        self.q[:], self.qd[:] = q, qd
+        self._cause = 'following messages'
+        self.output.send_effort(stamp_ns, self.q, self.qd, self.limiter.apply(torque))
+
+    # ---- loop
+
+    def cleanup(self) -> None:
+        """Take the publishers down; the next configure makes them for its joints."""
+        self.output.close(self)
+
+    def begin(self) -> None:
+        """Start from rest: nothing is known and nothing has left."""
+        self._tick_time = time.perf_counter()
+        self._last_update = -math.inf
+        self.limiter.reset()
+        self.safe.end()
+        self.torque_source.reset()
+
+    def activate(self) -> None:
+        """Start the loop, unless messages are the clock."""
+        if self.by_message:
+            self._message_time = None
+            self.begin()
+        else:
+            super().activate()
+
+    def tick(self, steps: int) -> None:
+        """Publish the torque for now: along the reference, else the safe command."""
+        self._tick_time += steps * self.loop.period if self.loop else 0.0
+        now = time.perf_counter()
+        self._swap()
+        cause = self._trouble(now)
+        if not cause:
+            cause = self._follow()
+        if cause:
+            self._be_safe(now)
+        elif self.safe.active:
+            self.safe.end()
+        self._cause = cause or 'following'
+
+    def _swap(self) -> None:
+        """Take over a changed model between two ticks."""
+        if self._reset_wanted:
+            self._reset_wanted = False
+            self.torque_source.reset()
+        pending = self._pending
+        if pending is not None:
+            self._pending = None
+            pending.adopt(self.torque_source)
+            self.torque_source = pending
+
+    def _trouble(self, now: float) -> str:
+        """Return why the reference may not be followed, '' if it may."""
+        if self.stopped:
+            return 'stopped'
+        if not self.enabled:
+            return 'disabled'
+        if self._needs_joints or self.from_joints:
+            age = self.joint_input.age(now)
+            if age > self._joint_timeout:
+                return 'stale joint_states' if age < math.inf else 'no joint_states yet'
+        if not self.follower.given:
+            return 'no reference yet'
+        if self.follower.age(now) > self._reference_timeout:
+            return 'stale reference'
+        return ''
+
+    def _follow(self) -> str:
+        """Publish the torque along the reference; return what went wrong, '' if nothing did."""
+        clock = self._tick_time
+        if not self.follower.sample(clock, self.q, self.qd, self.qdd):
+            return 'no reference yet'
+        try:
+            torque = self.torque_source.update(
+                self.q, self.qd, self.qdd, clock - self._last_update
+            )
+        except (StateError, FloatingPointError):
+            self._model_failures += 1
+            self.torque_source.reset()
+            return 'model failed'
+        self._last_update = clock
+        self._publish(self.limiter.apply(torque))
+        return ''
+
+    def _publish(self, torque: Any) -> None:
+        self.output.send(self.stamp_ns(), self.q, self.qd, self.qdd, torque)
+
+    def _be_safe(self, now: float) -> None:
+        """Publish the safe command, if a posture is known."""
+        if self.joint_input.received:
+            self._posture[:] = self._reader.position
+        elif self.follower.given:
+            self._posture[:] = self.q
+        else:
+            return
+        self.safe.begin(now, self.limiter.last)
+        torque = self.safe.torque(now, self.torque_source.gravity(self._posture))
+        if torque is not None:
+            self.q[:] = self._posture
+            self.qd[:] = 0.0
+            self.qdd[:] = 0.0
+            self._publish(self.limiter.apply(torque))
+
+    def deactivate(self) -> None:
+        """Stop the loop, go to the safe command, then say it again."""
+        super().deactivate()
+        if self.by_message:
+            return
+        self._cause = 'ended'
+        end = time.perf_counter() + self.settings.number('ramp_time') + END_PATIENCE
+        repeats = 0
+        while repeats < FINAL_COMMANDS and time.perf_counter() < end:
+            before = self.limiter.last.copy()
+            now = time.perf_counter()
+            self._be_safe(now)
+            changed = np.abs(self.limiter.last - before).max() > 1e-9
+            repeats = 0 if changed or not self.safe.settled(now) else repeats + 1
+            time.sleep(max(self.period, FINAL_SPACING) if repeats else self.period)
+
+    # ---- services and live parameters
+
+    def _on_enable(self, request: Any, response: Any) -> Any:
+        self.enabled = bool(request.data)
+        if self.enabled:
+            self.stopped = False
+        response.success = True
+        response.message = 'enabled' if self.enabled else 'disabled: safe command'
+        return response
+
+    def _stop(self) -> str:
+        """Stop until enabled again; the reference is dropped."""
+        self.stopped = True
+        if self.state in ('active', 'inactive'):
+            self.follower.clear()
+        return 'stopped: safe command until ~/enable'
+
+    def _reset(self) -> str:
+        """Forget reference, stamps and amplitudes."""
+        if self.state in ('active', 'inactive'):
+            self.follower.clear()
+            self._reset_wanted = True
+            self._message_time = None
+        for monitor in self.monitors:
+            monitor.reset()
+        return 'reset: waiting for a reference'
+
+    def _reload(self) -> str:
+        """Read the robot again; its joints must be the same."""
+        if self.state not in ('active', 'inactive'):
+            raise ConfigError(self.get_name(), ['the node must be configured to reload its model'])
+        robot = self.load(self.settings)
+        if tuple(robot.joint_names) != tuple(self.robot.joint_names):
+            raise ConfigError(
+                self.get_name(),
+                [
+                    f'joints must stay {list(self.robot.joint_names)} on reload '
+                    f'(clean up and configure instead), got {list(robot.joint_names)}'
+                ],
+            )
+        self._pending = self._build(robot, self.settings)
+        self.robot = robot
+        return f'reloaded {robot.tree.name}'
+
+    def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
+        """Build a changed model beside the loop; the next tick takes it."""
+        if self.state not in ('active', 'inactive'):
+            return
+        self._cache(settings)
+        if any(name.startswith(OVERRIDES) for name in changes):
+            robot = self.load(settings)
+            self._pending, self.robot = self._build(robot, settings), robot
+        elif any(name == 'model' or name.startswith('terms.') for name in changes):
+            self._pending = self._build(self.robot.copy(), settings)
+
+    # ---- diagnostics
+
+    def statuses(self) -> list[Status]:
+        """Return loop and torque."""
+        found = super().statuses()
+        if self.state not in ('active', 'inactive'):
+            return found
+        limiter = self.limiter
+        status = Status('torque', message=self._cause)
+        status.values = {
+            'cause': self._cause,
+            'enabled': self.enabled,
+            'model': self.torque_source.model,
+            'clamped': ' '.join(map(str, limiter.clamped.tolist())),
+            'joints': ' '.join(self.joints),
+            'non_finite': limiter.non_finite,
+            'model_failures': self._model_failures,
+        }
+        clamped = int(limiter.clamped.sum())
+        if clamped > self._clamped_reported:
+            status.worsen(WARN, 'torque clamped')
+        self._clamped_reported = clamped
+        if self._cause.startswith('stale'):
+            status.worsen(WARN, self._cause)
+        if limiter.non_finite or self._model_failures:
+            status.worsen(ERROR, 'torque of the model not finite')
+        return [*found, status]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the node (console script `denoc-feedforward`)."""
+    sys.exit(run(FeedforwardNode, arguments))
+
+
+if __name__ == '__main__':
+    main()

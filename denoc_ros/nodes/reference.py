@@ -1,0 +1,162 @@
+"""What the `reference` topic asks for at a time: a trajectory to interpolate, or a stream."""
+
+from __future__ import annotations
+
+import math
+import threading
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.nodes.conversions import TrajectoryMessage
+from denoc_ros.simulation.trajectories import SplineTrajectory
+
+Array = NDArray[np.float64]
+
+
+class DifferencedStream:
+    """Fills in what streamed points lack: rates by backward differences.
+
+    Parameters
+    ----------
+    joints : int
+    gap : float
+        s between points after which a difference means nothing and is taken as zero.
+    cutoff : float
+        Hz of the first-order low pass on differenced accelerations, infinite for none.
+    """
+
+    def __init__(self, joints: int, gap: float, cutoff: float = math.inf) -> None:
+        self._gap = gap
+        self._cutoff = cutoff
+        self._time = -math.inf
+        self._q: Array = np.zeros(joints)
+        self._qd: Array = np.zeros(joints)
+        self._qdd: Array = np.zeros(joints)
+        self.interval = 0.0
+
+    def complete(
+        self, time: float, q: Array, qd: Array | None, qdd: Array | None
+    ) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration (n,) of a point at `time` [s]."""
+        step = time - self._time
+        near = 0.0 < step <= self._gap
+        if qd is None:
+            qd = (q - self._q) / step if near else np.zeros_like(q)
+        if qdd is None:
+            qdd = self._filtered((qd - self._qd) / step, step) if near else np.zeros_like(q)
+        self.interval = step if near else 0.0
+        self._time, self._q, self._qd, self._qdd = time, q, qd, qdd
+        return q, qd, qdd
+
+    def _filtered(self, qdd: Array, step: float) -> Array:
+        if self._cutoff == math.inf:
+            return qdd
+        share = 1.0 - math.exp(-2.0 * math.pi * self._cutoff * step)
+        return np.asarray(self._qdd + share * (qdd - self._qdd), dtype=np.float64)
+
+
+class ReferenceFollower:
+    """The desired motion on the steady clock; offered by one thread, sampled by another.
+
+    A trajectory starts at its stamp (0: now), until then the one before goes on; after its end it
+    holds. A streamed point counts from its arrival; up to the next one, and at most for one
+    interval of the stream, it goes on with its velocity and acceleration.
+    """
+
+    def __init__(self, joints: int, gap: float) -> None:
+        self._lock = threading.Lock()
+        self._stream = DifferencedStream(joints, gap)
+        self._now: SplineTrajectory | None = None
+        self._now_start = 0.0
+        self._next: tuple[SplineTrajectory, float] | None = None
+        self._point: tuple[Array, Array, Array] | None = None
+        self._point_time = -math.inf
+        self._horizon = 0.0
+
+    @property
+    def given(self) -> bool:
+        """Whether there is any reference."""
+        return self._point is not None or self._now is not None or self._next is not None
+
+    @property
+    def streamed(self) -> bool:
+        """Whether the newest reference is a stream, which can go stale."""
+        return self._point is not None
+
+    def age(self, now: float) -> float:
+        """Return how long ago [s] the last streamed point came; 0 for a trajectory."""
+        return now - self._point_time if self._point is not None else 0.0
+
+    def finished(self, now: float) -> bool:
+        """Say whether a trajectory is at its end and holds."""
+        trajectory = self._now
+        return trajectory is not None and now - self._now_start >= trajectory.duration
+
+    def clear(self) -> None:
+        """Forget everything."""
+        with self._lock:
+            self._now = self._next = self._point = None
+
+    def offer(self, message: TrajectoryMessage, now: float, now_ns: int) -> None:
+        """Take a message that arrived at steady `now` [s] and ROS time `now_ns`."""
+        if message.is_streamed:
+            time = 1e-9 * message.stamp_ns if message.stamp_ns else now
+            self.offer_point(
+                now,
+                *self._stream.complete(
+                    time,
+                    message.positions[0],
+                    None if message.velocities is None else message.velocities[0],
+                    None if message.accelerations is None else message.accelerations[0],
+                ),
+            )
+            return
+        begin = now + (1e-9 * (message.stamp_ns - now_ns) if message.stamp_ns else 0.0)
+        first = None
+        if message.times[0] > 0.0 and self.given:
+            q, qd, qdd = np.zeros((3, message.positions.shape[1]))
+            self.sample(begin, q, qd, qdd)
+            first = q, qd, qdd
+        trajectory = SplineTrajectory(
+            message.times, message.positions, message.velocities, message.accelerations, first
+        )
+        with self._lock:
+            self._next = trajectory, begin
+
+    def offer_point(self, now: float, q: Array, qd: Array, qdd: Array) -> None:
+        """Take a streamed point that is for steady `now`."""
+        with self._lock:
+            self._point = q, qd, qdd
+            self._point_time = now
+            self._horizon = self._stream.interval
+            self._now = self._next = None
+
+    def sample(self, now: float, q: Array, qd: Array, qdd: Array) -> bool:
+        """Write the motion wanted at steady `now` into (n,) arrays; say whether there is one."""
+        with self._lock:
+            if self._next is not None and (now >= self._next[1] or not self._others()):
+                self._now, self._now_start = self._next
+                self._next = self._point = None
+            if self._now is not None:
+                self._now.sample(now - self._now_start, q, qd, qdd)
+                return True
+            if self._point is None:
+                return False
+            self._extrapolate(now, q, qd, qdd)
+            return True
+
+    def _others(self) -> bool:
+        return self._now is not None or self._point is not None
+
+    def _extrapolate(self, now: float, q: Array, qd: Array, qdd: Array) -> None:
+        assert self._point is not None
+        position, rate, acceleration = self._point
+        h = min(max(0.0, now - self._point_time), self._horizon)
+        np.multiply(acceleration, h, out=qd)
+        np.multiply(qd, 0.5, out=q)
+        qd += rate
+        q += rate
+        q *= h
+        q += position
+        qdd[:] = acceleration

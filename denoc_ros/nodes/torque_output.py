@@ -1,0 +1,73 @@
+"""What the feedforward node publishes: commands, stamped effort, a point for JTC."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
+
+from denoc_ros.nodes.base import COMMAND, EVERY_MESSAGE, STATE, DenocNode
+from denoc_ros.nodes.messages import CommandMessage, JointStateMessage, TrajectoryPointMessage
+
+Array = NDArray[np.float64]
+
+
+class TorqueOutput:
+    """The publishers of one set of joints, with their prebuilt messages.
+
+    Parameters
+    ----------
+    node : DenocNode
+    joints : sequence of str
+    every_message : bool
+        Whether effort is an answer to each input, of which none may be lost.
+    with_point : bool
+        Whether `~/joint_trajectory` is published.
+    """
+
+    def __init__(
+        self, node: DenocNode, joints: Sequence[str], every_message: bool, with_point: bool
+    ) -> None:
+        self._effort = JointStateMessage(joints, ('position', 'velocity', 'effort'))
+        self._commands = CommandMessage(joints)
+        self._point = TrajectoryPointMessage(joints) if with_point else None
+        effort_qos = EVERY_MESSAGE if every_message else STATE
+        self._effort_out = node.create_publisher(JointState, '~/effort', effort_qos)
+        self._commands_out = node.create_publisher(Float64MultiArray, '~/commands', COMMAND)
+        self._point_out = (
+            node.create_publisher(JointTrajectory, '~/joint_trajectory', COMMAND)
+            if with_point
+            else None
+        )
+
+    def send(self, stamp_ns: int, q: Array, qd: Array, qdd: Array, torque: Array) -> None:
+        """Publish the torque (n,) that goes with a desired state, on all topics."""
+        self._commands.values[:] = torque
+        self._commands_out.publish(self._commands.bytes())
+        self.send_effort(stamp_ns, q, qd, torque)
+        point = self._point
+        if point is not None and self._point_out is not None:
+            point.positions[:] = q
+            point.velocities[:] = qd
+            point.accelerations[:] = qdd
+            point.effort[:] = torque
+            self._point_out.publish(point.bytes())
+
+    def send_effort(self, stamp_ns: int, q: Array, qd: Array, torque: Array) -> None:
+        """Publish `~/effort` only: position and velocity are those the torque is for."""
+        message = self._effort
+        message.stamp(stamp_ns)
+        message.position[:] = q
+        message.velocity[:] = qd
+        message.effort[:] = torque
+        self._effort_out.publish(message.bytes())
+
+    def close(self, node: DenocNode) -> None:
+        """Destroy the publishers."""
+        for publisher in (self._effort_out, self._commands_out, self._point_out):
+            if publisher is not None:
+                node.destroy_publisher(publisher)
