@@ -100,16 +100,16 @@ def _possible_rest(
 ) -> bool:
     """Return whether the rest of a link is a possible body, or nearly one."""
     whose, length = f'beam {element.link!r}', element.length
-    lack = shortfall(rest, whole, length)
+    lack = shortfall(rest, whole)
     if lack <= ROUNDING:
         return True
     numbers = (
         f'mass_per_length {mass_per_length:g} kg/m x length {length:g} m of the link mass '
-        f'{whole.mass:g} kg leaves mass {rest.mass:g} kg and a pseudo-inertia '
-        f"{lack:.3g} of the link's below zero"
+        f'{whole.mass:g} kg leaves mass {rest.mass:g} kg and {rest.inertia[0, 0]:g} kg m^2 about '
+        f"the beam axis, and is {lack:.3g} of the link's below zero"
     )
     rule = (
-        'rest of the link beside the beam must be a possible body (mass >= 0, pseudo-inertia >= 0)'
+        'rest of the link beside the beam must be a possible body (mass and inertia not negative)'
     )
     if lack <= TOLERANCE:
         warnings.append(f'{whose}: {rule}, got within rounding: {numbers}')
@@ -122,7 +122,7 @@ def _way_out(whole: RigidInertia, length: float, polar_inertia: float) -> str:
     largest = largest_mass_per_length(whole, length, polar_inertia)
     if largest > 0.0:
         return f'the largest admissible mass_per_length is {largest:.4g} kg/m'
-    if shortfall(whole, whole, length) > TOLERANCE:
+    if shortfall(whole, whole) > TOLERANCE:
         return "no mass_per_length will do: the link's own inertia is that of no possible body"
     if polar_inertia > 0.0 and largest_mass_per_length(whole, length, 0.0) > 0.0:
         polar = largest_polar_inertia(whole, length)

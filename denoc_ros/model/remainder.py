@@ -14,6 +14,7 @@ from denoc_ros.model.tree import RigidInertia
 Array = NDArray[np.float64]
 
 ROUNDING = 1e-9  # of the link's pseudo-inertia: what arithmetic leaves of an exact zero
+TINY = 1e-18  # m^2, of a link that is a point
 TOLERANCE = 1e-3  # of the link's pseudo-inertia: what rounded numbers in a file leave
 
 
@@ -43,7 +44,7 @@ def beam_inertia(mass_per_length: float, length: float, polar_inertia: float) ->
     )
 
 
-def shortfall(body: RigidInertia, link: RigidInertia, length: float) -> float:
+def shortfall(body: RigidInertia, link: RigidInertia) -> float:
     """Return how far a body is from physically possible, as a part of the link's inertia.
 
     Parameters
@@ -52,18 +53,33 @@ def shortfall(body: RigidInertia, link: RigidInertia, length: float) -> float:
         The rest, in the beam frame.
     link : RigidInertia
         The whole link, in the beam frame; its mass is > 0.
-    length : float
-        Of the beam [m], the unit of length that makes masses and inertias comparable.
 
     Returns
     -------
     float
-        0 if mass and pseudo-inertia are not negative, else the larger of two: the missing mass
-        over the link's, and the lowest eigenvalue's size over the link's largest.
+        0 if mass, inertia about the beam axis and pseudo-inertia are not negative, else the
+        largest of: the missing mass over the link's, the missing inertia about the axis over
+        the link's, and the lowest eigenvalue's size over the link's largest.
+
+    Notes
+    -----
+    Lengths are measured in the link's radius of gyration about the beam's root, which makes the
+    entries of a pseudo-inertia comparable. The inertia about the axis stands by itself: it
+    hardly shows in the eigenvalues of a slender link, but is what torsion moves.
     """
-    scale = float(np.linalg.eigvalsh(pseudo_inertia(link, length))[-1])
-    lowest = float(np.linalg.eigvalsh(pseudo_inertia(body, length))[0])
-    return max(0.0, -lowest / scale, -body.mass / link.mass)
+    radius = math.sqrt(max(0.5 * float(np.trace(link.inertia)) / link.mass, TINY))
+    scale = float(np.linalg.eigvalsh(pseudo_inertia(link, radius))[-1])
+    lowest = float(np.linalg.eigvalsh(pseudo_inertia(body, radius))[0])
+    about_axis = _missing_about_axis(body, link)
+    return max(0.0, -lowest / scale, -body.mass / link.mass, about_axis)
+
+
+def _missing_about_axis(body: RigidInertia, link: RigidInertia) -> float:
+    missing, whole = -float(body.inertia[0, 0]), float(link.inertia[0, 0])
+    zero = ROUNDING * float(np.abs(link.inertia).max())
+    if missing <= zero:
+        return 0.0
+    return missing / whole if whole > zero else math.inf
 
 
 def largest_mass_per_length(link: RigidInertia, length: float, polar_inertia: float) -> float:
@@ -86,9 +102,9 @@ def largest_mass_per_length(link: RigidInertia, length: float, polar_inertia: fl
 
     def possible(mass_per_length: float) -> bool:
         share = beam_inertia(mass_per_length, length, polar_inertia)
-        return shortfall(difference(link, share), link, length) <= allowed
+        return shortfall(difference(link, share), link) <= allowed
 
-    allowed = _allowed(link, length)
+    allowed = _allowed(link)
     return _largest(possible, link.mass / length)
 
 
@@ -110,15 +126,15 @@ def largest_polar_inertia(link: RigidInertia, length: float) -> float:
 
     def possible(polar_inertia: float) -> bool:
         share = beam_inertia(0.0, length, polar_inertia)
-        return shortfall(difference(link, share), link, length) <= allowed
+        return shortfall(difference(link, share), link) <= allowed
 
-    allowed = _allowed(link, length)
+    allowed = _allowed(link)
     return _largest(possible, max(float(link.inertia[0, 0]), 0.0) / length)
 
 
-def _allowed(link: RigidInertia, length: float) -> float:
+def _allowed(link: RigidInertia) -> float:
     """Return the shortfall that a rest may have: what the printed link itself has."""
-    return min(shortfall(link, link, length) + ROUNDING, TOLERANCE)
+    return min(shortfall(link, link) + ROUNDING, TOLERANCE)
 
 
 def _largest(possible: Callable[[float], bool], most: float) -> float:

@@ -71,6 +71,6 @@ def rectangle_torsion_constant(y: float, z: float) -> float:
     a, b = max(y, z), min(y, z)
     n = np.arange(1.0, 40.0, 2.0)
     odd_zeta = 31.0 / 32.0 * 1.0369277551433699263
-    argument = np.minimum(n * np.pi * a / b, 700.0)
+    argument = np.minimum(n * np.pi * a / b, 600.0)
     lack = float(np.sum(2.0 / (n**5 * (np.exp(argument) + 1.0))))
     return a * b**3 * (1.0 / 3.0 - 64.0 * b / (math.pi**5 * a) * (odd_zeta - lack))

@@ -1,0 +1,48 @@
+"""Cross-sections against closed forms and an independent series."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from denoc_ros.model.sections import (
+    rectangle_section,
+    rectangle_torsion_constant,
+    round_section,
+    tube_section,
+)
+
+
+def test_round_section_has_the_textbooks_moments() -> None:
+    section = round_section(0.02)
+    assert section.area == pytest.approx(math.pi * 1e-4, rel=1e-14)
+    assert section.moment_y == pytest.approx(math.pi * 0.02**4 / 64.0, rel=1e-14)
+    assert section.torsion_constant == pytest.approx(section.polar_moment, rel=1e-14)
+
+
+def test_tube_is_a_circle_less_its_bore() -> None:
+    tube, outer, bore = tube_section(0.05, 0.004), round_section(0.05), round_section(0.042)
+    assert tube.area == pytest.approx(outer.area - bore.area)
+    assert tube.moment_z == pytest.approx(outer.moment_z - bore.moment_z)
+    assert tube.torsion_constant == pytest.approx(tube.polar_moment)
+
+
+def test_rectangle_bends_along_y_with_the_cube_of_y() -> None:
+    section = rectangle_section(0.03, 0.01)
+    assert section.moment_y == pytest.approx(0.01 * 0.03**3 / 12.0)
+    assert section.moment_z == pytest.approx(0.03 * 0.01**3 / 12.0)
+
+
+@pytest.mark.parametrize('ratio', [1.0, 1.5, 3.0, 10.0, 200.0])
+def test_rectangle_torsion_is_st_venants_series(ratio: float) -> None:
+    n = np.arange(1.0, 4001.0, 2.0)
+    series = np.sum(np.tanh(np.minimum(n * math.pi * ratio / 2.0, 300.0)) / n**5)
+    expected = ratio * (1.0 / 3.0 - 64.0 / (math.pi**5 * ratio) * series)
+    assert rectangle_torsion_constant(ratio, 1.0) == pytest.approx(expected, rel=1e-13)
+    assert rectangle_torsion_constant(1.0, ratio) == rectangle_torsion_constant(ratio, 1.0)
+
+
+def test_square_torsion_constant_is_the_tables() -> None:
+    assert rectangle_torsion_constant(1.0, 1.0) == pytest.approx(0.1406, abs=5e-5)
