@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from importlib import import_module
@@ -18,12 +18,11 @@ from std_msgs.msg import String
 from denoc_ros.bags.background import BackgroundWriter, WriterStatus
 from denoc_ros.bags.definitions import encode
 from denoc_ros.bags.metadata import Qos
-from denoc_ros.bags.storage import COMPRESSIONS
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 from denoc_ros.nodes.base import LATCHED, DenocNode, run
 from denoc_ros.nodes.diagnostics import ERROR, OK, WARN, Status
-from denoc_ros.nodes.parameters import Kind, Parameter, ParameterTable, lifecycle_parameters
+from denoc_ros.nodes.recorder_parameters import TABLE
 
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
 MARK_TYPE = 'std_msgs/msg/String'
@@ -31,69 +30,6 @@ QUEUE_DEPTH = 5000
 LOOK_PERIOD = 0.05  # s between looks at the graph: what is published before one is not recorded
 LOOKS_PER_CHECK = 20  # looks between checks of the offered QoS
 STALL_PERIODS = 5.0  # flush periods without progress of the writing thread that make a stall
-
-TABLE = ParameterTable(
-    [
-        *lifecycle_parameters(),
-        Parameter(
-            'output',
-            Kind.STRING,
-            '',
-            'bag folder to make, must not exist; a later recording of the same process gets `_2`, '
-            '`_3`, ...; empty: `recording_` and the time',
-        ),
-        Parameter(
-            'topics',
-            Kind.STRINGS,
-            [],
-            'names, or patterns with `*`, of the topics to record; empty: all but hidden ones',
-        ),
-        Parameter(
-            'urdf_path',
-            Kind.STRING,
-            '',
-            'file of the robot to attach; empty: what `robot_description` publishes',
-        ),
-        Parameter(
-            'compression',
-            Kind.STRING,
-            'zstd',
-            'of the chunks',
-            choices=tuple(COMPRESSIONS),
-        ),
-        Parameter(
-            'flush_period',
-            Kind.DOUBLE,
-            0.2,
-            'most that a kill of the process loses',
-            's',
-            maximum=60.0,
-            positive=True,
-        ),
-        Parameter(
-            'max_bag_size', Kind.INTEGER, 0, 'size that starts a new file; 0: none', 'bytes', 0
-        ),
-        Parameter(
-            'max_bag_duration', Kind.DOUBLE, 0.0, 'time in one file; 0: no bound', 's', 0.0, 1e9
-        ),
-        Parameter(
-            'queue_size',
-            Kind.INTEGER,
-            20000,
-            'messages that may wait for the disk; more are lost, and counted',
-            '',
-            1,
-        ),
-        Parameter(
-            'min_free_space',
-            Kind.INTEGER,
-            64 << 20,
-            'the recording ends, whole, before the disk has less',
-            'bytes',
-            0,
-        ),
-    ]
-)
 
 
 @dataclass
@@ -178,7 +114,9 @@ class Recorder(DenocNode):
         """Finish the bag; return what is in it."""
         writer = self._recording()
         self.writer = None
-        for recorded in self._topics.values():
+        for topic, recorded in self._topics.items():
+            for raw in arrived(recorded.subscription):
+                writer.put(topic, self.stamp_ns(), raw)
             self.destroy_subscription(recorded.subscription)
         count = len(self._topics)
         self._topics.clear()
@@ -340,6 +278,14 @@ def message_class(type_name: str) -> type:
     except (ImportError, AttributeError) as error:
         raise BagError(f'{type_name}: message type must be installed, got: {error}') from error
     return found
+
+
+def arrived(subscription: Any) -> Iterator[bytes]:
+    """Yield the messages that a subscription holds and no callback has had yet."""
+    handle = subscription.handle
+    with handle:
+        while (taken := handle.take_message(subscription.msg_type, True)) is not None:
+            yield taken[0]
 
 
 def matching(offers: Sequence[Any]) -> QoSProfile:

@@ -170,6 +170,17 @@ def test_services_stop_start_split_and_mark(graph: Any, tmp_path: Path) -> None:
     assert [item.message.data for item in read_bag(tmp_path / 'run_2')] == [2.0]
 
 
+def test_what_has_arrived_at_the_stop_is_kept(graph: Any, tmp_path: Path) -> None:
+    node = graph.add(Recorder, output=str(tmp_path / 'run'), topics=['/a'])
+    publisher = graph.publisher(Float64, '/a', depth=1000)
+    for index in range(100):
+        publisher.publish(Float64(data=float(index)))
+    assert publisher.wait_for_all_acked()
+    node.end()
+    values = [item.message.data for item in read_bag(tmp_path / 'run')]
+    assert values == [float(index) for index in range(100)]
+
+
 def test_existing_output_fails_the_start(graph: Any, tmp_path: Path) -> None:
     node = graph.add(Recorder, start=False, output=str(tmp_path))
     node.trigger_configure()
