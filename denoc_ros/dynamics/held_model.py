@@ -83,13 +83,19 @@ class HeldModel:
     def with_overrides(self: Held, overrides: Mapping[str, Any]) -> Held:
         """Return a robot with other parameters, by dotted paths such as `beam.arm.y.ei`.
 
+        Payloads that were set stay on their frames.
+
         Raises
         ------
         ConfigError
             A path that names nothing, or a value that makes no model.
         """
         tree = with_overrides(self.tree, overrides)
-        return type(self)(tree, self.gravity, self.geometric_stiffness)
+        other = type(self)(tree, self.gravity, self.geometric_stiffness)
+        other._payloads = dict(self._payloads)
+        for frame in other._payloads:
+            other._load_body(other._carrier(frame))
+        return other
 
     def set_payload(
         self, frame: str, mass: float, com: ArrayLike = (0, 0, 0), inertia: ArrayLike | None = None
@@ -103,18 +109,22 @@ class HeldModel:
         com : (3,) [m] in the frame
         inertia : (3, 3) [kg m^2] about the centre of mass, frame axes; default a point mass
         """
-        row = int(self.lowered.ints[self._row(frame), PARENT])
+        row = self._carrier(frame)
         attachment = self.tree.frames[frame]
         if row < 0 or attachment.station != 0.0:
             raise StateError(f'frame {frame!r} must be a link that moves, got one that does not')
         payload = structure.payload_inertia(attachment.placement, mass, com, inertia)
         self._payloads[frame] = inertia_row(payload)
+        self._load_body(row)
+
+    def _carrier(self, frame: str) -> int:
+        return int(self.lowered.ints[self._row(frame), PARENT])
+
+    def _load_body(self, row: int) -> None:
+        """Write a body's inertia with the payloads that it carries."""
         at = int(self.lowered.ints[row, REAL]) + MASS
-        total = self.lowered.reals[at : at + 10].copy()
-        for name, load in self._payloads.items():
-            if int(self.lowered.ints[self._row(name), PARENT]) == row:
-                total += load
-        self._reals[at : at + 10] = total
+        carried = [load for name, load in self._payloads.items() if self._carrier(name) == row]
+        self._reals[at : at + 10] = sum(carried, self.lowered.reals[at : at + 10])
 
     def held_bodies(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return, per body, 1 where its joint is among the coordinates of index."""
