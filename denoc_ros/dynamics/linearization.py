@@ -58,10 +58,11 @@ def _derivative(function: Callable[[Array], Array], x: Array, steps: Array) -> A
 def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None = None) -> Array:
     """Return the symmetric tangent stiffness (n, n) at rest: elasticity, gravity and loads."""
     zero = np.zeros(robot.n)
-    elastic = robot.lowered.diagonals[STIFFNESS]
+    elastic: Array = robot.lowered.diagonals[STIFFNESS]
 
     def load(state: Array) -> Array:
-        return robot.inverse_dynamics(state, zero, zero, wrenches) - elastic * state
+        rows: Array = robot.inverse_dynamics(state, zero, zero, wrenches) - elastic * state
+        return rows
 
     tangent: Array = _derivative(load, q, _steps(robot))
     symmetric: Array = 0.5 * (tangent + tangent.T) + np.diag(elastic)
