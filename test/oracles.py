@@ -337,6 +337,13 @@ class Oracle:
         angular = np.stack([turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]], axis=1)
         return np.asarray(np.concatenate([linear, angular], axis=1).T)
 
+    def deflection(self, link: str, q: Array, station: float) -> Array:
+        """(3,) deflection of a link's beam at a station, beam frame."""
+        i = [body.name for body in self.tree.bodies].index(link)
+        series = self._series(q, np.zeros(self.n), np.zeros(self.n))
+        line = self._centre_line(i, series, np.array([station]))
+        return np.asarray(line.value[:, 0] - [station, 0, 0])
+
     def amplitudes(self, i: int) -> NDArray[np.int_]:
         """Indices of a body's amplitudes among the n."""
         span = self.spans[i]

@@ -45,6 +45,17 @@ def test_out_is_filled_and_returned(robot: Robot, state: tuple[Array, Array, Arr
         np.testing.assert_array_equal(out, fresh, err_msg=name)
 
 
+def test_out_may_be_an_argument(robot: Robot, state: tuple[Array, Array, Array]) -> None:
+    expected = {name: verb() for name, verb in verbs(robot, *state).items()}
+    for position in range(3):
+        for name in ('inverse', 'forward'):
+            arguments = [array.copy() for array in state]
+            verbs(robot, *arguments)[name](out=arguments[position])
+            np.testing.assert_array_equal(arguments[position], expected[name], err_msg=name)
+    q, qd, _ = (array.copy() for array in state)
+    np.testing.assert_array_equal(robot.bias_forces(q, qd, out=qd), expected['bias'])
+
+
 def test_result_without_out_is_the_callers_own(
     robot: Robot, state: tuple[Array, Array, Array]
 ) -> None:

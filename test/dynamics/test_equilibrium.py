@@ -129,6 +129,15 @@ def test_payload_of_nothing_takes_it_off(close: Close, text: str, seed: int) -> 
     compare(robot, untouched, close, seed)
 
 
+def test_overrides_keep_the_payload(close: Close) -> None:
+    text = with_tool(seeded_robot(1), '', 'l3')
+    robot = load_robot(text)
+    robot.set_payload('tool', MASS, COM, INERTIA)
+    stiffer = robot.with_overrides({'joint.joint_l1.damping': 0.7})
+    written = load_robot(with_tool(seeded_robot(1), inertial(MASS, COM, INERTIA), 'l3'))
+    compare(stiffer, written.with_overrides({'joint.joint_l1.damping': 0.7}), close, 1)
+
+
 def test_damping_ratios_of_a_random_tree() -> None:
     robot = load_robot(seeded_robot(2), gravity=(0, 0, 0))
     q = np.zeros(robot.n)

@@ -73,6 +73,9 @@ def test_recursion_is_the_dense_natural_orthogonal_complement(
     s = random_state(robot.coordinate_names, seed)
     N_l, N_d = robot.denoc_matrices(s.q)
     close(N_l @ N_d @ s.qd, oracle.twists(s.q, s.qd), ROUNDING)
+    assert N_l.shape == (len(N_l), len(N_l))
+    np.testing.assert_array_equal(np.triu(N_l, 1), 0)
+    np.testing.assert_array_equal(np.diag(N_l), 1)
     M = block_diag(*oracle.mass_matrices(s.q))
     armature = np.diag(oracle.joint_terms('armature'))
     close(robot.inertia_matrix(s.q), N_d.T @ N_l.T @ M @ N_l @ N_d + armature, ROUNDING)
@@ -86,6 +89,13 @@ def test_frames_move_with_the_deflection(close: Close, text: str, seed: int) -> 
     for frame in robot.tree.frames:
         close(robot.frame_pose(frame, s.q), oracle.frame_pose(frame, s.q), 1e-12)
         close(robot.frame_jacobian(frame, s.q), oracle.frame_jacobian(frame, s.q), ROUNDING)
+    for body in robot.tree.bodies:
+        if body.beam is not None and any(body.beam.modes):
+            station = 0.37 * body.beam.length
+            expected = oracle.deflection(body.name, s.q, station)
+            close(robot.tip_deflection(body.name, s.q, station), expected, 1e-12)
+            expected = oracle.deflection(body.name, s.q, body.beam.length)
+            close(robot.tip_deflection(body.name, s.q), expected, 1e-12)
 
 
 @law
