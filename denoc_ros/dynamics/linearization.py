@@ -61,8 +61,7 @@ def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None =
     elastic: Array = robot.lowered.diagonals[STIFFNESS]
 
     def load(state: Array) -> Array:
-        rows: Array = robot.inverse_dynamics(state, zero, zero, wrenches) - elastic * state
-        return rows
+        return robot.inverse_dynamics(state, zero, zero, wrenches) - elastic * state
 
     tangent: Array = _derivative(load, q, _steps(robot))
     symmetric: Array = 0.5 * (tangent + tangent.T) + np.diag(elastic)
