@@ -98,14 +98,13 @@ def identity(path: Path) -> str:
     return f'{path.parent.parent.name}-{path.stem}'
 
 
-@pytest.mark.parametrize('path', EXAMPLES, ids=identity)
-def test_rigid_robot_equals_pinocchio(path: Path) -> None:
-    text = without_dynamics(read(path))
+def compare_rigid(text: str, seed: int) -> None:
+    """Inverse and forward dynamics and inertia matrix of a robot without amplitudes."""
     robot = load_robot(text)
     names = list(robot.joint_names)
     peer = peer_of(text, names)
     data = peer.model.createData()
-    q, qd, qdd = states(robot, seed=len(text))
+    q, qd, qdd = states(robot, seed)
     place, rate = peer.configuration(names, q), peer.spread(qd)
     tau = pin.rnea(peer.model, data, place, rate, peer.spread(qdd))[peer.order]
     close(robot.inverse_dynamics(q, qd, qdd), tau)
@@ -117,6 +116,11 @@ def test_rigid_robot_equals_pinocchio(path: Path) -> None:
     theirs = pin.aba(peer.model, data, place, rate, peer.spread(tau))[peer.order]
     if slack < 1e-3:
         close(robot.forward_dynamics(q, qd, tau), theirs, slack)
+
+
+@pytest.mark.parametrize('path', EXAMPLES, ids=identity)
+def test_rigid_robot_equals_pinocchio(path: Path) -> None:
+    compare_rigid(without_dynamics(read(path)), seed=len(path.name))
 
 
 def test_enough_example_robots_were_compared() -> None:
@@ -168,6 +172,14 @@ def test_undeformed_flexible_robot_equals_pinocchio(path: Path) -> None:
 @given(text=robots())
 def test_undeformed_random_tree_equals_pinocchio(text: str) -> None:
     compare_undeformed(text)
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(text=robots())
+def test_beams_without_modes_are_rigid_links(text: str) -> None:
+    text = re.sub(r'modes="\d+"', 'modes="0"', without_dynamics(text))
+    text = re.sub(r' damping_ratio="[^"]*"|<actuator [^>]*/>', '', text)
+    compare_rigid(text.replace('craig-bampton', 'clamped-free'), seed=1)
 
 
 def test_flexible_robots_were_compared() -> None:
