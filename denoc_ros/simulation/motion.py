@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import StateError
+from denoc_ros.errors import DenocError, StateError
 
 Array = NDArray[np.float64]
 Torque = Callable[[float, Array, Array], Array]
@@ -150,8 +150,16 @@ class Motion:
         self.evaluations += 1
 
     def rate(self, t: float, state: Array) -> Array:
-        """Return d(state)/dt, (2 f,), at a time [s] and a state (2 f,)."""
-        self.accelerate(t, state)
+        """Return d(state)/dt, (2 f,), at a time [s] and a state (2 f,); NaN where that is NaN.
+
+        An integrator's trial step may go too far: it then takes a smaller one.
+        """
+        try:
+            self.accelerate(t, state)
+        except DenocError:
+            if np.isfinite(state).all():
+                raise
+            return np.full(state.shape, np.nan)
         return np.concatenate([state[len(self.free) :], self.qdd[self.free]])
 
     def _accelerate_free(self) -> None:

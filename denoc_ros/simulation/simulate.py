@@ -108,12 +108,13 @@ def _integrate(
     while solver.status == 'running':
         before = solver.t
         message = solver.step()
-        if solver.status == 'failed' or not np.isfinite(solver.y).all():
-            raise SolverError(_failure(solver, motion, times[-1], message))
         upto = int(np.searchsorted(times, solver.t, side='right'))
         if upto > done:
             states[done:upto] = solver.dense_output()(times[done:upto]).T
-            done = upto
+        finite = np.isfinite(states[done:upto]).all() and np.isfinite(solver.y).all()
+        if solver.status == 'failed' or not finite:
+            raise SolverError(_failure(solver, motion, times[-1], message))
+        done = max(done, upto)
         bar.update(solver.t - before)
     states[-1] = solver.y
     return states
@@ -137,7 +138,13 @@ def _sampled(robot: Robot, motion: Motion, times: Array, states: Array) -> Run:
     for index, time in enumerate(times):
         motion.accelerate(float(time), states[index])
         q[index], qd[index], tau[index] = motion.q, motion.qd, motion.tau
-    energy = robot.energy(q, qd)
+    energy = robot.energy(q, qd, check=False)
+    finite = np.isfinite(energy).all(axis=1)
+    if not finite.all():
+        raise SolverError(
+            f'simulate: the energy must stay finite, got an overflow at '
+            f't = {times[int(np.argmin(finite))]:.6g} s; the motion diverges'
+        )
     names = tuple(robot.coordinate_names)
     return Run(times, q, qd, energy, tau, names, evaluations)
 

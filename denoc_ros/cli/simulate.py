@@ -1,0 +1,132 @@
+"""`denoc simulate ROBOT SCENARIO -o RUN.mcap`: a run without a ROS graph."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from denoc_ros.errors import BagError, ConfigError
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.simulation.run import Run
+    from denoc_ros.simulation.scenario import Scenario
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        'simulate',
+        help='simulate a robot through a scenario, without a ROS graph',
+        description='Integrate the equations of motion through a scenario and write the run as '
+        'MCAP: joint_states, plant/true_modal_state and plant/true_deflection.',
+    )
+    parser.add_argument('robot', help='the URDF file')
+    parser.add_argument('scenario', help='a YAML file, such as config/scenarios/*.yaml')
+    parser.add_argument(
+        '-o', '--output', type=Path, required=True, help='new .mcap file or bag folder'
+    )
+    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb and return the exit status; errors are raised."""
+    from tqdm import tqdm
+
+    from denoc_ros.simulation.bag import write_run
+
+    if args.output.exists():
+        raise BagError(f'{args.output}: output must not exist yet, got an existing one')
+    robot, scenario, description = load(args.robot, args.scenario)
+    result = scenario.run(robot, progress=not args.json)
+    with tqdm(total=len(result.t), disable=True if args.json else None, leave=False) as bar:
+        write_run(result, robot, args.output, description, scenario.reference, bar.update)
+    summary = summarize(robot, result)
+    if args.json:
+        print(json.dumps({'output': str(args.output), **summary}, indent=2))
+    else:
+        _print(args.output, summary)
+    return 0
+
+
+def load(robot: str, scenario: str) -> tuple[Robot, Scenario, str]:
+    """Return the robot as the scenario wants it, the scenario, and the robot's URDF text.
+
+    Parameters
+    ----------
+    robot, scenario : str
+        Paths; ones that are not here are looked for where the package is installed.
+
+    Raises
+    ------
+    ConfigError, ModelError
+        With every finding of the file.
+    """
+    from denoc_ros.cli.config import read_yaml
+    from denoc_ros.dynamics.robot import load_robot
+    from denoc_ros.simulation.scenario import model_settings, scenario_from_config
+
+    robot_file, scenario_file = _find(robot, 'robot'), _find(scenario, 'scenario')
+    values = read_yaml(scenario_file)
+    model = model_settings(values, str(scenario_file))
+    loaded = load_robot(
+        robot_file, gravity=model.gravity, geometric_stiffness=model.geometric_stiffness
+    )
+    if model.overrides:
+        loaded = loaded.with_overrides(model.overrides)
+    made = scenario_from_config(values, loaded, str(scenario_file))
+    return loaded, made, robot_file.read_text(encoding='utf-8')
+
+
+def summarize(robot: Robot, result: Run) -> dict[str, Any]:
+    """Return duration, work done, energy drift and each flexible tip's largest deflection."""
+    import numpy as np
+
+    from denoc_ros.dynamics.deflection import TipDeflections
+
+    tips = TipDeflections(robot.tree)
+    rows = np.array([tips.evaluate(q, qd)[0] for q, qd in zip(result.q, result.qd, strict=True)])
+    largest = {
+        name: float(np.max(np.abs(rows[:, column])))
+        for column, name in enumerate(tips.names)
+        if name.rpartition('/')[2] in ('uy', 'uz', 'rx') and np.any(rows[:, column])
+    }
+    return {
+        'duration_s': float(result.t[-1] - result.t[0]),
+        'samples': len(result.t),
+        'evaluations': result.evaluations,
+        'largest_torque': dict(
+            zip(
+                robot.joint_names,
+                np.max(np.abs(result.torque[:, robot.joint_indices]), axis=0).tolist(),
+                strict=True,
+            )
+        ),
+        'largest_deflection': largest,
+        'energy_change': result.energy_drift,
+    }
+
+
+def _find(path: str, whose: str) -> Path:
+    from denoc_ros.cli.config import find_file
+
+    found = find_file(Path(path), Path())
+    if found is None:
+        raise ConfigError(path, [f'the {whose} must be a file, got none of this name'])
+    return found
+
+
+def _print(output: Path, summary: dict[str, Any]) -> None:
+    show: Callable[[float], str] = '{:.4g}'.format
+    print(
+        f'{output}: {show(summary["duration_s"])} s, {summary["samples"]} samples, '
+        f'{summary["evaluations"]} evaluations'
+    )
+    change = show(summary['energy_change'])
+    print(f'  total energy: largest change {change} of the largest kinetic energy')
+    for title, unit in (('largest_torque', 'N m or N'), ('largest_deflection', 'm or rad')):
+        for name, value in summary[title].items():
+            print(f'  {title.replace("_", " ")} {name}: {show(value)} {unit}')

@@ -1,0 +1,121 @@
+"""A simulated run as a bag, with the topics that the plant would have published."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.simulation.motion import mimic_ties
+from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.trajectories import Trajectory
+
+Array = NDArray[np.float64]
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
+REFERENCE_STEP = 0.01  # s between the points of the recorded reference
+TOPICS = {
+    '/joint_states': JOINT_STATE,
+    '/plant/true_modal_state': JOINT_STATE,
+    '/plant/true_deflection': JOINT_STATE,
+}
+
+
+def write_run(
+    run: Run,
+    robot: Robot,
+    path: str | os.PathLike[str],
+    description: str = '',
+    reference: Trajectory | None = None,
+    progress: Any = None,
+) -> None:
+    """Write a run as MCAP; stamps are the run's own times, from 0.
+
+    Parameters
+    ----------
+    run : Run
+        Of the robot.
+    robot : Robot
+        Names joints and beams.
+    path : path
+        A file that ends in .mcap, or a folder; it must not exist.
+    description : str
+        The URDF, to be attached; '' for none.
+    reference : Trajectory, optional
+        What the joints that mimic none were meant to do.
+    progress : callable, optional
+        Called with 1 after each output time.
+
+    Raises
+    ------
+    BagError
+        When the path exists or cannot be written.
+    """
+    with BagWriter(Path(path)) as bag:
+        for topic, kind in TOPICS.items():
+            bag.add_topic(topic, kind)
+        if description:
+            bag.attach('robot_description.urdf', description)
+        if reference is not None:
+            bag.add_topic('/reference', TRAJECTORY)
+            bag.write_message('/reference', 0, **_reference(robot, reference))
+        _write_states(bag, run, robot, progress)
+
+
+def _write_states(bag: BagWriter, run: Run, robot: Robot, progress: Any) -> None:
+    joints = np.asarray(robot.joint_indices)
+    tips = TipDeflections(robot.tree)
+    for t, q, qd, tau in zip(run.t, run.q, run.qd, run.torque, strict=True):
+        stamp_ns = round(float(t) * 1e9)
+        deflection, rate = tips.evaluate(q, qd)
+        bag.write_message(
+            '/joint_states',
+            stamp_ns,
+            name=list(robot.joint_names),
+            position=q[joints],
+            velocity=qd[joints],
+            effort=tau[joints],
+        )
+        bag.write_message(
+            '/plant/true_modal_state',
+            stamp_ns,
+            name=list(robot.coordinate_names),
+            position=q,
+            velocity=qd,
+        )
+        bag.write_message(
+            '/plant/true_deflection',
+            stamp_ns,
+            name=list(tips.names),
+            position=deflection,
+            velocity=rate,
+        )
+        if progress is not None:
+            progress(1)
+
+
+def _reference(robot: Robot, trajectory: Trajectory) -> dict[str, Any]:
+    """Return the fields of a JointTrajectory."""
+    ties = mimic_ties(robot)
+    times, q, qd, qdd = trajectory.table(REFERENCE_STEP)
+    points = []
+    for row, t in enumerate(times.tolist()):
+        seconds = math.floor(t)
+        points.append(
+            {
+                'time_from_start': {'sec': seconds, 'nanosec': round((t - seconds) * 1e9)},
+                'positions': q[row],
+                'velocities': qd[row],
+                'accelerations': qdd[row],
+            }
+        )
+    names = [name for name in robot.joint_names if name not in ties]
+    return {'joint_names': names, 'points': points}

@@ -1,0 +1,101 @@
+"""Torques and joint motions as functions of time, for `simulate`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.simulation.motion import Torque
+from denoc_ros.simulation.trajectories import Trajectory
+
+Array = NDArray[np.float64]
+
+
+class Law:
+    """A trajectory as a function `t -> (q, qd, qdd)`, each (joints,), reused between calls."""
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self._trajectory = trajectory
+        self._time = math.nan
+        self._sample = np.zeros((3, trajectory.n))
+
+    def __call__(self, t: float) -> tuple[Array, Array, Array]:
+        """Return position, rate and acceleration at a time [s]."""
+        q, qd, qdd = self._sample
+        if t != self._time:
+            self._trajectory.sample(t, q, qd, qdd)
+            self._time = t
+        return q, qd, qdd
+
+
+def of_joint(law: Law, index: int) -> Callable[[float], tuple[float, float, float]]:
+    """Return one joint's part of a law."""
+
+    def motion(t: float) -> tuple[float, float, float]:
+        q, qd, qdd = law(t)
+        return float(q[index]), float(qd[index]), float(qdd[index])
+
+    return motion
+
+
+@dataclass(frozen=True)
+class SpinUp:
+    """A joint's rate rises smoothly from 0 over `time` [s] to `rate` [rad/s] and stays (eq. 3.55).
+
+    Notes
+    -----
+    qd = rate / time (t - time / (2 pi) sin(2 pi t / time)) for t <= time.
+    """
+
+    rate: float
+    time: float
+
+    def __call__(self, t: float) -> tuple[float, float, float]:
+        """Return position, rate and acceleration at a time [s]."""
+        if t > self.time:
+            return self.rate * (t - 0.5 * self.time), self.rate, 0.0
+        slope, omega = self.rate / self.time, 2.0 * math.pi / self.time
+        sine, cosine = math.sin(omega * t), math.cos(omega * t)
+        return (
+            slope * (0.5 * t * t + (cosine - 1.0) / omega**2),
+            slope * (t - sine / omega),
+            slope * (1.0 - cosine),
+        )
+
+
+def step_torque(robot: Robot, height: Mapping[str, float]) -> Torque:
+    """Return constant torques [N m, N] at joints, by name; zero at the others."""
+    tau = np.zeros(robot.n)
+    for name, value in height.items():
+        tau[robot.joint_indices[robot.joint_names.index(name)]] = value
+
+    def torque(_t: float, _q: Array, _qd: Array) -> Array:
+        return tau
+
+    return torque
+
+
+def rigid_torque(robot: Robot, reference: Trajectory) -> Torque:
+    """Return the torques with which the robot, its links taken as rigid, follows a reference.
+
+    The scheme of fig. 3.3: what comes of them in the flexible robot shows what flexibility does.
+    The joint rows of inverse dynamics with all amplitudes at rest are the rigid robot's.
+    """
+    model = robot.copy()
+    joints = np.asarray(robot.joint_indices)
+    law = Law(reference)
+    q, qd, qdd = np.zeros((3, robot.n))
+    needed, tau = np.zeros(robot.n), np.zeros(robot.n)
+
+    def torque(t: float, _q: Array, _qd: Array) -> Array:
+        q[joints], qd[joints], qdd[joints] = law(t)
+        model.inverse_dynamics(q, qd, qdd, out=needed, check=False)
+        tau[joints] = needed[joints]
+        return tau
+
+    return torque
