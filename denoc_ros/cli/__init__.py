@@ -1,0 +1,1 @@
+"""The command `denoc`: one file per verb."""

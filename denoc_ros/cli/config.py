@@ -63,6 +63,8 @@ class SessionConfig:
         Overrides of the model that every node but the plant works with: dotted path -> number.
     nodes : mapping
         Node -> flat parameters, the plant's among them.
+    without : frozenset of str
+        Nodes that are not started: `nodes: {NAME: false}`.
     plant_model : mapping
         Overrides of the model that are true of the plant only.
     phases : tuple of Phase
@@ -78,6 +80,7 @@ class SessionConfig:
     tip: str
     model: Mapping[str, float]
     nodes: Mapping[str, Parameters]
+    without: frozenset[str]
     plant_model: Mapping[str, float]
     phases: tuple[Phase, ...]
 
@@ -179,7 +182,9 @@ class _Checker:
     def session(self, raw: Mapping[str, Any]) -> SessionConfig:
         self._known('the configuration', raw, KEYS)
         plant = flatten(self._mapping('plant', raw.get('plant')))
-        nodes = self._nodes('nodes', raw.get('nodes'))
+        listed = self._mapping('nodes', raw.get('nodes'))
+        without = frozenset(name for name in NODES if listed.get(name) is False)
+        nodes = self._nodes('nodes', {k: v for k, v in listed.items() if k not in without})
         nodes['plant'] = {**nodes.get('plant', {}), **_split(plant, OVERRIDES)[1]}
         model = flatten(self._mapping('model', raw.get('model')))
         return SessionConfig(
@@ -192,6 +197,7 @@ class _Checker:
             tip=self._text('tip', raw.get('tip', '')),
             model=self._overrides('model', model),
             nodes=nodes,
+            without=without,
             plant_model=self._overrides('plant', _split(plant, OVERRIDES)[0]),
             phases=self._phases(raw.get('phases')),
         )

@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from denoc_ros.bags.series import Diagnostic
 from denoc_ros.cli.recording import Interval, Recording, Series
+from denoc_ros.simulation.trajectories import SplineTrajectory
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
 Array = NDArray[np.float64]
 SHOWN_COMPONENTS = ('uy', 'uz', 'rx')
+ROUNDING = 1e-12  # rad
 NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: neither shown nor judged
 POSES = 2000  # per phase: enough for an rms, each costs a pass over the links
 
@@ -175,16 +176,25 @@ class _Reference:
     def __init__(self, start: float, names: tuple[str, ...], times: Array, rows: Any) -> None:
         self.start, self.names = start, names
         self.end = start + float(times[-1])
-        positions = np.array([point.positions for point in rows])
-        if all(len(point.velocities) for point in rows):
-            velocities = np.array([point.velocities for point in rows])
-            self._curve = CubicHermiteSpline(times, positions, velocities)
-        else:
-            self._curve = CubicSpline(times, positions)
+        # the same curve as the nodes follow
+        self._curve = SplineTrajectory(
+            times,
+            np.array([point.positions for point in rows]),
+            _all_rows([point.velocities for point in rows]),
+            _all_rows([point.accelerations for point in rows]),
+        )
 
     def at(self, t: Array) -> Array:
         """Return positions (k, n) at times since the start."""
-        return np.asarray(self._curve(t), dtype=np.float64)
+        q, qd, qdd = np.zeros((3, len(t), len(self.names)))
+        for row, now in enumerate(t):
+            self._curve.sample(float(now), q[row], qd[row], qdd[row])
+        return q
+
+
+def _all_rows(rows: list[Any]) -> Array | None:
+    """Return rows as an array, None where one has no values."""
+    return np.array(rows, dtype=np.float64) if all(len(row) for row in rows) else None
 
 
 def _reference(recording: Recording, interval: Interval) -> _Reference | None:
@@ -220,7 +230,9 @@ def _tracking(measured: Series | None, reference: _Reference | None) -> Series |
         return None
     columns = [reference.names.index(name) for name in names]
     wanted = reference.at(measured.t)[:, columns]
-    return Series(measured.t, names, wanted - measured.select(names).values)
+    error = wanted - measured.select(names).values
+    # A played bag is its own reference: there is nothing to track.
+    return Series(measured.t, names, error) if np.abs(error).max() > ROUNDING else None
 
 
 def _tip_error(

@@ -52,8 +52,7 @@ class Series:
 
     def select(self, names: tuple[str, ...]) -> Series:
         """Return the columns of these names, in this order."""
-        index = [self.names.index(name) for name in names]
-        return Series(self.t, names, self.values[:, index])
+        return Series(self.t, names, np.column_stack([self.column(name) for name in names]))
 
     def between(self, start: float, end: float) -> Series:
         """Return the rows with start <= t <= end."""
@@ -65,7 +64,7 @@ class Series:
         columns = [
             np.interp(t, self.t, column, left=np.nan, right=np.nan) for column in self.values.T
         ]
-        return np.array(columns, dtype=np.float64).T.reshape(len(t), len(self.names))
+        return np.column_stack(columns)
 
 
 @dataclass(frozen=True)

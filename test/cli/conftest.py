@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from denoc_ros.bags.writer import BagWriter
 
 START_NS = 1_700_000_000_000_000_000
@@ -55,7 +56,7 @@ def write_phase(bag: BagWriter, name: str, begin: float, seconds: float, rate: f
 
 
 def points(seconds: float) -> list[dict[str, object]]:
-    rows = []
+    rows: list[dict[str, object]] = []
     for t in np.arange(0.0, seconds + 0.05, 0.1):
         nanoseconds = round(t * 1e9)
         since = {'sec': nanoseconds // 10**9, 'nanosec': nanoseconds % 10**9}

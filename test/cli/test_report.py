@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.figures import scale_of, thin
 from denoc_ros.cli.main import main

@@ -1,0 +1,73 @@
+"""What each node of a session is started with: checked against its own table, written for ROS."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import yaml
+
+from denoc_ros.cli.config import Parameters, Phase, SessionConfig
+from denoc_ros.errors import ConfigError
+
+if TYPE_CHECKING:
+    from denoc_ros.nodes.parameters import ParameterTable
+
+
+def node_table(name: str) -> ParameterTable:
+    """Return the parameter table of a node."""
+    module = import_module(f'denoc_ros.nodes.{name}')
+    table: ParameterTable = module.PARAMETERS if hasattr(module, 'PARAMETERS') else module.TABLE
+    return table
+
+
+def node_parameters(config: SessionConfig, name: str, phase: Phase, folder: Path) -> Parameters:
+    """Return a node's parameters in a phase, each as the type its table says.
+
+    Parameters
+    ----------
+    config : SessionConfig
+        The session.
+    name : str
+        The node.
+    phase : Phase
+        What it changes goes over what holds for all phases.
+    folder : Path
+        The run's directory; the recorder writes `bag` in it.
+
+    Raises
+    ------
+    ConfigError
+        With every parameter that the node refuses.
+    """
+    table = node_table(name)
+    given: Parameters = {}
+    if table.row('gravity') is not None:
+        given['gravity'] = list(config.gravity)
+        given.update(config.plant_model if name == 'plant' else config.model)
+    if name == 'recorder':
+        given['output'] = str(folder / 'bag')
+    given.update(config.nodes.get(name, {}))
+    given.update(phase.nodes.get(name, {}))
+    table.settings(given, f'{config.path}: {name}')
+    return {key: table.accept(key, value) for key, value in given.items()}
+
+
+def check_parameters(config: SessionConfig, names: list[str]) -> None:
+    """Raise ConfigError with what the nodes would refuse in any phase."""
+    findings: dict[str, None] = {}
+    for phase in config.phases:
+        for name in names:
+            try:
+                node_parameters(config, name, phase, Path())
+            except ConfigError as error:
+                findings.update((f'{name}: {text}', None) for text in error.findings)
+    if findings:
+        raise ConfigError(str(config.path), list(findings))
+
+
+def write_parameters(file: Path, parameters: Parameters) -> None:
+    """Write a params file for `--params-file`."""
+    text = yaml.safe_dump({'/**': {'ros__parameters': parameters}}, sort_keys=True)
+    file.write_text(text)

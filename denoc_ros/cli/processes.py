@@ -1,0 +1,139 @@
+"""The processes of a session: started, watched, ended in order and within bounds."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from denoc_ros.errors import DenocError
+
+LAST_LINES = 12  # of a dead process's output that the error shows
+# s: how long a process may take to answer each signal before the next, harder one
+PATIENCE = ((signal.SIGINT, 8.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
+DOMAINS = range(1, 101)  # above 101 the ports would meet the ephemeral ones
+PR_SET_PDEATHSIG = 1
+
+
+class ProcessError(DenocError):
+    """A process of the session ended when it should not have."""
+
+
+class Processes:
+    """Child processes by name.
+
+    Parameters
+    ----------
+    logs : Path
+        Existing directory for `<name>.log`: what each writes to stdout and stderr.
+    environment : mapping
+        Added to this process's own.
+    """
+
+    def __init__(self, logs: Path, environment: Mapping[str, str]) -> None:
+        self._logs = logs
+        self._environment = {**os.environ, **environment, 'PYTHONUNBUFFERED': '1'}
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._ending: set[str] = set()
+
+    def start(self, name: str, arguments: Sequence[str], ends: bool = False) -> None:
+        """Start `python arguments` as `name`; `ends`: it may end well by itself."""
+        if ends:
+            self._ending.add(name)
+        with self._log(name).open('ab') as log:
+            self._running[name] = subprocess.Popen(
+                [sys.executable, *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=self._environment,
+                # its own group: Ctrl-C is for us, who end them in order
+                start_new_session=True,
+                preexec_fn=_end_with_parent,
+            )
+
+    def check(self) -> None:
+        """Raise ProcessError, with its last words, when one has ended by itself."""
+        for name, process in self._running.items():
+            status = process.poll()
+            if status is not None and not (status == 0 and name in self._ending):
+                raise ProcessError(
+                    f'{name}: process must keep running, got {_how(status)}\n{self._words(name)}'
+                )
+
+    def running(self, name: str) -> bool:
+        """Say whether a process has not ended yet."""
+        return self._running[name].poll() is None
+
+    def stop(self, name: str) -> None:
+        """End one process: SIGINT, then SIGTERM, then SIGKILL, each with its time."""
+        process = self._running.pop(name, None)
+        if process is None:
+            return
+        for number, patience in PATIENCE:
+            if process.poll() is not None:
+                return
+            with suppress(ProcessLookupError):
+                process.send_signal(number)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(patience)
+
+    def stop_all(self, order: Sequence[str]) -> None:
+        """End all, those of `order` first."""
+        for name in [*order, *self._running]:
+            self.stop(name)
+
+    def cpu_seconds(self) -> dict[str, float]:
+        """Return the processor time each has used so far [s]."""
+        tick = os.sysconf('SC_CLK_TCK')
+        used = {}
+        for name, process in self._running.items():
+            with suppress(OSError):
+                text = Path(f'/proc/{process.pid}/stat').read_text()
+                fields = text.rpartition(')')[2].split()
+                used[name] = (int(fields[11]) + int(fields[12])) / tick
+        return used
+
+    def _log(self, name: str) -> Path:
+        return self._logs / f'{name}.log'
+
+    def _words(self, name: str) -> str:
+        lines = self._log(name).read_text(errors='replace').splitlines()
+        return '\n'.join(f'  {line}' for line in lines[-LAST_LINES:])
+
+
+def free_domain() -> int:
+    """Return a ROS domain that nobody on this machine uses.
+
+    Raises
+    ------
+    ProcessError
+        When all are taken.
+    """
+    start = os.getpid() % len(DOMAINS)
+    for domain in (*DOMAINS[start:], *DOMAINS[:start]):
+        # the port where the first participant of a domain listens (RTPS 2.2, 9.6.1)
+        port = 7410 + 250 * domain
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, suppress(OSError):
+            probe.bind(('', port))
+            return int(domain)
+    raise ProcessError(f'ROS domain: one of {DOMAINS.start} to {DOMAINS.stop - 1} must be free')
+
+
+def _how(status: int) -> str:
+    return f'exit status {status}' if status >= 0 else f'an end by {signal.Signals(-status).name}'
+
+
+# loaded before any fork: the child must not allocate
+_LIBC = ctypes.CDLL(None)
+
+
+def _end_with_parent() -> None:
+    """Ask the kernel for SIGINT when the parent dies, however it dies."""
+    _LIBC.prctl(PR_SET_PDEATHSIG, int(signal.SIGINT), 0, 0, 0)

@@ -1,0 +1,47 @@
+"""Progress of a session on stderr: bars on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from tqdm import tqdm
+
+
+class Progress:
+    """Says what goes on; the bars stay away where stderr is no terminal."""
+
+    def say(self, text: str) -> None:
+        """Print a line."""
+        tqdm.write(text, file=sys.stderr)
+
+    @contextmanager
+    def step(self, what: str) -> Iterator[None]:
+        """Say what is being done, and how long it took."""
+        began = time.perf_counter()
+        print(f'{what} ... ', end='', file=sys.stderr, flush=True)
+        try:
+            yield
+        finally:
+            print(f'{time.perf_counter() - began:.1f} s', file=sys.stderr, flush=True)
+
+    @contextmanager
+    def phase(self, name: str, duration: float) -> Iterator[Callable[[float], None]]:
+        """Show a bar over a phase of a duration [s]; yield what takes the time so far."""
+        bar = tqdm(
+            total=round(duration, 1),
+            desc=name,
+            unit='s',
+            disable=not sys.stderr.isatty(),
+            bar_format='{desc}: {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s',
+        )
+
+        def show(elapsed: float) -> None:
+            bar.update(min(elapsed, bar.total) - bar.n)
+
+        if bar.disable:
+            self.say(f'{name}: {duration:g} s')
+        with bar:
+            yield show

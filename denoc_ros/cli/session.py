@@ -1,0 +1,173 @@
+"""A session of `denoc up`: its nodes, its phases, its clean end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from denoc_ros.cli.config import Parameters, Phase, SessionConfig
+from denoc_ros.cli.node_parameters import node_parameters, node_table, write_parameters
+from denoc_ros.cli.processes import Processes
+from denoc_ros.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from denoc_ros.nodes.driver import Driver
+    from denoc_ros.simulation.trajectories import Trajectory
+
+START_TIMEOUT = 120.0  # s until active: a cold kernel cache compiles on a slow machine
+LEAD = 0.5  # s from publishing a reference to its start
+TAIL = 0.2  # s a phase goes on behind its reference
+STOP_ORDER = ('player', 'feedforward', 'predictor', 'plant', 'recorder')
+START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward')
+# Services that bring a node back to its start, called between phases.
+RESETS = {
+    'plant': '/plant/reset',
+    'predictor': '/predictor/reset',
+    'feedforward': '/feedforward/reset',
+}
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a session does: follow a trajectory, phase by phase, or play a bag.
+
+    Attributes
+    ----------
+    trajectory : Trajectory or None
+        None: the reference comes from elsewhere, phases just last.
+    joints : list of str
+        The trajectory's.
+    duration : float
+        Of each phase [s].
+    bag : Path or None
+        Joint states to play instead of running a plant.
+    """
+
+    trajectory: Trajectory | None
+    joints: list[str]
+    duration: float
+    bag: Path | None = None
+
+
+def session_nodes(config: SessionConfig, bag: Path | None) -> list[str]:
+    """Return the nodes that take part, in the order they start: no plant beside a bag."""
+    left_out = set(config.without) if config.record else {*config.without, 'recorder'}
+    if bag is not None:
+        left_out.add('plant')
+    return [name for name in START_ORDER if name not in left_out]
+
+
+class Session:
+    """Runs a task with nodes as processes.
+
+    Parameters
+    ----------
+    config : SessionConfig
+        What runs, with which parameters.
+    task : Task
+        What is done.
+    folder : Path
+        The run's directory; it has `parameters/`, the recorder makes `bag/`.
+    processes : Processes
+        Starts and ends the nodes.
+    driver : Driver
+        Talks to them.
+    progress : Progress
+        Says what goes on.
+    """
+
+    def __init__(
+        self,
+        config: SessionConfig,
+        task: Task,
+        folder: Path,
+        processes: Processes,
+        driver: Driver,
+        progress: Progress,
+    ) -> None:
+        self._config = config
+        self._task = task
+        self._folder = folder
+        self._processes = processes
+        self._driver = driver
+        self._progress = progress
+        self._names = session_nodes(config, task.bag)
+        self._parameters: dict[str, Parameters] = {}
+
+    def run(self) -> None:
+        """Start the nodes, run the phases, end the nodes whatever happens."""
+        try:
+            for name in self._names:
+                self._start(name, self._config.phases[0])
+            for phase in self._config.phases:
+                self._adapt(phase)
+                self._run_phase(phase)
+        finally:
+            self._processes.stop_all(STOP_ORDER)
+
+    def _start(self, name: str, phase: Phase) -> None:
+        began = time.perf_counter()
+        self._parameters[name] = self._wanted(name, phase)
+        file = self._folder / 'parameters' / f'{name}.yaml'
+        write_parameters(file, self._parameters[name])
+        arguments = ['--ros-args', '--params-file', str(file)]
+        self._processes.start(name, ['-m', f'denoc_ros.nodes.{name}', *arguments])
+        self._driver.wait_active(name, START_TIMEOUT)
+        self._progress.say(f'{name}: active after {time.perf_counter() - began:.1f} s')
+
+    def _adapt(self, phase: Phase) -> None:
+        """Give the nodes the phase's parameters: live ones are set, others need a new start."""
+        for name in self._names:
+            wanted, now = self._wanted(name, phase), self._parameters[name]
+            if wanted == now:
+                continue
+            changed = {key: value for key, value in wanted.items() if now.get(key) != value}
+            if set(wanted) == set(now) and self._all_live(name, changed):
+                self._driver.set_parameters(name, changed)
+                self._parameters[name] = wanted
+            else:
+                self._processes.stop(name)
+                self._start(name, phase)
+
+    def _all_live(self, name: str, changed: Mapping[str, Any]) -> bool:
+        rows = [node_table(name).row(key) for key in changed]
+        return all(row is not None and row.live for row in rows)
+
+    def _run_phase(self, phase: Phase) -> None:
+        self._driver.begin_phase(phase.name)
+        if self._task.bag is not None:
+            self._play(self._task.bag, phase)
+        else:
+            self._follow(phase)
+        self._driver.end_phase()
+
+    def _follow(self, phase: Phase) -> None:
+        for name in self._names:
+            if name in RESETS:
+                self._driver.trigger(RESETS[name])
+        lead = 0.0
+        if self._task.trajectory is not None:
+            lead = LEAD
+            self._driver.publish_reference(self._task.trajectory, self._task.joints, lead)
+        with self._progress.phase(phase.name, self._task.duration) as show:
+            start = time.perf_counter() + lead
+            while (elapsed := time.perf_counter() - start) < self._task.duration:
+                show(max(elapsed, 0.0))
+                self._driver.wait(0.1)
+            show(self._task.duration)
+        self._driver.wait(TAIL)
+
+    def _play(self, bag: Path, phase: Phase) -> None:
+        self._processes.start('player', ['-m', 'denoc_ros.nodes.player', str(bag)], ends=True)
+        with self._progress.phase(phase.name, self._task.duration) as show:
+            start = time.perf_counter()
+            while self._processes.running('player'):
+                show(time.perf_counter() - start)
+                self._driver.wait(0.1)
+        self._driver.wait(TAIL)
+
+    def _wanted(self, name: str, phase: Phase) -> Parameters:
+        return node_parameters(self._config, name, phase, self._folder)

@@ -1,0 +1,45 @@
+"""A run's numbers as lines of text for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from denoc_ros.cli.sections import engineering
+
+
+def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the lines: tracking by phase, deflection by link, loops, recording.
+
+    Parameters
+    ----------
+    summary : mapping
+        As `denoc_ros.cli.report.make_report` returns it.
+    """
+    phases = summary['phases']
+    for name, phase in phases.items():
+        if 'joint_error' in phase:
+            errors = phase['joint_error'].items()
+            joints = ', '.join(f'{j} {engineering(e["rms"], "rad")}' for j, e in errors)
+            yield f'{name}: joint tracking error rms {joints}'
+        if 'tip_error' in phase:
+            tip = phase['tip_error']
+            yield (
+                f'{name}: tip tracking error rms {engineering(tip["rms"], "m")}, '
+                f'largest {engineering(tip["max"], "m")}'
+            )
+    for name, phase in phases.items():
+        for where, error in phase.get('deflection_error', {}).items():
+            unit = 'rad' if where.rpartition('/')[2].startswith('r') else 'm'
+            yield (
+                f'{name}: {where} predicted to {engineering(error["rms"], unit)} rms of a peak of '
+                f'{engineering(error["peak"], unit)} ({error["percent_of_peak"]:.2g} %)'
+            )
+    for node, loop in summary['loops'].items():
+        yield (
+            f'{node}: {loop["ticks"]} ticks at {1.0 / loop["nominal"]:g} Hz, '
+            f'{100.0 * loop["late"] / max(loop["ticks"], 1):.2g} % late by more than half a period'
+        )
+    if recorder := summary.get('recorder'):
+        written, lost = recorder.get('written', '?'), recorder.get('lost', '?')
+        yield f'recorded: {written} messages, {lost} lost'

@@ -1,0 +1,275 @@
+"""`denoc up CONFIG.yaml`: bring the nodes up, run the reference, record, end cleanly, report."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from denoc_ros.errors import ConfigError, DenocError
+
+if TYPE_CHECKING:
+    from denoc_ros.cli.config import SessionConfig
+    from denoc_ros.cli.session import Task
+    from denoc_ros.dynamics.robot import Robot
+
+NO_ROS = (
+    'rclpy must be importable, got: {}; source a ROS 2 installation or '
+    'pip install "denoc_ros[ros]"'
+)
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        'up',
+        help='bring the nodes up, run a reference, record and report',
+        description='Start plant, recorder, predictor and feedforward as processes of their own, '
+        'drive the reference, end them in order, and leave a bag and a report in a new directory.',
+    )
+    parser.add_argument('config', metavar='CONFIG.yaml', help='what to bring up')
+    parser.add_argument('--duration', type=float, metavar='S', help='of each phase [s]')
+    parser.add_argument(
+        '--record',
+        action=argparse.BooleanOptionalAction,
+        help='record a bag and write the report (default: as the configuration says)',
+    )
+    parser.add_argument(
+        '--input', type=Path, metavar='BAG', help='recorded joint states to run on, not the plant'
+    )
+    parser.add_argument(
+        '--output', type=Path, metavar='DIR', help="the run's new directory; default runs/<time>"
+    )
+    parser.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        metavar='PATH=VALUE',
+        help='change a value of the configuration or the model (beam.LINK.y.ei=9e4); repeatable',
+    )
+    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb and return the exit status; errors are raised."""
+    from denoc_ros.cli.config import load_config
+
+    config = load_config(args.config, args.set)
+    if args.duration is not None:
+        if not 0.0 < args.duration < float('inf'):
+            raise ConfigError('--duration', [f'it must be a number > 0 s, got {args.duration}'])
+        config = dataclasses.replace(config, duration=args.duration)
+    if args.record is not None:
+        config = dataclasses.replace(config, record=args.record)
+    with _terminated_like_interrupted():
+        folder, summary = bring_up(config, args.input, args.output)
+    if args.json:
+        print(json.dumps(summary, indent=2, allow_nan=False))
+    else:
+        _print_summary(summary, folder)
+    return 0
+
+
+def bring_up(
+    config: SessionConfig, bag: Path | None = None, output: Path | None = None
+) -> tuple[Path, dict[str, Any]]:
+    """Run a session from start to report.
+
+    Parameters
+    ----------
+    config : SessionConfig
+        What runs.
+    bag : Path, optional
+        Recorded joint states to run on instead of the plant.
+    output : Path, optional
+        The run's directory, which must not exist; default runs/<time>.
+
+    Returns
+    -------
+    folder : Path
+        The run's directory.
+    summary : dict
+        As in its summary.json; without a recording just what it was.
+
+    Raises
+    ------
+    DenocError
+        For a bad configuration or robot, or a node that fails.
+    """
+    from denoc_ros.cli.node_parameters import check_parameters
+    from denoc_ros.cli.processes import Processes, free_domain
+    from denoc_ros.cli.progress import Progress
+    from denoc_ros.cli.session import session_nodes
+    from denoc_ros.dynamics.robot import load_robot
+
+    _require_ros()
+    progress = Progress()
+    robot = load_robot(config.robot, gravity=config.gravity)
+    task = _task(config, robot, bag)
+    check_parameters(config, session_nodes(config, bag))
+    with progress.step('compiling kernels (once per machine)'):
+        warm_kernels(robot)
+    folder = new_folder(output)
+    environment = {
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': os.environ.get(
+            'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST'
+        ),
+        'ROS_DOMAIN_ID': os.environ.get('ROS_DOMAIN_ID') or str(free_domain()),
+    }
+    os.environ.update(environment)
+    _write_session(folder, config, environment)
+    processes = Processes(folder / 'logs', environment)
+    _drive(config, task, folder, processes, progress)
+    return folder, _conclude(config, folder, progress)
+
+
+def _drive(config: SessionConfig, task: Task, folder: Path, processes: Any, progress: Any) -> None:
+    from denoc_ros.cli.session import Session
+    from denoc_ros.nodes.driver import Driver
+
+    with Driver(config.robot.read_text(), processes.check) as driver:
+        Session(config, task, folder, processes, driver, progress).run()
+
+
+def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
+    from denoc_ros.cli.session import Task
+    from denoc_ros.simulation.reference import trajectory_from_config
+
+    joints = [
+        body.joint.name
+        for body in robot.tree.bodies
+        if body.joint is not None
+        and body.joint.name in robot.joint_names
+        and body.joint.mimic is None
+    ]
+    if bag is not None:
+        from denoc_ros.bags.series import read_joint_states
+
+        duration = float(read_joint_states(bag).t[-1])
+        return Task(None, joints, duration, bag)
+    trajectory = None
+    if config.reference:
+        trajectory = trajectory_from_config(config.reference, joints, f'{config.path}: reference')
+    duration = config.duration or (trajectory.duration if trajectory is not None else 0.0)
+    if not duration:
+        raise ConfigError(
+            str(config.path), ['duration must be > 0 s where there is no reference, got none']
+        )
+    return Task(trajectory, joints, duration)
+
+
+def warm_kernels(robot: Robot) -> None:
+    """Call every kernel that the nodes use, so that the processes find them compiled."""
+    import numpy as np
+
+    from denoc_ros.dynamics.feedforward import TorqueFeedforward
+    from denoc_ros.dynamics.stepper import Stepper
+
+    q = np.zeros(robot.n)
+    joints = np.zeros(len(robot.joint_names))
+    robot.forward_dynamics(q, q, q)
+    robot.hybrid_dynamics(q, q, joints)
+    robot.inertia_matrix(q)
+    robot.energy(q, q)
+    for frame in list(robot.tree.frames)[-1:]:
+        robot.frame_pose(frame, q)
+    stepper = Stepper(robot.copy(), 1e-3)
+    stepper.free(q.copy(), q.copy(), q)
+    stepper.driven(q.copy(), q.copy(), joints)
+    feedforward = TorqueFeedforward(robot.copy())
+    driven = np.zeros(len(feedforward.joints))
+    for elapsed in (0.0, 1e-3):
+        feedforward.update(driven, driven, driven, elapsed)
+
+
+def new_folder(output: Path | None) -> Path:
+    """Make a run's directory with its parts; one that exists is never written over.
+
+    Raises
+    ------
+    ConfigError
+        When `output` exists.
+    """
+    stamp = time.strftime('%Y%m%d-%H%M%S')
+    candidates: Iterator[Path] = iter(
+        [output]
+        if output is not None
+        else [Path('runs', stamp), *(Path('runs', f'{stamp}-{k}') for k in range(2, 100))]
+    )
+    for folder in candidates:
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        (folder / 'logs').mkdir()
+        (folder / 'parameters').mkdir()
+        return folder
+    raise ConfigError('--output', [f'the directory must not exist yet, got {output}'])
+
+
+def _require_ros() -> None:
+    try:
+        import_module('denoc_ros.nodes.driver')
+    except ImportError as error:
+        raise DenocError(NO_ROS.format(error)) from error
+
+
+def _write_session(folder: Path, config: SessionConfig, environment: dict[str, str]) -> None:
+    from denoc_ros.cli.versions import versions
+
+    session = {
+        'name': config.path.stem,
+        'configuration': str(config.path),
+        'robot': str(config.robot),
+        'gravity': list(config.gravity),
+        'tip': config.tip,
+        'environment': environment,
+        'versions': versions(),
+    }
+    (folder / 'session.json').write_text(json.dumps(session, indent=2))
+    (folder / 'configuration.yaml').write_text(config.path.read_text())
+
+
+def _conclude(config: SessionConfig, folder: Path, progress: Any) -> dict[str, Any]:
+    from denoc_ros.cli.report import make_report
+
+    if not config.record:
+        return {'run': str(folder), 'phases': {}, 'loops': {}}
+    with progress.step('writing the report'):
+        page, summary = make_report(folder)
+    (folder / 'report.html').write_text(page, encoding='utf-8')
+    (folder / 'summary.json').write_text(json.dumps(summary, indent=2, allow_nan=False))
+    return summary
+
+
+def _print_summary(summary: dict[str, Any], folder: Path) -> None:
+    from denoc_ros.cli.summary import summary_lines
+
+    for line in summary_lines(summary):
+        print(line)
+    report = folder / 'report.html'
+    print(f'run     {folder}')
+    if report.is_file():
+        print(f'report  {report}')
+
+
+@contextmanager
+def _terminated_like_interrupted() -> Iterator[None]:
+    """Take SIGTERM as Ctrl-C for a while: both end the nodes in order."""
+
+    def on_signal(_number: int, _frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before: Callable[..., Any] | int | None = signal.signal(signal.SIGTERM, on_signal)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,224 @@
+"""The session's own node, in the process of `denoc up`: robot, reference, phases, health."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Any
+
+import rclpy
+from builtin_interfaces.msg import Duration, Time
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import GetState
+from rcl_interfaces.srv import SetParameters
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from denoc_ros.errors import DenocError
+from denoc_ros.nodes.base import COMMAND, LATCHED
+from denoc_ros.simulation.trajectories import Trajectory
+
+REFERENCE_STEP = 0.05  # s; the quintics between such points are exact to 1e-9 rad
+LARGEST_MESSAGE = 60_000  # bytes: a best-effort message should fit one datagram
+PATIENCE = 5.0  # s that a service may take to answer
+
+
+class NodeError(DenocError):
+    """A node did not do what the session asked of it."""
+
+
+class Driver:
+    """Publishes what a session needs and asks its nodes how they are.
+
+    Parameters
+    ----------
+    description : str
+        URDF text, latched on `robot_description`.
+    watch : callable
+        Called during every wait, about every 20 ms; raises when the wait is pointless.
+    """
+
+    def __init__(self, description: str, watch: Callable[[], None] = lambda: None) -> None:
+        self._watch = watch
+        self._running = True
+        self._statuses: dict[str, dict[str, str]] = {}
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node('up', use_global_arguments=False)
+        node = self._node
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 50)
+        self._description = node.create_publisher(String, 'robot_description', LATCHED)
+        # made when needed: a second publisher on an input is refused by those who listen
+        self._reference: Any = None
+        self._phase = node.create_publisher(String, '/up/phase', LATCHED)
+        self._description.publish(String(data=description))
+        self._executor = EventsExecutor()
+        self._executor.add_node(node)
+        self._thread = threading.Thread(target=self._spin, name='driver', daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Driver:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the graph."""
+        self._running = False
+        self._thread.join(2.0)
+        self._executor.remove_node(self._node)
+        self._node.destroy_node()
+        self._executor.shutdown()
+        rclpy.try_shutdown()
+
+    def diagnostics(self, status: str) -> Mapping[str, str]:
+        """Return the last values of a diagnostic status such as `feedforward: loop`."""
+        return self._statuses.get(status, {})
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass, watching."""
+        self.until(lambda: False, seconds)
+
+    def until(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Wait for a condition, at most `timeout` [s]; return whether it came about."""
+        end = time.perf_counter() + timeout
+        while not condition():
+            self._watch()
+            left = end - time.perf_counter()
+            if left <= 0.0:
+                return False
+            time.sleep(min(0.02, left))
+        return True
+
+    def wait_active(self, name: str, timeout: float) -> None:
+        """Wait until a lifecycle node is active.
+
+        Raises
+        ------
+        NodeError
+            When it is not within `timeout` [s].
+        """
+        client = self._node.create_client(GetState, f'/{name}/get_state')
+        state = 'silent'
+        end = time.perf_counter() + timeout
+        try:
+            while time.perf_counter() < end:
+                reply = self._ask(client, GetState.Request(), min(PATIENCE, timeout))
+                state = reply.current_state.label if reply is not None else state
+                if state == 'active':
+                    return
+                self.wait(0.1)
+        finally:
+            self._node.destroy_client(client)
+        raise NodeError(f'{name}: node must be active within {timeout:g} s, got {state}')
+
+    def trigger(self, service: str) -> None:
+        """Call a Trigger service; NodeError when it fails or does not answer."""
+        client = self._node.create_client(Trigger, service)
+        reply = self._ask(client, Trigger.Request(), PATIENCE)
+        self._node.destroy_client(client)
+        if reply is None or not reply.success:
+            answer = 'no answer' if reply is None else reply.message
+            raise NodeError(f'{service}: request must succeed, got: {answer}')
+
+    def set_parameters(self, name: str, values: Mapping[str, Any]) -> None:
+        """Set live parameters of a node; NodeError when it refuses one."""
+        client = self._node.create_client(SetParameters, f'/{name}/set_parameters')
+        request = SetParameters.Request(
+            parameters=[
+                Parameter(key, value=value).to_parameter_msg() for key, value in values.items()
+            ]
+        )
+        reply = self._ask(client, request, PATIENCE)
+        self._node.destroy_client(client)
+        refused = (
+            ['no answer']
+            if reply is None
+            else [result.reason for result in reply.results if not result.successful]
+        )
+        if refused:
+            raise NodeError(f'{name}: parameters must be accepted, got: {"; ".join(refused)}')
+
+    def begin_phase(self, name: str) -> None:
+        """Tell everybody, the recorder above all, that a phase begins."""
+        self._phase.publish(String(data=name))
+
+    def end_phase(self) -> None:
+        """Tell everybody that the phase is over."""
+        self._phase.publish(String(data=''))
+
+    def publish_reference(self, trajectory: Trajectory, joints: list[str], lead: float) -> None:
+        """Publish a trajectory of many points that starts `lead` seconds from now."""
+        if self._reference is None:
+            self._reference = self._node.create_publisher(JointTrajectory, 'reference', COMMAND)
+            self.until(lambda: bool(self._reference.get_subscription_count()), PATIENCE)
+        self._reference.publish(
+            reference_message(trajectory, joints, time.time_ns() + round(lead * 1e9))
+        )
+
+    def _ask(self, client: Any, request: Any, timeout: float) -> Any:
+        """Return the reply of a service, None when there is none in time."""
+        end = time.perf_counter() + timeout
+        if not self.until(client.service_is_ready, timeout):
+            return None
+        future = client.call_async(request)
+        self.until(future.done, max(0.0, end - time.perf_counter()))
+        return future.result() if future.done() else None
+
+    def _spin(self) -> None:
+        while self._running and rclpy.ok():
+            self._executor.spin_once(0.1)
+
+    def _on_diagnostics(self, message: Any) -> None:
+        for status in message.status:
+            self._statuses[status.name] = {pair.key: pair.value for pair in status.values}
+
+
+def reference_message(trajectory: Trajectory, joints: list[str], start_ns: int) -> JointTrajectory:
+    """Return a trajectory as points with velocities and accelerations.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        What to follow.
+    joints : list of str
+        Names of its joints.
+    start_ns : int
+        When it starts [ns].
+    """
+    row = 24 * len(joints) + 28  # bytes of a point
+    step = max(REFERENCE_STEP, trajectory.duration * row / LARGEST_MESSAGE)
+    times, q, qd, qdd = trajectory.table(step)
+    message = JointTrajectory(joint_names=joints)
+    message.header.stamp = time_message(start_ns)
+    message.points = [
+        JointTrajectoryPoint(
+            positions=q[k].tolist(),
+            velocities=qd[k].tolist(),
+            accelerations=qdd[k].tolist(),
+            time_from_start=duration_message(float(times[k])),
+        )
+        for k in range(len(times))
+    ]
+    return message
+
+
+def time_message(stamp_ns: int) -> Time:
+    """Return a stamp [ns] as a message."""
+    return Time(sec=stamp_ns // 1_000_000_000, nanosec=stamp_ns % 1_000_000_000)
+
+
+def duration_message(seconds: float) -> Duration:
+    """Return a time [s] as a message."""
+    nanoseconds = round(seconds * 1e9)
+    return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
