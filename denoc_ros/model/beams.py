@@ -71,9 +71,10 @@ def flexible_link(
         findings.add(whose, f'polar_inertia (torsion) {rule}, got {about}')
         return None
     rest = difference(whole, beam_inertia(mass_per_length, element.length, polar_inertia))
-    if not _possible_rest(
-        element, whole, rest, mass_per_length, polar_inertia, findings, warnings
-    ):
+    # a torsion of no modes takes nothing, but its link may be flexible in torsion all the same
+    polar = polar_inertia if element.torsion is None else element.polar_inertia or polar_inertia
+    beside = difference(whole, beam_inertia(mass_per_length, element.length, polar))
+    if not _possible_rest(element, whole, beside, mass_per_length, polar, findings, warnings):
         return None
     return FlexibleLink(element.origin, _beam(element, mass_per_length, polar_inertia), rest)
 
