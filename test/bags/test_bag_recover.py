@@ -174,7 +174,7 @@ def test_verb_prints_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture
     recover_verb.add_parser(parser.add_subparsers())
     assert recover_verb.run(parser.parse_args(['recover', str(run)])) == 0
     shown = capsys.readouterr().out
-    assert '300 messages in 1 files' in shown
+    assert '300 messages in 1 file' in shown
     assert 'run_0.mcap was cut off' in shown
     args = parser.parse_args(['recover', str(run), '--json', '-o', str(tmp_path / 'x')])
     assert recover_verb.run(args) == 0
