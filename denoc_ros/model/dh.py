@@ -125,7 +125,9 @@ def read_system(
     planar = table.get('planar', False)
     if not isinstance(planar, bool):
         reader.fail('planar', 'be true or false', planar)
-    links = _planar_links(reader) if 'links' in table else _spatial_links(reader)
+    shared = _section_rigidity(reader)
+    chain = _planar_links if 'links' in table else _spatial_links
+    links = chain(reader, shared)
     flexible = _kinds(reader, kinds if kinds is not None else table.get('kinds'), links)
     system = DHSystem(
         name,
@@ -208,7 +210,7 @@ def _finite(value: object) -> float | None:
     return finite(str(value))
 
 
-def _planar_links(reader: _Table) -> list[DHLink]:
+def _planar_links(reader: _Table, shared: float | None) -> list[DHLink]:
     links = []
     for index, entry in enumerate(reader.list_of('links', None), 1):
         if not isinstance(entry, dict):
@@ -223,17 +225,17 @@ def _planar_links(reader: _Table) -> list[DHLink]:
         if 'mass_per_length' in entry:
             mass = a * link.number('mass_per_length', 'kg/m', least=0.0)
         hub = link.number('hub_inertia', 'kg m^2', least=0.0, default=0.0)
-        ei = _link_rigidity(link, reader)
+        ei = _link_rigidity(link, shared)
         links.append(DHLink(a, 0.0, 0.0, 0.0, False, mass, hub, ei))
     return links
 
 
-def _link_rigidity(link: _Table, system: _Table) -> float | None:
+def _link_rigidity(link: _Table, shared: float | None) -> float | None:
     if 'EI' in link.table:
         return link.number('EI', 'N m^2', above=0.0)
     if 'E' in link.table or 'I' in link.table:
         return link.number('E', 'Pa', above=0.0) * link.number('I', 'm^4', above=0.0)
-    return _section_rigidity(system)
+    return shared
 
 
 def _section_rigidity(system: _Table) -> float | None:
@@ -249,7 +251,7 @@ def _section_rigidity(system: _Table) -> float | None:
     return section.number('E', 'Pa', above=0.0) * round_section(diameter).moment_y
 
 
-def _spatial_links(reader: _Table) -> list[DHLink]:
+def _spatial_links(reader: _Table, shared: float | None) -> list[DHLink]:
     table = reader.table.get('dh')
     if not isinstance(table, dict):
         reader.fail('dh (or links)', 'be a mapping of a, b and alpha_over_pi', table)
@@ -268,7 +270,7 @@ def _spatial_links(reader: _Table) -> list[DHLink]:
         reader.list_of('m', count),
         reader.list_of('hub_izz', count, 0.0),
     )
-    ei = reader.list_of('EI', count) if 'EI' in reader.table else [None] * count
+    ei = reader.list_of('EI', count) if 'EI' in reader.table else [shared] * count
     return [
         _spatial_link(reader, dh, index, joints[index - 1] == 'P', row, ei[index - 1])
         for index, row in enumerate(zip(*columns, strict=True), 1)
@@ -296,7 +298,7 @@ def _spatial_link(
         prismatic,
         reader.as_number(f'm[{index}]', mass, 'kg', least=0.0),
         reader.as_number(f'hub_izz[{index}]', hub, 'kg m^2', least=0.0),
-        rigidity if rigidity is not None else _section_rigidity(reader),
+        rigidity,
     )
 
 
