@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MODELS = ('rigid', 'flexible', 'quasi_static')
-LONGEST_GAP = 0.1  # s between two updates after which the amplitudes start anew from equilibrium
+LONGEST_GAP = 0.5  # s between two updates after which the amplitudes start anew from equilibrium
 SUBSTEPS = 200  # at most, per update
 SETTLE_ITERATIONS = 60
 FOLLOW_ITERATIONS = 3  # of the static deflection, per update
@@ -142,7 +142,7 @@ class TorqueFeedforward:
             rad or m, and per s, per s^2.
         elapsed : float
             s since the last update; the amplitudes are integrated over it. The first update, and
-            one after a gap longer than 0.1 s, starts from the amplitudes' equilibrium.
+            one after a gap longer than 0.5 s, starts from the amplitudes' equilibrium.
 
         Raises
         ------

@@ -106,6 +106,7 @@ class FeedforwardNode(RobotNode):
         self._joint_timeout = settings.number('joint_state_timeout')
         self._reference_timeout = settings.number('reference_timeout')
         self._needs_joints = settings.flag('require_joint_states')
+        self._lead = settings.number('lead_time')
 
     def _connect(self) -> None:
         """Subscribe, once: a node that is configured again keeps its subscriptions."""
@@ -148,7 +149,8 @@ class FeedforwardNode(RobotNode):
             )
         self.reference_input.accept(message.stamp_ns, now)
         if not self.by_message:
-            self.follower.offer(message, now, self.stamp_ns())
+            measured = self._reader.position if self.joint_input.received else None
+            self.follower.offer(message, now, self.stamp_ns(), measured)
             return
         velocities, accelerations = message.velocities, message.accelerations
         point = self.stream.complete(
@@ -181,6 +183,7 @@ class FeedforwardNode(RobotNode):
         """Start from rest: nothing is known and nothing has left."""
         self._tick_time = time.perf_counter()
         self._last_update = -math.inf
+        self._fresh = True
         self.limiter.reset()
         self.safe.end()
         self.torque_source.reset()
@@ -198,13 +201,16 @@ class FeedforwardNode(RobotNode):
         self._tick_time += steps * self.loop.period if self.loop else 0.0
         now = time.perf_counter()
         self._swap()
-        cause = self._trouble(now)
-        if not cause:
-            cause = self._follow()
-        if cause:
+        # the model goes on along the reference even while torque may not: so a short gap in the
+        # joint states does not cost it the amplitudes
+        torque = self._along_reference(now)
+        cause = self._trouble(now) or ('model failed' if torque is None else '')
+        if cause or torque is None:
             self._be_safe(now)
-        elif self.safe.active:
+        else:
             self.safe.end()
+            self._fresh = False
+            self._publish(self.limiter.apply(torque))
         self._cause = cause or 'following'
 
     def _swap(self) -> None:
@@ -234,22 +240,21 @@ class FeedforwardNode(RobotNode):
             return 'stale reference'
         return ''
 
-    def _follow(self) -> str:
-        """Publish the torque along the reference; return what went wrong, '' if nothing did."""
+    def _along_reference(self, now: float) -> Any:
+        """Return the torque (n,) along the reference, None if there is none or the model fails."""
         clock = self._tick_time
-        if not self.follower.sample(clock, self.q, self.qd, self.qdd):
-            return 'no reference yet'
+        if self.follower.age(now) > self._reference_timeout or not self.follower.sample(
+            clock + self._lead, self.q, self.qd, self.qdd
+        ):
+            self.torque_source.reset()
+            return None
+        elapsed, self._last_update = clock - self._last_update, clock
         try:
-            torque = self.torque_source.update(
-                self.q, self.qd, self.qdd, clock - self._last_update
-            )
-        except (StateError, FloatingPointError):
+            return self.torque_source.update(self.q, self.qd, self.qdd, elapsed)
+        except StateError:
             self._model_failures += 1
             self.torque_source.reset()
-            return 'model failed'
-        self._last_update = clock
-        self._publish(self.limiter.apply(torque))
-        return ''
+            return None
 
     def _publish(self, torque: Any) -> None:
         self.output.send(self.stamp_ns(), self.q, self.qd, self.qdd, torque)
@@ -262,8 +267,14 @@ class FeedforwardNode(RobotNode):
             self._posture[:] = self.q
         else:
             return
+        gravity = self.torque_source.gravity(self._posture)
+        if self._fresh:
+            # a robot that stands there is carried at once: a ramp from zero would let it drop
+            self._fresh = False
+            if self.safe.action == 'ramp_to_gravity':
+                self.limiter.reset(gravity)
         self.safe.begin(now, self.limiter.last)
-        torque = self.safe.torque(now, self.torque_source.gravity(self._posture))
+        torque = self.safe.torque(now, gravity)
         if torque is not None:
             self.q[:] = self._posture
             self.qd[:] = 0.0

@@ -81,6 +81,16 @@ TABLE = ParameterTable(
             False,
             'take joint states that also have joints the robot does not have',
         ),
+        Parameter(
+            'lead_time',
+            Kind.DOUBLE,
+            0.0,
+            'how far ahead of now the reference is taken: makes up for transport and hold delay',
+            's',
+            0.0,
+            0.1,
+            live=True,
+        ),
         Parameter('enabled', Kind.BOOL, True, 'follow at once; false: after `~/enable`'),
         Parameter(
             'stale_action',

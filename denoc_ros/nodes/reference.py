@@ -98,8 +98,24 @@ class ReferenceFollower:
         with self._lock:
             self._now = self._next = self._point = None
 
-    def offer(self, message: TrajectoryMessage, now: float, now_ns: int) -> None:
-        """Take a message that arrived at steady `now` [s] and ROS time `now_ns`."""
+    def offer(
+        self,
+        message: TrajectoryMessage,
+        now: float,
+        now_ns: int,
+        measured: Array | None = None,
+    ) -> None:
+        """Take a message.
+
+        Parameters
+        ----------
+        message : TrajectoryMessage
+        now, now_ns : float, int
+            When it arrived: steady clock [s], ROS time [ns].
+        measured : (n,) array, optional
+            Where the joints stand: there a trajectory begins whose first point is for later,
+            if nothing was followed before.
+        """
         if message.is_streamed:
             time = 1e-9 * message.stamp_ns if message.stamp_ns else now
             self.offer_point(
@@ -114,9 +130,12 @@ class ReferenceFollower:
             return
         begin = now + (1e-9 * (message.stamp_ns - now_ns) if message.stamp_ns else 0.0)
         first = None
-        if message.times[0] > 0.0 and self.given:
+        if message.times[0] > 0.0 and (self.given or measured is not None):
             q, qd, qdd = np.zeros((3, message.positions.shape[1]))
-            self.sample(begin, q, qd, qdd)
+            with self._lock:
+                going = self._evaluate(begin, q, qd, qdd)
+            if not going and measured is not None:
+                q[:] = measured
             first = q, qd, qdd
         trajectory = SplineTrajectory(
             message.times, message.positions, message.velocities, message.accelerations, first
@@ -135,19 +154,21 @@ class ReferenceFollower:
     def sample(self, now: float, q: Array, qd: Array, qdd: Array) -> bool:
         """Write the motion wanted at steady `now` into (n,) arrays; say whether there is one."""
         with self._lock:
-            if self._next is not None and (now >= self._next[1] or not self._others()):
+            if self._next is not None and (now >= self._next[1] or not self._has_current()):
                 self._now, self._now_start = self._next
                 self._next = self._point = None
-            if self._now is not None:
-                self._now.sample(now - self._now_start, q, qd, qdd)
-                return True
-            if self._point is None:
-                return False
-            self._extrapolate(now, q, qd, qdd)
-            return True
+            return self._evaluate(now, q, qd, qdd)
 
-    def _others(self) -> bool:
+    def _has_current(self) -> bool:
         return self._now is not None or self._point is not None
+
+    def _evaluate(self, now: float, q: Array, qd: Array, qdd: Array) -> bool:
+        """Sample what is followed at present."""
+        if self._now is not None:
+            self._now.sample(now - self._now_start, q, qd, qdd)
+        elif self._point is not None:
+            self._extrapolate(now, q, qd, qdd)
+        return self._has_current()
 
     def _extrapolate(self, now: float, q: Array, qd: Array, qdd: Array) -> None:
         assert self._point is not None

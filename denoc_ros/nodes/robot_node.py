@@ -87,6 +87,9 @@ class RobotNode(DenocNode):
             gravity=tuple(gravity),
             geometric_stiffness=settings.flag('geometric_stiffness'),
         )
+        if robot.tree.loops:
+            loops = [loop.name for loop in robot.tree.loops]
+            raise ConfigError(name, [f'the robot must have no loops yet, got {loops}'])
         overrides = settings.family(*OVERRIDES)
         return robot.with_overrides(overrides) if overrides else robot
 

@@ -1,0 +1,363 @@
+"""The plant node: a simulated flexible robot in real time, the stand-in for hardware."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from trajectory_msgs.msg import JointTrajectory
+
+from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.errors import ConfigError
+from denoc_ros.nodes.base import LATCHED, STATE, run
+from denoc_ros.nodes.conversions import CommandReader, read_trajectory
+from denoc_ros.nodes.diagnostics import WARN, Status
+from denoc_ros.nodes.messages import JointStateMessage
+from denoc_ros.nodes.parameters import (
+    Kind,
+    Parameter,
+    ParameterTable,
+    Settings,
+    lifecycle_parameters,
+    loop_parameters,
+    robot_parameters,
+)
+from denoc_ros.nodes.reference import ReferenceFollower
+from denoc_ros.nodes.robot_node import RobotNode, driven_joints
+from denoc_ros.nodes.sensor_outputs import SensorOutputs
+
+Array = NDArray[np.float64]
+CATCH_UP = 50  # steps at most per tick after a pause of the machine; more is time lost
+REFERENCE_GAP = 0.2  # s
+
+TABLE = ParameterTable(
+    [
+        *lifecycle_parameters(),
+        *robot_parameters(),
+        *loop_parameters(),
+        Parameter(
+            'joints',
+            Kind.STRINGS,
+            [],
+            'joints with a drive; empty: all (mimic joints are refused)',
+        ),
+        Parameter(
+            'command', Kind.STRING, '/feedforward/commands', 'topic of the commanded effort'
+        ),
+        Parameter(
+            'command_timeout',
+            Kind.DOUBLE,
+            math.inf,
+            'age after which the commanded effort counts as zero; until then it is held',
+            's',
+            positive=True,
+        ),
+        Parameter(
+            'brake',
+            Kind.BOOL,
+            True,
+            'the joints stay where they start until the first command comes',
+        ),
+        Parameter(
+            'enforce_effort_limits', Kind.BOOL, True, "drives saturate at the URDF's effort limits"
+        ),
+        Parameter('start', Kind.DOUBLES, [], 'joint positions at the start; empty: 0', 'rad, m'),
+        Parameter(
+            'start_deflection',
+            Kind.STRING,
+            'static',
+            'amplitudes at the start: in equilibrium, or zero',
+            choices=('static', 'zero'),
+        ),
+        Parameter(
+            'feedback.kp',
+            Kind.DOUBLES,
+            [0.0],
+            "the robot's own joint controller beside the commands: stiffness towards "
+            '`reference`, one or one per joint',
+            'N m/rad, N/m',
+            0.0,
+        ),
+        Parameter(
+            'feedback.kd',
+            Kind.DOUBLES,
+            [0.0],
+            "the robot's own joint controller: damping against the reference's rate",
+            'N m s/rad, N s/m',
+            0.0,
+        ),
+        Parameter(
+            'noise.position', Kind.DOUBLE, 0.0, 'deviation of measured positions', 'rad, m', 0.0
+        ),
+        Parameter(
+            'noise.velocity', Kind.DOUBLE, 0.0, 'deviation of measured rates', 'rad/s, m/s', 0.0
+        ),
+        Parameter('noise.effort', Kind.DOUBLE, 0.0, 'deviation of measured effort', 'N m, N', 0.0),
+        Parameter('noise.sensors', Kind.BOOL, True, "sensors have the noise of the URDF's block"),
+        Parameter('seed', Kind.INTEGER, 0, 'of the noise', '', 0),
+        Parameter(
+            'max_publishers',
+            Kind.INTEGER,
+            1,
+            'publishers allowed on an input topic; with more, all its messages are rejected',
+            '',
+            1,
+            100,
+        ),
+    ]
+)
+
+
+class PlantNode(RobotNode):
+    """Moves as the model says under the commanded effort and says what real sensors would."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('plant', TABLE, **options)
+        self._connected = False
+        self._description_out = self.create_publisher(String, 'robot_description', LATCHED)
+        self.offer('~/reset', self._reset)
+
+    # ---- configure
+
+    def prepare(self) -> None:
+        """Build stepper, start, drives and all messages; run each once."""
+        settings, robot = self.settings, self.robot
+        name = self.get_fully_qualified_name()
+        self.joints = driven_joints(robot, settings.texts('joints'), name)
+        self._refuse_mimics(name)
+        drives = [robot.joint_names.index(joint) for joint in self.joints]
+        self._index = np.ascontiguousarray(robot.joint_indices[drives])
+        self.stepper = Stepper(robot, self.period)
+        self.start = self._start(settings)
+        self.q, self.qd, self._tau = np.zeros((3, robot.n))
+        self._still = np.zeros(len(robot.joint_names))
+        self._prepare_drives(settings)
+        self._prepare_messages(settings)
+        self._reset_wanted = False
+        self._lost_steps = 0
+        self._brake = settings.flag('brake')
+        self._place()
+        # every path of the tick once, so that nothing compiles in the loop
+        self.stepper.driven(self.q, self.qd, self._still)
+        self.stepper.free(self.q, self.qd, self._tau)
+        self.deflections.evaluate(self.q, self.qd, out=(self._bent, self._bending))
+        self._place()
+        self._connect()
+        if settings.text('urdf_path'):
+            self._description_out.publish(String(data=robot.tree.source))
+
+    def _refuse_mimics(self, name: str) -> None:
+        mimics = [
+            body.joint.name
+            for body in self.robot.tree.bodies
+            if body.joint is not None and body.joint.mimic is not None
+        ]
+        if mimics:
+            raise ConfigError(
+                name,
+                [f'the simulated robot must have no mimic joints (in real time), got {mimics}'],
+            )
+
+    def _start(self, settings: Settings) -> Array:
+        """Return the state (n,) to start from."""
+        robot, count = self.robot, len(self.joints)
+        given = settings.numbers('start') or [0.0] * count
+        if len(given) != count:
+            raise ConfigError(
+                self.get_fully_qualified_name(),
+                [f"parameter 'start' must have {count} elements, got {len(given)}"],
+            )
+        q = np.zeros(robot.n)
+        q[self._index] = given
+        if settings.text('start_deflection') == 'static':
+            return robot.static_deflection(q[robot.joint_indices])
+        return q
+
+    def _prepare_drives(self, settings: Settings) -> None:
+        """Read gains and limits; make what reads commands and reference."""
+        count = len(self.joints)
+        self._kp, self._kd = (
+            self._per_joint(f'feedback.{key}', settings.numbers(f'feedback.{key}'))
+            for key in ('kp', 'kd')
+        )
+        self._has_feedback = bool(self._kp.any() or self._kd.any())
+        limits = {
+            body.joint.name: body.joint.limits.effort
+            for body in self.robot.tree.bodies
+            if body.joint is not None
+        }
+        enforce = settings.flag('enforce_effort_limits')
+        self._limit = np.array([limits[j] if enforce else math.inf for j in self.joints])
+        self._reader = CommandReader(self.joints)
+        self._command_timeout = settings.number('command_timeout')
+        self.follower = ReferenceFollower(count, REFERENCE_GAP)
+        self._wanted, self._wanted_rate, self._wanted_acceleration = np.zeros((3, count))
+        self.effort = np.zeros(count)
+
+    def _per_joint(self, name: str, values: list[float]) -> Array:
+        count = len(self.joints)
+        if len(values) not in (1, count):
+            raise ConfigError(
+                self.get_fully_qualified_name(),
+                [f"parameter '{name}' must have 1 or {count} elements, got {len(values)}"],
+            )
+        return np.array(values * count if len(values) == 1 else values)
+
+    def _prepare_messages(self, settings: Settings) -> None:
+        robot = self.robot
+        self.deflections = TipDeflections(robot.tree)
+        tips = len(self.deflections.names)
+        self._bent, self._bending = np.zeros((2, tips))
+        motion = ('position', 'velocity')
+        self._state_message = JointStateMessage(robot.joint_names, (*motion, 'effort'))
+        self._deflection_message = JointStateMessage(self.deflections.names, motion)
+        self._modal_message = JointStateMessage(robot.coordinate_names, motion)
+        self._state_out, self._deflection_out, self._modal_out = (
+            self.create_publisher(JointState, topic, STATE)
+            for topic in ('joint_states', '~/true_deflection', '~/true_modal_state')
+        )
+        self._all_index = np.ascontiguousarray(robot.joint_indices)
+        self._generator = np.random.default_rng(settings.integer('seed'))
+        self._noise = np.zeros(len(robot.joint_names))
+        self._deviations = tuple(
+            settings.number(f'noise.{what}') for what in ('position', 'velocity', 'effort')
+        )
+        self.sensors = SensorOutputs(
+            self, robot.tree, settings.flag('noise.sensors'), self._generator
+        )
+
+    def _connect(self) -> None:
+        """Subscribe, once: a node that is configured again keeps its subscriptions."""
+        if self._connected:
+            return
+        self._connected = True
+        self.command_input = self.listen(
+            Float64MultiArray, self.settings.text('command'), self._on_command
+        )
+        if self._has_feedback:
+            self.reference_input = self.listen(JointTrajectory, 'reference', self._on_reference)
+
+    def cleanup(self) -> None:
+        """Take the publishers down; the next configure makes them for its robot."""
+        for publisher in (self._state_out, self._deflection_out, self._modal_out):
+            self.destroy_publisher(publisher)
+        self.sensors.close(self)
+
+    # ---- inputs
+
+    def _on_command(self, raw: bytes) -> None:
+        self._reader.read(raw)
+        self.command_input.accept(0, time.perf_counter())
+
+    def _on_reference(self, raw: bytes) -> None:
+        message, now = read_trajectory(raw, self.joints), time.perf_counter()
+        self.reference_input.accept(message.stamp_ns, now)
+        self.follower.offer(message, now, self.stamp_ns())
+
+    def _reset(self) -> str:
+        """Go back to the start; the brake holds until the next command."""
+        if self.state in ('active', 'inactive'):
+            self.follower.clear()
+            self.command_input.reset()
+            self._reset_wanted = True
+        return 'back at the start'
+
+    # ---- loop
+
+    def begin(self) -> None:
+        """Start the clock of the drives."""
+        self._tick_time = time.perf_counter()
+
+    def _place(self) -> None:
+        self.q[:] = self.start
+        self.qd[:] = 0.0
+        self.effort[:] = 0.0
+
+    def tick(self, steps: int) -> None:
+        """Advance to now under the effort of the drives and publish what the sensors say."""
+        if self._reset_wanted:
+            self._reset_wanted = False
+            self._place()
+        braked = self._brake and not self.command_input.received
+        self._lost_steps += max(0, steps - CATCH_UP)
+        for _ in range(min(steps, CATCH_UP)):
+            self._tick_time += self.stepper.step
+            if braked:
+                self.stepper.driven(self.q, self.qd, self._still)
+            else:
+                self._drive()
+                self.stepper.free(self.q, self.qd, self._tau)
+        self._tick_time += self.stepper.step * max(0, steps - CATCH_UP)
+        self._publish(self.stamp_ns())
+
+    def _drive(self) -> None:
+        """Write the effort of the drives at the state: commands, feedback, saturation."""
+        effort = self.effort
+        if self.command_input.age(time.perf_counter()) > self._command_timeout:
+            effort[:] = 0.0
+        else:
+            effort[:] = self._reader.values
+        if self._has_feedback and self.follower.sample(
+            self._tick_time, self._wanted, self._wanted_rate, self._wanted_acceleration
+        ):
+            effort += self._kp * (self._wanted - self.q[self._index])
+            effort += self._kd * (self._wanted_rate - self.qd[self._index])
+        np.minimum(effort, self._limit, out=effort)
+        np.maximum(effort, -self._limit, out=effort)
+        self._tau[self._index] = effort
+
+    def _publish(self, stamp_ns: int) -> None:
+        q, qd, index, state = self.q, self.qd, self._all_index, self._state_message
+        state.position[:] = q[index]
+        state.velocity[:] = qd[index]
+        state.effort[:] = self._tau[index]
+        for values, deviation in zip(
+            (state.position, state.velocity, state.effort), self._deviations, strict=True
+        ):
+            if deviation > 0.0:
+                self._generator.standard_normal(out=self._noise)
+                self._noise *= deviation
+                values += self._noise
+        state.stamp(stamp_ns)
+        self._state_out.publish(state.bytes())
+        self.sensors.send(stamp_ns, q)
+        self.deflections.evaluate(q, qd, out=(self._bent, self._bending))
+        for message, publisher, position, rate in (
+            (self._deflection_message, self._deflection_out, self._bent, self._bending),
+            (self._modal_message, self._modal_out, q, qd),
+        ):
+            message.position[:] = position
+            message.velocity[:] = rate
+            message.stamp(stamp_ns)
+            publisher.publish(message.bytes())
+
+    # ---- diagnostics
+
+    def statuses(self) -> list[Status]:
+        """Return loop and simulation."""
+        found = super().statuses()
+        if self.state not in ('active', 'inactive'):
+            return found
+        braked = self._brake and not self.command_input.received
+        status = Status('plant', message='braked' if braked else 'moving')
+        status.values = {'lost_steps': self._lost_steps, 'braked': braked}
+        if self._lost_steps:
+            status.worsen(WARN, f'simulated time is {self._lost_steps} steps behind')
+        return [*found, status]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the node (console script `denoc-plant`)."""
+    sys.exit(run(PlantNode, arguments))
+
+
+if __name__ == '__main__':
+    main()

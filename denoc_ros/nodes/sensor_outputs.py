@@ -1,0 +1,106 @@
+"""The simulated robot's sensors as topics: raw values, as the real ones would send them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
+
+from denoc_ros.model.tree import Sensor, Tree
+from denoc_ros.nodes.base import STATE, DenocNode
+from denoc_ros.nodes.messages import CommandMessage, FloatMessage, JointStateMessage
+
+Array = NDArray[np.float64]
+
+
+class SensorOutputs:
+    """Publishes raw = (value + noise - offset) / gain of every sensor that has a topic.
+
+    A topic of one sensor without `field` is a Float64; one whose sensors have indices as fields
+    a Float64MultiArray; any other a JointState whose names are the fields (else the sensors').
+
+    Parameters
+    ----------
+    node : DenocNode
+    tree : Tree
+    noisy : bool
+        Whether each sensor's `noise` is added.
+    generator : numpy.random.Generator
+    """
+
+    def __init__(
+        self, node: DenocNode, tree: Tree, noisy: bool, generator: np.random.Generator
+    ) -> None:
+        sensors = [sensor for sensor in tree.sensors if sensor.topic]
+        n = sum(1 for body in tree.bodies if body.joint is not None) + sum(
+            sum(body.beam.modes) for body in tree.bodies if body.beam is not None
+        )
+        self._rows = np.zeros((len(sensors), n))
+        for row, sensor in zip(self._rows, sensors, strict=True):
+            start = _first_amplitude(tree, sensor.body)
+            row[start : start + len(sensor.row)] = sensor.row
+        self._gain = np.array([sensor.gain for sensor in sensors])
+        self._offset = np.array([sensor.offset for sensor in sensors])
+        self._deviation = np.array([sensor.noise if noisy else 0.0 for sensor in sensors])
+        self._noise, self._raw = np.zeros((2, len(sensors)))
+        self._generator = generator
+        self._topics = [
+            _Topic(node, topic, [(k, s) for k, s in enumerate(sensors) if s.topic == topic])
+            for topic in dict.fromkeys(sensor.topic for sensor in sensors)
+        ]
+
+    def send(self, stamp_ns: int, q: Array) -> None:
+        """Publish what the sensors read at the coordinates q (n,)."""
+        if not self._topics:
+            return
+        raw = self._raw
+        np.dot(self._rows, q, out=raw)
+        self._generator.standard_normal(out=self._noise)
+        self._noise *= self._deviation
+        raw += self._noise
+        raw -= self._offset
+        raw /= self._gain
+        for topic in self._topics:
+            topic.send(stamp_ns, raw)
+
+    def close(self, node: DenocNode) -> None:
+        """Destroy the publishers."""
+        for topic in self._topics:
+            node.destroy_publisher(topic.publisher)
+
+
+class _Topic:
+    """One topic: which raw values go where in which message."""
+
+    def __init__(self, node: DenocNode, topic: str, members: list[tuple[int, Sensor]]) -> None:
+        self._from = np.array([k for k, _ in members], dtype=np.intp)
+        fields = [sensor.field for _, sensor in members]
+        names = [sensor.field or sensor.name for _, sensor in members]
+        self._to = np.arange(len(members))
+        if fields == ['']:
+            single = FloatMessage()
+            self._message: FloatMessage | CommandMessage | JointStateMessage = single
+            self._values, kind = single.values, Float64
+        elif all(field.isdecimal() for field in fields):
+            self._to = np.array([int(field) for field in fields], dtype=np.intp)
+            array = CommandMessage([str(k) for k in range(int(self._to.max()) + 1)])
+            self._message, self._values, kind = array, array.values, Float64MultiArray
+        else:
+            state = JointStateMessage(names, ('position',))
+            self._message, self._values, kind = state, state.position, JointState
+        self.publisher = node.create_publisher(kind, topic, STATE)
+
+    def send(self, stamp_ns: int, raw: Array) -> None:
+        self._values[self._to] = raw[self._from]
+        self._message.stamp(stamp_ns)
+        self.publisher.publish(self._message.bytes())
+
+
+def _first_amplitude(tree: Tree, index: int) -> int:
+    """Return where a body's amplitudes begin among the coordinates."""
+    start = 0
+    for body in tree.bodies[:index]:
+        start += body.joint is not None
+        start += 0 if body.beam is None else sum(body.beam.modes)
+    return start + (tree.bodies[index].joint is not None)
