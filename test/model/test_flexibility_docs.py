@@ -1,0 +1,65 @@
+"""The reference for users: its example loads, its lists are complete."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from denoc_ros.errors import ModelError
+from denoc_ros.model.overrides import with_overrides
+from denoc_ros.model.urdf import load_tree
+
+TEXT = (Path(__file__).resolve().parents[2] / 'docs' / 'flexibility.md').read_text()
+EXAMPLE, LOOP = re.findall(r'```xml\n(.*?)```', TEXT, re.DOTALL)
+
+
+def test_the_example_loads_without_a_warning() -> None:
+    tree = load_tree(EXAMPLE)
+    assert tree.warnings == ()
+    assert [body.name for body in tree.bodies] == ['upper_arm', 'forearm', 'gripper']
+    modes = [body.beam.modes for body in tree.bodies if body.beam is not None]
+    assert modes == [(2, 2, 1), (2, 0, 0)]
+    assert [sensor.name for sensor in tree.sensors] == ['upper_arm_root', 'forearm_root']
+
+
+def test_the_loop_loads() -> None:
+    links = '<link name="coupler"/><link name="rocker"/>'
+    joint = (
+        '<joint name="j" type="continuous"><parent link="coupler"/><child link="rocker"/></joint>'
+    )
+    tree = load_tree(f'<robot name="r">{links}{joint}<flexibility>{LOOP}</flexibility></robot>')
+    assert tree.loops[0].name == 'tip_pin'
+    assert {'tip_pin/parent', 'tip_pin/child'} <= set(tree.frames)
+
+
+@pytest.mark.parametrize('element', ['beam', 'sensor', 'actuator', 'loop'])
+def test_every_attribute_of_the_block_is_in_the_reference(element: str) -> None:
+    """An unknown attribute is refused with a list of those there are."""
+    spoiled = (
+        f'<robot name="r"><link name="a"/><flexibility><{element} x="1"/></flexibility></robot>'
+    )
+    with pytest.raises(ModelError, match='attribute of') as caught:
+        load_tree(spoiled)
+    known = re.search(rf'attribute of <{element}> must be one of (.*?), got', str(caught.value))
+    assert known is not None
+    for name in known.group(1).split(', '):
+        assert re.search(rf'`{name}`|{name}="', TEXT), name
+
+
+def test_the_dotted_paths_of_the_reference_work() -> None:
+    odd: dict[str, float | str] = {
+        'polar_inertia': 1e-4,
+        'modes': 2,
+        'com': '0 0 0',
+        'inertia': '1 0 0 1 0 1',
+    }
+    paths = [path.replace('\\|', '|') for path in re.findall(r'\| `([a-z]+\.<[^`]*)`', TEXT)]
+    assert len(paths) == 4
+    for path in paths:
+        fields = path.rsplit('<', 1)[1].rstrip('>').split('|')
+        stem = path.rsplit('.', 1)[0].replace('<y|z>', 'y')
+        stem = stem.replace('<link>', 'upper_arm').replace('<name>', 'shoulder')
+        for field in fields:
+            with_overrides(EXAMPLE, {f'{stem}.{field}': odd.get(field, 0.01)})
