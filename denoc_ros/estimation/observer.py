@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.errors import StateError
+from denoc_ros.errors import SolverError, StateError
 from denoc_ros.estimation.tracking import TrackingFilter
 
 Array = NDArray[np.float64]
@@ -94,9 +94,9 @@ class Observer:
         The same, `horizon` ahead, after `predict`.
     time : float
         Time of the estimate [s]; NaN before the first measurement.
-    late, repeated, restarts : int
+    late, repeated, restarts, unsettled : int
         Measurements refused as too old, and as not newer than the last one; gaps that were not
-        integrated over.
+        integrated over; starts undeformed for want of an equilibrium.
     deflections : TipDeflections
         The tips' displacements from amplitudes.
     """
@@ -115,7 +115,7 @@ class Observer:
         self._ahead_steps = self._count_ahead()
         if self._ahead_steps:
             self._ahead = Stepper(robot.copy(), settings.horizon / self._ahead_steps)
-        self.late = self.repeated = self.restarts = 0
+        self.late = self.repeated = self.restarts = self.unsettled = 0
         self.reset()
 
     def _count_ahead(self) -> int:
@@ -171,6 +171,21 @@ class Observer:
         self._take_effort(effort)
         return True
 
+    def adopt(self, other: Observer) -> None:
+        """Go on from the state of another observer of a robot with the same coordinates."""
+        for mine, theirs in (
+            (self.q, other.q),
+            (self.qd, other.qd),
+            (self._tau, other._tau),
+            (self._filter.q, other._filter.q),
+            (self._filter.qd, other._filter.qd),
+            (self._filter.qdd, other._filter.qdd),
+        ):
+            mine[:] = theirs
+        self.time, self._stamp = other.time, other._stamp
+        self.late, self.repeated = other.late, other.repeated
+        self.restarts, self.unsettled = other.restarts, other.unsettled
+
     def take_effort(self, effort: Array) -> None:
         """Take efforts (joints,) [N m, N] in that came by another way than `measure`."""
         self._take_effort(effort)
@@ -182,7 +197,13 @@ class Observer:
     def _start(self, stamp: float, q: Array, qd: Array | None) -> None:
         self.time = self._stamp = stamp
         self._filter.reset(q, qd)
-        self.q[:] = self._robot.static_deflection(q)
+        self.q[:] = 0.0
+        self.q[self._joints] = q
+        try:
+            self.q[:] = self._robot.static_deflection(q)
+        except SolverError:
+            # no equilibrium at this posture (buckled): nothing is known of the amplitudes
+            self.unsettled += 1
         self.qd[:] = 0.0
         self.qd[self._joints] = self._filter.qd
 

@@ -1,0 +1,57 @@
+"""All joints of a robot from those that are measured: mimic joints follow their leaders."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.simulation.motion import mimic_ties
+
+Array = NDArray[np.float64]
+
+
+class JointTies:
+    """Maps arrays over the measured joints to arrays over all joints of the robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    joints : sequence of str
+        Those measured; mimic joints follow, any other stands still at 0.
+    """
+
+    def __init__(self, robot: Robot, joints: Sequence[str]) -> None:
+        names, ties = list(robot.joint_names), mimic_ties(robot)
+        self._matrix = np.zeros((len(names), len(joints)))
+        self._offset = np.zeros(len(names))
+        self._own = np.array([names.index(joint) for joint in joints], dtype=np.intp)
+        for row, name in enumerate(names):
+            leader, multiplier, offset = ties.get(name, (name, 1.0, 0.0))
+            self._offset[row] = offset
+            if leader in joints:
+                self._matrix[row, list(joints).index(leader)] = multiplier
+        self._plain = bool(np.array_equal(self._matrix, np.eye(len(names), len(joints))))
+
+    def positions(self, q: Array) -> Array:
+        """Return positions of all joints from those measured."""
+        return (
+            q.copy()
+            if self._plain
+            else np.asarray(self._matrix @ q + self._offset, dtype=np.float64)
+        )
+
+    def rates(self, qd: Array) -> Array:
+        """Return rates, or accelerations, of all joints from those measured."""
+        return qd.copy() if self._plain else np.asarray(self._matrix @ qd, dtype=np.float64)
+
+    def efforts(self, effort: Array) -> Array:
+        """Return efforts of all joints: zero where none is measured."""
+        if self._plain:
+            return effort.copy()
+        result: Array = np.zeros(len(self._offset))
+        result[self._own] = effort
+        return result

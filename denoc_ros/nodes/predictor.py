@@ -1,0 +1,341 @@
+"""The predictor node: measured joints in, estimated and predicted deflection out."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError, SolverError, StateError
+from denoc_ros.estimation.clock import StampClock
+from denoc_ros.estimation.observer import Observer, ObserverSettings
+from denoc_ros.nodes.base import NEWEST, STATE, run
+from denoc_ros.nodes.conversions import InputError, JointStateReader, read_trajectory
+from denoc_ros.nodes.diagnostics import WARN, Status
+from denoc_ros.nodes.joint_ties import JointTies
+from denoc_ros.nodes.markers import CentreLines
+from denoc_ros.nodes.parameters import Settings, Value
+from denoc_ros.nodes.predictor_outputs import PredictorOutputs
+from denoc_ros.nodes.predictor_parameters import TABLE
+from denoc_ros.nodes.reference import ReferenceFollower
+from denoc_ros.nodes.robot_node import OVERRIDES, RobotNode, driven_joints
+from denoc_ros.nodes.sensor_inputs import SensorInputs
+
+Array = NDArray[np.float64]
+Measurement = tuple[float, Array, Array | None, Array | None]
+QUEUE = 64  # measurements kept for a late tick
+SEARCH_PERIOD = 0.5  # s between looks for the sensors' topics
+OBSERVER_SETTINGS = (
+    'horizon',
+    'horizon_steps',
+    'cutoff',
+    'correction_cutoff',
+    'joint_state_timeout',
+)
+
+
+class PredictorNode(RobotNode):
+    """Estimates the deflection of every flexible link, now and `horizon` ahead."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('predictor', TABLE, **options)
+        self._connected = False
+        self.sensors = SensorInputs(self)
+        self.offer('~/reset', self._reset)
+        self.offer('~/tare', self._tare)
+        self.offer('~/reload_model', self._reload)
+
+    # ---- configure
+
+    def prepare(self) -> None:
+        """Build observer, inputs and messages; run everything of the tick once."""
+        settings, robot = self.settings, self.robot
+        name = self.get_fully_qualified_name()
+        if settings.text('strain') == 'fuse':
+            raise ConfigError(
+                name,
+                [
+                    "parameter 'strain' must be 'ignore' (fusing strain comes in a later "
+                    "version), got 'fuse'"
+                ],
+            )
+        self.joints = driven_joints(robot, settings.texts('joints'), name)
+        self.ties = JointTies(robot, self.joints)
+        frames = list(robot.tree.frames)
+        self.tip = settings.text('tip_frame') or frames[-1]
+        if self.tip not in frames:
+            raise ConfigError(
+                name,
+                [f"parameter 'tip_frame' must be one of {', '.join(frames)}, got {self.tip!r}"],
+            )
+        self.observer = self._build(robot, settings)
+        self._pending: tuple[Robot, Observer] | None = None
+        self._model_failures = 0
+        self._queue: deque[Measurement] = deque(maxlen=QUEUE)
+        self._reset_wanted = False
+        self._stamps = StampClock()
+        self._now = float('nan')
+        self.follower = ReferenceFollower(len(self.joints), settings.number('reference_timeout'))
+        self._wanted = np.zeros((3, len(self.joints)))
+        self._reader = JointStateReader(
+            self.joints, settings.flag('allow_extra_joints'), robot.joint_names
+        )
+        self._effort_reader = JointStateReader(self.joints)
+        self.by_torque = settings.text('source') == 'torque'
+        self.by_command = settings.text('effort_source') == 'commanded'
+        self.base_frame = next(f for f, place in robot.tree.frames.items() if place.body < 0)
+        self.outputs = PredictorOutputs(
+            self, robot, self.observer.deflections.names, self.base_frame
+        )
+        self.sensors.update(robot.tree)
+        self._lines = CentreLines(robot.copy(), self.base_frame)
+        self._rehearse()
+        self._connect()
+
+    def _build(self, robot: Robot, settings: Settings) -> Observer:
+        observer = Observer(
+            robot,
+            ObserverSettings(
+                step=self.period,
+                source=settings.text('source'),
+                cutoff=settings.number('cutoff'),
+                correction_cutoff=settings.number('correction_cutoff'),
+                horizon=settings.number('horizon'),
+                horizon_steps=settings.integer('horizon_steps'),
+                max_age=settings.number('joint_state_timeout'),
+            ),
+        )
+        count = len(robot.joint_names)
+        still = np.zeros(count)
+        observer.measure(0.0, still, still, still)
+        observer.tick(2.0 * self.period)
+        observer.predict()
+        observer.reset()
+        return observer
+
+    def _rehearse(self) -> None:
+        """Run what the tick and the timers call once, so that nothing compiles in the loop."""
+        zero = np.zeros(self.robot.n)
+        self.observer.deflections.evaluate(zero, zero)
+        self.robot.frame_pose(self.tip, zero)
+        self.robot.sensor_values(zero)
+        self._lines.message(zero, 0)
+
+    def _connect(self) -> None:
+        """Subscribe and set timers, once."""
+        if self._connected:
+            return
+        self._connected = True
+        self.joint_input = self.listen(JointState, 'joint_states', self._on_joint_state)
+        self.reference_input = self.listen(JointTrajectory, 'reference', self._on_reference)
+        if self.by_torque and self.by_command:
+            topic = self.settings.text('effort_topic')
+            self.effort_input = self.listen(JointState, topic, self._on_effort, NEWEST)
+        self.create_timer(SEARCH_PERIOD, self._search, clock=self.steady_clock)
+        if rate := self.settings.number('marker_rate'):
+            self._markers = self.create_publisher(MarkerArray, '~/markers', STATE)
+            self.create_timer(1.0 / rate, self._draw, clock=self.steady_clock)
+
+    def cleanup(self) -> None:
+        """Take the publishers down; the next configure makes them for its robot."""
+        self.outputs.close()
+
+    # ---- inputs: callbacks only store, the tick consumes
+
+    def _on_joint_state(self, raw: bytes) -> None:
+        reader, now = self._reader, time.perf_counter()
+        reader.read(raw)
+        measured = self.by_torque and not self.by_command
+        if measured and not reader.has_effort:
+            raise InputError(
+                'missing_effort', "effort must be given for 'source: torque', got none"
+            )
+        self.joint_input.accept(reader.stamp_ns, now)
+        taken = self._stamps.taken_at(1e-9 * reader.stamp_ns, now, 1e-9 * self.stamp_ns())
+        ties = self.ties
+        self._queue.append(
+            (
+                taken,
+                ties.positions(reader.position),
+                ties.rates(reader.velocity) if reader.has_velocity else None,
+                ties.efforts(reader.effort) if measured else None,
+            )
+        )
+
+    def _on_effort(self, raw: bytes) -> None:
+        reader = self._effort_reader
+        reader.read(raw)
+        if not reader.has_effort:
+            raise InputError('missing_effort', 'effort must be given, got none')
+        self.effort_input.accept(reader.stamp_ns, time.perf_counter())
+        self.observer.take_effort(self.ties.efforts(reader.effort))
+
+    def _on_reference(self, raw: bytes) -> None:
+        message, now = read_trajectory(raw, self.joints), time.perf_counter()
+        self.reference_input.accept(message.stamp_ns, now)
+        measured = self._reader.position if self.joint_input.received else None
+        self.follower.offer(message, now, self.stamp_ns(), measured)
+
+    def _reference(self, t: float) -> tuple[Array, Array, Array]:
+        """Return what all joints are to do at steady time `t`."""
+        q, qd, qdd = self._wanted
+        self.follower.sample(t, q, qd, qdd)
+        ties = self.ties
+        return ties.positions(q), ties.rates(qd), ties.rates(qdd)
+
+    # ---- loop
+
+    def begin(self) -> None:
+        """Start anew from the next measurement."""
+        self._queue.clear()
+        self._stamps.reset()
+        self.observer.reset()
+        self._now = time.perf_counter()
+
+    def tick(self, steps: int) -> None:
+        """Take the measurements in, go on to now and publish."""
+        self._now += steps * self.observer.settings.step
+        observer = self._swap()
+        while self._queue:
+            observer.measure(*self._queue.popleft())
+        try:
+            observer.tick(self._now)
+            if observer.started and not observer.stale:
+                self._publish(observer)
+        except (StateError, SolverError):
+            # the estimate has left all bounds: better none than that
+            self._model_failures += 1
+            observer.reset()
+
+    def _publish(self, observer: Observer) -> None:
+        stamp_ns = self.stamp_ns() - round(1e9 * (time.perf_counter() - observer.time))
+        outputs, q, qd = self.outputs, observer.q, observer.qd
+        outputs.send_state(stamp_ns, q, qd, observer.deflections)
+        outputs.send_pose(stamp_ns, self.robot.frame_pose(self.tip, q))
+        horizon = observer.settings.horizon
+        if horizon > 0.0:
+            follow = self._follows(observer.time)
+            q_ahead, qd_ahead = observer.predict(self._reference if follow else None)
+            ahead_ns = stamp_ns + round(1e9 * horizon)
+            outputs.send_ahead(ahead_ns, q_ahead, qd_ahead, observer.deflections)
+        if self.sensors.fresh:
+            self.sensors.fresh = False
+            predicted = self.robot.sensor_values(q, qd)[self.sensors.places]
+            outputs.send_residual(stamp_ns, self.sensors, predicted)
+
+    def _follows(self, now: float) -> bool:
+        """Say whether there is a reference that the joints are on."""
+        if not self.follower.given or self.follower.finished(now):
+            return False
+        return self.follower.age(now) <= self.settings.number('reference_timeout')
+
+    def _swap(self) -> Observer:
+        """Take over a changed model between two ticks."""
+        pending = self._pending
+        if pending is not None:
+            self._pending = None
+            robot, observer = pending
+            observer.adopt(self.observer)
+            self.robot, self.observer = robot, observer
+            self.sensors.update(robot.tree)
+        if self._reset_wanted:
+            self._reset_wanted = False
+            self.observer.reset()
+        return self.observer
+
+    # ---- beside the loop
+
+    def _search(self) -> None:
+        if self.state in ('active', 'inactive'):
+            self.sensors.search()
+
+    def _draw(self) -> None:
+        """Publish the deflected centre lines while anybody listens."""
+        active = self.state == 'active' and self.observer.started
+        if active and self._markers.get_subscription_count():
+            self._markers.publish(self._lines.message(self.observer.q.copy(), self.stamp_ns()))
+
+    def _reset(self) -> str:
+        """Forget state, reference and stamps."""
+        if self.state in ('active', 'inactive'):
+            self.follower.clear()
+            self._stamps.reset()
+            self._reset_wanted = True
+        for monitor in self.monitors:
+            monitor.reset()
+        return 'reset: starts from the next joint state'
+
+    def _tare(self) -> str:
+        """Take what the sensors show beyond the prediction for their offset."""
+        if self.state != 'active' or not self.observer.started:
+            raise ConfigError(self.get_name(), ['the node must have joint states to tare by'])
+        predicted = self.robot.copy().sensor_values(self.observer.q.copy())
+        names = self.sensors.tare(predicted[self.sensors.places])
+        if not names:
+            raise ConfigError(self.get_name(), ['a sensor must have been heard to be tared'])
+        return f'tared: {", ".join(names)}'
+
+    def _reload(self) -> str:
+        """Read the robot again; its coordinates must be the same."""
+        if self.state not in ('active', 'inactive'):
+            raise ConfigError(self.get_name(), ['the node must be configured to reload its model'])
+        self._replace(self.load(self.settings), self.settings)
+        return 'model reloaded'
+
+    def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
+        """Take changes of the model and of the observer over between two ticks."""
+        if self.state not in ('active', 'inactive'):
+            return
+        of_model = any(name.split('.')[0] in OVERRIDES for name in changes)
+        if of_model or any(name in OBSERVER_SETTINGS for name in changes):
+            self._replace(self.load(settings) if of_model else self.robot, settings)
+
+    def _replace(self, robot: Robot, settings: Settings) -> None:
+        if tuple(robot.coordinate_names) != tuple(self.robot.coordinate_names):
+            raise ConfigError(
+                self.get_fully_qualified_name(),
+                [f'the robot must keep its coordinates, got {list(robot.coordinate_names)}'],
+            )
+        observer = self._build(robot, settings)
+        self._lines = CentreLines(robot.copy(), self.base_frame)
+        self._pending = robot, observer
+
+    # ---- diagnostics
+
+    def statuses(self) -> list[Status]:
+        """Return loop and observer."""
+        found = super().statuses()
+        if self.state not in ('active', 'inactive'):
+            return found
+        observer = self.observer
+        status = Status('observer', message='estimating')
+        status.values = {
+            'late': observer.late,
+            'repeated': observer.repeated,
+            'restarts': observer.restarts,
+            'model_failures': self._model_failures,
+            'sensors_heard': int(np.count_nonzero(np.isfinite(self.sensors.values))),
+        }
+        if not observer.started:
+            status.worsen(WARN, 'no joint_states yet')
+        elif observer.stale:
+            status.worsen(WARN, 'stale joint_states: nothing is published')
+        return [*found, status]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the node (console script `denoc-predictor`)."""
+    sys.exit(run(PredictorNode, arguments))
+
+
+if __name__ == '__main__':
+    main()

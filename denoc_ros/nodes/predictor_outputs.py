@@ -1,0 +1,122 @@
+"""What the predictor publishes every tick, as prebuilt messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+
+from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.nodes.base import STATE, DenocNode
+from denoc_ros.nodes.messages import JointStateMessage, PoseMessage
+from denoc_ros.nodes.sensor_inputs import SensorInputs
+
+Array = NDArray[np.float64]
+MOTION = ('position', 'velocity')
+
+
+class PredictorOutputs:
+    """Publishers and messages of tip deflections, tip pose, modal state and residuals.
+
+    Parameters
+    ----------
+    node : DenocNode
+        It publishes.
+    robot : Robot
+        Names the coordinates.
+    names : sequence of str
+        Of the deflections.
+    base_frame : str
+        Of the pose's header.
+    """
+
+    def __init__(
+        self, node: DenocNode, robot: Robot, names: Sequence[str], base_frame: str
+    ) -> None:
+        self._node = node
+        self._deflection = JointStateMessage(names, MOTION)
+        self._ahead = JointStateMessage(names, MOTION)
+        self._modal = JointStateMessage(robot.coordinate_names, MOTION)
+        self._pose = PoseMessage(base_frame)
+        self._residual = JointStateMessage((), ('position',))
+        self._heard: tuple[str, ...] = ()
+        self._publishers: dict[str, Any] = {
+            topic: node.create_publisher(JointState, f'~/{topic}', STATE)
+            for topic in (
+                'tip_deflection',
+                'tip_deflection_predicted',
+                'modal_state',
+                'sensor_residual',
+            )
+        }
+        self._publishers['tip_pose'] = node.create_publisher(PoseStamped, '~/tip_pose', STATE)
+
+    def close(self) -> None:
+        """Destroy the publishers."""
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+
+    def send_state(self, stamp_ns: int, q: Array, qd: Array, deflections: TipDeflections) -> None:
+        """Publish tip deflections and modal state."""
+        message, modal = self._deflection, self._modal
+        deflections.evaluate(q, qd, out=(message.position, message.velocity))
+        self._send('tip_deflection', message, stamp_ns)
+        modal.position[:] = q
+        modal.velocity[:] = qd
+        self._send('modal_state', modal, stamp_ns)
+
+    def send_ahead(self, stamp_ns: int, q: Array, qd: Array, deflections: TipDeflections) -> None:
+        """Publish predicted tip deflections; the stamp is the time they are for."""
+        message = self._ahead
+        deflections.evaluate(q, qd, out=(message.position, message.velocity))
+        self._send('tip_deflection_predicted', message, stamp_ns)
+
+    def send_pose(self, stamp_ns: int, pose: Array) -> None:
+        """Publish the pose (4, 4) of the deflected end effector."""
+        self._pose.values[:3] = pose[:3, 3]
+        self._pose.values[3:] = quaternion(pose[:3, :3])
+        self._send('tip_pose', self._pose, stamp_ns)
+
+    def send_residual(self, stamp_ns: int, sensors: SensorInputs, predicted: Array) -> None:
+        """Publish measured minus predicted of the sensors heard so far."""
+        gap = sensors.values - predicted
+        heard = np.isfinite(gap)
+        names = tuple(
+            s.name for s, has in zip(sensors.sensors, heard.tolist(), strict=True) if has
+        )
+        if names != self._heard:
+            self._heard = names
+            self._residual = JointStateMessage(names, ('position',))
+        self._residual.position[:] = gap[heard]
+        self._send('sensor_residual', self._residual, stamp_ns)
+
+    def _send(self, topic: str, message: JointStateMessage | PoseMessage, stamp_ns: int) -> None:
+        message.stamp(stamp_ns)
+        self._publishers[topic].publish(message.bytes())
+
+
+def quaternion(rotation: Array) -> Array:
+    """Return the unit quaternion x, y, z, w (w >= 0 or the first other > 0) of a rotation (3, 3).
+
+    Notes
+    -----
+    The column of largest norm of 4 q q^T, which never divides by a small number.
+    """
+    r = rotation
+    xx, yy, zz = r[0, 0], r[1, 1], r[2, 2]
+    outer = np.array(
+        [
+            [1 + xx - yy - zz, r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
+            [r[0, 1] + r[1, 0], 1 - xx + yy - zz, r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
+            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], 1 - xx - yy + zz, r[1, 0] - r[0, 1]],
+            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], 1 + xx + yy + zz],
+        ]
+    )
+    column = outer[:, int(np.argmax(np.diag(outer)))]
+    column /= np.linalg.norm(column)
+    return np.asarray(-column if column[3] < 0.0 else column)

@@ -1,0 +1,116 @@
+"""The predictor node's parameters."""
+
+from __future__ import annotations
+
+from denoc_ros.estimation.observer import SOURCES
+from denoc_ros.nodes.parameters import (
+    Kind,
+    Parameter,
+    ParameterTable,
+    input_parameters,
+    lifecycle_parameters,
+    loop_parameters,
+    robot_parameters,
+)
+
+TABLE = ParameterTable(
+    [
+        *lifecycle_parameters(),
+        *robot_parameters(),
+        *loop_parameters(),
+        *input_parameters(),
+        Parameter(
+            'joints',
+            Kind.STRINGS,
+            [],
+            'joints that are measured, the others stand still at 0; empty: all but mimic joints',
+        ),
+        Parameter(
+            'allow_extra_joints',
+            Kind.BOOL,
+            False,
+            'take joint states that also have joints the robot does not have',
+        ),
+        Parameter(
+            'source',
+            Kind.STRING,
+            'joints',
+            'joints: measured joint motion drives the amplitudes; torque: forward dynamics from '
+            'the effort, joints corrected by measurement',
+            choices=SOURCES,
+        ),
+        Parameter(
+            'effort_source',
+            Kind.STRING,
+            'measured',
+            "effort of `source: torque`: joint_states' own, or what `effort_topic` commands",
+            choices=('measured', 'commanded'),
+        ),
+        Parameter(
+            'effort_topic',
+            Kind.STRING,
+            '/feedforward/effort',
+            'topic of the commanded effort',
+        ),
+        Parameter(
+            'strain',
+            Kind.STRING,
+            'ignore',
+            'ignore: sensors only show in `~/sensor_residual`; fuse: refused, a later version',
+            choices=('ignore', 'fuse'),
+        ),
+        Parameter(
+            'horizon',
+            Kind.DOUBLE,
+            0.0,
+            'how far ahead `~/tip_deflection_predicted` is; 0 = not published',
+            's',
+            0.0,
+            2.0,
+            live=True,
+        ),
+        Parameter(
+            'horizon_steps',
+            Kind.INTEGER,
+            10,
+            'steps at most in which the prediction goes there',
+            '',
+            1,
+            1000,
+            live=True,
+        ),
+        Parameter(
+            'cutoff',
+            Kind.DOUBLE,
+            50.0,
+            'bandwidth of the filter on measured joint motion',
+            'Hz',
+            positive=True,
+            live=True,
+        ),
+        Parameter(
+            'correction_cutoff',
+            Kind.DOUBLE,
+            10.0,
+            'bandwidth at which measured joints correct those of `source: torque`',
+            'Hz',
+            positive=True,
+            live=True,
+        ),
+        Parameter(
+            'tip_frame',
+            Kind.STRING,
+            '',
+            'link whose pose is `~/tip_pose`; empty: the last link of the file',
+        ),
+        Parameter(
+            'marker_rate',
+            Kind.DOUBLE,
+            20.0,
+            'rate of `~/markers` while anybody listens; 0 = off',
+            'Hz',
+            0.0,
+            30.0,
+        ),
+    ]
+)

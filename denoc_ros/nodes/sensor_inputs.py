@@ -1,0 +1,188 @@
+"""Strain gauges and load cells as topics: found by name, read by the type they have."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
+
+from denoc_ros.model.tree import Sensor, Tree
+from denoc_ros.nodes.base import DenocNode
+from denoc_ros.nodes.conversions import CdrReader, InputError
+from denoc_ros.nodes.safety import InputMonitor
+
+Array = NDArray[np.float64]
+
+WRENCH_FIELDS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
+
+
+def read_float(raw: bytes, _sensor: Sensor, _wrench_field: str) -> tuple[int, float]:
+    """Return stamp [ns], 0 as it has none, and raw value of a Float64."""
+    return 0, CdrReader(raw).float64()
+
+
+def read_array(raw: bytes, sensor: Sensor, _wrench_field: str) -> tuple[int, float]:
+    """Return stamp [ns], 0 as it has none, and the sensor's element of a Float64MultiArray."""
+    reader = CdrReader(raw)
+    labels = []
+    for _ in range(reader.count()):
+        labels.append(reader.string())
+        reader.uint32()
+        reader.uint32()
+    reader.uint32()
+    values = reader.doubles()
+    field = sensor.field or '0'
+    names = labels[0].split(',') if labels else []
+    if field in names:
+        place = names.index(field)
+    elif field.isdecimal():
+        place = int(field)
+    else:
+        raise InputError('missing_field', f'layout must label an element {field!r}, got {names}')
+    if place >= len(values):
+        raise InputError('wrong_length', f'data must have element {place}, got {len(values)}')
+    return 0, float(values[place])
+
+
+def read_joint_state(raw: bytes, sensor: Sensor, _wrench_field: str) -> tuple[int, float]:
+    """Return stamp [ns] and the position (effort if it has none) under the sensor's name."""
+    reader = CdrReader(raw)
+    stamp_ns = reader.stamp_ns()
+    reader.string()
+    names = reader.strings()
+    position, _, effort = reader.doubles(), reader.doubles(), reader.doubles()
+    wanted = sensor.field or sensor.name
+    if wanted not in names:
+        raise InputError('missing_field', f'name must contain {wanted!r}, got {names}')
+    values = position if len(position) else effort
+    place = names.index(wanted)
+    if place >= len(values):
+        raise InputError('wrong_length', f'position must have {len(names)} elements')
+    return stamp_ns, float(values[place])
+
+
+def read_wrench(raw: bytes, _sensor: Sensor, wrench_field: str) -> tuple[int, float]:
+    """Return stamp [ns] and the component that the load cell measures of a WrenchStamped."""
+    reader = CdrReader(raw)
+    stamp_ns = reader.stamp_ns()
+    reader.string()
+    values = [reader.float64() for _ in WRENCH_FIELDS]
+    return stamp_ns, values[WRENCH_FIELDS.index(wrench_field)]
+
+
+Reader = Callable[[bytes, Sensor, str], tuple[int, float]]
+Member = tuple[int, Sensor, str]  # place, sensor, component of a wrench
+READERS: dict[str, tuple[type, Reader]] = {
+    'std_msgs/msg/Float64': (Float64, read_float),
+    'std_msgs/msg/Float64MultiArray': (Float64MultiArray, read_array),
+    'sensor_msgs/msg/JointState': (JointState, read_joint_state),
+    'geometry_msgs/msg/WrenchStamped': (WrenchStamped, read_wrench),
+}
+
+
+def wrench_field(sensor: Sensor, tree: Tree) -> str:
+    """Return which component of a wrench a load cell measures: its `field`, else by direction."""
+    if sensor.field in WRENCH_FIELDS:
+        return sensor.field
+    beam = tree.bodies[sensor.body].beam
+    bends_y = beam is not None and bool(np.any(sensor.row[: beam.modes[0]]))
+    if sensor.component == 'shear':
+        return 'force.y' if bends_y else 'force.z'
+    return 'torque.z' if bends_y else 'torque.y'
+
+
+class SensorInputs:
+    """The robot's sensors as inputs of a node.
+
+    Parameters
+    ----------
+    node : DenocNode
+        It subscribes.
+
+    Attributes
+    ----------
+    sensors : tuple of Sensor
+        Those with a topic, in file order.
+    places : (k,) array of int
+        Where they stand among all the robot's sensors.
+    values : (k,) array
+        Newest calibrated values, tare taken off; NaN where none came yet.
+    fresh : bool
+        Whether a value has come since the reader last set this to False.
+    """
+
+    def __init__(self, node: DenocNode) -> None:
+        self._node = node
+        self.sensors: tuple[Sensor, ...] = ()
+        self.places = np.zeros(0, dtype=np.intp)
+        self.values: Array = np.zeros(0)
+        self.fresh = False
+        self._tare = np.zeros(0)
+        self._members: dict[str, list[Member]] = {}
+        self._subscribed: set[str] = set()
+        self._refused: set[str] = set()
+
+    def update(self, tree: Tree) -> None:
+        """Take the sensors of a model; subscriptions stay, values and tare begin anew."""
+        chosen = [k for k, sensor in enumerate(tree.sensors) if sensor.topic]
+        self.fresh = False
+        self.places = np.array(chosen, dtype=np.intp)
+        self.sensors = tuple(tree.sensors[k] for k in chosen)
+        self.values, self._tare = np.full(len(chosen), np.nan), np.zeros(len(chosen))
+        members: dict[str, list[Member]] = {}
+        for place, sensor in enumerate(self.sensors):
+            topic = self._node.resolve_topic_name(sensor.topic)
+            members.setdefault(topic, []).append((place, sensor, wrench_field(sensor, tree)))
+        self._members = members
+
+    def search(self) -> None:
+        """Subscribe to the topics that have appeared since the last call."""
+        if self._subscribed.issuperset(self._members):
+            return
+        for topic, types in self._node.get_topic_names_and_types():
+            if topic not in self._members or topic in self._subscribed:
+                continue
+            known = [name for name in types if name in READERS]
+            if known:
+                self._subscribe(topic, known[0])
+            elif topic not in self._refused:
+                self._refused.add(topic)
+                self._node.get_logger().error(
+                    f'sensor topic {topic}: type must be one of {", ".join(READERS)}, got {types}'
+                )
+
+    def tare(self, predicted: Array) -> list[str]:
+        """Take off what the sensors show beyond `predicted` (k,); return the sensors' names."""
+        gap = self.values - predicted
+        heard = np.isfinite(gap)
+        self._tare[heard] += gap[heard]
+        self.values[heard] = predicted[heard]
+        return [s.name for s, has in zip(self.sensors, heard, strict=True) if has]
+
+    def _subscribe(self, topic: str, type_name: str) -> None:
+        self._subscribed.add(topic)
+        message_type, reader = READERS[type_name]
+        watch: list[InputMonitor] = []
+
+        def handle(raw: bytes) -> None:
+            self._take(raw, reader, self._members.get(topic, []), watch[0])
+
+        watch.append(self._node.listen(message_type, topic, handle))
+
+    def _take(
+        self, raw: bytes, reader: Reader, members: Sequence[Member], monitor: InputMonitor
+    ) -> None:
+        read = [reader(raw, sensor, field) for _, sensor, field in members]
+        for (_, sensor, _), (_, value) in zip(members, read, strict=True):
+            if not math.isfinite(value):
+                raise InputError('non_finite', f'{sensor.name} must be finite, got {value}')
+        monitor.accept(read[0][0] if read else 0, time.perf_counter())
+        for (place, sensor, _), (_, value) in zip(members, read, strict=True):
+            self.values[place] = sensor.gain * value + sensor.offset - self._tare[place]
+        self.fresh = True
