@@ -1,0 +1,81 @@
+"""What is no XML of a robot, or abuses XML, is refused before it is read."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from denoc_ros.errors import ModelError
+from denoc_ros.model.source import LARGEST_TEXT
+from denoc_ros.model.urdf import load_tree
+
+Spoil = Callable[[str, str], str]
+
+BILLION_LAUGHS = """<?xml version="1.0"?>
+<!DOCTYPE robot [<!ENTITY a "lol"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">
+<!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;"><!ENTITY d "&c;&c;&c;&c;&c;&c;&c;&c;">]>
+<robot name="&d;"><link name="base"/></robot>"""
+EXTERNAL = """<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/hostname">]>
+<robot name="a"><link name="base"/>&x;</robot>"""
+
+
+@pytest.mark.parametrize('bomb', [BILLION_LAUGHS, EXTERNAL, '<!ENTITY a "b"><robot/>'])
+def test_entities_are_refused_before_any_parser(bomb: str) -> None:
+    with pytest.raises(ModelError, match='the XML must have no DOCTYPE and no entities'):
+        load_tree(bomb)
+
+
+def test_a_doctype_in_another_encoding_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'hidden.urdf'
+    path.write_bytes(EXTERNAL.encode('utf-16'))
+    with pytest.raises(ModelError, match='UTF-8'):
+        load_tree(path)
+    declared = '<?xml version="1.0" encoding="UTF-7"?>+ADw-!DOCTYPE robot+AD4-<robot name="a"/>'
+    with pytest.raises(ModelError, match='must be well-formed'):
+        load_tree(declared)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('<robot name="a"><link name="b"></robot>', 'the XML must be well-formed, got: '),
+        ('<robot name="a"/>', 'robot: links must be at least one, got none'),
+        ('<sdf name="a"/>', 'the root element must be <robot>, got <sdf>'),
+        ('<robot name="a">\0</robot>', 'the XML must be well-formed'),
+        ('<' * 100, 'the XML must be well-formed'),
+    ],
+)
+def test_malformed_text_is_refused(text: str, message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        load_tree(text)
+
+
+def test_an_error_names_the_file(tmp_path: Path, spoiled: Spoil) -> None:
+    path = tmp_path / 'arm.urdf'
+    path.write_text(spoiled('ei="1.0e5"', 'ei="-3.2"'))
+    with pytest.raises(ModelError, match=r"arm\.urdf: beam 'upper_arm': ei"):
+        load_tree(path)
+    with pytest.raises(ModelError, match='the file must be readable, got: No such file'):
+        load_tree(tmp_path / 'none.urdf')
+    with pytest.raises(ModelError, match='the file must be readable, got: Is a directory'):
+        load_tree(str(tmp_path))
+
+
+def test_a_huge_file_is_refused_without_reading_it_all(tmp_path: Path) -> None:
+    path = tmp_path / 'huge.urdf'
+    with path.open('wb') as file:
+        file.write(b'<robot name="a">')
+        file.truncate(1 << 36)
+    start = time.monotonic()
+    with pytest.raises(ModelError, match=f'at most {LARGEST_TEXT} bytes'):
+        load_tree(path)
+    assert time.monotonic() - start < 10.0
+
+
+def test_deep_nesting_is_refused() -> None:
+    deep = '<robot name="a">' + '<link>' * 100000 + '</link>' * 100000 + '</robot>'
+    with pytest.raises(ModelError, match='must be well-formed'):
+        load_tree(deep)
