@@ -1,0 +1,105 @@
+"""What keeps a robot safe, without ROS."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from denoc_ros.nodes.conversions import InputError
+from denoc_ros.nodes.safety import InputMonitor, SafeCommand, TorqueLimiter, effort_limits
+
+ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True, width=64)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(ANY_FLOAT, ANY_FLOAT), min_size=1, max_size=20))
+def test_only_finite_torque_within_limits_and_rate_ever_leaves(
+    torques: list[tuple[float, float]],
+) -> None:
+    limits = np.array([5.0, 0.5])
+    limiter = TorqueLimiter(limits, max_delta=0.3)
+    before = np.zeros(2)
+    for torque in torques:
+        after = limiter.apply(np.array(torque)).copy()
+        assert np.isfinite(after).all()
+        assert (np.abs(after) <= limits).all()
+        assert (np.abs(after - before) <= 0.3 + 1e-12).all()
+        before = after
+
+
+def test_torque_within_everything_passes_unchanged_and_uncounted() -> None:
+    limiter = TorqueLimiter(np.array([10.0, 10.0]), max_delta=8.0)
+    for torque in ([3.3, -0.1], [-4.4, 7.7]):
+        np.testing.assert_allclose(limiter.apply(np.array(torque)), torque, rtol=1e-15)
+    assert limiter.clamped.sum() == 0
+    limiter.apply(np.array([20.0, 7.7]))
+    assert limiter.clamped.tolist() == [1, 0]
+
+
+def test_non_finite_torque_is_counted_and_the_last_one_leaves_again() -> None:
+    limiter = TorqueLimiter(np.full(1, math.inf), math.inf)
+    limiter.apply(np.array([2.0]))
+    assert limiter.apply(np.array([np.nan]))[0] == 2.0
+    assert limiter.non_finite == 1
+
+
+@pytest.mark.parametrize(
+    ('action', 'at_half', 'at_end'),
+    [('hold', 4.0, 4.0), ('zero', 0.0, 0.0), ('ramp_to_gravity', 3.0, 2.0)],
+)
+def test_safe_command_goes_where_its_action_says(
+    action: str, at_half: float, at_end: float
+) -> None:
+    safe, gravity = SafeCommand(action, 0.5, 1), np.array([2.0])
+    safe.begin(10.0, np.array([4.0]))
+    safe.begin(10.1, np.array([99.0]))  # already active: no new start
+    for time, expected in ((10.25, at_half), (11.0, at_end)):
+        torque = safe.torque(time, gravity)
+        assert torque is not None
+        assert torque[0] == pytest.approx(expected)
+    assert safe.settled(10.5)
+    safe.end()
+    assert not safe.active
+
+
+def test_stop_publishing_is_silent() -> None:
+    safe = SafeCommand('stop_publishing', 0.5, 1)
+    safe.begin(0.0, np.array([4.0]))
+    assert safe.torque(1.0, np.array([2.0])) is None
+    with pytest.raises(ValueError, match='stale_action must be one of'):
+        SafeCommand('panic', 0.5, 1)
+
+
+def test_a_stamp_that_goes_back_is_refused_until_reset() -> None:
+    monitor = InputMonitor('joint_states')
+    monitor.accept(100, now=1.0)
+    monitor.accept(100, now=1.1)
+    with pytest.raises(InputError, match='must not go back') as caught:
+        monitor.accept(99, now=1.2)
+    assert caught.value.cause == 'backwards_stamp'
+    assert monitor.age(1.3) == pytest.approx(0.2)
+    monitor.reset()
+    assert not monitor.received
+    assert monitor.age(1.3) == math.inf
+    monitor.accept(1, now=2.0)
+    assert monitor.accepted == 3
+
+
+def test_more_publishers_than_allowed_are_refused() -> None:
+    monitor = InputMonitor('reference', max_publishers=2)
+    monitor.check_publishers(2)
+    with pytest.raises(InputError, match='at most 2 publishers, got 3'):
+        monitor.check_publishers(3)
+
+
+def test_effort_limits_are_the_models_unless_given_or_not_enforced() -> None:
+    joints = ['a', 'b']
+    assert effort_limits([], [1.0, 2.0], joints, True).tolist() == [1.0, 2.0]
+    assert effort_limits([3.0, 4.0], [1.0, 2.0], joints, True).tolist() == [3.0, 4.0]
+    assert effort_limits([3.0, 4.0], [1.0, 2.0], joints, False).tolist() == [math.inf] * 2
+    with pytest.raises(ValueError, match='must have 2 elements'):
+        effort_limits([3.0], [1.0, 2.0], joints, True)
