@@ -107,6 +107,7 @@ class Observer:
         self._stepper = Stepper(robot.copy(), settings.step)
         self._joints = np.asarray(robot.joint_indices, dtype=np.intp)
         self._flexible = np.setdiff1d(np.arange(robot.n), self._joints)
+        self._inertia = np.zeros((robot.n, robot.n))
         self._filter = TrackingFilter(len(self._joints), settings.cutoff)
         self.deflections = TipDeflections(robot.tree)
         n = robot.n
@@ -251,9 +252,11 @@ class Observer:
         self.q[self._joints] += gain * (q - self.q[self._joints])
         jump = gain * (qd - self.qd[self._joints])
         if len(self._flexible):
-            _, moved = self._robot.hybrid_dynamics(self.q, self.qd, jump, check=False)
-            _, still = self._robot.hybrid_dynamics(self.q, self.qd, 0.0 * jump, check=False)
-            self.qd[self._flexible] += moved - still
+            inertia = self._robot.inertia_matrix(self.q, out=self._inertia, check=False)
+            rows = inertia[self._flexible]
+            self.qd[self._flexible] -= np.linalg.solve(
+                rows[:, self._flexible], rows[:, self._joints] @ jump
+            )
         self.qd[self._joints] += jump
 
     def predict(self, reference: Reference | None = None) -> tuple[Array, Array]:

@@ -38,20 +38,16 @@ class JointTies:
 
     def positions(self, q: Array) -> Array:
         """Return positions of all joints from those measured."""
-        return (
-            q.copy()
-            if self._plain
-            else np.asarray(self._matrix @ q + self._offset, dtype=np.float64)
-        )
+        positions: Array = q.copy() if self._plain else self._matrix @ q + self._offset
+        return positions
 
     def rates(self, qd: Array) -> Array:
         """Return rates, or accelerations, of all joints from those measured."""
-        return qd.copy() if self._plain else np.asarray(self._matrix @ qd, dtype=np.float64)
+        rates: Array = qd.copy() if self._plain else self._matrix @ qd
+        return rates
 
     def efforts(self, effort: Array) -> Array:
         """Return efforts of all joints: zero where none is measured."""
-        if self._plain:
-            return effort.copy()
         result: Array = np.zeros(len(self._offset))
         result[self._own] = effort
         return result
