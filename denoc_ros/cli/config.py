@@ -60,7 +60,7 @@ class SessionConfig:
     tip : str
         The frame whose tracking error is reported; '' for the end of the last chain.
     model : mapping
-        Overrides of the model that every node but the plant works with: dotted path -> number.
+        Overrides of the model that every node but the plant works with: dotted path -> number or numbers.
     nodes : mapping
         Node -> flat parameters, the plant's among them.
     without : frozenset of str
@@ -78,10 +78,10 @@ class SessionConfig:
     duration: float
     record: bool
     tip: str
-    model: Mapping[str, float]
+    model: Parameters
     nodes: Mapping[str, Parameters]
     without: frozenset[str]
-    plant_model: Mapping[str, float]
+    plant_model: Parameters
     phases: tuple[Phase, ...]
 
 
@@ -276,13 +276,13 @@ class _Checker:
             if name in NODES
         }
 
-    def _overrides(self, whose: str, flat: Parameters) -> dict[str, float]:
+    def _overrides(self, whose: str, flat: Parameters) -> Parameters:
         for path, value in flat.items():
             if path.split('.')[0] not in OVERRIDES:
                 self._find(f"{whose}'s paths must start with beam, joint or payload, got {path!r}")
-            elif not _is_number(value):
-                self._find(f'{whose} {path} must be a finite number, got {value!r}')
-        return {path: float(value) for path, value in flat.items() if _is_number(value)}
+            elif not (_is_number(value) or _is_numbers(value)):
+                self._find(f'{whose} {path} must be a finite number or some, got {value!r}')
+        return flat
 
     def _phases(self, value: Any) -> tuple[Phase, ...]:
         if value is None:
@@ -346,6 +346,10 @@ def _split(flat: Parameters, heads: Sequence[str]) -> tuple[Parameters, Paramete
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_numbers(value: Any) -> bool:
+    return isinstance(value, list) and len(value) > 0 and all(map(_is_number, value))
 
 
 def _one_line(error: Exception) -> str:

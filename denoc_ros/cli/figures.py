@@ -25,7 +25,7 @@ TRUTH_COLOUR = '#20242a'
 MUTED = '#6b7280'
 PIXELS = 900  # columns a curve is thinned to: finer than a page shows
 WIDTH = 9.6  # inches of a full-width figure
-LAST_PERIOD = 2.5  # nominal periods a histogram shows
+LAST_PERIOD = 2.0  # nominal periods a histogram shows
 SCALES = ((1.0, ''), (1e-3, 'm'), (1e-6, 'µ'))
 STYLE = {
     'font.family': 'sans-serif',
@@ -171,7 +171,7 @@ def _shared_legend(figure: Figure, axes: Sequence[Axes]) -> None:
     for axis in axes:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    if entries:
+    if len(entries) > 1:
         figure.legend(
             list(entries.values()),
             list(entries),

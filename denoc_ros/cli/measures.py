@@ -47,6 +47,7 @@ class PhaseMeasures:
     error: Series | None  # reference minus measured [rad, m]
     tip_error: Series | None  # distance of the deflected tip from the reference's [m]
     torque: Series | None  # commanded [N m, N]
+    effort: Series | None  # as measured [N m, N]
     deflections: tuple[Deflection, ...]
 
 
@@ -158,6 +159,7 @@ def _phase(
         error=_tracking(measured, reference),
         tip_error=_tip_error(recording, reference, robot, tip, start, end),
         torque=_cut(recording.series('feedforward/effort', 'effort'), start, end),
+        effort=_cut(recording.series('joint_states', 'effort'), start, end),
         deflections=_deflections(recording, start, end),
     )
 

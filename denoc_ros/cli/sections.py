@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -72,7 +73,7 @@ def cards(phases: Sequence[PhaseMeasures], loops: Sequence[LoopMeasure]) -> list
     found = []
     for label, series, unit in (
         ('Joint tracking error, rms', 'error', 'rad'),
-        ('Tip error, rms', 'tip_error', 'm'),
+        ('Tip off its reference, rms', 'tip_error', 'm'),
     ):
         values = [(p.name, getattr(p, series)) for p in phases if getattr(p, series) is not None]
         shown = [f'{engineering(rms(s.values), unit)}' for _, s in values]
@@ -101,27 +102,16 @@ def tracking(phases: Sequence[PhaseMeasures]) -> Section | None:
     panels = _by_column([(k, p.name, p.error) for k, p in shown], lambda name: name, 'rad')
     tips = [(k, p.name, p.tip_error) for k, p in shown if p.tip_error is not None]
     panels += _by_column(tips, lambda name: f'tip ({name}), distance', 'm')
-    rows = []
-    for _, phase in shown:
-        for series, unit in ((phase.error, 'rad'), (phase.tip_error, 'm')):
-            for name in series.names if series is not None else ():
-                assert series is not None
-                values = series.column(name)
-                where = name if unit == 'rad' else f'tip ({name})'
-                rows.append(
-                    [
-                        phase.name,
-                        where,
-                        engineering(rms(values), unit),
-                        engineering(peak(values), unit),
-                    ]
-                )
+    errors = [(phase.name, phase.error) for _, phase in shown]
+    rows = _compared(errors, lambda name: name, 'rad')
+    rows += _compared([(name, tip) for _, name, tip in tips], lambda n: f'tip ({n})', 'm')
     return Section(
         'Tracking error',
-        'Reference minus measured position of each joint, and how far the deflected tip is from '
-        'where the undeformed robot would have it on the reference.',
+        'Reference minus measured position of each joint; for the tip, how far it is from where '
+        'the undeformed robot on the reference would have it. A feedforward of the flexible model '
+        'makes the joints follow: the links still swing, and the tip with them.',
         [_svg(line_figure(panels))],
-        [Table(('phase', 'joint', 'rms', 'largest'), rows)],
+        [Table(_compared_head([name for name, _ in errors]), rows)],
     )
 
 
@@ -168,16 +158,18 @@ def torque(phases: Sequence[PhaseMeasures]) -> Section | None:
     shown = [(k, p.name, p.torque) for k, p in enumerate(phases) if p.torque is not None]
     if not shown:
         return None
-    rows = [
-        [name, joint, engineering(rms(values), 'N m'), engineering(peak(values), 'N m')]
-        for _, name, series in shown
-        for joint, values in ((joint, series.column(joint)) for joint in series.names)
-    ]
+    panels = _by_column(shown, lambda name: name, 'N m')
+    text = 'What the feedforward node commanded (N m; N for a prismatic joint).'
+    if len(phases) == 1 and phases[0].effort is not None:
+        panels = [_beside(panel, phases[0].effort) for panel in panels]
+        text = 'What the feedforward node computed, and the effort measured beside it (N m; N).'
+    torques = [(name, series) for _, name, series in shown]
+    rows = _compared(torques, lambda name: name, 'N m')
     return Section(
         'Feedforward torque',
-        'What the feedforward node commanded (N m; N for a prismatic joint).',
-        [_svg(line_figure(_by_column(shown, lambda name: name, 'N m')))],
-        [Table(('phase', 'joint', 'rms', 'largest'), rows)],
+        text,
+        [_svg(line_figure(panels))],
+        [Table(_compared_head([name for name, _ in torques]), rows)],
     )
 
 
@@ -261,6 +253,36 @@ def _by_column(
         )
         for name in names
     ]
+
+
+def _compared_head(names: Sequence[str]) -> list[str]:
+    """Return the heading of a table of rms and largest value, phase beside phase."""
+    return ['', *(f'{name}: {what}' for name in names for what in ('rms', 'largest'))]
+
+
+def _compared(
+    shown: Sequence[tuple[str, Series | None]], title: Callable[[str], str], unit: str
+) -> list[list[str]]:
+    """Return one row per column name: rms and largest value in each phase."""
+    names = dict.fromkeys(name for _, s in shown if s is not None for name in s.names)
+    rows = []
+    for name in names:
+        row = [title(name)]
+        for _, series in shown:
+            values = series.column(name) if series and name in series.names else None
+            for measure in (rms, peak):
+                row.append('–' if values is None else engineering(measure(values), unit))
+        rows.append(row)
+    return rows
+
+
+def _beside(panel: Panel, effort: Series) -> Panel:
+    """Return a torque panel with the measured effort of its joint under the computed one."""
+    if panel.title not in effort.names:
+        return panel
+    measured = Curve('measured', '#9ca3af', effort.t, effort.column(panel.title))
+    computed = [dataclasses.replace(curve, label='computed') for curve in panel.curves]
+    return dataclasses.replace(panel, curves=[measured, *computed])
 
 
 def _deflection_title(name: str, phase: str, several: bool) -> str:

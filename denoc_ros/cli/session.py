@@ -97,14 +97,24 @@ class Session:
         self._names = session_nodes(config, task.bag)
         self._parameters: dict[str, Parameters] = {}
 
-    def run(self) -> None:
-        """Start the nodes, run the phases, end the nodes whatever happens."""
+    def run(self) -> dict[str, float]:
+        """Start the nodes, run the phases, end the nodes whatever happens.
+
+        Returns
+        -------
+        dict
+            Share of a core that each node took during the phases.
+        """
         try:
             for name in self._names:
                 self._start(name, self._config.phases[0])
+            began, before = time.perf_counter(), self._processes.cpu_seconds()
             for phase in self._config.phases:
                 self._adapt(phase)
                 self._run_phase(phase)
+            elapsed = time.perf_counter() - began
+            after = self._processes.cpu_seconds()
+            return {name: (after[name] - before.get(name, 0.0)) / elapsed for name in after}
         finally:
             self._processes.stop_all(STOP_ORDER)
 

@@ -18,6 +18,8 @@ from denoc_ros.errors import ConfigError, DenocError
 
 if TYPE_CHECKING:
     from denoc_ros.cli.config import SessionConfig
+    from denoc_ros.cli.processes import Processes
+    from denoc_ros.cli.progress import Progress
     from denoc_ros.cli.session import Task
     from denoc_ros.dynamics.robot import Robot
 
@@ -113,6 +115,8 @@ def bring_up(
     _require_ros()
     progress = Progress()
     robot = load_robot(config.robot, gravity=config.gravity)
+    for overrides in (config.model, config.plant_model):
+        robot.with_overrides(overrides)
     task = _task(config, robot, bag)
     check_parameters(config, session_nodes(config, bag))
     with progress.step('compiling kernels (once per machine)'):
@@ -127,16 +131,19 @@ def bring_up(
     os.environ.update(environment)
     _write_session(folder, config, environment)
     processes = Processes(folder / 'logs', environment)
-    _drive(config, task, folder, processes, progress)
-    return folder, _conclude(config, folder, progress)
+    shares = _drive(config, task, folder, processes, progress)
+    return folder, _conclude(config, folder, shares, progress)
 
 
-def _drive(config: SessionConfig, task: Task, folder: Path, processes: Any, progress: Any) -> None:
+def _drive(
+    config: SessionConfig, task: Task, folder: Path, processes: Processes, progress: Progress
+) -> dict[str, float]:
     from denoc_ros.cli.session import Session
     from denoc_ros.nodes.driver import Driver
 
-    with Driver(config.robot.read_text(), processes.check) as driver:
-        Session(config, task, folder, processes, driver, progress).run()
+    drives = task.trajectory is not None
+    with Driver(config.robot.read_text(), drives, processes.check) as driver:
+        return Session(config, task, folder, processes, driver, progress).run()
 
 
 def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
@@ -238,14 +245,18 @@ def _write_session(folder: Path, config: SessionConfig, environment: dict[str, s
     (folder / 'configuration.yaml').write_text(config.path.read_text())
 
 
-def _conclude(config: SessionConfig, folder: Path, progress: Any) -> dict[str, Any]:
+def _conclude(
+    config: SessionConfig, folder: Path, shares: dict[str, float], progress: Progress
+) -> dict[str, Any]:
+    """Write summary.json and, where there is a recording, the report; return the summary."""
     from denoc_ros.cli.report import make_report
 
-    if not config.record:
-        return {'run': str(folder), 'phases': {}, 'loops': {}}
-    with progress.step('writing the report'):
-        page, summary = make_report(folder)
-    (folder / 'report.html').write_text(page, encoding='utf-8')
+    summary: dict[str, Any] = {'phases': {}, 'loops': {}}
+    if config.record:
+        with progress.step('writing the report'):
+            page, summary = make_report(folder)
+        (folder / 'report.html').write_text(page, encoding='utf-8')
+    summary = {'run': str(folder), **summary, 'processor_share': shares}
     (folder / 'summary.json').write_text(json.dumps(summary, indent=2, allow_nan=False))
     return summary
 

@@ -41,11 +41,15 @@ class Driver:
     ----------
     description : str
         URDF text, latched on `robot_description`.
+    drives : bool
+        Whether it publishes `reference`: a second publisher there would be refused by the nodes.
     watch : callable
         Called during every wait, about every 20 ms; raises when the wait is pointless.
     """
 
-    def __init__(self, description: str, watch: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, description: str, drives: bool = True, watch: Callable[[], None] = lambda: None
+    ) -> None:
         self._watch = watch
         self._running = True
         self._statuses: dict[str, dict[str, str]] = {}
@@ -54,8 +58,10 @@ class Driver:
         node = self._node
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 50)
         self._description = node.create_publisher(String, 'robot_description', LATCHED)
-        # made when needed: a second publisher on an input is refused by those who listen
-        self._reference: Any = None
+        # from the start, so that the recorder has found it when the first reference goes out
+        self._reference = (
+            node.create_publisher(JointTrajectory, 'reference', COMMAND) if drives else None
+        )
         self._phase = node.create_publisher(String, '/up/phase', LATCHED)
         self._description.publish(String(data=description))
         self._executor = EventsExecutor()
@@ -160,8 +166,7 @@ class Driver:
     def publish_reference(self, trajectory: Trajectory, joints: list[str], lead: float) -> None:
         """Publish a trajectory of many points that starts `lead` seconds from now."""
         if self._reference is None:
-            self._reference = self._node.create_publisher(JointTrajectory, 'reference', COMMAND)
-            self.until(lambda: bool(self._reference.get_subscription_count()), PATIENCE)
+            raise NodeError('up: a session that publishes no reference was asked for one')
         self._reference.publish(
             reference_message(trajectory, joints, time.time_ns() + round(lead * 1e9))
         )

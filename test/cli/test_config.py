@@ -68,7 +68,7 @@ phases: [{name: a}, {name: a}, {feedforward: {}}]
         "record must be true or false, got 'perhaps'",
         "nodes's keys must be of .*, got 'viewer'",
         'nodes.plant must be a mapping, got int 3',
-        "model beam.arm.y.ei must be a finite number, got 'much'",
+        "model beam.arm.y.ei must be a finite number or some, got 'much'",
         "model's paths must start with .*, got 'mass'",
         'phases must have different names',
         r'phases\[2\].name must be a text, got None',

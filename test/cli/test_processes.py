@@ -1,0 +1,108 @@
+"""Child processes: their end is noticed, their last words are kept, none outlives its session."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from denoc_ros.cli import processes as module
+from denoc_ros.cli.processes import ProcessError, Processes, free_domain
+
+STUBBORN = (
+    'import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); '
+    'print("deaf", flush=True); time.sleep(60)'
+)
+
+
+@pytest.fixture
+def processes(tmp_path: Path) -> Iterator[Processes]:
+    running = Processes(tmp_path, {'FLAVOUR': 'mint'})
+    yield running
+    running.stop_all(())
+
+
+def wait_for_log(folder: Path, text: str) -> None:
+    end = time.perf_counter() + 20.0
+    while text not in (folder / 'a.log').read_text():
+        assert time.perf_counter() < end
+        time.sleep(0.02)
+
+
+def test_an_unexpected_end_is_told_with_its_last_words(
+    processes: Processes, tmp_path: Path
+) -> None:
+    code = 'import os, sys; print(os.environ["FLAVOUR"]); sys.exit("bad robot")'
+    processes.start('a', ['-c', code])
+    wait_for_log(tmp_path, 'bad robot')
+    end = time.perf_counter() + 20.0
+    while processes.running('a') and time.perf_counter() < end:
+        time.sleep(0.02)
+    with pytest.raises(
+        ProcessError, match=r'a: process must .* exit status 1\n  mint\n  bad robot'
+    ):
+        processes.check()
+
+
+def test_a_process_that_may_end_well_is_no_failure(processes: Processes) -> None:
+    processes.start('a', ['-c', 'pass'], ends=True)
+    end = time.perf_counter() + 20.0
+    while processes.running('a') and time.perf_counter() < end:
+        time.sleep(0.02)
+    processes.check()
+
+
+def test_a_process_deaf_to_sigint_is_ended_all_the_same(
+    processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, 'PATIENCE', ((signal.SIGINT, 0.3), (signal.SIGTERM, 5.0)))
+    processes.start('a', ['-c', STUBBORN])
+    wait_for_log(tmp_path, 'deaf')
+    began = time.perf_counter()
+    processes.stop('a')
+    assert 0.3 <= time.perf_counter() - began < 5.0
+    assert processes.cpu_seconds() == {}
+
+
+def test_children_end_when_their_parent_is_killed(tmp_path: Path) -> None:
+    sleeper = "import time; print('up', flush=True); time.sleep(60)"
+    code = (
+        'import sys, time; from pathlib import Path; '
+        'from denoc_ros.cli.processes import Processes; '
+        f'p = Processes(Path(sys.argv[1]), {{}}); p.start("a", ["-c", {sleeper!r}]); '
+        'print(p._running["a"].pid, flush=True); time.sleep(60)'
+    )
+    parent = subprocess.Popen(
+        [sys.executable, '-c', code, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    )
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    wait_for_log(tmp_path, 'up')
+    parent.kill()
+    parent.wait(10.0)
+    parent.stdout.close()
+    end = time.perf_counter() + 10.0
+    while Path(f'/proc/{child}').exists() and not is_zombie(child):
+        assert time.perf_counter() < end, 'the child outlived its parent'
+        time.sleep(0.02)
+
+
+def is_zombie(pid: int) -> bool:
+    try:
+        text = Path(f'/proc/{pid}/stat').read_text()
+    except OSError:
+        return True
+    return text.rpartition(')')[2].split()[0] == 'Z'
+
+
+def test_a_free_domain_is_one_whose_port_can_be_had() -> None:
+    first = free_domain()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(('', 7410 + 250 * first))
+        assert free_domain() != first

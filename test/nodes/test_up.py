@@ -1,0 +1,134 @@
+"""`denoc up` as its user runs it: processes on real DDS, phases, recording, a clean end."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from denoc_ros.bags.reader import bag_topics, read_attachment
+
+pytestmark = pytest.mark.ros
+
+ROOT = Path(__file__).resolve().parents[2]
+CANADARM = str(ROOT / 'config' / 'canadarm.yaml')
+BOUND = 240.0  # s: with a cold kernel cache on a slow machine
+
+
+def up(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, '-m', 'denoc_ros.cli.main', 'up', *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
+    try:
+        out, err = process.communicate(timeout=BOUND)
+    finally:
+        process.kill()
+    return process.returncode, out, err
+
+
+def nodes_below(folder: Path) -> list[int]:
+    """Return the processes that were started for a run's directory."""
+    found = []
+    for entry in Path('/proc').iterdir():
+        if entry.name.isdigit():
+            try:
+                command = (entry / 'cmdline').read_bytes().decode()
+            except OSError:
+                continue
+            if str(folder) in command and 'denoc_ros.nodes' in command:
+                found.append(int(entry.name))
+    return found
+
+
+def test_both_feedforwards_run_are_recorded_and_reported(tmp_path: Path) -> None:
+    run = tmp_path / 'run'
+    status, out, err = finish(up(CANADARM, '--duration', '2', '--output', str(run), '--json'))
+    assert status == 0, err
+    summary: dict[str, Any] = json.loads(out)
+    rigid, flexible = (
+        summary['phases'][f'{name} feedforward']['joint_error']['joint_1']['rms']
+        for name in ('rigid', 'flexible')
+    )
+    # 2 s of eq. 3.56: the rigid model is some 8 mrad off; the flexible one as far as its clock is
+    assert flexible < 0.3 * rigid
+    deflection = summary['phases']['flexible feedforward']['deflection_error']
+    assert deflection['link_1/uy']['percent_of_peak'] < 10.0
+    assert set(summary['loops']) == {'plant', 'feedforward', 'predictor'}
+    assert (run / 'report.html').stat().st_size < 1_500_000
+    assert bag_topics(run / 'bag')['/plant/true_deflection'] == 'sensor_msgs/msg/JointState'
+    assert b'<flexibility>' in read_attachment(run / 'bag', 'robot_description.urdf')
+    assert nodes_below(run) == []
+    # a run is never written over
+    status, _, err = finish(up(CANADARM, '--output', str(run)))
+    assert (status, err.count('\n')) == (1, 1), err
+    assert 'the directory must not exist yet' in err
+
+
+def test_ctrl_c_ends_all_nodes_and_leaves_a_whole_bag(tmp_path: Path) -> None:
+    run = tmp_path / 'run'
+    process = up(CANADARM, '--output', str(run), '--set', 'nodes.predictor=false')
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith('rigid feedforward:'):
+            break
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    status, _, err = finish(process)
+    assert status == 130
+    assert 'Traceback' not in err
+    assert nodes_below(run) == []
+    assert '/joint_states' in bag_topics(run / 'bag')
+
+
+def test_a_node_that_dies_stops_the_rest_and_is_named(tmp_path: Path) -> None:
+    run = tmp_path / 'run'
+    process = up(CANADARM, '--output', str(run), '--no-record', '--set', 'nodes.predictor=false')
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith('rigid feedforward:'):
+            break
+    (plant,) = [pid for pid in nodes_below(run) if is_node(pid, 'plant')]
+    os.kill(plant, signal.SIGKILL)
+    status, _, err = finish(process)
+    assert status == 1
+    assert 'denoc up: plant: process must keep running, got an end by SIGKILL' in err
+    assert 'Traceback' not in err
+    assert nodes_below(run) == []
+
+
+def is_node(pid: int, name: str) -> bool:
+    return f'denoc_ros.nodes.{name}' in Path(f'/proc/{pid}/cmdline').read_bytes().decode()
+
+
+@pytest.mark.parametrize(
+    ('setting', 'message'),
+    [
+        ('nodes.plant.update_rate=fast', "plant: parameter 'update_rate' must be a double"),
+        ('nodes.feedforward.modell=rigid', "did you mean 'model'?"),
+        ('reference.rate=[1, 2]', 'rate must be a number or 3 numbers'),
+        ('beam.link_9.y.ei=1e5', 'beam.link_9.y.ei'),
+    ],
+)
+def test_bad_values_are_refused_before_anything_starts(
+    tmp_path: Path, setting: str, message: str
+) -> None:
+    run = tmp_path / 'run'
+    status, _, err = finish(up(CANADARM, '--output', str(run), '--set', setting))
+    assert status == 1
+    assert message in err
+    assert 'Traceback' not in err
+    assert not run.exists()
