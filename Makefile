@@ -2,16 +2,26 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 STAMP := $(VENV)/.installed
 # discovery never leaves this machine; tests pick a domain of their own
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+# a Python of another environment must not hand down where its ROS libraries are
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# .venv has a ROS of its own: a sourced one would mix its libraries in
+ifdef AMENT_PREFIX_PATH
+unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
+endif
 
-.PHONY: demo test check lint nodetest venv clean
+.PHONY: demo test check lint venv clean
+
 venv: $(STAMP)
 
 $(STAMP): setup.py package.xml constraints.txt
+	@echo 'installing the package and its dependencies into $(VENV): a minute or two'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ros,test]'
+	$(PIP) setuptools
+	$(PIP) --no-build-isolation --editable '.[ros,test]'
 	touch $@
 
 demo: $(STAMP)

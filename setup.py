@@ -69,7 +69,8 @@ setup(
             'pin',
             'example-robot-data',
             'mcap-ros2-support',
-            'colcon-core',
+            'colcon-ros',
+            'setuptools<80',  # what colcon takes
         ],
     },
     zip_safe=False,
