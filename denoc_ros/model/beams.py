@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.model.findings import Findings
+from denoc_ros.model.findings import SMALLEST, Findings
 from denoc_ros.model.flexibility import BeamElement, DeformationElement
 from denoc_ros.model.inertia import difference, inverse_transform, moved
 from denoc_ros.model.remainder import (
@@ -55,8 +55,8 @@ def flexible_link(
         In the beam frame.
     """
     whose = f'beam {element.link!r}'
-    if inertia is None or inertia.mass == 0.0:
-        got = 'none' if inertia is None else 'mass 0 kg'
+    if inertia is None or inertia.mass < SMALLEST:
+        got = 'none' if inertia is None else f'mass {inertia.mass:g} kg'
         rule = "must have a mass, of which the beam is a share: the link's <inertial>"
         findings.add(whose, f'link {rule}, got {got}')
         return None
@@ -76,7 +76,13 @@ def flexible_link(
     beside = difference(whole, beam_inertia(mass_per_length, element.length, polar))
     if not _possible_rest(element, whole, beside, mass_per_length, polar, findings, warnings):
         return None
-    return FlexibleLink(element.origin, _beam(element, mass_per_length, polar_inertia), rest)
+    with np.errstate(over='ignore', under='ignore', invalid='ignore'):
+        beam = _beam(element, mass_per_length, polar_inertia)
+    for part in (beam.y, beam.z, beam.torsion):
+        if part is not None and not np.isfinite([part.modal_stiffness, part.damping]).all():
+            findings.add(whose, 'modal stiffness and damping must be finite, got an overflow')
+            return None
+    return FlexibleLink(element.origin, beam, rest)
 
 
 def _polar_inertia(element: BeamElement, whole: RigidInertia) -> float | None:

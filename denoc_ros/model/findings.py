@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Element = Any  # lxml's element
 
+# Beyond these a number is an error, and products of a few would not be finite.
+LARGEST = 1e40
+SMALLEST = 1e-30  # of numbers that must be > 0
+
 
 class Findings:
     """Findings of one file, in the order they were made."""
@@ -153,12 +157,12 @@ class Reader:
 
 
 def finite(text: str) -> float | None:
-    """Return the finite number a text says, None if it says none."""
+    """Return the number a text says, None if it says none or one beyond `LARGEST`."""
     try:
         number = float(text)
     except ValueError:
         return None
-    return number if math.isfinite(number) and '_' not in text else None
+    return number if abs(number) <= LARGEST and '_' not in text else None
 
 
 def rotation_rpy(rpy: Array) -> Array:
@@ -179,4 +183,6 @@ def _rule(unit: str, above: float | None, least: float | None) -> str:
 
 
 def _within(number: float, above: float | None, least: float | None) -> bool:
-    return (above is None or number > above) and (least is None or number >= least)
+    if above is not None and number < above + SMALLEST:
+        return False
+    return least is None or number >= least

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
+import numpy as np
 import pytest
+from hypothesis import given, settings, strategies
+from small_robots import ARM, beam, block, link, robot
 
 from denoc_ros.errors import ModelError
 from denoc_ros.model.urdf import load_tree
@@ -337,3 +341,42 @@ def test_mimic_joints_in_a_circle_are_a_finding(spoiled: Spoil) -> None:
     text = spoiled('<dynamics', '<mimic joint="elbow"/><dynamics')
     with pytest.raises(ModelError, match="got a circle of 'shoulder', 'elbow'"):
         load_tree(text)
+
+
+def test_numbers_whose_products_overflow_are_refused(spoiled: Spoil) -> None:
+    with pytest.raises(ModelError, match=r"ei \(direction y\) must be > 0 N m\^2, got '1e41'"):
+        load_tree(spoiled('ei="1.0e5"', 'ei="1e41"'))
+    with pytest.raises(ModelError, match='length must be > 0 m, got 1e-31'):
+        load_tree(spoiled('length="6.0"', 'length="1e-31"'))
+    heavy = '<inertial><mass value="1e40"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'
+    stiff = (
+        '<section type="rectangle" y="1e40" z="1e40"/><material e="1e40" density="1e-30"/>'
+        '<bending direction="y" modes="50" damping_ratio="1"/>'
+    )
+    with pytest.raises(ModelError, match='modal stiffness and damping must be finite'):
+        robot(link('a', heavy), block(beam('a', 1e-30, stiff)))
+
+
+VALUES = re.split(r'("[^"]*")', ARM)
+ODD = ('0', '-1', 'nan', '1e308', '1e-308', '', 'x', '1 2 3', '0 0 0', 'base', 'tool', '9')
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(strategies.data())
+def test_damage_gives_a_finite_model_or_findings(data: strategies.DataObject) -> None:
+    parts = list(VALUES)
+    for _ in range(data.draw(strategies.integers(1, 3))):
+        place = 2 * data.draw(strategies.integers(0, len(parts) // 2 - 1)) + 1
+        other = 2 * data.draw(strategies.integers(0, len(parts) // 2 - 1)) + 1
+        odd = data.draw(strategies.sampled_from((*ODD, None)))
+        parts[place] = VALUES[other] if odd is None else f'"{odd}"'
+    try:
+        tree = load_tree(''.join(parts))
+    except ModelError:
+        return
+    for body in tree.bodies:
+        assert np.isfinite(body.inertia.inertia).all()
+        deformations = () if body.beam is None else (body.beam.y, body.beam.z, body.beam.torsion)
+        for part in deformations:
+            if part is not None:
+                assert np.isfinite([part.modal_stiffness, part.damping]).all()
