@@ -97,7 +97,7 @@ class Parameter:
             items = list(cast(Iterable[object], value))
             if all(isinstance(item, str) for item in items):
                 return cast(list[str], items)
-        raise ValueError(self.finding(name, value, f'a {kind.value}'))
+        raise ValueError(self.finding(name, value, f'{_article(kind)} {kind.value}'))
 
     def _accept_text(self, name: str, value: str) -> str:
         if self.choices and value not in self.choices:
@@ -106,13 +106,17 @@ class Parameter:
 
     def _accept_number(self, name: str, value: object) -> float:
         if not _is_number(value):
-            raise ValueError(self.finding(name, value, f'a {self.kind.value}'))
+            raise ValueError(self.finding(name, value, f'{_article(self.kind)} {self.kind.value}'))
         number = float(cast(float, value))
         if math.isnan(number):
             raise ValueError(self.finding(name, value, 'a number'))
         if (self.positive and not number > 0.0) or not self.minimum <= number <= self.maximum:
             raise ValueError(self.finding(name, value, self.range))
         return number
+
+
+def _article(kind: Kind) -> str:
+    return 'an' if kind is Kind.INTEGER else 'a'
 
 
 def _is_number(value: object) -> bool:

@@ -15,6 +15,7 @@ from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.feedback import with_joint_feedback
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import LATCHED, STATE, run
@@ -133,8 +134,8 @@ class PlantNode(RobotNode):
         name = self.get_fully_qualified_name()
         self.joints = driven_joints(robot, settings.texts('joints'), name)
         self._refuse_mimics(name)
-        drives = [robot.joint_names.index(joint) for joint in self.joints]
-        self._index = np.ascontiguousarray(robot.joint_indices[drives])
+        self._drives = np.array([robot.joint_names.index(joint) for joint in self.joints])
+        self._index = np.ascontiguousarray(robot.joint_indices[self._drives])
         self.stepper = Stepper(robot, self.period)
         self.start = self._start(settings)
         self.q, self.qd, self._tau = np.zeros((3, robot.n))
@@ -148,6 +149,7 @@ class PlantNode(RobotNode):
         # every path of the tick once, so that nothing compiles in the loop
         self.stepper.driven(self.q, self.qd, self._still)
         self.stepper.free(self.q, self.qd, self._tau)
+        self._feedback_stepper.free(self.q, self.qd, self._tau)
         self.deflections.evaluate(self.q, self.qd, out=(self._bent, self._bending))
         self._place()
         self._connect()
@@ -189,6 +191,9 @@ class PlantNode(RobotNode):
             for key in ('kp', 'kd')
         )
         self._has_feedback = bool(self._kp.any() or self._kd.any())
+        self._feedback_stepper = Stepper(
+            with_joint_feedback(self.robot, self._index, self._kp, self._kd), self.period
+        )
         limits = {
             body.joint.name: body.joint.limits.effort
             for body in self.robot.tree.bodies
@@ -293,32 +298,40 @@ class PlantNode(RobotNode):
             if braked:
                 self.stepper.driven(self.q, self.qd, self._still)
             else:
-                self._drive()
-                self.stepper.free(self.q, self.qd, self._tau)
+                self._advance()
         self._tick_time += self.stepper.step * max(0, steps - CATCH_UP)
-        self._publish(self.stamp_ns())
+        # the state is that of the deadline, however late the machine let the tick begin
+        self._publish(self.stamp_ns() - round(1e9 * (time.perf_counter() - self._tick_time)))
 
-    def _drive(self) -> None:
-        """Write the effort of the drives at the state: commands, feedback, saturation."""
-        effort = self.effort
+    def _advance(self) -> None:
+        """Step under the drives' effort: commands and feedback, saturated."""
+        effort, tau = self.effort, self._tau
         if self.command_input.age(time.perf_counter()) > self._command_timeout:
             effort[:] = 0.0
         else:
             effort[:] = self._reader.values
-        if self._has_feedback and self.follower.sample(
+        controlled = self._has_feedback and self.follower.sample(
             self._tick_time, self._wanted, self._wanted_rate, self._wanted_acceleration
-        ):
+        )
+        if controlled:
+            # the state-independent part, for the step that takes the rest implicitly
+            tau[self._index] = effort + self._kp * self._wanted + self._kd * self._wanted_rate
             effort += self._kp * (self._wanted - self.q[self._index])
             effort += self._kd * (self._wanted_rate - self.qd[self._index])
+        if controlled and (np.abs(effort) <= self._limit).all():
+            self._feedback_stepper.free(self.q, self.qd, tau)
+            return
         np.minimum(effort, self._limit, out=effort)
         np.maximum(effort, -self._limit, out=effort)
-        self._tau[self._index] = effort
+        tau[self._index] = effort
+        self.stepper.free(self.q, self.qd, tau)
 
     def _publish(self, stamp_ns: int) -> None:
         q, qd, index, state = self.q, self.qd, self._all_index, self._state_message
         state.position[:] = q[index]
         state.velocity[:] = qd[index]
-        state.effort[:] = self._tau[index]
+        state.effort[:] = 0.0
+        state.effort[self._drives] = self.effort
         for values, deviation in zip(
             (state.position, state.velocity, state.effort), self._deviations, strict=True
         ):

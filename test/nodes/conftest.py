@@ -54,11 +54,17 @@ class Graph:
         for status in message.status:
             self.diagnostics[status.name] = status
 
-    def add(self, make: Callable[..., Any], start: bool = True, **parameters: Any) -> Any:
-        """Make a node with parameters (`_` of a keyword stands for `.` if written `__`)."""
-        overrides = [
-            Parameter(name.replace('__', '.'), value=value) for name, value in parameters.items()
-        ]
+    def add(
+        self,
+        make: Callable[..., Any],
+        start: bool = True,
+        parameters: dict[str, Any] | None = None,
+        **more: Any,
+    ) -> Any:
+        """Make a node with parameters, by dictionary or by keyword with `__` for a dot."""
+        given = {name.replace('__', '.'): value for name, value in more.items()}
+        given.update(parameters or {})
+        overrides = [Parameter(name, value=value) for name, value in given.items()]
         node = make(parameter_overrides=overrides, use_global_arguments=False)
         self.nodes.append(node)
         self.executor.add_node(node)

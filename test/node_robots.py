@@ -1,0 +1,36 @@
+"""Small robots that the node tests run on."""
+
+from __future__ import annotations
+
+LINK = """
+<link name="{link}"><inertial><origin xyz="0.5 0 0"/><mass value="3"/>
+<inertia ixx="0.001" ixy="0" ixz="0" iyy="0.251" iyz="0" izz="0.251"/></inertial></link>
+<joint name="{joint}" type="revolute"><parent link="{parent}"/><child link="{link}"/>
+<origin xyz="{x} 0 0"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="80" velocity="9"/>
+<dynamics damping="0.2" friction="0"/></joint>"""
+SENSORS = """
+<sensor name="gauge" type="strain_gauge" link="one" station="0.05" direction="y" surface="0.01"
+ gain="2.0e-6" offset="1.0e-5" noise="1.0e-6" topic="/strain"/>
+<sensor name="moment" type="load_cell" component="moment" link="two" station="0.0" direction="y"
+ gain="0.5" topic="/loads" field="1"/>
+<sensor name="bend" type="deflection" link="two" station="1.0" direction="y" topic="/named"
+ field="tip"/>"""
+
+
+def two_links() -> str:
+    """Return two flexible links in a vertical plane (gravity along -y) with three sensors."""
+    links = LINK.format(link='one', joint='j1', parent='base', x=0)
+    links += LINK.format(link='two', joint='j2', parent='one', x=1)
+    beams = ''.join(
+        f'<beam link="{link}" length="1"><bending direction="y" ei="300" modes="2" '
+        'damping_ratio="0.02"/></beam>'
+        for link in ('one', 'two')
+    )
+    return (
+        f'<robot name="arm"><link name="base"/>{links}'
+        f'<flexibility>{beams}{SENSORS}</flexibility></robot>'
+    )
+
+
+GRAVITY = [0.0, -9.81, 0.0]
+JOINTS = ['j1', 'j2']
