@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -282,3 +283,14 @@ def random_state(names: tuple[str, ...] | list[str], seed: int, deflection: floa
 
 
 seeds = st.integers(0, 2**32 - 1)
+
+
+def law(examples: int) -> settings:
+    """Settings of a law: the same examples each run; shrinking a robot would take minutes."""
+    return settings(
+        max_examples=examples,
+        deadline=None,
+        derandomize=True,
+        phases=(Phase.explicit, Phase.generate),
+        suppress_health_check=[HealthCheck.too_slow],
+    )

@@ -14,9 +14,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from numpy.typing import NDArray
-from strategies import robots
+from strategies import law, robots
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 
@@ -168,13 +168,13 @@ def test_undeformed_flexible_robot_equals_pinocchio(path: Path) -> None:
     compare_undeformed(read(path))
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@law(20)
 @given(text=robots())
 def test_undeformed_random_tree_equals_pinocchio(text: str) -> None:
     compare_undeformed(text)
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
+@law(15)
 @given(text=robots())
 def test_beams_without_modes_are_rigid_links(text: str) -> None:
     text = re.sub(r'modes="\d+"', 'modes="0"', without_dynamics(text))

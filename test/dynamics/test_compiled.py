@@ -16,19 +16,16 @@ from strategies import random_state, seeded_robot
 import denoc_ros.kernels
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.kernels.compiled import DECLARED
 
 Array = NDArray[np.float64]
 
 
 def entries() -> dict[str, Any]:
-    """Kernels that Python calls: those that give the interpreter's lock away."""
-    found = {}
+    """Kernels that Python calls."""
     for module in pkgutil.iter_modules(denoc_ros.kernels.__path__):
-        names = vars(importlib.import_module(f'denoc_ros.kernels.{module.name}'))
-        for name, kernel in names.items():
-            if getattr(kernel, 'targetoptions', {}).get('nogil'):
-                found[name] = kernel
-    return found
+        importlib.import_module(f'denoc_ros.kernels.{module.name}')
+    return {kernel.__name__: kernel for kernel in DECLARED}
 
 
 @pytest.fixture(scope='module')

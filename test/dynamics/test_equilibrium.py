@@ -6,19 +6,16 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from numpy.typing import NDArray
 from oracles import Oracle
 from scipy.linalg import eigh
-from strategies import random_state, robots, seeded_robot, seeds
+from strategies import law, random_state, robots, seeded_robot, seeds
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 
 Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
-law = settings(
-    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True
-)
 
 
 def stiffness(oracle: Oracle, q: Array) -> Array:
@@ -37,7 +34,7 @@ def frequencies(K: Array, I: Array) -> Array:
     return np.asarray(np.sign(squares) * np.sqrt(np.abs(squares)) / (2 * np.pi))
 
 
-@law
+@law(12)
 @given(text=robots(most=3), seed=seeds)
 def test_natural_frequencies_are_of_the_linearization(text: str, seed: int) -> None:
     robot = load_robot(text)
@@ -60,7 +57,7 @@ def test_natural_frequencies_are_of_the_linearization(text: str, seed: int) -> N
     )
 
 
-@law
+@law(12)
 @given(text=robots(most=4), seed=seeds)
 def test_static_deflection_is_an_equilibrium(text: str, seed: int) -> None:
     robot = load_robot(text, gravity=(0.3, -0.4, -0.2))
@@ -110,7 +107,7 @@ def compare(loaded: Robot, written: Robot, close: Close, seed: int) -> None:
     close(np.array(loaded.energy(s.q, s.qd)), np.array(written.energy(s.q, s.qd)), 1e-12)
 
 
-@law
+@law(12)
 @given(text=robots(most=4), seed=seeds)
 def test_payload_equals_the_same_link_in_the_file(close: Close, text: str, seed: int) -> None:
     bare = load_robot(with_tool(text, '', 'l1'))
@@ -120,7 +117,7 @@ def test_payload_equals_the_same_link_in_the_file(close: Close, text: str, seed:
     compare(bare, written, close, seed)
 
 
-@law
+@law(12)
 @given(text=robots(most=3), seed=seeds)
 def test_payload_of_nothing_takes_it_off(close: Close, text: str, seed: int) -> None:
     robot, untouched = load_robot(with_tool(text, '', 'l1')), load_robot(with_tool(text, '', 'l1'))

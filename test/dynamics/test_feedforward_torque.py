@@ -12,7 +12,7 @@ from denoc_ros.dynamics.feedforward import Terms, TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import StateError
-from denoc_ros.kernels.internal import DAMPING, FRICTION
+from denoc_ros.kernels.handle import DAMPING, FRICTION
 from denoc_ros.model.lowering import SLIP_RATE
 from denoc_ros.simulation.trajectories import BookTrajectory
 

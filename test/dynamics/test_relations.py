@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from numpy.typing import NDArray
 from oracles import Oracle
-from strategies import State, random_state, robots, seeded_robot, seeds
+from strategies import State, law, random_state, robots, seeded_robot, seeds
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 
 Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
-law = settings(
-    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True
-)
 
 
 def along(robot: Robot, state: State, t: float) -> float:
@@ -32,7 +29,7 @@ def slope(f: Callable[[float], float], step: float) -> float:
     return (16 * e[1] - e[0]) / 15
 
 
-@law
+@law(15)
 @given(text=robots(), seed=seeds)
 def test_energy_rate_is_power(text: str, seed: int) -> None:
     robot = load_robot(text)
@@ -44,7 +41,7 @@ def test_energy_rate_is_power(text: str, seed: int) -> None:
     assert abs(slope(lambda t: along(robot, s, t), 4e-3) - forces @ s.qd) <= 1e-8 * scale
 
 
-@law
+@law(15)
 @given(text=robots(), seed=seeds)
 def test_forward_undoes_inverse(text: str, seed: int) -> None:
     robot = load_robot(text)
@@ -57,7 +54,7 @@ def test_forward_undoes_inverse(text: str, seed: int) -> None:
     assert np.abs(qdd - s.qdd).max() <= slack + 1e-12 * np.abs(s.qdd).max()
 
 
-@law
+@law(15)
 @given(text=robots(), seed=seeds)
 def test_hybrid_agrees_with_inverse(close: Close, text: str, seed: int) -> None:
     robot = load_robot(text)
@@ -73,7 +70,7 @@ def test_hybrid_agrees_with_inverse(close: Close, text: str, seed: int) -> None:
     np.testing.assert_allclose(tau[flexible], 0, rtol=0, atol=1e-10 * scale)
 
 
-@law
+@law(15)
 @given(text=robots(), seed=seeds)
 def test_inertia_matrix_is_symmetric_positive_definite(close: Close, text: str, seed: int) -> None:
     robot = load_robot(text)
