@@ -23,6 +23,8 @@ KINDS = {
     'continuous': JointKind.REVOLUTE,
     'prismatic': JointKind.PRISMATIC,
 }
+ENDS = ('parent', 'child', 'origin')
+CHECKED = (*ENDS, 'axis', 'limit', 'dynamics', 'mimic')  # of a joint; the rest is not read
 
 
 @dataclass(frozen=True)
@@ -169,7 +171,7 @@ def _check_mimics(root: Element, joints: set[str], findings: Findings) -> None:
     }
     for element in root.findall('joint'):
         mimic, name = element.find('mimic'), element.get('name', '')
-        if mimic is None:
+        if mimic is None or name not in movable:
             continue
         reader = Reader(mimic, f'joint {name!r}', findings, ' of <mimic>')
         leader = reader.text('joint')
@@ -231,7 +233,10 @@ def _load(name: str, links: list[Element], joints: list[Element]) -> PlainRobot:
     for link in links:
         bare = etree.SubElement(copy, 'link', name=link.get('name'))
         bare.extend(deepcopy(link.findall('inertial')))
-    copy.extend(deepcopy(joints))
+    for joint in joints:
+        bare = etree.SubElement(copy, 'joint', name=joint.get('name'), type=joint.get('type'))
+        for tag in ENDS if joint.get('type') == 'fixed' else CHECKED:
+            bare.extend(deepcopy(joint.findall(tag)[:1]))
     text = io.BytesIO(etree.tostring(copy))
     robot = URDF.load(text, build_scene_graph=False, load_meshes=False).robot
     inertias = {link.name: _inertia(link.inertial) for link in robot.links}

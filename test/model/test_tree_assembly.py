@@ -186,6 +186,15 @@ def test_missing_meshes_and_foreign_elements_do_not_matter(spoiled: Spoil) -> No
     assert len(load_tree(text).bodies) == len(load_tree(spoiled('ixx', 'ixx')).bodies)
 
 
+def test_what_the_model_does_not_need_is_not_read(spoiled: Spoil) -> None:
+    """A soft limit, or a fixed joint's axis, cannot spoil a model that has no use for it."""
+    unread = '<safety_controller soft_lower_limit="x"/><calibration rising="x"/>'
+    text = spoiled('<dynamics damping="0.1" friction="0.2"/>\n', f'{unread}\n')
+    grip = '<parent link="forearm"/><child link="tool"/>'
+    assert grip in text
+    load_tree(text.replace(grip, f'{grip}<axis xyz="x"/><limit effort="x"/><mimic joint="no"/>'))
+
+
 def test_text_and_file_give_the_same_tree(tmp_path: Path, arm_text: str) -> None:
     path = tmp_path / 'arm.urdf'
     path.write_text('\ufeff' + arm_text, encoding='utf-8')
