@@ -70,6 +70,16 @@ def read_bag(
     return _messages(Path(path), topics, stamp)
 
 
+def read_raw(path: str | Path) -> Iterator[tuple[str, str, int, bytes]]:
+    """Iterate over (topic, type, log time [ns], CDR bytes) of all messages, by log time.
+
+    For those who take all of a long bag in one go: nothing is decoded. Errors as `read_bag`.
+    """
+    with _open(Path(path)) as reader:
+        for connection, log_ns, raw in reader.messages():
+            yield connection.topic, connection.msgtype, log_ns, raw
+
+
 def bag_topics(path: str | Path) -> dict[str, str]:
     """Return the message type of each topic of a bag; errors as `read_bag`."""
     with _open(Path(path)) as reader:

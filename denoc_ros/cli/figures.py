@@ -137,10 +137,10 @@ def _draw_lines(axis: Axes, panel: Panel) -> None:
 def _draw_histogram(axis: Axes, loop: LoopMeasure) -> None:
     """Draw the bars up to LAST_PERIOD nominal periods; what is beyond is said in words."""
     edges = loop.edges * loop.nominal * 1e3
-    shown = (edges[1:] > 0.0) & (loop.edges[1:] <= LAST_PERIOD)
-    counts = loop.counts[:-1][shown]
+    shown = int(np.searchsorted(loop.edges, LAST_PERIOD, side='right')) - 1
+    counts = loop.counts[:shown]
     beyond = int(loop.counts.sum() - counts.sum())
-    axis.bar(edges[:-1][shown], counts, np.diff(edges)[shown], align='edge', color='#7aa6c9')
+    axis.stairs(counts, edges[: shown + 1], fill=True, color='#7aa6c9')
     axis.axvline(1e3 * loop.nominal, color=PHASE_COLOURS[0], lw=0.9)
     axis.set_yscale('log')
     axis.set_ylim(bottom=0.7)

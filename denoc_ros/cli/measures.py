@@ -203,9 +203,9 @@ def _reference(recording: Recording, interval: Interval) -> _Reference | None:
     """Return the phase's last trajectory of many points; streamed points are joined to one."""
     streamed = []
     for item in reversed(recording.messages('reference')):
-        if not interval.start <= recording.seconds(item.log_ns) <= interval.end:
+        if not interval.start <= item.log_time <= interval.end:
             continue
-        message, start = item.message, recording.seconds(item.stamp_ns)
+        message, start = item.message, item.stamp
         names = tuple(message.joint_names)
         if len(message.points) > 1:
             times = np.array([_seconds(point.time_from_start) for point in message.points])

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.bags.reader import BagMessage, bag_topics, read_attachment, read_bag
-from denoc_ros.bags.series import Diagnostic, JointSeries, read_diagnostics, read_joint_states
+from denoc_ros.bags.columns import JointStateColumns
+from denoc_ros.bags.definitions import decode, message_types
+from denoc_ros.bags.reader import bag_topics, header_stamp_ns, read_attachment, read_raw
+from denoc_ros.bags.series import Diagnostic, JointSeries
 from denoc_ros.errors import BagError
 
 Array = NDArray[np.float64]
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 PHASE_TOPIC = '/up/phase'
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
-# Topics a report reads, by the end of their names.
-SERIES = (
-    'joint_states',
-    'feedforward/effort',
-    'predictor/tip_deflection',
-    'plant/true_deflection',
-    'plant/true_modal_state',
-)
+DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
+# Types of which whole messages are kept; there are few of each.
+KEPT = ('std_msgs/msg/String', 'trajectory_msgs/msg/JointTrajectory', DIAGNOSTICS)
 
 
 @dataclass(frozen=True)
@@ -76,15 +74,22 @@ class Interval:
     end: float
 
 
+@dataclass(frozen=True)
+class Kept:
+    """One whole message; times in seconds since the recording's origin."""
+
+    log_time: float
+    stamp: float
+    message: Any
+
+
 class Recording:
-    """The topics of one bag, each read when it is asked for.
+    """One bag, read in one pass.
 
     Parameters
     ----------
     path : Path
         What `denoc_ros.bags.reader.read_bag` reads.
-    progress : callable, optional
-        Called with the name of each topic before it is read.
 
     Attributes
     ----------
@@ -92,26 +97,26 @@ class Recording:
         The bag.
     topics : dict of str to str
         Name -> type of all topics.
+    counts : dict of str to int
+        Name -> number of messages.
     origin_ns : int
-        The first stamp [ns]; all times count from it.
+        The first stamp of a JointState [ns]; all times count from it.
     phases : tuple of Interval
         In order; all of the recording where the bag names none.
 
     Raises
     ------
     BagError
-        When it cannot be read, or has none of the topics that a report shows.
+        When it cannot be read, or has no JointState.
     """
 
-    def __init__(self, path: Path, progress: Callable[[str], None] = lambda _: None) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
         self.topics = bag_topics(path)
-        self._joint_states: dict[str, JointSeries] = {}
-        for suffix in SERIES:
-            if topic := self._find(suffix, JOINT_STATE):
-                progress(topic)
-                self._joint_states[suffix] = read_joint_states(path, topic)
-        starts = [series.stamp_ns.min() for series in self._joint_states.values() if len(series.t)]
+        self.counts = dict.fromkeys(self.topics, 0)
+        self._kept: dict[str, list[tuple[int, bytes]]] = {}
+        self._series = self._read()
+        starts = [series.stamp_ns.min() for series in self._series.values()]
         if not starts:
             raise BagError(
                 f'{path}: bag must have messages on a topic such as joint_states, '
@@ -120,23 +125,35 @@ class Recording:
         self.origin_ns = int(min(starts))
         self.phases = tuple(self._intervals())
 
+    def _read(self) -> dict[str, JointSeries]:
+        columns: dict[str, JointStateColumns] = {}
+        for topic, kind, log_ns, raw in read_raw(self.path):
+            self.counts[topic] += 1
+            if kind == JOINT_STATE:
+                if topic not in columns:
+                    columns[topic] = JointStateColumns(topic)
+                columns[topic].append(raw, log_ns)
+            elif kind in KEPT:
+                self._kept.setdefault(topic, []).append((log_ns, bytes(raw)))
+        return {topic: column.series() for topic, column in columns.items()}
+
     @property
     def duration(self) -> float:
         """Seconds from the first to the last stamp."""
-        ends = [series.stamp_ns.max() for series in self._joint_states.values() if len(series.t)]
-        return float((max(ends) - self.origin_ns) * 1e-9)
+        last = max(series.stamp_ns.max() for series in self._series.values())
+        return float((last - self.origin_ns) * 1e-9)
 
     def series(self, suffix: str, field: str = 'position') -> Series | None:
-        """Return a field of one of `SERIES`, None where the bag has no such values.
+        """Return a field of the JointState topic with this name or ending, None without values.
 
         Parameters
         ----------
         suffix : str
-            One of `SERIES`.
+            Such as `joint_states` or `plant/true_deflection`.
         field : str
             `position`, `velocity` or `effort`.
         """
-        found = self._joint_states.get(suffix)
+        found = self._series.get(_find(self._series, suffix))
         if found is None:
             return None
         values: Array = getattr(found, field)
@@ -145,18 +162,32 @@ class Recording:
         t = np.asarray((found.stamp_ns - self.origin_ns) * 1e-9, dtype=np.float64)
         return Series(t, found.names, values)
 
-    def messages(self, suffix: str) -> list[BagMessage]:
-        """Return all messages of the topic with this name or ending; none if there is none."""
-        topic = self._find(suffix)
-        return list(read_bag(self.path, [topic])) if topic else []
+    def messages(self, suffix: str) -> list[Kept]:
+        """Return the messages of a topic of one of the types `KEPT`; none if there is none."""
+        topic = _find(self._kept, suffix)
+        kept = []
+        for log_ns, raw in self._kept.get(topic, []):
+            message, _ = decode(message_types(), self.topics[topic], raw)
+            stamp_ns = header_stamp_ns(message) or log_ns
+            kept.append(Kept(self._seconds(log_ns), self._seconds(stamp_ns), message))
+        return kept
 
     def diagnostics(self) -> list[Diagnostic]:
         """Return every status of /diagnostics, in order."""
-        topic = self._find('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray')
-        return read_diagnostics(self.path, topic) if topic else []
+        return [
+            Diagnostic(
+                self.origin_ns + round(kept.stamp * 1e9),
+                status.name,
+                int(status.level),
+                status.message,
+                status.hardware_id,
+                {pair.key: pair.value for pair in status.values},
+            )
+            for kept in self.messages('diagnostics')
+            for status in kept.message.status
+        ]
 
-    def seconds(self, stamp_ns: int) -> float:
-        """Return a stamp as seconds since the origin."""
+    def _seconds(self, stamp_ns: int) -> float:
         return (stamp_ns - self.origin_ns) * 1e-9
 
     def description(self) -> str:
@@ -167,16 +198,11 @@ class Recording:
             published = self.messages('robot_description')
             return str(published[-1].message.data) if published else ''
 
-    def _find(self, suffix: str, kind: str = '') -> str:
-        names = sorted(name for name, held in self.topics.items() if kind in ('', held))
-        exact = [name for name in names if name.lstrip('/') == suffix]
-        return next(iter(exact + [name for name in names if name.endswith(f'/{suffix}')]), '')
-
     def _intervals(self) -> Iterator[Interval]:
         """Yield the phases: each message names what begins then, '' that a phase has ended."""
         marks = [
-            (self.seconds(item.log_ns), str(item.message.data))
-            for item in self.messages(PHASE_TOPIC.lstrip('/'))
+            (kept.log_time, str(kept.message.data))
+            for kept in self.messages(PHASE_TOPIC.lstrip('/'))
         ]
         if not any(name for _, name in marks):
             yield Interval('run', -np.inf, np.inf)
@@ -185,3 +211,9 @@ class Recording:
         for (start, name), end in zip(marks, ends, strict=True):
             if name:
                 yield Interval(name, start, end)
+
+
+def _find(topics: dict[str, Any], suffix: str) -> str:
+    """Return the topic with this name or, failing that, ending; '' if there is none."""
+    exact = [name for name in topics if name.lstrip('/') == suffix]
+    return next(iter(exact + sorted(n for n in topics if n.endswith(f'/{suffix}'))), '')

@@ -71,31 +71,24 @@ def make_report(run_path: Path) -> tuple[str, dict[str, Any]]:
     BagError
         When there is no readable bag.
     """
-    from tqdm import tqdm
-
     from denoc_ros.cli.measures import loop_measures, measure, summarize
     from denoc_ros.cli.recording import Recording
 
     bag = find_bag(run_path)
     session = _session(run_path)
-    with tqdm(total=5, disable=not sys.stderr.isatty(), leave=False, desc='report') as bar:
-
-        def step(what: str) -> None:
-            bar.set_postfix_str(what)
-            bar.update()
-
-        recording = Recording(bag, step)
-        robot, tip = _robot(recording, session)
-        phases = measure(recording, robot, tip)
-        statuses = recording.diagnostics()
-        loops = loop_measures(statuses)
+    recording = Recording(bag)
+    robot, tip = _robot(recording, session)
+    phases = measure(recording, robot, tip)
+    statuses = recording.diagnostics()
+    loops = loop_measures(statuses)
     summary = {
         'bag': str(bag),
         'robot': session.get('robot', ''),
         'duration': recording.duration,
         'phases': summarize(phases),
         'loops': {loop.node: loop.summary() for loop in loops},
-        'recorder': _latest(statuses).get('recorder: recorder', {}),
+        'messages': recording.counts,
+        'recorder': _latest(statuses).get('recorder: recording', {}),
     }
     return _render(recording, session, phases, loops, statuses), summary
 

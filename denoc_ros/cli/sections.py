@@ -232,8 +232,10 @@ def nodes(statuses: Iterable[Diagnostic]) -> Section | None:
 
 def topics(recording: Recording) -> Section:
     """Return the section on what the bag holds."""
-    rows = [[name, kind] for name, kind in sorted(recording.topics.items())]
-    return Section('Recorded topics', str(recording.path), [], [Table(('topic', 'type'), rows)])
+    counts = recording.counts
+    rows = [[name, kind, str(counts[name])] for name, kind in sorted(recording.topics.items())]
+    text = f'{recording.path}: {sum(counts.values())} messages.'
+    return Section('Recorded topics', text, [], [Table(('topic', 'type', 'messages'), rows)])
 
 
 def _by_column(

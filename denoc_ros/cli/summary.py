@@ -44,5 +44,4 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         listed = ', '.join(f'{node} {100.0 * share:.0f} %' for node, share in shares.items())
         yield f'share of a core: {listed}'
     if recorder := summary.get('recorder'):
-        written, lost = recorder.get('written', '?'), recorder.get('lost', '?')
-        yield f'recorded: {written} messages, {lost} lost'
+        yield f'recorded: {sum(summary["messages"].values())} messages, {recorder["lost"]} lost'
