@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.model.lowering import SLIP_RATE
+from denoc_ros.kernels.compiled import ready
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.held_model import HeldModel
@@ -38,31 +38,22 @@ def run_rows(
     count: int,
     inputs: Sequence[Array],
     outputs: Sequence[Array],
-    held: NDArray[np.int64] | None = None,
-    slip: bool = True,
-) -> Any:
-    """Run a `*_rows` kernel over all rows; return its status (the worst of all threads).
+) -> int:
+    """Run a `*_rows` kernel over all rows; return the worst status of all threads.
 
     Parameters
     ----------
-    inputs, outputs : arrays that follow the model's in the kernel's arguments, rows first .. last
+    inputs, outputs : arrays that follow the handle in the kernel's arguments, rows first .. last
         standing between them.
-    held : per-body flags, for the articulated kernels
-    slip : bool
-        Whether the kernel takes the slip rate of Coulomb friction.
     """
-    low = robot.lowered
+    ready(kernel)
     chunks = max(1, min(cores(), count // ROWS_PER_THREAD))
     edges = [count * k // chunks for k in range(chunks + 1)]
 
-    def run(k: int) -> Any:
-        work = robot.model_arrays[2] if chunks == 1 else np.zeros(low.work_size)
-        head = [low.ints, robot.model_arrays[1], work, low.diagonals]
-        head += [] if held is None else [held]
-        head += [low.bodies, SLIP_RATE] if slip else [low.bodies]
-        return kernel(*head, *inputs, edges[k], edges[k + 1], *outputs)
+    spaces = [robot.new_workspace() for _ in range(chunks)] if chunks > 1 else []
 
-    if chunks == 1:
-        return run(0)
-    statuses = list(_pool().map(run, range(chunks)))
-    return all(statuses) if held is None else max(statuses)
+    def run(k: int) -> int:
+        handle = spaces[k].handle if spaces else robot.handle
+        return int(kernel(handle, *inputs, edges[k], edges[k + 1], *outputs))
+
+    return max(_pool().map(run, range(chunks))) if spaces else run(0)

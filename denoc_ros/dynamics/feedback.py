@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.errors import StateError
-from denoc_ros.kernels.internal import DAMPING, STIFFNESS
+from denoc_ros.kernels.handle import DAMPING, STIFFNESS
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -45,4 +45,5 @@ def with_joint_feedback(
     diagonals[STIFFNESS, index] += gains[0]
     diagonals[DAMPING, index] += gains[1]
     held.lowered = replace(held.lowered, diagonals=diagonals)
-    return held
+    # a copy makes its workspace from what is lowered
+    return held.copy()

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import StateError
-from denoc_ros.kernels.articulated import GOOD, articulated_dynamics
-from denoc_ros.kernels.internal import ARMATURE, DAMPING, FRICTION, STIFFNESS
+from denoc_ros.kernels.articulated import articulated_dynamics
+from denoc_ros.kernels.handle import ARMATURE, DAMPING, FRICTION, GOOD, STIFFNESS
 from denoc_ros.model.lowering import SLIP_RATE
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ class TorqueFeedforward:
         self._moves = model == 'flexible' and self.terms.elastic and len(self._flexible) > 0
         self._sags = model == 'quasi_static' and self.terms.elastic and len(self._flexible) > 0
         self._stepper = Stepper(robot, step)
-        self._held_bodies = robot.held_bodies(robot.joint_indices)
+        self._held = robot.held(robot.joint_indices)
         self._zero = np.zeros(n)
         self._drive, self._given, self._full, self._part, self._torque = np.zeros((5, n))
         self._acceleration = np.zeros(len(self._index))
@@ -120,6 +120,7 @@ class TorqueFeedforward:
         diagonals = robot.lowered.diagonals
         self._damping = diagonals[DAMPING][self._index].copy()
         self._friction = diagonals[FRICTION][self._index].copy()
+        self._armature = diagonals[ARMATURE].copy()
         self._stiffness = diagonals[STIFFNESS][self._flexible].copy()
         self._settled = False
 
@@ -220,12 +221,11 @@ class TorqueFeedforward:
 
     def _free_accelerations(self) -> None:
         """Write the amplitudes' accelerations into `qdd`."""
-        ints, reals, work, diagonals, bodies, slip = self.robot.model_arrays
         self._given[:] = 0.0
         self._given[self._index] = self.qdd[self._index]
         status = articulated_dynamics(
-            ints, reals, work, diagonals, diagonals[ARMATURE], self._held_bodies, bodies, slip,
-            self.q, self.qd, self._given, self._drive, self.qdd, self._torque,
+            self.robot.handle, self._armature, self._held, self.q, self.qd,
+            self._given, self._drive, self.qdd, self._torque,
         )  # fmt: skip
         if status != GOOD:
             self._settled = False

@@ -12,15 +12,28 @@ from numpy.typing import ArrayLike, NDArray
 from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.borders import as_vector, require_finite
 from denoc_ros.dynamics.section import Section
+from denoc_ros.dynamics.workspace import Workspace
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels import articulated
+from denoc_ros.kernels import articulated, composite, inverse, world
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.handle import GOOD, NOT_FINITE, SINGULAR
 from denoc_ros.kernels.layout import MASS, PARENT, REAL
-from denoc_ros.model.lowering import SLIP_RATE, Lowered, inertia_row, lower
+from denoc_ros.model.lowering import Lowered, inertia_row, lower
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.tree import Tree
 
 Array = NDArray[np.float64]
 Source = str | os.PathLike[str]
+KERNELS = (
+    inverse.inverse_dynamics,
+    articulated.forward_dynamics,
+    articulated.articulated_dynamics,
+    composite.inertia_matrix,
+    composite.energies,
+    world.frame_pose,
+    world.frame_jacobian,
+    world.place_bodies,
+)
 Held = TypeVar('Held', bound='HeldModel')
 
 
@@ -43,6 +56,7 @@ class HeldModel:
         gravity: ArrayLike = (0.0, 0.0, -9.81),
         geometric_stiffness: bool = True,
     ) -> None:
+        ready(*KERNELS)
         self.tree = tree
         self.gravity = as_vector('gravity', gravity, (3,)).copy()
         self.gravity.setflags(write=False)
@@ -58,27 +72,46 @@ class HeldModel:
         self.joint_indices = lowered.joint_indices
         self.flexible_indices = np.setdiff1d(np.arange(self.n), self.joint_indices)
         self._reals = lowered.reals.copy()
-        self._work = np.zeros(lowered.work_size)
+        self._use(Workspace(lowered, self._reals))
         self._zero = np.zeros(self.n)
-        self._torque = np.zeros(self.n)
-        self._free = np.zeros(lowered.bodies, dtype=np.int64)
-        self._held = np.ones(lowered.bodies, dtype=np.int64)
         self._sections: dict[tuple[str, float | None], tuple[Section, slice]] = {}
 
+    def _use(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+        self.handle = workspace.handle
+
     @property
-    def model_arrays(self) -> tuple[Any, ...]:
-        """The kernels' leading arguments: ints, reals, work, diagonals, bodies, slip rate."""
-        low = self.lowered
-        return low.ints, self._reals, self._work, low.diagonals, low.bodies, SLIP_RATE
+    def reals(self) -> Array:
+        """The model's constants as the kernels read them, payloads included."""
+        return self._reals
+
+    @property
+    def work(self) -> Array:
+        """The workspace of the kernels; what stands where says `kernels.layout`."""
+        return self._workspace.work
+
+    def new_workspace(self) -> Workspace:
+        """Return another workspace over this model, for another thread."""
+        return Workspace(self.lowered, self._reals)
 
     def copy(self: Held) -> Held:
         """Return a robot with the same model and payloads and a workspace of its own."""
         other = type(self).__new__(type(self))
         other.__dict__.update(self.__dict__)
         other._adopt(self.lowered)
-        other._reals = self._reals.copy()
+        other._reals[:] = self._reals
         other._payloads = dict(self._payloads)
         return other
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # a handle is an address: it must not travel to a copy or to another process
+        arguments = (self.tree, self.gravity, self.geometric_stiffness)
+        return type(self), arguments, {'payloads': self._payloads}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._payloads = dict(state['payloads'])
+        for frame in self._payloads:
+            self._load_body(self._carrier(frame))
 
     def with_overrides(self: Held, overrides: Mapping[str, Any]) -> Held:
         """Return a robot with other parameters, by dotted paths such as `beam.arm.y.ei`.
@@ -111,7 +144,7 @@ class HeldModel:
         """
         row = self._carrier(frame)
         attachment = self.tree.frames[frame]
-        if row < 0 or attachment.station != 0.0:
+        if row == 0 or attachment.station != 0.0:
             raise StateError(f'frame {frame!r} must be a link that moves, got one that does not')
         payload = structure.payload_inertia(attachment.placement, mass, com, inertia)
         self._payloads[frame] = inertia_row(payload)
@@ -126,9 +159,11 @@ class HeldModel:
         carried = [load for name, load in self._payloads.items() if self._carrier(name) == row]
         self._reals[at : at + 10] = sum(carried, self.lowered.reals[at : at + 10])
 
-    def held_bodies(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return, per body, 1 where its joint is among the coordinates of index."""
-        return structure.held_bodies(self, index)
+    def held(self, index: NDArray[np.int64]) -> Array:
+        """Return the (n,) flags by which kernels know the joints whose motion is given."""
+        flags = np.zeros(self.n)
+        flags[index] = 1.0
+        return flags
 
     def _indices(self, names: Sequence[str]) -> NDArray[np.int64]:
         unknown = [name for name in names if name not in self.joint_names]
@@ -146,12 +181,9 @@ class HeldModel:
         return row
 
     def _judge(self, status: int, check: bool, **arguments: Array) -> None:
-        if status == articulated.SINGULAR:
-            require_finite(arguments)
-            raise SolverError(f'{self.tree.name}: the inertia must be positive definite, got none')
-        if check and status == articulated.NOT_FINITE:
-            self._refuse(**arguments)
-
-    def _refuse(self, **arguments: Array) -> None:
+        if status == GOOD or (status == NOT_FINITE and not check):
+            return
         require_finite(arguments)
+        if status == SINGULAR:
+            raise SolverError(f'{self.tree.name}: the inertia must be positive definite, got none')
         raise StateError('the result must be finite, got an overflow from finite arguments')

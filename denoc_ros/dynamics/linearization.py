@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.borders import as_vector
 from denoc_ros.errors import SolverError
-from denoc_ros.kernels.internal import DAMPING, STIFFNESS
+from denoc_ros.kernels.handle import DAMPING, STIFFNESS
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,12 +14,29 @@ from denoc_ros.dynamics.borders import as_output, as_rows, as_vector, same_rows
 from denoc_ros.dynamics.held_model import HeldModel, Source
 from denoc_ros.dynamics.section import Section
 from denoc_ros.kernels import articulated, composite, inverse, world
-from denoc_ros.kernels.internal import ARMATURE
-from denoc_ros.model.lowering import SLIP_RATE
+from denoc_ros.kernels.handle import GOOD, MISFIT
 from denoc_ros.model.urdf import load_tree
 
 Array = NDArray[np.float64]
 Wrenches = Mapping[str, ArrayLike]
+
+
+# numba takes numbers of the other byte order for its own
+FLOAT64 = np.dtype(np.float64)
+
+
+class Verb(NamedTuple):
+    """A kernel, the same over rows, and the shape of its result for n coordinates."""
+
+    kernel: Callable[..., int]
+    rows: Callable[..., int]
+    shape: Callable[[int], tuple[int, ...]]
+
+
+INVERSE = Verb(inverse.inverse_dynamics, inverse.inverse_dynamics_rows, lambda n: (n,))
+FORWARD = Verb(articulated.forward_dynamics, articulated.forward_dynamics_rows, lambda n: (n,))
+INERTIA = Verb(composite.inertia_matrix, composite.inertia_matrix_rows, lambda n: (n, n))
+ENERGY = Verb(composite.energies, composite.energies_rows, lambda n: (2,))
 
 
 class Robot(HeldModel):
@@ -60,24 +78,19 @@ class Robot(HeldModel):
         StateError
             For a wrong shape or type, or a number that is not finite.
         """
-        n = self.n
-        q, qd, qdd = as_rows('q', q, n), as_rows('qd', qd, n), as_rows('qdd', qdd, n)
-        low = self.lowered
-        if q.ndim == qd.ndim == qdd.ndim == 1:
-            out = as_output(out, (n,))
-            finite = inverse.inverse_dynamics(
-                low.ints, self._reals, self._work, low.diagonals, low.bodies, SLIP_RATE,
-                q, qd, qdd, out,
-            )  # fmt: skip
-        else:
-            q, qd, qdd = same_rows((q, qd, qdd))
-            out = as_output(out, q.shape)
-            finite = run_rows(self, inverse.inverse_dynamics_rows, len(q), (q, qd, qdd), (out,))
-        if check and not finite:
-            self._refuse(q=q, qd=qd, qdd=qdd)
+        result = np.empty(self.n) if out is None else as_output(out, (self.n,))
+        try:
+            if q.dtype is not FLOAT64 or qd.dtype is not FLOAT64 or qdd.dtype is not FLOAT64:  # type: ignore[union-attr]
+                raise TypeError
+            status = inverse.inverse_dynamics(self.handle, q, qd, qdd, result)
+        except (TypeError, AttributeError):
+            status = MISFIT
+        if status != GOOD:
+            arguments = {'q': q, 'qd': qd, 'qdd': qdd}
+            result = self._settle(status, INVERSE, arguments, out, result, check)
         if wrenches:
-            out -= self._load(q, wrenches)
-        return out
+            result -= self._load(as_rows('q', q, self.n), wrenches)
+        return result
 
     def forward_dynamics(
         self,
@@ -93,23 +106,19 @@ class Robot(HeldModel):
         Parameters and errors as in :meth:`inverse_dynamics`; SolverError where the inertia is
         singular (a massless chain).
         """
-        n = self.n
-        q, qd, tau = as_rows('q', q, n), as_rows('qd', qd, n), as_rows('tau', tau, n)
         if wrenches:
-            tau = tau + self._load(q, wrenches)
-        low = self.lowered
-        if q.ndim == qd.ndim == tau.ndim == 1:
-            out = as_output(out, (n,))
-            status = articulated.articulated_dynamics(
-                low.ints, self._reals, self._work, low.diagonals, low.diagonals[ARMATURE],
-                self._free, low.bodies, SLIP_RATE, q, qd, self._zero, tau, out, self._torque,
-            )  # fmt: skip
-        else:
-            q, qd, tau = same_rows((q, qd, tau))
-            out = as_output(out, q.shape)
-            status = self._articulated_rows(self._free, q, qd, np.zeros(q.shape), tau, out)[0]
-        self._judge(status, check, q=q, qd=qd, tau=tau)
-        return out
+            tau = as_rows('tau', tau, self.n) + self._load(as_rows('q', q, self.n), wrenches)
+        result = np.empty(self.n) if out is None else as_output(out, (self.n,))
+        try:
+            if q.dtype is not FLOAT64 or qd.dtype is not FLOAT64 or tau.dtype is not FLOAT64:  # type: ignore[union-attr]
+                raise TypeError
+            status = articulated.forward_dynamics(self.handle, q, qd, tau, result)
+        except (TypeError, AttributeError):
+            status = MISFIT
+        if status != GOOD:
+            arguments = {'q': q, 'qd': qd, 'tau': tau}
+            result = self._settle(status, FORWARD, arguments, out, result, check)
+        return result
 
     def hybrid_dynamics(
         self,
@@ -151,9 +160,9 @@ class Robot(HeldModel):
         q, qd, qdd_joints, force = same_rows([a[None] for a in arrays] if single else arrays)
         given = np.zeros(q.shape)
         given[:, index] = qdd_joints
-        qdd = np.empty(q.shape)
-        held = self.held_bodies(index)
-        status, torque = self._articulated_rows(held, q, qd, given, force, qdd)
+        qdd, torque = np.empty(q.shape), np.empty(q.shape)
+        rows = (self.held(index), q, qd, given, force)
+        status = run_rows(self, articulated.articulated_dynamics_rows, len(q), rows, (qdd, torque))
         self._judge(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
         free = np.setdiff1d(np.arange(n), index)
         torque, qdd = np.ascontiguousarray(torque[:, index]), np.ascontiguousarray(qdd[:, free])
@@ -161,21 +170,16 @@ class Robot(HeldModel):
 
     def inertia_matrix(self, q: ArrayLike, out: Array | None = None, check: bool = True) -> Array:
         """Return the generalized inertia matrix (n, n) or (k, n, n), armature included."""
-        q = as_rows('q', q, self.n)
-        low = self.lowered
-        if q.ndim == 1:
-            out = as_output(out, (self.n, self.n))
-            finite = composite.inertia_matrix(
-                low.ints, self._reals, self._work, low.diagonals, low.bodies, q, out
-            )
-        else:
-            out = as_output(out, (len(q), self.n, self.n))
-            finite = run_rows(
-                self, composite.inertia_matrix_rows, len(q), (q,), (out,), slip=False
-            )
-        if check and not finite:
-            self._refuse(q=q)
-        return out
+        result = np.empty((self.n, self.n)) if out is None else as_output(out, (self.n, self.n))
+        try:
+            if q.dtype is not FLOAT64:  # type: ignore[union-attr]
+                raise TypeError
+            status = composite.inertia_matrix(self.handle, q, result)
+        except (TypeError, AttributeError):
+            status = MISFIT
+        if status != GOOD:
+            result = self._settle(status, INERTIA, {'q': q}, out, result, check)
+        return result
 
     def bias_forces(
         self, q: ArrayLike, qd: ArrayLike, out: Array | None = None, check: bool = True
@@ -190,30 +194,16 @@ class Robot(HeldModel):
 
         Potential is gravity, with zero at the base origin, plus strain.
         """
-        q, qd = as_rows('q', q, self.n), as_rows('qd', qd, self.n)
-        low = self.lowered
-        if q.ndim == qd.ndim == 1:
-            out = as_output(out, (2,))
-            finite = composite.energies(
-                low.ints,
-                self._reals,
-                self._work,
-                low.diagonals,
-                low.bodies,
-                q,
-                qd,
-                self._zero,
-                out,
-            )
-        else:
-            q, qd = same_rows((q, qd))
-            out = as_output(out, (len(q), 2))
-            finite = run_rows(
-                self, composite.energies_rows, len(q), (q, qd, self._zero), (out,), slip=False
-            )
-        if check and not finite:
-            self._refuse(q=q, qd=qd)
-        return out
+        result = np.empty(2) if out is None else as_output(out, (2,))
+        try:
+            if q.dtype is not FLOAT64 or qd.dtype is not FLOAT64:  # type: ignore[union-attr]
+                raise TypeError
+            status = composite.energies(self.handle, q, qd, result)
+        except (TypeError, AttributeError):
+            status = MISFIT
+        if status != GOOD:
+            result = self._settle(status, ENERGY, {'q': q, 'qd': qd}, out, result, check)
+        return result
 
     def denoc_matrices(self, q: ArrayLike) -> tuple[Array, Array]:
         """Return the dense decoupled natural orthogonal complement N_l, N_d (section 3.1.4).
@@ -229,18 +219,14 @@ class Robot(HeldModel):
         """Return the pose (4, 4) of a link or loop frame in the base frame, deflected."""
         out = as_output(out, (4, 4))
         q = as_vector('q', q, (self.n,))
-        low = self.lowered
-        row = self._row(frame)
-        world.frame_pose(low.ints, self._reals, self._work, low.bodies, q, row, out)
+        world.frame_pose(self.handle, q, self._row(frame), out)
         return out
 
     def frame_jacobian(self, frame: str, q: ArrayLike, out: Array | None = None) -> Array:
         """Return the Jacobian (6, n) of a frame: linear first, base axes, at its origin."""
         out = as_output(out, (6, self.n))
         q = as_vector('q', q, (self.n,))
-        low = self.lowered
-        row = self._row(frame)
-        world.frame_jacobian(low.ints, self._reals, self._work, low.bodies, q, row, out)
+        world.frame_jacobian(self.handle, q, self._row(frame), out)
         return out
 
     def section(self, link: str, station: float | None = None) -> tuple[Section, slice]:
@@ -318,19 +304,30 @@ class Robot(HeldModel):
         """
         return constraints.constrained_forward_dynamics(self, q, qd, tau)
 
-    def _articulated_rows(
-        self, held: NDArray[np.int64], q: Array, qd: Array, given: Array, tau: Array, qdd: Array
-    ) -> tuple[int, Array]:
-        torque = np.empty(q.shape)
-        status = run_rows(
-            self,
-            articulated.articulated_dynamics_rows,
-            len(q),
-            (q, qd, given, tau),
-            (qdd, torque),
-            held=held,
-        )
-        return status, torque
+    def _settle(
+        self,
+        status: int,
+        verb: Verb,
+        arguments: dict[str, ArrayLike],
+        out: Array | None,
+        result: Array,
+        check: bool,
+    ) -> Array:
+        """Return the result of a verb that the kernel did not give at the first try.
+
+        Rows, lists and wrong arguments come here, and results that are not finite.
+        """
+        shape = verb.shape(self.n)
+        arrays = {name: as_rows(name, value, self.n) for name, value in arguments.items()}
+        if status == MISFIT and all(array.ndim == 1 for array in arrays.values()):
+            result = as_output(out, shape)
+            status = verb.kernel(self.handle, *arrays.values(), result)
+        elif status == MISFIT:
+            rows = same_rows(list(arrays.values()))
+            result = as_output(out, (len(rows[0]), *shape))
+            status = run_rows(self, verb.rows, len(rows[0]), rows, (result,))
+        self._judge(status, check, **arrays)
+        return result
 
     def _load(self, q: Array, wrenches: Wrenches) -> Array:
         if q.ndim == 2:

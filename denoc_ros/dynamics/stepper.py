@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels.articulated import GOOD, SINGULAR
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.handle import GOOD, MISFIT, SINGULAR
 from denoc_ros.kernels.step import STEP_ROWS, advance
 
 if TYPE_CHECKING:
@@ -38,8 +39,8 @@ class Stepper:
         self._steps = np.zeros((STEP_ROWS, robot.n))
         self._zero = np.zeros(robot.n)
         self._given = np.zeros(robot.n)
-        self._free = robot.held_bodies(np.zeros(0, dtype=np.int64))
-        self._held = robot.held_bodies(robot.joint_indices)
+        self._held = robot.held(robot.joint_indices)
+        ready(advance)
 
     def free(self, q: Array, qd: Array, tau: Array) -> None:
         """Advance q and qd (n,) in place under generalized forces tau (n,), held over the step.
@@ -49,7 +50,7 @@ class Stepper:
         StateError
             A number is not finite; q and qd are then as they were.
         """
-        self._advance(self._free, q, qd, self._zero, tau)
+        self._advance(self._zero, q, qd, self._zero, tau)
 
     def driven(self, q: Array, qd: Array, qdd_joints: Array) -> None:
         """Advance q and qd (n,) in place with the joints' accelerations (joints,) given.
@@ -59,16 +60,18 @@ class Stepper:
         self._given[self.robot.joint_indices] = qdd_joints
         self._advance(self._held, q, qd, self._given, self._zero)
 
-    def _advance(
-        self, held: NDArray[np.int64], q: Array, qd: Array, given: Array, tau: Array
-    ) -> None:
-        ints, reals, work, diagonals, bodies, slip = self.robot.model_arrays
-        status = advance(
-            ints, reals, work, diagonals, self._steps, held, bodies, slip, self.step,
-            q, qd, given, tau,
-        )  # fmt: skip
+    def _advance(self, held: Array, q: Array, qd: Array, given: Array, tau: Array) -> None:
+        try:
+            status = advance(self.robot.handle, self._steps, held, self.step, q, qd, given, tau)
+        except TypeError:
+            status = MISFIT
         if status == GOOD:
             return
         if status == SINGULAR:
             raise SolverError(f'{self.robot.tree.name}: the inertia must be positive definite')
+        if status == MISFIT:
+            raise StateError(
+                f'q, qd and tau must be writable float64 arrays of shape ({self.robot.n},), got '
+                + ', '.join(str(np.shape(array)) for array in (q, qd, tau))
+            )
         raise StateError('state, acceleration and torque must be finite, got one that is not')

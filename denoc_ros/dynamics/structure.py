@@ -21,37 +21,29 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def _body_index(robot: HeldModel, link: str) -> int:
+def _row(robot: HeldModel, link: str) -> int:
     for index, body in enumerate(robot.tree.bodies):
         if body.name == link and is_flexible(body):
-            return index
+            return index + 1
     flexible = [body.name for body in robot.tree.bodies if is_flexible(body)]
     raise StateError(f'link must be a flexible one of {flexible}, got {link!r}')
 
 
 def amplitudes(robot: HeldModel, link: str) -> slice:
     """Return where the amplitudes of a flexible link stand among the coordinates."""
-    row = robot.lowered.ints[_body_index(robot, link)]
+    row = robot.lowered.ints[_row(robot, link)].astype(int)
     first = int(row[layout.COORDINATE] + row[layout.JOINT])
     return slice(first, first + int(row[layout.MODES]))
 
 
 def find_section(robot: HeldModel, link: str, station: float | None) -> tuple[Section, slice]:
     """Return a section of a link's beam (default its tip) and its amplitudes' slice."""
-    beam = robot.tree.bodies[_body_index(robot, link)].beam
+    beam = robot.tree.bodies[_row(robot, link) - 1].beam
     assert beam is not None
     at = beam.length if station is None else float(station)
     if not 0.0 <= at <= beam.length:
         raise StateError(f'station of {link!r} must be in [0, {beam.length}] m, got {at}')
     return Section(beam, at, robot.geometric_stiffness), amplitudes(robot, link)
-
-
-def held_bodies(robot: HeldModel, index: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return, per body, 1 where its joint is among the coordinates of index."""
-    rows = robot.lowered.ints[: robot.lowered.bodies]
-    moved = rows[:, layout.JOINT] == 1
-    held: NDArray[np.int64] = (moved & np.isin(rows[:, layout.COORDINATE], index)).astype(np.int64)
-    return held
 
 
 def payload_inertia(
@@ -82,10 +74,9 @@ def payload_inertia(
 
 
 def _blocks(robot: HeldModel, i: int) -> tuple[Array | None, Array]:
-    """Return twist propagation A (6 + m_i, 6 + m_parent) and P (6 + m_i, k_i) of body i."""
-    low = robot.lowered
-    row = low.ints[i]
-    reals, work = robot.model_arrays[1], robot.model_arrays[2]
+    """Return twist propagation A (6 + m_i, 6 + m_parent) and P (6 + m_i, k_i) of row i."""
+    row = robot.lowered.ints[i].astype(int)
+    reals, work = robot.reals, robot.work
     modes = int(row[layout.MODES])
     joint = int(row[layout.JOINT])
     p = np.zeros((6 + modes, joint + modes))
@@ -94,11 +85,11 @@ def _blocks(robot: HeldModel, i: int) -> tuple[Array | None, Array]:
         p[:6, 0] = reals[at : at + 6]
     p[6:, joint:] = np.eye(modes)
     parent = int(row[layout.PARENT])
-    if parent < 0:
+    if parent == 0:
         return None, p
-    columns = int(low.ints[parent, layout.MODES])
+    columns = int(robot.lowered.ints[parent, layout.MODES])
     six = np.eye(6, 6 + columns)  # twist of the section from that of its body
-    if row[layout.SECTION] >= 0:
+    if row[layout.SECTION] > 0:
         at = int(row[layout.SECTION_WORK])
         six[:3, 3:6] = -cross_matrix(work[at : at + 3])
         each = work[at + layout.COLUMNS : at + layout.COLUMNS + 6 * columns]
@@ -114,19 +105,18 @@ def _blocks(robot: HeldModel, i: int) -> tuple[Array | None, Array]:
 
 def denoc_matrices(robot: HeldModel, q: Array) -> tuple[Array, Array]:
     """Return the dense N_l (twists of all bodies by bodies) and N_d (block diagonal)."""
-    low = robot.lowered
-    ints, reals, work = robot.model_arrays[:3]
-    world.place_world(ints, reals, work, low.bodies, q)
-    sizes = 6 + low.ints[: low.bodies, layout.MODES]
-    edges = np.concatenate([[0], np.cumsum(sizes)])
+    ints, bodies = robot.lowered.ints, robot.lowered.bodies
+    world.place_bodies(robot.handle, q)
+    sizes = 6 + ints[1 : bodies + 1, layout.MODES].astype(int)
+    edges = np.concatenate([[0, 0], np.cumsum(sizes)])
     n_l = np.eye(int(edges[-1]))
     diagonal = []
-    for i in range(low.bodies):
+    for i in range(1, bodies + 1):
         a, p = _blocks(robot, i)
         diagonal.append(p)
         if a is None:
             continue
-        parent = int(low.ints[i, layout.PARENT])
+        parent = int(ints[i, layout.PARENT])
         rows = slice(edges[i], edges[i + 1])
         above = slice(edges[parent], edges[parent + 1])
         n_l[rows, : edges[parent + 1]] = a @ n_l[above, : edges[parent + 1]]

@@ -10,13 +10,25 @@ sees the inertia M - W W^T and the wrench p + W y; on the way out x = L^-T (y - 
 import numpy as np
 
 from denoc_ros.kernels.body_inertia import body_inertia, transmit_inertia
-from denoc_ros.kernels.compiled import inlined, kernel
-from denoc_ros.kernels.internal import ARMATURE, internal_force
+from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel
+from denoc_ros.kernels.handle import (
+    ARMATURE,
+    GOOD,
+    MISFIT,
+    NOT_FINITE,
+    SCRATCH,
+    SINGULAR,
+    ZERO,
+    at,
+    model_arrays,
+)
+from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.inverse import joint_force, outward_motion
 from denoc_ros.kernels.layout import (
     ARM,
     AXIS,
     BEAM_WORK,
+    BLOCK,
     CHANGE,
     COLUMNS,
     COORDINATE,
@@ -33,24 +45,27 @@ from denoc_ros.kernels.layout import (
     TORQUE,
     WORK,
 )
-from denoc_ros.kernels.vector import add, all_finite, cross, load, scale, store, unrotate
+from denoc_ros.kernels.vector import (
+    add,
+    all_finite,
+    cross,
+    load,
+    scale,
+    store,
+    unrotate,
+)
 from denoc_ros.kernels.wrench import transmit_wrench
-
-GOOD = 0
-NOT_FINITE = 1
-SINGULAR = 2
 
 
 @inlined
-def project_inertia(ints, reals, work, shift, i, free):
+def project_inertia(ints, reals, work, shift, i, free, m):
     """Write six rows of M P and the lower half of D = P^T M P + shift of body i."""
-    m = ints[i, MODES]
     size = 6 + m
     k = free + m
-    o = ints[i, INERTIA_WORK]
-    w = ints[i, ELIMINATED]
+    o = at(ints, i, INERTIA_WORK)
+    w = at(ints, i, ELIMINATED)
     d = w + 6 * k
-    j = ints[i, COORDINATE] + ints[i, JOINT]
+    j = at(ints, i, COORDINATE) + at(ints, i, JOINT)
     for n in range(m):
         for r in range(6):
             work[w + k * r + free + n] = work[o + size * r + 6 + n]
@@ -58,7 +73,7 @@ def project_inertia(ints, reals, work, shift, i, free):
             work[d + k * (free + n) + free + r] = work[o + size * (6 + n) + 6 + r]
         work[d + (k + 1) * (free + n)] += shift[j + n]
     if free == 1:
-        s = ints[i, REAL] + AXIS
+        s = at(ints, i, REAL) + AXIS
         pivot = shift[j - 1]
         for r in range(6):
             u = 0.0
@@ -114,26 +129,25 @@ def solve_upper(work, d, k, x):
 
 
 @inlined
-def eliminate(ints, reals, work, shift, drive, i, free, block):
+def eliminate(ints, reals, work, shift, drive, i, free, m, block):
     """Eliminate body i's free coordinates; write its six-row block; say whether it was possible.
 
     drive[j] is the generalized force less elasticity, damping and friction.
     """
-    m = ints[i, MODES]
     size = 6 + m
     k = free + m
-    o = ints[i, INERTIA_WORK]
-    w = ints[i, ELIMINATED]
+    o = at(ints, i, INERTIA_WORK)
+    w = at(ints, i, ELIMINATED)
     d = w + 6 * k
     y = d + k * k
-    j = ints[i, COORDINATE]
-    project_inertia(ints, reals, work, shift, i, free)
+    j = at(ints, i, COORDINATE)
+    project_inertia(ints, reals, work, shift, i, free, m)
     if not factor(work, d, k):
         return False
     if free == 1:
         work[y] = drive[j] - joint_force(ints, reals, work, i)
-    j += ints[i, JOINT]
-    modal = ints[i, BEAM_WORK]
+    j += at(ints, i, JOINT)
+    modal = at(ints, i, BEAM_WORK)
     for n in range(m):
         work[y + free + n] = drive[j + n] - work[modal + n]
     solve_lower(work, d, k, y)
@@ -157,48 +171,73 @@ def eliminate(ints, reals, work, shift, drive, i, free, block):
 
 
 @inlined
-def inward_articulated(ints, reals, work, shift, held, bodies, drive, block):
+def pass_inward(ints, work, i, k, block):
+    """Give body i's carrier the wrench p + W y and the inertia in block."""
+    o = at(ints, i, WORK)
+    w = at(ints, i, ELIMINATED)
+    y = w + 6 * k + k * k
+    force = load(work, o + FORCE)
+    torque = load(work, o + TORQUE)
+    for n in range(k):
+        u = work[y + n]
+        force = add(force, (u * work[w + n], u * work[w + k + n], u * work[w + 2 * k + n]))
+        c = w + 3 * k + n
+        torque = add(torque, (u * work[c], u * work[c + k], u * work[c + 2 * k]))
+    transmit_wrench(ints, work, i, force, torque)
+    transmit_inertia(ints, work, i, block)
+
+
+@inlined
+def inward_body(ints, reals, work, shift, drive, i, free, m, block):
+    """Eliminate body i and pass on what is left; say whether it was possible."""
+    if not eliminate(ints, reals, work, shift, drive, i, free, m, block):
+        return False
+    if at(ints, i, PARENT) > 0:
+        pass_inward(ints, work, i, free + m, block)
+    return True
+
+
+@inlined
+def free_joint(ints, held, i):
+    """Return 1 where body i has a joint that is not held, else 0."""
+    if at(ints, i, JOINT) == 0 or held[at(ints, i, COORDINATE)] != 0.0:
+        return 0
+    return 1
+
+
+@inlined
+def inward_articulated(ints, reals, work, shift, held, bodies, drive):
     """Eliminate every body's free coordinates, from the tips to the base."""
-    for i in range(bodies):
+    block = work.shape[0] - BLOCK
+    for i in range(1, bodies + 1):
         body_inertia(ints, reals, work, i)
-    for i in range(bodies - 1, -1, -1):
-        free = ints[i, JOINT] * (1 - held[i])
-        if not eliminate(ints, reals, work, shift, drive, i, free, block):
+    for i in range(bodies, 0, -1):
+        free = free_joint(ints, held, i)
+        m = at(ints, i, MODES)
+        # the commonest body again with its sizes as constants, so that loops unroll
+        if m == 0 and free == 1:
+            good = inward_body(ints, reals, work, shift, drive, i, 1, 0, block)
+        else:
+            good = inward_body(ints, reals, work, shift, drive, i, free, m, block)
+        if not good:
             return False
-        if ints[i, PARENT] < 0:
-            continue
-        o = ints[i, WORK]
-        k = free + ints[i, MODES]
-        w = ints[i, ELIMINATED]
-        y = w + 6 * k + k * k
-        force = load(work, o + FORCE)
-        torque = load(work, o + TORQUE)
-        for n in range(k):
-            u = work[y + n]
-            force = add(force, (u * work[w + n], u * work[w + k + n], u * work[w + 2 * k + n]))
-            c = w + 3 * k + n
-            torque = add(torque, (u * work[c], u * work[c + k], u * work[c + 2 * k]))
-        transmit_wrench(ints, work, i, force, torque)
-        transmit_inertia(ints, work, i, block)
     return True
 
 
 @inlined
 def carried_change(ints, work, qdd, i):
     """Return the acceleration that row i inherits from free coordinates before its joint."""
-    p = ints[i, PARENT]
-    o = ints[i, WORK]
-    if p < 0:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    u = ints[p, WORK]
+    p = at(ints, i, PARENT)
+    o = at(ints, i, WORK)
+    u = at(ints, p, WORK)
     a = load(work, u + CHANGE)
     al = load(work, u + CHANGE + 3)
-    if ints[i, SECTION] >= 0:
-        s = ints[i, SECTION_WORK]
+    if at(ints, i, SECTION) > 0:
+        s = at(ints, i, SECTION_WORK)
         a = add(a, cross(al, load(work, s + PLACE)))
         c = s + COLUMNS
-        j = ints[p, COORDINATE] + ints[p, JOINT]
-        for n in range(j, j + ints[p, MODES]):
+        j = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+        for n in range(j, j + at(ints, p, MODES)):
             a = add(a, scale(qdd[n], load(work, c)))
             al = add(al, scale(qdd[n], load(work, c + 3)))
             c += 6
@@ -207,51 +246,60 @@ def carried_change(ints, work, qdd, i):
 
 
 @inlined
+def outward_body(ints, reals, work, given, qdd, i, free, m):
+    """Write the accelerations of body i's coordinates."""
+    o = at(ints, i, WORK)
+    a, al = carried_change(ints, work, qdd, i)
+    k = free + m
+    w = at(ints, i, ELIMINATED)
+    d = w + 6 * k
+    y = d + k * k
+    for n in range(k):
+        c = w + n
+        work[y + n] -= (
+            work[c] * a[0]
+            + work[c + k] * a[1]
+            + work[c + 2 * k] * a[2]
+            + work[c + 3 * k] * al[0]
+            + work[c + 4 * k] * al[1]
+            + work[c + 5 * k] * al[2]
+        )
+    solve_upper(work, d, k, y)
+    j = at(ints, i, COORDINATE)
+    if free == 1:
+        s = at(ints, i, REAL) + AXIS
+        qdd[j] = work[y]
+        a = add(a, scale(work[y], load(reals, s)))
+        al = add(al, scale(work[y], load(reals, s + 3)))
+    elif at(ints, i, JOINT) == 1:
+        qdd[j] = given[j]
+    j += at(ints, i, JOINT)
+    for n in range(m):
+        qdd[j + n] = work[y + free + n]
+    store(work, o + CHANGE, a)
+    store(work, o + CHANGE + 3, al)
+
+
+@inlined
 def outward_accelerations(ints, reals, work, held, bodies, given, qdd):
     """Write the accelerations of all coordinates, from the base to the tips."""
-    for i in range(bodies):
-        o = ints[i, WORK]
-        a, al = carried_change(ints, work, qdd, i)
-        free = ints[i, JOINT] * (1 - held[i])
-        k = free + ints[i, MODES]
-        w = ints[i, ELIMINATED]
-        d = w + 6 * k
-        y = d + k * k
-        for n in range(k):
-            c = w + n
-            work[y + n] -= (
-                work[c] * a[0]
-                + work[c + k] * a[1]
-                + work[c + 2 * k] * a[2]
-                + work[c + 3 * k] * al[0]
-                + work[c + 4 * k] * al[1]
-                + work[c + 5 * k] * al[2]
-            )
-        solve_upper(work, d, k, y)
-        j = ints[i, COORDINATE]
-        if ints[i, JOINT] == 1:
-            if free == 1:
-                s = ints[i, REAL] + AXIS
-                qdd[j] = work[y]
-                a = add(a, scale(work[y], load(reals, s)))
-                al = add(al, scale(work[y], load(reals, s + 3)))
-            else:
-                qdd[j] = given[j]
-            j += 1
-        for n in range(ints[i, MODES]):
-            qdd[j + n] = work[y + free + n]
-        store(work, o + CHANGE, a)
-        store(work, o + CHANGE + 3, al)
+    for i in range(1, bodies + 1):
+        free = free_joint(ints, held, i)
+        m = at(ints, i, MODES)
+        if m == 0 and free == 1:
+            outward_body(ints, reals, work, given, qdd, i, 1, 0)
+        else:
+            outward_body(ints, reals, work, given, qdd, i, free, m)
 
 
 @inlined
 def held_force(ints, reals, work, qdd, i):
     """Return S^T of the wrench on body i when every acceleration is known."""
-    o = ints[i, WORK]
-    s = ints[i, REAL] + AXIS
-    m = ints[i, MODES]
-    inertia = ints[i, INERTIA_WORK]
-    j = ints[i, COORDINATE] + 1
+    o = at(ints, i, WORK)
+    s = at(ints, i, REAL) + AXIS
+    m = at(ints, i, MODES)
+    inertia = at(ints, i, INERTIA_WORK)
+    j = at(ints, i, COORDINATE) + 1
     force = joint_force(ints, reals, work, i)
     for r in range(6):
         u = 0.0
@@ -263,72 +311,83 @@ def held_force(ints, reals, work, qdd, i):
     return force
 
 
-@kernel
-def articulated_dynamics(
-    ints, reals, work, diagonals, shift, held, bodies, slip_rate, q, qd, given, tau, qdd, torque
-):
-    """Write q'' (n) of the free coordinates and the torque (n) of the held joints.
-
-    held[i] = 1: body i's joint has the acceleration given; given is zero elsewhere. shift is what
-    stands on the diagonal beside the bodies' inertia: the armature, and more in a time step.
-    """
-    n = tau.shape[0]
+@inlined
+def solve(ints, reals, work, diagonals, bodies, shift, held, q, qd, given, tau, qdd, torque):
+    """Write accelerations and torques as :func:`articulated_dynamics` does; return its status."""
+    n = diagonals.shape[1]
     for j in range(n):
-        torque[j] = tau[j] - internal_force(diagonals, slip_rate, q, qd, j)
+        torque[j] = tau[j] - internal_force(reals, diagonals, q, qd, j)
     outward_motion(ints, reals, work, bodies, q, qd, given)
-    block = work.shape[0] - 27
-    if not inward_articulated(ints, reals, work, shift, held, bodies, torque, block):
+    if not inward_articulated(ints, reals, work, shift, held, bodies, torque):
         return SINGULAR
     outward_accelerations(ints, reals, work, held, bodies, given, qdd)
-    for i in range(bodies):
-        j = ints[i, COORDINATE]
-        if ints[i, JOINT] == 1 and held[i] == 1:
-            torque[j] = (
-                held_force(ints, reals, work, qdd, i)
-                + diagonals[ARMATURE, j] * given[j]
-                + internal_force(diagonals, slip_rate, q, qd, j)
-            )
-    if all_finite(qdd) and all_finite(torque):
-        return GOOD
-    return NOT_FINITE
+    return GOOD if all_finite(qdd) else NOT_FINITE
 
 
-@kernel
-def articulated_dynamics_rows(
-    ints,
-    reals,
-    work,
-    diagonals,
-    held,
-    bodies,
-    slip_rate,
-    q,
-    qd,
-    given,
-    tau,
-    first,
-    last,
-    qdd,
-    torque,
-):
+@kernel('int64(int64, float64[::1], float64[::1], float64[::1], float64[::1])')
+def forward_dynamics(handle, q, qd, tau, qdd):
+    """Write the accelerations (n) under generalized forces tau (n)."""
+    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    n = diagonals.shape[1]
+    if q.shape[0] != n or qd.shape[0] != n or tau.shape[0] != n or qdd.shape[0] != n:
+        return MISFIT
+    zero = diagonals[ZERO]
+    return solve(
+        ints, reals, work, diagonals, bodies, diagonals[ARMATURE],
+        zero, q, qd, zero, tau, qdd, diagonals[SCRATCH],
+    )  # fmt: skip
+
+
+@rows_kernel(
+    'int64(int64, float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64, '
+    'float64[:, ::1])'
+)
+def forward_dynamics_rows(handle, q, qd, tau, first, last, qdd):
     """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
     worst = GOOD
     for k in range(first, last):
+        worst = max(worst, forward_dynamics(handle, q[k], qd[k], tau[k], qdd[k]))
+    return worst
+
+
+@kernel(
+    'int64(int64, float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], '
+    'float64[::1], float64[::1], float64[::1])'
+)
+def articulated_dynamics(handle, shift, held, q, qd, given, tau, qdd, torque):
+    """Write q'' (n) of the free coordinates and the torque (n) of the held joints.
+
+    held[j] != 0: joint j has the acceleration given; given is zero elsewhere. shift is what stands
+    on the diagonal beside the bodies' inertia: the armature, and more in a time step.
+    """
+    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    status = solve(
+        ints, reals, work, diagonals, bodies, shift, held, q, qd, given, tau, qdd, torque
+    )
+    if status != GOOD:
+        return status
+    for i in range(1, bodies + 1):
+        j = at(ints, i, COORDINATE)
+        if at(ints, i, JOINT) == 1 and held[j] != 0.0:
+            torque[j] = (
+                held_force(ints, reals, work, qdd, i)
+                + diagonals[ARMATURE, j] * given[j]
+                + internal_force(reals, diagonals, q, qd, j)
+            )
+    return GOOD if all_finite(torque) else NOT_FINITE
+
+
+@rows_kernel(
+    'int64(int64, float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], '
+    'float64[:, ::1], int64, int64, float64[:, ::1], float64[:, ::1])'
+)
+def articulated_dynamics_rows(handle, held, q, qd, given, tau, first, last, qdd, torque):
+    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
+    shift = model_arrays(handle)[3][ARMATURE]
+    worst = GOOD
+    for k in range(first, last):
         status = articulated_dynamics(
-            ints,
-            reals,
-            work,
-            diagonals,
-            diagonals[ARMATURE],
-            held,
-            bodies,
-            slip_rate,
-            q[k],
-            qd[k],
-            given[k],
-            tau[k],
-            qdd[k],
-            torque[k],
+            handle, shift, held, q[k], qd[k], given[k], tau[k], qdd[k], torque[k]
         )
         worst = max(worst, status)
     return worst

@@ -6,6 +6,7 @@ A six-row block is three 3 x 3 matrices one after another: A (force by linear ac
 """
 
 from denoc_ros.kernels.compiled import inlined
+from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
     ARM,
     BEAM,
@@ -64,11 +65,10 @@ def add_spin(work, o, size, xx, xy, xz, yy, yz, zz):
 
 
 @inlined
-def body_inertia(ints, reals, work, i):
-    """Write the (6 + m) inertia of body i."""
-    c = ints[i, REAL]
-    o = ints[i, INERTIA_WORK]
-    size = 6 + ints[i, MODES]
+def rigid_inertia(ints, reals, work, i, size):
+    """Write the inertia of the rigid part of body i, padded to size."""
+    c = at(ints, i, REAL)
+    o = at(ints, i, INERTIA_WORK)
     for k in range(size * size):
         work[o + k] = 0.0
     mass = reals[c + MASS]
@@ -87,27 +87,23 @@ def body_inertia(ints, reals, work, i):
         reals[s + 4],
         reals[s + 5],
     )
-    if ints[i, POINTS] > 0:
-        beam_inertia(ints, reals, work, i)
-    if ints[i, NT] > 0:
-        torsion_inertia(ints, reals, work, i)
 
 
 @inlined
 def beam_inertia(ints, reals, work, i):
     """Add int rho C^T C with C = [1, -p x, B] of body i's beam."""
-    ny = ints[i, NY]
-    nz = ints[i, NZ]
-    nt = ints[i, NT]
+    ny = at(ints, i, NY)
+    nz = at(ints, i, NZ)
+    nt = at(ints, i, NT)
     bending = ny + nz
-    size = 6 + ints[i, MODES]
-    o = ints[i, INERTIA_WORK]
-    c = ints[i, BEAM] + 1 + nt + nt * nt
-    k = ints[i, BEAM_WORK] + ints[i, MODES]
+    size = 6 + at(ints, i, MODES)
+    o = at(ints, i, INERTIA_WORK)
+    c = at(ints, i, BEAM) + 1 + nt + nt * nt
+    k = at(ints, i, BEAM_WORK) + at(ints, i, MODES)
     mass = 0.0
     mx = my = mz = 0.0
     xx = xy = xz = yy = yz = zz = 0.0
-    for _ in range(ints[i, POINTS]):
+    for _ in range(at(ints, i, POINTS)):
         e = reals[c]
         x, y, z = load(work, k)
         mass += e * e
@@ -154,18 +150,31 @@ def beam_inertia(ints, reals, work, i):
 @inlined
 def torsion_inertia(ints, reals, work, i):
     """Add int rho J (omega_x + beta')^2 of body i's beam."""
-    nt = ints[i, NT]
-    size = 6 + ints[i, MODES]
-    o = ints[i, INERTIA_WORK]
-    b = ints[i, BEAM]
+    nt = at(ints, i, NT)
+    size = 6 + at(ints, i, MODES)
+    o = at(ints, i, INERTIA_WORK)
+    b = at(ints, i, BEAM)
     work[o + 3 * size + 3] += reals[b]
-    first = 6 + ints[i, NY] + ints[i, NZ]
+    first = 6 + at(ints, i, NY) + at(ints, i, NZ)
     for j in range(nt):
         s = reals[b + 1 + j]
         work[o + 3 * size + first + j] += s
         work[o + (first + j) * size + 3] += s
         for k in range(nt):
             work[o + (first + j) * size + first + k] += reals[b + 1 + nt + nt * j + k]
+
+
+@inlined
+def body_inertia(ints, reals, work, i):
+    """Write the (6 + m) inertia of body i."""
+    m = at(ints, i, MODES)
+    if m == 0:
+        rigid_inertia(ints, reals, work, i, 6)
+        return
+    rigid_inertia(ints, reals, work, i, 6 + m)
+    beam_inertia(ints, reals, work, i)
+    if at(ints, i, NT) > 0:
+        torsion_inertia(ints, reals, work, i)
 
 
 @inlined
@@ -223,23 +232,35 @@ def block_wrench(work, block, linear, angular):
 
 
 @inlined
+def add_block(work, m, size, block):
+    """Add a six-row block to an inertia."""
+    for j in range(3):
+        for k in range(3):
+            work[m + size * j + k] += work[block + 3 * j + k]
+            b = work[block + 9 + 3 * j + k]
+            work[m + size * j + 3 + k] += b
+            work[m + size * (3 + k) + j] += b
+            work[m + size * (3 + j) + 3 + k] += work[block + 18 + 3 * j + k]
+
+
+@inlined
 def transmit_inertia(ints, work, i, block):
     """Add row i's six-row block (body axes, at its origin; overwritten) to its carrier's."""
-    p = ints[i, PARENT]
-    o = ints[i, WORK]
+    p = at(ints, i, PARENT)
+    o = at(ints, i, WORK)
     for k in range(3):
         rotate_block(work, o, block + 9 * k)
     shift_block(work, block, load(work, o + ARM))
-    size = 6 + ints[p, MODES]
-    m = ints[p, INERTIA_WORK]
-    if ints[i, SECTION] >= 0:
-        place = load(work, ints[i, SECTION_WORK] + PLACE)
-        columns = ints[i, SECTION_WORK] + COLUMNS
-        for j in range(ints[p, MODES]):
+    size = 6 + at(ints, p, MODES)
+    m = at(ints, p, INERTIA_WORK)
+    if at(ints, i, SECTION) > 0:
+        place = load(work, at(ints, i, SECTION_WORK) + PLACE)
+        columns = at(ints, i, SECTION_WORK) + COLUMNS
+        for j in range(at(ints, p, MODES)):
             f, n = block_wrench(
                 work, block, load(work, columns + 6 * j), load(work, columns + 6 * j + 3)
             )
-            for k in range(j, ints[p, MODES]):
+            for k in range(j, at(ints, p, MODES)):
                 u = columns + 6 * k
                 s = dot(load(work, u), f) + dot(load(work, u + 3), n)
                 work[m + (6 + j) * size + 6 + k] += s
@@ -252,10 +273,7 @@ def transmit_inertia(ints, work, i, block):
                 work[m + (6 + j) * size + k] += f[k]
                 work[m + (6 + j) * size + 3 + k] += n[k]
         shift_block(work, block, place)
-    for j in range(3):
-        for k in range(3):
-            work[m + size * j + k] += work[block + 3 * j + k]
-            b = work[block + 9 + 3 * j + k]
-            work[m + size * j + 3 + k] += b
-            work[m + size * (3 + k) + j] += b
-            work[m + size * (3 + j) + 3 + k] += work[block + 18 + 3 * j + k]
+    if size == 6:
+        add_block(work, m, 6, block)
+    else:
+        add_block(work, m, size, block)

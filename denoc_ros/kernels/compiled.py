@@ -1,13 +1,52 @@
-"""How kernels are compiled: cached, without the interpreter's lock, division by zero gives inf."""
+"""How kernels are compiled: cached, ahead of their first call, division by zero gives inf."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
 
 from numba import njit
 
 _OPTIONS = {
     'cache': True,
-    'nogil': True,
     'error_model': 'numpy',
     'fastmath': {'contract', 'nsz', 'reassoc'},
 }
+# every kernel that Python calls, and the one signature it is compiled for
+DECLARED: dict[Any, str] = {}
 
-kernel = njit(**_OPTIONS)
 inlined = njit(forceinline=True, **_OPTIONS)
+
+
+def kernel(signature: str) -> Callable[[Callable[..., Any]], Any]:
+    """Declare a function that Python calls with arguments of just these types.
+
+    It keeps the interpreter's lock: giving it up and taking it back would cost a control loop more
+    than a call takes.
+    """
+    return _declared(signature, njit(**_OPTIONS))
+
+
+def rows_kernel(signature: str) -> Callable[[Callable[..., Any]], Any]:
+    """Declare a function over many states, which lets other threads run meanwhile."""
+    return _declared(signature, njit(nogil=True, **_OPTIONS))
+
+
+def _declared(signature: str, compiler: Any) -> Callable[[Callable[..., Any]], Any]:
+    def declare(function: Callable[..., Any]) -> Any:
+        dispatcher = compiler(function)
+        DECLARED[dispatcher] = signature
+        return dispatcher
+
+    return declare
+
+
+def ready(*kernels: Any) -> None:
+    """Compile kernels, or load them from the cache, and let no other signature be compiled.
+
+    A call with other types then raises TypeError.
+    """
+    for dispatcher in kernels:
+        if not dispatcher.signatures:
+            dispatcher.compile(DECLARED[dispatcher])
+            dispatcher.disable_compile()

@@ -1,12 +1,22 @@
 """The generalized inertia matrix by composite bodies (section 3.2), and the energies."""
 
 from denoc_ros.kernels.body_inertia import body_inertia, transmit_inertia
-from denoc_ros.kernels.compiled import inlined, kernel
-from denoc_ros.kernels.internal import ARMATURE, STIFFNESS
+from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel
+from denoc_ros.kernels.handle import (
+    ARMATURE,
+    GOOD,
+    MISFIT,
+    NOT_FINITE,
+    STIFFNESS,
+    ZERO,
+    at,
+    model_arrays,
+)
 from denoc_ros.kernels.inverse import outward_motion
 from denoc_ros.kernels.layout import (
     ARM,
     AXIS,
+    BLOCK,
     COLUMNS,
     COORDINATE,
     GRAVITY,
@@ -32,10 +42,10 @@ from denoc_ros.kernels.world import world_pose
 @inlined
 def column_wrench(ints, reals, work, i, column):
     """Return force and torque of a unit acceleration of body i's coordinate, and write its own."""
-    size = 6 + ints[i, MODES]
-    o = ints[i, INERTIA_WORK]
-    if column < ints[i, JOINT]:
-        s = ints[i, REAL] + AXIS
+    size = 6 + at(ints, i, MODES)
+    o = at(ints, i, INERTIA_WORK)
+    if column < at(ints, i, JOINT):
+        s = at(ints, i, REAL) + AXIS
         f = (0.0, 0.0, 0.0)
         n = (0.0, 0.0, 0.0)
         for k in range(6):
@@ -44,7 +54,7 @@ def column_wrench(ints, reals, work, i, column):
             u = o + 3 * size + k
             n = add(n, (x * work[u], x * work[u + size], x * work[u + 2 * size]))
         return f, n
-    u = o + 6 + column - ints[i, JOINT]
+    u = o + 6 + column - at(ints, i, JOINT)
     return (
         (work[u], work[u + size], work[u + 2 * size]),
         (work[u + 3 * size], work[u + 4 * size], work[u + 5 * size]),
@@ -54,46 +64,46 @@ def column_wrench(ints, reals, work, i, column):
 @inlined
 def own_entries(ints, reals, work, i, f, n, column, out):
     """Write the entries between body i's coordinate and its joint and modes."""
-    j = ints[i, COORDINATE]
+    j = at(ints, i, COORDINATE)
     c = j + column
-    size = 6 + ints[i, MODES]
-    o = ints[i, INERTIA_WORK]
-    if ints[i, JOINT] == 1:
-        s = ints[i, REAL] + AXIS
+    size = 6 + at(ints, i, MODES)
+    o = at(ints, i, INERTIA_WORK)
+    if at(ints, i, JOINT) == 1:
+        s = at(ints, i, REAL) + AXIS
         u = dot(load(reals, s), f) + dot(load(reals, s + 3), n)
         out[j, c] = u
         out[c, j] = u
         j += 1
-    if column >= ints[i, JOINT]:
-        u = o + size * (6 + column - ints[i, JOINT]) + 6
-        for k in range(ints[i, MODES]):
+    if column >= at(ints, i, JOINT):
+        u = o + size * (6 + column - at(ints, i, JOINT)) + 6
+        for k in range(at(ints, i, MODES)):
             out[j + k, c] = work[u + k]
 
 
 @inlined
 def carrier_entries(ints, reals, work, i, f, n, c, out):
     """Write the entries between coordinate c and those of all bodies that carry body i."""
-    while ints[i, PARENT] >= 0:
-        o = ints[i, WORK]
-        p = ints[i, PARENT]
+    while at(ints, i, PARENT) > 0:
+        o = at(ints, i, WORK)
+        p = at(ints, i, PARENT)
         f = rotate(work, o, f)
         n = add(rotate(work, o, n), cross(load(work, o + ARM), f))
-        j = ints[p, COORDINATE]
-        if ints[i, SECTION] >= 0:
-            s = ints[i, SECTION_WORK]
+        j = at(ints, p, COORDINATE)
+        if at(ints, i, SECTION) > 0:
+            s = at(ints, i, SECTION_WORK)
             u = s + COLUMNS
-            for k in range(j + ints[p, JOINT], j + ints[p, JOINT] + ints[p, MODES]):
+            for k in range(j + at(ints, p, JOINT), j + at(ints, p, JOINT) + at(ints, p, MODES)):
                 x = dot(load(work, u), f) + dot(load(work, u + 3), n)
                 out[k, c] = x
                 out[c, k] = x
                 u += 6
             n = add(n, cross(load(work, s + PLACE), f))
         else:
-            for k in range(j + ints[p, JOINT], j + ints[p, JOINT] + ints[p, MODES]):
+            for k in range(j + at(ints, p, JOINT), j + at(ints, p, JOINT) + at(ints, p, MODES)):
                 out[k, c] = 0.0
                 out[c, k] = 0.0
-        if ints[p, JOINT] == 1:
-            s = ints[p, REAL] + AXIS
+        if at(ints, p, JOINT) == 1:
+            s = at(ints, p, REAL) + AXIS
             x = dot(load(reals, s), f) + dot(load(reals, s + 3), n)
             out[j, c] = x
             out[c, j] = x
@@ -110,48 +120,53 @@ def copy_block(work, o, size, block):
             work[block + 18 + 3 * r + c] = work[o + size * (3 + r) + 3 + c]
 
 
-@kernel
-def inertia_matrix(ints, reals, work, diagonals, bodies, q, out):
-    """Write the (n, n) generalized inertia matrix; return whether it is finite."""
-    for i in range(bodies):
+@kernel('int64(int64, float64[::1], float64[:, ::1])')
+def inertia_matrix(handle, q, out):
+    """Write the (n, n) generalized inertia matrix."""
+    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    n = diagonals.shape[1]
+    if q.shape[0] != n or out.shape[0] != n or out.shape[1] != n:
+        return MISFIT
+    for i in range(1, bodies + 1):
         place_body(ints, reals, work, q, i)
-        if ints[i, POINTS] > 0:
+        if at(ints, i, POINTS) > 0:
             place_beam(ints, reals, work, q, i)
         body_inertia(ints, reals, work, i)
     out[:, :] = 0.0
-    block = work.shape[0] - 27
-    for i in range(bodies - 1, -1, -1):
-        for column in range(ints[i, JOINT] + ints[i, MODES]):
-            f, n = column_wrench(ints, reals, work, i, column)
-            own_entries(ints, reals, work, i, f, n, column, out)
-            carrier_entries(ints, reals, work, i, f, n, ints[i, COORDINATE] + column, out)
-        if ints[i, PARENT] >= 0:
-            copy_block(work, ints[i, INERTIA_WORK], 6 + ints[i, MODES], block)
+    block = work.shape[0] - BLOCK
+    for i in range(bodies, 0, -1):
+        for column in range(at(ints, i, JOINT) + at(ints, i, MODES)):
+            f, moment = column_wrench(ints, reals, work, i, column)
+            own_entries(ints, reals, work, i, f, moment, column, out)
+            j = at(ints, i, COORDINATE) + column
+            carrier_entries(ints, reals, work, i, f, moment, j, out)
+        if at(ints, i, PARENT) > 0:
+            copy_block(work, at(ints, i, INERTIA_WORK), 6 + at(ints, i, MODES), block)
             transmit_inertia(ints, work, i, block)
     finite = True
-    for j in range(out.shape[0]):
+    for j in range(n):
         out[j, j] += diagonals[ARMATURE, j]
         finite &= all_finite(out[j])
-    return finite
+    return GOOD if finite else NOT_FINITE
 
 
-@kernel
-def inertia_matrix_rows(ints, reals, work, diagonals, bodies, q, first, last, out):
-    """Do the same for rows first .. last - 1 of (k, n) states."""
-    finite = True
+@rows_kernel('int64(int64, float64[:, ::1], int64, int64, float64[:, :, ::1])')
+def inertia_matrix_rows(handle, q, first, last, out):
+    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
+    worst = GOOD
     for k in range(first, last):
-        finite &= inertia_matrix(ints, reals, work, diagonals, bodies, q[k], out[k])
-    return finite
+        worst = max(worst, inertia_matrix(handle, q[k], out[k]))
+    return worst
 
 
 @inlined
 def body_kinetic(ints, work, qd, i):
     """Return the kinetic energy of body i from its own inertia and twist."""
-    m = ints[i, MODES]
+    m = at(ints, i, MODES)
     size = 6 + m
-    o = ints[i, INERTIA_WORK]
-    u = ints[i, WORK]
-    d = ints[i, COORDINATE] + ints[i, JOINT]
+    o = at(ints, i, INERTIA_WORK)
+    u = at(ints, i, WORK)
+    d = at(ints, i, COORDINATE) + at(ints, i, JOINT)
     energy = 0.0
     for r in range(size):
         x = work[u + VELOCITY + r] if r < 6 else qd[d + r - 6]
@@ -164,38 +179,42 @@ def body_kinetic(ints, work, qd, i):
 @inlined
 def body_gravity(ints, reals, work, i):
     """Return the gravity potential of body i, zero at the base origin."""
-    size = 6 + ints[i, MODES]
-    o = ints[i, INERTIA_WORK]
-    u = ints[i, WORK]
+    size = 6 + at(ints, i, MODES)
+    o = at(ints, i, INERTIA_WORK)
+    u = at(ints, i, WORK)
     moment = (work[o + size + 5], work[o + 2 * size + 3], work[o + 4])
     position = load(work, u + WORLD_POSITION)
     g = load(reals, GRAVITY)
     return -work[o] * dot(g, position) - dot(g, rotate(work, u + WORLD_ROTATION, moment))
 
 
-@kernel
-def energies(ints, reals, work, diagonals, bodies, q, qd, zero, out):
-    """Write kinetic and potential energy (gravity and strain); return whether they are finite."""
-    outward_motion(ints, reals, work, bodies, q, qd, zero)
+@kernel('int64(int64, float64[::1], float64[::1], float64[::1])')
+def energies(handle, q, qd, out):
+    """Write kinetic and potential energy (gravity and strain)."""
+    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    n = diagonals.shape[1]
+    if q.shape[0] != n or qd.shape[0] != n or out.shape[0] != 2:
+        return MISFIT
+    outward_motion(ints, reals, work, bodies, q, qd, diagonals[ZERO])
     kinetic = 0.0
     potential = 0.0
-    for i in range(bodies):
+    for i in range(1, bodies + 1):
         body_inertia(ints, reals, work, i)
         world_pose(ints, work, i)
         kinetic += body_kinetic(ints, work, qd, i)
         potential += body_gravity(ints, reals, work, i)
-    for j in range(q.shape[0]):
+    for j in range(n):
         kinetic += 0.5 * diagonals[ARMATURE, j] * qd[j] * qd[j]
         potential += 0.5 * diagonals[STIFFNESS, j] * q[j] * q[j]
     out[0] = kinetic
     out[1] = potential
-    return all_finite(out)
+    return GOOD if all_finite(out) else NOT_FINITE
 
 
-@kernel
-def energies_rows(ints, reals, work, diagonals, bodies, q, qd, zero, first, last, out):
-    """Do the same for rows first .. last - 1 of (k, n) states."""
-    finite = True
+@rows_kernel('int64(int64, float64[:, ::1], float64[:, ::1], int64, int64, float64[:, ::1])')
+def energies_rows(handle, q, qd, first, last, out):
+    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
+    worst = GOOD
     for k in range(first, last):
-        finite &= energies(ints, reals, work, diagonals, bodies, q[k], qd[k], zero, out[k])
-    return finite
+        worst = max(worst, energies(handle, q[k], qd[k], out[k]))
+    return worst

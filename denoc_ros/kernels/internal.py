@@ -3,17 +3,14 @@
 import numpy as np
 
 from denoc_ros.kernels.compiled import inlined
-
-STIFFNESS = 0  # rows of the (4, n) array of diagonals
-DAMPING = 1
-FRICTION = 2
-ARMATURE = 3
+from denoc_ros.kernels.handle import DAMPING, FRICTION, STIFFNESS
+from denoc_ros.kernels.layout import SLIP_RATE
 
 
 @inlined
-def internal_force(diagonals, slip_rate, q, qd, j):
+def internal_force(reals, diagonals, q, qd, j):
     """Return k q + c q' + f tanh(q' / v_s) of coordinate j."""
     force = diagonals[STIFFNESS, j] * q[j] + diagonals[DAMPING, j] * qd[j]
     if diagonals[FRICTION, j] != 0.0:
-        force += diagonals[FRICTION, j] * np.tanh(qd[j] / slip_rate)
+        force += diagonals[FRICTION, j] * np.tanh(qd[j] / reals[SLIP_RATE])
     return force

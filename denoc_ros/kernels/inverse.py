@@ -1,7 +1,15 @@
 """Inverse dynamics: outward motion, inward wrenches, O(n) (book, section 3.2)."""
 
-from denoc_ros.kernels.compiled import inlined, kernel
-from denoc_ros.kernels.internal import ARMATURE, internal_force
+from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel
+from denoc_ros.kernels.handle import (
+    ARMATURE,
+    GOOD,
+    MISFIT,
+    NOT_FINITE,
+    at,
+    model_arrays,
+)
+from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.layout import (
     AXIS,
     BEAM_WORK,
@@ -23,9 +31,9 @@ from denoc_ros.kernels.wrench import body_wrench, transmit_wrench
 @inlined
 def outward_motion(ints, reals, work, bodies, q, qd, qdd):
     """Place and move every body and write the wrench it needs for its own motion."""
-    for i in range(bodies):
+    for i in range(1, bodies + 1):
         place_body(ints, reals, work, q, i)
-        if ints[i, POINTS] > 0:
+        if at(ints, i, POINTS) > 0:
             place_beam(ints, reals, work, q, i)
         move_body(ints, reals, work, qd, qdd, i)
         body_wrench(ints, reals, work, qd, qdd, i)
@@ -34,8 +42,8 @@ def outward_motion(ints, reals, work, bodies, q, qd, qdd):
 @inlined
 def joint_force(ints, reals, work, i):
     """Return S^T of the wrench on body i."""
-    c = ints[i, REAL]
-    o = ints[i, WORK]
+    c = at(ints, i, REAL)
+    o = at(ints, i, WORK)
     return dot(load(reals, c + AXIS), load(work, o + FORCE)) + dot(
         load(reals, c + AXIS + 3), load(work, o + TORQUE)
     )
@@ -44,37 +52,40 @@ def joint_force(ints, reals, work, i):
 @inlined
 def inward_wrenches(ints, reals, work, bodies, out):
     """Sum wrenches towards the base and add their share along every coordinate to out."""
-    for i in range(bodies - 1, -1, -1):
-        j = ints[i, COORDINATE]
-        if ints[i, JOINT] == 1:
+    for i in range(bodies, 0, -1):
+        j = at(ints, i, COORDINATE)
+        if at(ints, i, JOINT) == 1:
             out[j] += joint_force(ints, reals, work, i)
             j += 1
-        modal = ints[i, BEAM_WORK]
-        for k in range(ints[i, MODES]):
+        modal = at(ints, i, BEAM_WORK)
+        for k in range(at(ints, i, MODES)):
             out[j + k] += work[modal + k]
-        o = ints[i, WORK]
+        o = at(ints, i, WORK)
         transmit_wrench(ints, work, i, load(work, o + FORCE), load(work, o + TORQUE))
 
 
-@kernel
-def inverse_dynamics(ints, reals, work, diagonals, bodies, slip_rate, q, qd, qdd, out):
-    """Write I q'' + h(q, q'); return whether it is finite."""
+@kernel('int64(int64, float64[::1], float64[::1], float64[::1], float64[::1])')
+def inverse_dynamics(handle, q, qd, qdd, out):
+    """Write I q'' + h(q, q') (n)."""
+    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    n = diagonals.shape[1]
+    if q.shape[0] != n or qd.shape[0] != n or qdd.shape[0] != n or out.shape[0] != n:
+        return MISFIT
     outward_motion(ints, reals, work, bodies, q, qd, qdd)
     # element by element before out is summed up: out may be one of the arguments
-    for j in range(out.shape[0]):
-        out[j] = diagonals[ARMATURE, j] * qdd[j] + internal_force(diagonals, slip_rate, q, qd, j)
+    for j in range(n):
+        out[j] = diagonals[ARMATURE, j] * qdd[j] + internal_force(reals, diagonals, q, qd, j)
     inward_wrenches(ints, reals, work, bodies, out)
-    return all_finite(out)
+    return GOOD if all_finite(out) else NOT_FINITE
 
 
-@kernel
-def inverse_dynamics_rows(
-    ints, reals, work, diagonals, bodies, slip_rate, q, qd, qdd, first, last, out
-):
-    """Do the same for rows first .. last - 1 of (k, n) states."""
-    finite = True
+@rows_kernel(
+    'int64(int64, float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64, '
+    'float64[:, ::1])'
+)
+def inverse_dynamics_rows(handle, q, qd, qdd, first, last, out):
+    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
+    worst = GOOD
     for k in range(first, last):
-        finite &= inverse_dynamics(
-            ints, reals, work, diagonals, bodies, slip_rate, q[k], qd[k], qdd[k], out[k]
-        )
-    return finite
+        worst = max(worst, inverse_dynamics(handle, q[k], qd[k], qdd[k], out[k]))
+    return worst

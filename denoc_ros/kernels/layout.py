@@ -1,13 +1,13 @@
 """Where things stand in the flat arrays that a model is lowered to.
 
-Three arrays are a model: `ints` (rows, INTS), a row per body and then one per frame; `reals`, all
-constants; `work`, the caller's workspace. A body's constants start at `ints[i, REAL]`, its
-workspace at `ints[i, WORK]`; the offsets below count from there. Rotations are row-major and take
-body axes to the axes of what carries the body.
+Three arrays are a model: `ints` (rows, INTS), unsigned: row 0 the base, a row per body, a row per
+frame; `reals`, all constants; `work`, the caller's workspace. A body's constants start at
+`ints[i, REAL]`, its workspace at `ints[i, WORK]`; the offsets below count from there. Rotations
+are row-major and take body axes to the axes of what carries the body.
 """
 
 # columns of ints
-PARENT = 0  # row of the body that carries this one, -1: the base
+PARENT = 0  # row of the body that carries this one, 0: the base
 MOTION = 1  # FIXED, REVOLUTE or PRISMATIC
 COORDINATE = 2  # index of the first coordinate
 JOINT = 3  # number of joint coordinates: 0 or 1
@@ -18,7 +18,7 @@ MODES = 7  # NY + NZ + NT
 POINTS = 8  # number of integration points of the beam
 REAL = 9  # offset of the body's constants in reals
 BEAM = 10  # offset of the beam's constants in reals
-SECTION = 11  # offset of the attachment's section constants in reals, -1: rigid attachment
+SECTION = 11  # offset of the attachment's section constants in reals, 0: rigid attachment
 WORK = 12  # offset of the body's workspace in work
 BEAM_WORK = 13  # offset of the beam's workspace
 SECTION_WORK = 14  # offset of the section's workspace
@@ -32,7 +32,8 @@ PRISMATIC = 2
 
 # reals: the model
 GRAVITY = 0  # (3) in the base frame
-HEADER = 3
+SLIP_RATE = 3  # of Coulomb friction [rad/s or m/s]
+HEADER = 4
 
 # reals: a body, from REAL
 STILL = 0  # (12) rotation and translation of the body on its carrier: the constant part,
@@ -50,6 +51,9 @@ BODY_REALS = 52
 
 # reals: a section, from SECTION:
 # station, s_y (NY), s_z (NZ), s_y' (NY), s_z' (NZ), s_t (NT), H_y (NY NY), H_z (NZ NZ)
+
+# work: its last elements, a six-row block (see body_inertia)
+BLOCK = 27
 
 # work: a body, from WORK
 ROTATION = 0  # (9) body axes to carrier axes

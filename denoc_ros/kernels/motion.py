@@ -1,6 +1,7 @@
 """Outward pass of velocities and accelerations (dynamics.md: displacements, section, joint)."""
 
 from denoc_ros.kernels.compiled import inlined
+from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
     ACCELERATION,
     ARM,
@@ -8,7 +9,6 @@ from denoc_ros.kernels.layout import (
     COEFFICIENTS,
     COLUMNS,
     COORDINATE,
-    GRAVITY,
     JOINT,
     MODES,
     NT,
@@ -31,12 +31,12 @@ from denoc_ros.kernels.vector import add, cross, dot, load, scale, store, unrota
 @inlined
 def section_rates(ints, reals, qd, i):
     """Return phi' and the axial entry of B' d' of the section that carries row i."""
-    p = ints[i, PARENT]
-    ny = ints[p, NY]
-    nz = ints[p, NZ]
-    nt = ints[p, NT]
-    d = ints[p, COORDINATE] + ints[p, JOINT]
-    slope = ints[i, SECTION] + 1 + ny + nz
+    p = at(ints, i, PARENT)
+    ny = at(ints, p, NY)
+    nz = at(ints, p, NZ)
+    nt = at(ints, p, NT)
+    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+    slope = at(ints, i, SECTION) + 1 + ny + nz
     h = slope + ny + nz + nt
     turn_y = 0.0
     turn_z = 0.0
@@ -64,9 +64,9 @@ def section_motion(ints, reals, work, qd, qdd, i, v, w, a, al):
 
     It carries row i; v, w, a, al are those of its beam's body frame.
     """
-    p = ints[i, PARENT]
-    o = ints[i, SECTION_WORK]
-    d = ints[p, COORDINATE] + ints[p, JOINT]
+    p = at(ints, i, PARENT)
+    o = at(ints, i, SECTION_WORK)
+    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
     place = load(work, o + PLACE)
     phi = load(work, o + VECTOR)
     rate, shortening = section_rates(ints, reals, qd, i)
@@ -83,7 +83,7 @@ def section_motion(ints, reals, work, qd, qdd, i, v, w, a, al):
         scale(c, cross(rate, turned)),
     )
     k = o + COLUMNS
-    for j in range(d, d + ints[p, MODES]):
+    for j in range(d, d + at(ints, p, MODES)):
         linear = load(work, k)
         angular = load(work, k + 3)
         slip = add(slip, scale(qd[j], linear))
@@ -101,21 +101,15 @@ def section_motion(ints, reals, work, qd, qdd, i, v, w, a, al):
 @inlined
 def move_body(ints, reals, work, qd, qdd, i):
     """Write the twist and the acceleration of body i, joint included, in body axes."""
-    c = ints[i, REAL]
-    o = ints[i, WORK]
-    p = ints[i, PARENT]
-    if p < 0:
-        v = (0.0, 0.0, 0.0)
-        w = (0.0, 0.0, 0.0)
-        a = scale(-1.0, load(reals, GRAVITY))
-        al = (0.0, 0.0, 0.0)
-    else:
-        u = ints[p, WORK]
-        v = load(work, u + VELOCITY)
-        w = load(work, u + SPEED)
-        a = load(work, u + ACCELERATION)
-        al = load(work, u + SPIN_UP)
-    if ints[i, SECTION] >= 0:
+    c = at(ints, i, REAL)
+    o = at(ints, i, WORK)
+    p = at(ints, i, PARENT)
+    u = at(ints, p, WORK)
+    v = load(work, u + VELOCITY)
+    w = load(work, u + SPEED)
+    a = load(work, u + ACCELERATION)
+    al = load(work, u + SPIN_UP)
+    if at(ints, i, SECTION) > 0:
         v, w, a, al = section_motion(ints, reals, work, qd, qdd, i, v, w, a, al)
     arm = load(work, o + ARM)
     carried = cross(w, arm)
@@ -123,8 +117,8 @@ def move_body(ints, reals, work, qd, qdd, i):
     a = unrotate(work, o, add(a, add(cross(al, arm), cross(w, carried))))
     w = unrotate(work, o, w)
     al = unrotate(work, o, al)
-    if ints[i, JOINT] == 1:
-        j = ints[i, COORDINATE]
+    if at(ints, i, JOINT) == 1:
+        j = at(ints, i, COORDINATE)
         slide = load(reals, c + AXIS)
         turn = load(reals, c + AXIS + 3)
         slip = scale(qd[j], slide)

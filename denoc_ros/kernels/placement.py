@@ -3,6 +3,7 @@
 import numpy as np
 
 from denoc_ros.kernels.compiled import inlined
+from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
     ARM,
     BEAM,
@@ -116,13 +117,13 @@ def place_plane(reals, s, h, slope, q, coordinate, count, work, column):
 @inlined
 def place_section(ints, reals, work, q, i):
     """Place the section that carries row i: position, rotation and the columns [B; J Theta]."""
-    p = ints[i, PARENT]
-    ny = ints[p, NY]
-    nz = ints[p, NZ]
-    nt = ints[p, NT]
-    c = ints[i, SECTION]
-    o = ints[i, SECTION_WORK]
-    d = ints[p, COORDINATE] + ints[p, JOINT]
+    p = at(ints, i, PARENT)
+    ny = at(ints, p, NY)
+    nz = at(ints, p, NZ)
+    nt = at(ints, p, NT)
+    c = at(ints, i, SECTION)
+    o = at(ints, i, SECTION_WORK)
+    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
     y = c + 1
     slope = y + ny + nz
     twist = slope + ny + nz
@@ -181,24 +182,24 @@ def multiply(a, o, b, p, out, r):
 @inlined
 def place_body(ints, reals, work, q, i):
     """Place row i on its carrier: rotation, and arm from the section to the body origin."""
-    c = ints[i, REAL]
-    o = ints[i, WORK]
-    motion = ints[i, MOTION]
+    c = at(ints, i, REAL)
+    o = at(ints, i, WORK)
+    motion = at(ints, i, MOTION)
     for k in range(12):
         work[o + k] = reals[c + STILL + k]
     if motion == REVOLUTE:
-        x = q[ints[i, COORDINATE]]
+        x = q[at(ints, i, COORDINATE)]
         s = np.sin(x)
         t = 1.0 - np.cos(x)
         for k in range(12):
             work[o + k] += reals[c + FIRST + k] * s + reals[c + SECOND + k] * t
     elif motion != 0:
-        x = q[ints[i, COORDINATE]]
+        x = q[at(ints, i, COORDINATE)]
         for k in range(9, 12):
             work[o + k] += reals[c + FIRST + k] * x
-    if ints[i, SECTION] >= 0:
+    if at(ints, i, SECTION) > 0:
         place_section(ints, reals, work, q, i)
-        turn = ints[i, SECTION_WORK] + TURN
+        turn = at(ints, i, SECTION_WORK) + TURN
         for j in range(3):
             v = rotate(work, turn, (work[o + j], work[o + 3 + j], work[o + 6 + j]))
             work[o + j] = v[0]
@@ -210,13 +211,13 @@ def place_body(ints, reals, work, q, i):
 @inlined
 def place_beam(ints, reals, work, q, i):
     """Place the integration points of body i's beam and their products H d."""
-    ny = ints[i, NY]
-    nz = ints[i, NZ]
-    nt = ints[i, NT]
-    d = ints[i, COORDINATE] + ints[i, JOINT]
-    c = ints[i, BEAM] + 1 + nt + nt * nt
-    o = ints[i, BEAM_WORK] + ints[i, MODES]
-    for _ in range(ints[i, POINTS]):
+    ny = at(ints, i, NY)
+    nz = at(ints, i, NZ)
+    nt = at(ints, i, NT)
+    d = at(ints, i, COORDINATE) + at(ints, i, JOINT)
+    c = at(ints, i, BEAM) + 1 + nt + nt * nt
+    o = at(ints, i, BEAM_WORK) + at(ints, i, MODES)
+    for _ in range(at(ints, i, POINTS)):
         x = reals[c + 1]
         y = 0.0
         z = 0.0
@@ -246,7 +247,7 @@ def place_beam(ints, reals, work, q, i):
 @inlined
 def carrier_arm(ints, work, i):
     """Return the position of row i's origin in its carrier's body frame."""
-    o = ints[i, WORK]
-    if ints[i, SECTION] >= 0:
-        return add(load(work, ints[i, SECTION_WORK] + PLACE), load(work, o + ARM))
+    o = at(ints, i, WORK)
+    if at(ints, i, SECTION) > 0:
+        return add(load(work, at(ints, i, SECTION_WORK) + PLACE), load(work, o + ARM))
     return load(work, o + ARM)

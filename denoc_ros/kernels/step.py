@@ -10,9 +10,18 @@ shift on its diagonal, so a mode much faster than the step costs nothing and sta
 import numpy as np
 
 from denoc_ros.kernels.articulated import articulated_dynamics
-from denoc_ros.kernels.compiled import kernel
-from denoc_ros.kernels.internal import ARMATURE, DAMPING, FRICTION, STIFFNESS
-from denoc_ros.kernels.layout import COORDINATE, JOINT
+from denoc_ros.kernels.compiled import inlined, kernel
+from denoc_ros.kernels.handle import (
+    ARMATURE,
+    DAMPING,
+    FRICTION,
+    GOOD,
+    MISFIT,
+    STIFFNESS,
+    at,
+    model_arrays,
+)
+from denoc_ros.kernels.layout import COORDINATE, JOINT, SLIP_RATE
 
 GAMMA = 1.0 - np.sqrt(0.5)
 
@@ -28,62 +37,69 @@ GIVEN = 7
 STEP_ROWS = 8
 
 
-@kernel
-def advance(ints, reals, work, diagonals, steps, held, bodies, slip_rate, dt, q, qd, given, tau):
+@inlined
+def hold(ints, bodies, held, source, target):
+    """Copy the elements of held joints."""
+    for i in range(1, bodies + 1):
+        j = at(ints, i, COORDINATE)
+        if at(ints, i, JOINT) == 1 and held[j] != 0.0:
+            target[j] = source[j]
+
+
+@kernel(
+    'int64(int64, float64[:, ::1], float64[::1], float64, float64[::1], float64[::1], '
+    'float64[::1], float64[::1])'
+)
+def advance(handle, steps, held, dt, q, qd, given, tau):
     """Advance q and q' by dt in place; held joints have the acceleration given throughout.
 
     Returns the status of the forward dynamics; the state is left as it was unless that is good.
     """
-    n = q.shape[0]
+    ints, reals, _work, diagonals, bodies = model_arrays(handle)
+    n = diagonals.shape[1]
+    if q.shape[0] != n or qd.shape[0] != n or given.shape[0] != n or tau.shape[0] != n:
+        return MISFIT
     g = GAMMA * dt
     shift = steps[SHIFT]
     drive = steps[DRIVE]
     k1 = steps[RATE]
     w = steps[STAGE_RATE]
+    stage_q = steps[STAGE_Q]
+    stage_qd = steps[STAGE_QD]
     for j in range(n):
         c = diagonals[DAMPING, j]
         if diagonals[FRICTION, j] != 0.0:
-            t = np.tanh(qd[j] / slip_rate)
-            c += diagonals[FRICTION, j] / slip_rate * (1.0 - t * t)
-        implicit = g * c + g * g * diagonals[STIFFNESS, j]
-        shift[j] = diagonals[ARMATURE, j] + implicit
+            t = np.tanh(qd[j] / reals[SLIP_RATE])
+            c += diagonals[FRICTION, j] / reals[SLIP_RATE] * (1.0 - t * t)
+        shift[j] = diagonals[ARMATURE, j] + g * c + g * g * diagonals[STIFFNESS, j]
         steps[GIVEN, j] = 0.0
         drive[j] = tau[j] - g * diagonals[STIFFNESS, j] * qd[j]
-    for i in range(bodies):
-        if ints[i, JOINT] == 1 and held[i] == 1:
-            steps[GIVEN, ints[i, COORDINATE]] = given[ints[i, COORDINATE]]
+    hold(ints, bodies, held, given, steps[GIVEN])
     status = articulated_dynamics(
-        ints, reals, work, diagonals, shift, held, bodies, slip_rate,
-        q, qd, steps[GIVEN], drive, k1, steps[TORQUE],
-    )  # fmt: skip
-    if status != 0:
+        handle, shift, held, q, qd, steps[GIVEN], drive, k1, steps[TORQUE]
+    )
+    if status != GOOD:
         return status
     for j in range(n):
         k1q = qd[j] + g * k1[j]
-        steps[STAGE_Q, j] = q[j] + dt * k1q
-        steps[STAGE_QD, j] = qd[j] + dt * k1[j]
-        residual = steps[STAGE_QD, j] - 2.0 * k1q
+        stage_q[j] = q[j] + dt * k1q
+        stage_qd[j] = qd[j] + dt * k1[j]
+        if held[j] != 0.0:
+            stage_q[j] = q[j] + dt * (qd[j] + 0.5 * dt * given[j])
+        residual = stage_qd[j] - 2.0 * k1q
         implicit = shift[j] - diagonals[ARMATURE, j]
         drive[j] = tau[j] - g * diagonals[STIFFNESS, j] * residual + 2.0 * implicit * k1[j]
-    for i in range(bodies):
-        if ints[i, JOINT] == 1 and held[i] == 1:
-            j = ints[i, COORDINATE]
-            steps[STAGE_Q, j] = q[j] + dt * (qd[j] + 0.5 * dt * given[j])
     status = articulated_dynamics(
-        ints, reals, work, diagonals, shift, held, bodies, slip_rate,
-        steps[STAGE_Q], steps[STAGE_QD], steps[GIVEN], drive, w, steps[TORQUE],
-    )  # fmt: skip
-    if status != 0:
+        handle, shift, held, stage_q, stage_qd, steps[GIVEN], drive, w, steps[TORQUE]
+    )
+    if status != GOOD:
         return status
     for j in range(n):
         k1q = qd[j] + g * k1[j]
         k2 = w[j] - 2.0 * k1[j]
-        k2q = steps[STAGE_QD, j] - 2.0 * k1q + g * k2
+        k2q = stage_qd[j] - 2.0 * k1q + g * k2
         q[j] += dt * (1.5 * k1q + 0.5 * k2q)
         qd[j] += dt * (1.5 * k1[j] + 0.5 * k2)
-    for i in range(bodies):
-        if ints[i, JOINT] == 1 and held[i] == 1:
-            j = ints[i, COORDINATE]
-            q[j] = steps[STAGE_Q, j]
-            qd[j] = steps[STAGE_QD, j]
-    return status
+    hold(ints, bodies, held, stage_q, q)
+    hold(ints, bodies, held, stage_qd, qd)
+    return GOOD

@@ -1,6 +1,7 @@
 """The wrench and modal forces a body needs for its own motion, and their way inward."""
 
 from denoc_ros.kernels.compiled import inlined
+from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
     ACCELERATION,
     ARM,
@@ -44,8 +45,8 @@ from denoc_ros.kernels.vector import (
 @inlined
 def rigid_wrench(ints, reals, work, i):
     """Write the wrench of the rigid part of body i about the body origin."""
-    c = ints[i, REAL]
-    o = ints[i, WORK]
+    c = at(ints, i, REAL)
+    o = at(ints, i, WORK)
     w = load(work, o + SPEED)
     a = load(work, o + ACCELERATION)
     al = load(work, o + SPIN_UP)
@@ -62,22 +63,22 @@ def rigid_wrench(ints, reals, work, i):
 @inlined
 def bending_wrench(ints, reals, work, qd, qdd, i):
     """Add the wrench of body i's beam and write its modal forces: int [1; p x; B^T] acc."""
-    ny = ints[i, NY]
-    nz = ints[i, NZ]
-    nt = ints[i, NT]
-    o = ints[i, WORK]
-    d = ints[i, COORDINATE] + ints[i, JOINT]
+    ny = at(ints, i, NY)
+    nz = at(ints, i, NZ)
+    nt = at(ints, i, NT)
+    o = at(ints, i, WORK)
+    d = at(ints, i, COORDINATE) + at(ints, i, JOINT)
     w = load(work, o + SPEED)
     a = load(work, o + ACCELERATION)
     al = load(work, o + SPIN_UP)
     force = (0.0, 0.0, 0.0)
     torque = (0.0, 0.0, 0.0)
-    modal = ints[i, BEAM_WORK]
+    modal = at(ints, i, BEAM_WORK)
     for j in range(modal, modal + ny + nz):
         work[j] = 0.0
-    c = ints[i, BEAM] + 1 + nt + nt * nt
-    k = modal + ints[i, MODES]
-    for _ in range(ints[i, POINTS]):
+    c = at(ints, i, BEAM) + 1 + nt + nt * nt
+    k = modal + at(ints, i, MODES)
+    for _ in range(at(ints, i, POINTS)):
         p = load(work, k)
         sx = 0.0  # B d'
         sy = 0.0
@@ -127,11 +128,11 @@ def bending_wrench(ints, reals, work, qd, qdd, i):
 @inlined
 def torsion_wrench(ints, reals, work, qd, qdd, i):
     """Add the torque of body i's twisting sections and write its torsional modal forces."""
-    nt = ints[i, NT]
-    o = ints[i, WORK]
-    d = ints[i, COORDINATE] + ints[i, JOINT] + ints[i, NY] + ints[i, NZ]
-    b = ints[i, BEAM]
-    modal = ints[i, BEAM_WORK] + ints[i, NY] + ints[i, NZ]
+    nt = at(ints, i, NT)
+    o = at(ints, i, WORK)
+    d = at(ints, i, COORDINATE) + at(ints, i, JOINT) + at(ints, i, NY) + at(ints, i, NZ)
+    b = at(ints, i, BEAM)
+    modal = at(ints, i, BEAM_WORK) + at(ints, i, NY) + at(ints, i, NZ)
     w = load(work, o + SPEED)
     spin_up = work[o + SPIN_UP]
     momentum = reals[b] * w[0]
@@ -150,27 +151,27 @@ def torsion_wrench(ints, reals, work, qd, qdd, i):
 def body_wrench(ints, reals, work, qd, qdd, i):
     """Write the wrench and the modal forces that body i needs for its motion (no elasticity)."""
     rigid_wrench(ints, reals, work, i)
-    if ints[i, POINTS] > 0:
+    if at(ints, i, POINTS) > 0:
         bending_wrench(ints, reals, work, qd, qdd, i)
-    if ints[i, NT] > 0:
+    if at(ints, i, NT) > 0:
         torsion_wrench(ints, reals, work, qd, qdd, i)
 
 
 @inlined
 def transmit_wrench(ints, work, i, force, torque):
     """Add a wrench on row i (its axes, about its origin) to its carrier and that one's modes."""
-    p = ints[i, PARENT]
-    if p < 0:
+    p = at(ints, i, PARENT)
+    if p == 0:
         return
-    o = ints[i, WORK]
-    u = ints[p, WORK]
+    o = at(ints, i, WORK)
+    u = at(ints, p, WORK)
     f = rotate(work, o, force)
     n = add(rotate(work, o, torque), cross(load(work, o + ARM), f))
-    if ints[i, SECTION] >= 0:
-        k = ints[i, SECTION_WORK]
-        modal = ints[p, BEAM_WORK]
+    if at(ints, i, SECTION) > 0:
+        k = at(ints, i, SECTION_WORK)
+        modal = at(ints, p, BEAM_WORK)
         columns = k + COLUMNS
-        for j in range(ints[p, MODES]):
+        for j in range(at(ints, p, MODES)):
             work[modal + j] += dot(load(work, columns), f) + dot(load(work, columns + 3), n)
             columns += 6
         n = add(n, cross(load(work, k + PLACE), f))

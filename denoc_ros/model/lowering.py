@@ -35,7 +35,7 @@ SLIP_RATE = 1e-3  # rad/s or m/s, of Coulomb friction (design.md, section 1)
 class Lowered:
     """A robot as flat arrays; see :mod:`denoc_ros.kernels.layout` for what stands where."""
 
-    ints: NDArray[np.int64]  # (bodies + frames, INTS)
+    ints: NDArray[np.uint32]  # (1 + bodies + frames, INTS), row 0 the base
     reals: Array  # constants
     diagonals: Array  # (4, n) stiffness, damping, friction, armature
     bodies: int
@@ -182,11 +182,11 @@ class _Lowering:
     def __init__(self, tree: Tree, gravity: Array, geometric: bool) -> None:
         self.tree = tree
         self.geometric = geometric
-        self.constants: list[Array] = [gravity]
+        self.constants: list[Array] = [gravity, np.array([SLIP_RATE])]
         self.real_size = layout.HEADER
-        self.work_size = 0
+        self.work_size = layout.BODY_WORK  # the base's
         self.coordinate = 0
-        self.rows: list[NDArray[np.int64]] = []
+        self.rows = [np.zeros(layout.INTS, dtype=np.int64)]
 
     def append(self, *parts: Array) -> int:
         """Append constants and return where they start."""
@@ -204,8 +204,7 @@ class _Lowering:
 
     def attach(self, row: NDArray[np.int64], attachment: Attachment) -> Array:
         """Fill a row's carrier and section; return the placement that is left."""
-        row[layout.PARENT] = attachment.body
-        row[layout.SECTION] = -1
+        row[layout.PARENT] = attachment.body + 1
         if attachment.body < 0 or attachment.station == 0.0:
             return attachment.placement
         carrier = self.tree.bodies[attachment.body]
@@ -312,14 +311,13 @@ def lower(tree: Tree, gravity: Array, geometric_stiffness: bool) -> Lowered:
     for attachment in tree.frames.values():
         lowering.frame(attachment)
     names, joints, indices = _names(tree)
-    rows = lowering.rows or [np.zeros(layout.INTS, dtype=np.int64)]
     return Lowered(
-        ints=np.array(rows, dtype=np.int64),
+        ints=np.array(lowering.rows, dtype=np.uint32),
         reals=np.concatenate(lowering.constants),
         diagonals=_diagonals(tree),
         bodies=len(tree.bodies),
-        work_size=lowering.work_size + 27,
-        frame_rows={name: len(tree.bodies) + k for k, name in enumerate(tree.frames)},
+        work_size=lowering.work_size + layout.BLOCK,
+        frame_rows={name: 1 + len(tree.bodies) + k for k, name in enumerate(tree.frames)},
         coordinate_names=tuple(names),
         joint_names=tuple(joints),
         joint_indices=np.array(indices, dtype=np.int64),

@@ -1,0 +1,49 @@
+"""What a kernel writes into, and the record by which the model is handed to it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.kernels import handle, layout
+from denoc_ros.model.lowering import Lowered
+
+Array = NDArray[np.float64]
+
+
+class Workspace:
+    """One caller's workspace over a lowered model.
+
+    Parameters
+    ----------
+    lowered : Lowered
+    reals : (reals,)
+        The model's constants; shared, so that a payload set live is seen by all.
+
+    Attributes
+    ----------
+    handle : int
+        What kernels take for the model; valid as long as this object lives.
+    work : (work_size,)
+    """
+
+    def __init__(self, lowered: Lowered, reals: Array) -> None:
+        self.work: Array = np.zeros(lowered.work_size)
+        gravity = reals[layout.GRAVITY : layout.GRAVITY + 3]
+        self.work[layout.ACCELERATION : layout.ACCELERATION + 3] = -gravity
+        self.work[layout.WORLD_ROTATION : layout.WORLD_ROTATION + 9] = np.eye(3).ravel()
+        self._diagonals = np.zeros((handle.DIAGONALS, lowered.n))
+        self._diagonals[: len(lowered.diagonals)] = lowered.diagonals
+        self._alive = (lowered.ints, reals)
+        record = np.zeros(handle.RECORD, dtype=np.int64)
+        record[handle.INTS_ADDRESS] = lowered.ints.ctypes.data
+        record[handle.REALS_ADDRESS] = reals.ctypes.data
+        record[handle.WORK_ADDRESS] = self.work.ctypes.data
+        record[handle.DIAGONALS_ADDRESS] = self._diagonals.ctypes.data
+        record[handle.ROWS] = len(lowered.ints)
+        record[handle.REALS_SIZE] = len(reals)
+        record[handle.WORK_SIZE] = len(self.work)
+        record[handle.COORDINATES] = lowered.n
+        record[handle.BODIES] = lowered.bodies
+        self._record = record
+        self.handle = int(record.ctypes.data)
