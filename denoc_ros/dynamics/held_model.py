@@ -88,7 +88,8 @@ class HeldModel:
     @property
     def work(self) -> Array:
         """The workspace of the kernels; what stands where says `kernels.layout`."""
-        return self._workspace.work
+        work: Array = self._workspace.work
+        return work
 
     def new_workspace(self) -> Workspace:
         """Return another workspace over this model, for another thread."""
