@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
+
+SOURCES = (
+    'LICENSE',
+    'README.md',
+    'config',
+    'denoc_ros',
+    'launch',
+    'package.xml',
+    'pyproject.toml',
+    'resource',
+    'scripts',
+    'setup.cfg',
+    'setup.py',
+)
 
 
 @pytest.fixture(scope='session')
@@ -19,3 +34,18 @@ def shared(repository: Path) -> Path:
     folder = repository.parent / 'shared'
     assert folder.is_dir(), f'shared data must be beside the repository, got no {folder.name}/'
     return folder
+
+
+@pytest.fixture(scope='session')
+def source_copy(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Copy of what the package is built from: building leaves nothing in the checkout."""
+    target = tmp_path_factory.mktemp('src') / 'denoc_ros'
+    target.mkdir()
+    for name in SOURCES:
+        source = repository / name
+        if source.is_dir():
+            ignored = shutil.ignore_patterns('__pycache__')
+            shutil.copytree(source, target / name, ignore=ignored)
+        elif source.is_file():
+            shutil.copy2(source, target / name)
+    return target
