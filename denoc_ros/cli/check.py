@@ -7,6 +7,7 @@ import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ def add_parser(subparsers: Any) -> None:
         description='Read a URDF with its <flexibility> block, report every finding in it, and '
         'list links, joints, beams, natural frequencies and masses.',
     )
-    parser.add_argument('robot', help='the URDF file')
+    parser.add_argument('robot', help='the URDF file, here or where the package is installed')
     parser.add_argument(
         '--gravity',
         nargs=3,
@@ -38,9 +39,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
+    from denoc_ros.cli.config import find_file
     from denoc_ros.dynamics.robot import load_robot
 
-    summary = summarize(load_robot(args.robot, gravity=tuple(args.gravity)))
+    file = find_file(Path(args.robot), Path()) or args.robot
+    summary = summarize(load_robot(file, gravity=tuple(args.gravity)))
     if args.json:
         print(json.dumps(summary, indent=2, allow_nan=False))
         return 0
