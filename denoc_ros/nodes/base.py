@@ -73,7 +73,8 @@ class DenocNode(LifecycleNode):
     """
 
     def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
-        super().__init__(name, **options)
+        # the table decides: undeclared names are the members of its families
+        super().__init__(name, allow_undeclared_parameters=True, **options)
         self.table = table
         self.failure = ''
         self.ready = True

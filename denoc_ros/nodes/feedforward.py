@@ -293,6 +293,8 @@ class FeedforwardNode(RobotNode):
             before = self.limiter.last.copy()
             now = time.perf_counter()
             self._be_safe(now)
+            if not self.safe.active:  # no posture was ever known: nothing has left, nothing will
+                return
             changed = np.abs(self.limiter.last - before).max() > 1e-9
             repeats = 0 if changed or not self.safe.settled(now) else repeats + 1
             time.sleep(max(self.period, FINAL_SPACING) if repeats else self.period)

@@ -142,8 +142,9 @@ class TorqueLimiter:
         return self.last
 
     def reset(self, torque: Array | float = 0.0) -> None:
-        """Start again from `torque`, as if it had left last."""
-        self.last[:] = torque
+        """Start again from `torque`, as if it had left last (within the limits)."""
+        np.minimum(torque, self._upper, out=self.last)
+        np.maximum(self.last, self._lower, out=self.last)
 
 
 class SafeCommand:

@@ -1,0 +1,358 @@
+"""The feedforward node on real DDS."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from node_robots import GRAVITY, JOINTS, two_links
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.nodes.feedforward import FeedforwardNode
+
+pytestmark = pytest.mark.ros
+RATE = 200.0
+POSTURE = [0.4, -0.7]
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> str:
+    file = tmp_path / 'arm.urdf'
+    file.write_text(two_links())
+    return str(file)
+
+
+class Bench:
+    """A feedforward node, its joint states kept fresh, and what it publishes."""
+
+    def __init__(self, graph: Any, urdf: str, **parameters: Any) -> None:
+        self.graph = graph
+        self.commands = graph.collect(Float64MultiArray, '/feedforward/commands')
+        self.effort = graph.collect(JointState, '/feedforward/effort')
+        self.points = graph.collect(JointTrajectory, '/feedforward/joint_trajectory')
+        given = {'urdf_path': urdf, 'gravity': GRAVITY, 'update_rate': RATE, 'model': 'rigid'}
+        given.update({name.replace('__', '.'): value for name, value in parameters.items()})
+        self.node = graph.add(FeedforwardNode, parameters=given)
+        self.states = graph.publisher(JointState, 'joint_states')
+        self.reference: Any = None
+        if not self.node.from_joints:
+            self.reference = graph.publisher(JointTrajectory, 'reference')
+        self.robot = load_robot(urdf, gravity=GRAVITY)
+        self.posture = list(POSTURE)
+        self.feeding = True
+        self._fed = 0.0
+
+    def feed(self) -> None:
+        """Publish joint states now and then."""
+        if self.feeding and time.perf_counter() - self._fed > 0.005:
+            self._fed = time.perf_counter()
+            self.states.publish(joint_state(JOINTS, self.posture))
+
+    def until(self, condition: Any) -> None:
+        def fed() -> object:
+            self.feed()
+            return condition()
+
+        self.graph.until(fed)
+
+    def follow(self, *points: JointTrajectoryPoint, joints: list[str] | None = None) -> None:
+        self.reference.publish(JointTrajectory(joint_names=joints or JOINTS, points=list(points)))
+
+    def hold(self, positions: list[float]) -> None:
+        """Give a trajectory that stays at a posture, and wait until it is followed."""
+        self.follow(point(0.0, positions), point(0.01, positions))
+        self.until(lambda: self.node.follower.given)
+        self.until(lambda: self.cause == 'following')
+
+    @property
+    def cause(self) -> str:
+        return str(self.node._cause)
+
+    def inverse(self, *state: Any) -> Any:
+        """Return the joint torque of the rigid model."""
+        rows = np.zeros((3, self.robot.n))
+        for row, part in zip(rows, state, strict=False):
+            row[self.robot.joint_indices] = part
+        return self.robot.inverse_dynamics(*rows)[self.robot.joint_indices]
+
+    def call(self, service: type, name: str, request: Any) -> Any:
+        client = self.graph.probe.create_client(service, f'/feedforward/{name}')
+        self.until(client.service_is_ready)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
+
+@pytest.fixture
+def bench(graph: Any, urdf: str) -> Any:
+    return lambda **parameters: Bench(graph, urdf, **parameters)
+
+
+def joint_state(names: list[str], positions: list[float], stamp_ns: int = 0) -> JointState:
+    message = JointState(name=names, position=positions)
+    stamp(message, stamp_ns)
+    return message
+
+
+def stamp(message: Any, stamp_ns: int) -> None:
+    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+    message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanoseconds
+
+
+def point(after: float, *rows: list[float]) -> JointTrajectoryPoint:
+    names = ('positions', 'velocities', 'accelerations')
+    made = JointTrajectoryPoint(**dict(zip(names, rows, strict=False)))
+    made.time_from_start.sec = int(after)
+    made.time_from_start.nanosec = round((after - int(after)) * 1e9)
+    return made
+
+
+def test_torque_is_inverse_dynamics_along_the_reference(bench: Any) -> None:
+    arm = bench(publish_joint_trajectory=True, enforce_command_limits=False)
+    arm.follow(point(0.0, [0.0, 0.0]), point(0.3, [0.5, -0.6]), point(0.6, [0.0, 0.3]))
+    arm.until(lambda: arm.node.follower.given and len(arm.points) > 5 and arm.cause == 'following')
+    arm.until(lambda: arm.node.follower.finished(time.perf_counter()))
+    moving = [m.points[0] for m in arm.points if np.any(m.points[0].velocities)]
+    assert len(moving) > 50
+    assert max(np.abs(p.accelerations).max() for p in moving) > 5.0
+    for p in moving:
+        expected = arm.inverse(p.positions, p.velocities, p.accelerations)
+        np.testing.assert_allclose(p.effort, expected, atol=1e-9)
+    # all three topics say the same
+    last = arm.effort[-1]
+    arm.until(lambda: any(list(c.data) == list(last.effort) for c in arm.commands))
+    assert arm.commands[-1].layout.dim[0].label == 'j1,j2'
+    assert last.name == JOINTS
+
+
+def test_one_answer_per_message_with_its_stamp(bench: Any) -> None:
+    arm = bench(trigger='message', enforce_command_limits=False)
+    rng = np.random.default_rng(1)
+    count, rows = 500, rng.normal(size=(500, 3, 2))
+    for k in range(count):
+        message = JointTrajectory(joint_names=['j2', 'j1'])
+        message.points = [point(0.0, *(row[::-1].tolist() for row in rows[k]))]
+        stamp(message, 1_000_000 * (k + 1))
+        arm.reference.publish(message)
+        arm.graph.executor.spin_once(0.001)
+    arm.until(lambda: len(arm.effort) == count)
+    for k, message in enumerate(arm.effort):
+        assert message.header.stamp.nanosec == 1_000_000 * (k + 1)
+        np.testing.assert_array_equal([message.position, message.velocity], rows[k, :2])
+        np.testing.assert_allclose(message.effort, arm.inverse(*rows[k]), atol=1e-9)
+    assert not arm.commands
+    arm.follow(point(0.0, [0.0, 0.0]), point(1.0, [0.0, 0.0]))
+    arm.until(lambda: arm.node.reference_input.rejected['not_streamed'] == 1)
+
+
+def test_measured_motion_can_be_the_reference(bench: Any) -> None:
+    arm = bench(trigger='message', reference_source='joint_states', acceleration_cutoff=1e6)
+    for k in range(50):
+        t = 0.01 * (k + 1)
+        message = joint_state(JOINTS, [0.5 * t * t, 0.0], round(t * 1e9))
+        message.velocity = [t, 0.0]
+        arm.states.publish(message)
+        arm.graph.executor.spin_once(0.01)
+    arm.feeding = False
+    arm.until(lambda: len(arm.effort) == 50)
+    last = arm.effort[-1]
+    expected = arm.inverse(last.position, last.velocity, [1.0, 0.0])
+    np.testing.assert_allclose(last.effort, expected, atol=1e-6)
+
+
+def test_bad_references_do_not_move_the_robot(bench: Any) -> None:
+    arm = bench()
+    points = [point(0.0, POSTURE), point(0.01, POSTURE)]
+    good = JointTrajectory(joint_names=JOINTS, points=points)
+    stamp(good, time.time_ns())
+    arm.reference.publish(good)
+    arm.until(lambda: arm.cause == 'following')
+    arm.until(lambda: arm.effort and list(arm.effort[-1].position) == POSTURE)
+    held = list(arm.effort[-1].effort)
+    far = [1.0, 1.0]
+    backwards = JointTrajectory(joint_names=JOINTS, points=[point(0.0, far)])
+    stamp(backwards, time.time_ns() - 3_000_000_000)
+    bad = {
+        'non_finite': JointTrajectory(joint_names=JOINTS, points=[point(0.0, [1.0, math.nan])]),
+        'wrong_length': JointTrajectory(joint_names=JOINTS, points=[point(0.0, [1.0])]),
+        'unknown_joint': JointTrajectory(joint_names=['j1', 'x'], points=[point(0.0, far)]),
+        'missing_joint': JointTrajectory(joint_names=['j1'], points=[point(0.0, [1.0])]),
+        'empty': JointTrajectory(joint_names=JOINTS),
+        'times_not_increasing': JointTrajectory(
+            joint_names=JOINTS, points=[point(1.0, far), point(1.0, far)]
+        ),
+        'backwards_stamp': backwards,
+    }
+    for cause, message in bad.items():
+        arm.reference.publish(message)
+        arm.until(lambda cause=cause: arm.node.reference_input.rejected[cause] == 1)
+    other = arm.graph.probe.create_publisher(JointTrajectory, 'reference', 1)
+    other.publish(JointTrajectory(joint_names=JOINTS, points=[point(0.0, far)]))
+    arm.until(lambda: arm.node.reference_input.rejected['second_publisher'] > 0)
+    count = len(arm.effort)
+    arm.until(lambda: len(arm.effort) > count + 20)
+    positions = np.array([m.position for m in arm.effort[-20:]])
+    assert (positions == POSTURE).all()
+    assert list(arm.effort[-1].effort) == held
+    key = 'reference rejected '
+    arm.until(
+        lambda: all(
+            arm.graph.value('feedforward: inputs', key + cause) is not None
+            for cause in [*bad, 'second_publisher']
+        )
+    )
+
+
+def test_bad_joint_states_age_into_the_safe_command(bench: Any) -> None:
+    arm = bench(ramp_time=0.05)
+    arm.hold([0.0, 0.0])
+    arm.feeding = False
+    nan = joint_state(JOINTS, [math.nan, 0.0])
+
+    def flood() -> bool:
+        arm.states.publish(nan)
+        return bool(arm.cause == 'stale joint_states')
+
+    arm.until(flood)
+    assert arm.node.joint_input.rejected['non_finite'] > 0
+    gravity = arm.inverse(POSTURE)  # where the robot was last seen
+    arm.until(lambda: np.allclose(arm.effort[-1].effort, gravity, atol=1e-9))
+    arm.until(lambda: arm.graph.value('feedforward: torque', 'cause') == 'stale joint_states')
+    assert arm.graph.diagnostics['feedforward: torque'].level == b'\x01'
+    arm.feeding = True
+    arm.until(lambda: arm.cause == 'following')
+
+
+@pytest.mark.parametrize('action', ['hold', 'zero', 'stop_publishing'])
+def test_a_stale_stream_ends_in_the_chosen_action(bench: Any, action: str) -> None:
+    arm = bench(stale_action=action, reference_timeout=0.05)
+    arm.until(lambda: arm.node.joint_input.received)
+    arm.follow(point(0.0, POSTURE, [0.0, 0.0], [1.0, 2.0]))
+    arm.until(lambda: arm.cause == 'following')
+    expected = arm.inverse(POSTURE, [0.0, 0.0], [1.0, 2.0])
+    arm.until(lambda: arm.effort and np.allclose(arm.effort[-1].effort, expected, atol=1e-9))
+    arm.until(lambda: arm.cause == 'stale reference')
+    arm.graph.spin(0.03)  # let what is under way arrive
+    count = len(arm.effort)
+    arm.graph.spin(0.04)
+    if action == 'stop_publishing':
+        assert len(arm.effort) == count
+    else:
+        target = expected if action == 'hold' else np.zeros(2)
+        arm.until(lambda: len(arm.effort) > count)
+        np.testing.assert_allclose(arm.effort[-1].effort, target, atol=1e-9)
+
+
+def test_limits_and_rate_of_change_hold_whatever_is_asked(bench: Any) -> None:
+    arm = bench(max_delta_tau=2.0, effort_limits=[30.0, 1.5], ramp_time=0.05)
+    arm.until(lambda: arm.effort)
+    push = [1e5, -9e5]
+    wanted = np.copysign([30.0, 1.5], arm.inverse(POSTURE, [0.0, 0.0], push))
+
+    def pushed() -> bool:
+        arm.follow(point(0.0, POSTURE, [0.0, 0.0], push))
+        return bool(list(arm.effort[-1].effort) == wanted.tolist())
+
+    arm.until(pushed)
+    torque = np.array([m.effort for m in arm.effort])
+    assert (np.abs(torque) <= [30.0, 1.5]).all()
+    assert np.abs(np.diff(torque, axis=0)).max() <= 2.0 + 1e-12
+    arm.until(lambda: arm.graph.value('feedforward: torque', 'clamped') not in (None, '0 0'))
+    assert 'clamped' in arm.graph.diagnostics['feedforward: torque'].message
+
+
+def test_enable_stop_and_reset(bench: Any) -> None:
+    arm = bench(enabled=False, ramp_time=0.02)
+    arm.follow(point(0.0, [0.0, 0.0]), point(0.01, [0.0, 0.0]))
+    arm.until(lambda: arm.cause == 'disabled' and arm.node.follower.given)
+    gravity = arm.inverse(POSTURE)
+    arm.until(lambda: arm.effort and np.allclose(arm.effort[-1].effort, gravity, atol=1e-9))
+    assert arm.call(SetBool, 'enable', SetBool.Request(data=True)).success
+    arm.until(lambda: arm.cause == 'following')
+    arm.until(lambda: np.allclose(arm.effort[-1].effort, arm.inverse([0.0, 0.0]), atol=1e-9))
+    assert arm.call(Trigger, 'stop', Trigger.Request()).success
+    arm.until(lambda: arm.cause == 'stopped')
+    arm.until(lambda: np.allclose(arm.effort[-1].effort, gravity, atol=1e-9))
+    arm.call(SetBool, 'enable', SetBool.Request(data=True))
+    arm.until(lambda: arm.cause == 'no reference yet')  # stop dropped it
+    arm.hold([0.1, 0.1])
+    assert arm.call(Trigger, 'reset', Trigger.Request()).success
+    arm.until(lambda: arm.cause == 'no reference yet')
+
+
+def test_deactivation_ends_with_the_safe_command_said_repeatedly(bench: Any) -> None:
+    arm = bench(ramp_time=0.1)
+    arm.hold([1.2, 0.0])
+    count = len(arm.commands)
+    arm.node.trigger_deactivate()
+    arm.graph.spin(0.05)
+    gravity = arm.inverse(POSTURE)
+    torque = np.array([c.data for c in arm.commands[count:]])
+    assert len(torque) > 15
+    np.testing.assert_allclose(torque[-3:], [gravity] * 3, atol=1e-9)
+    # on the way there, no jump: a ramp
+    steps = np.abs(np.diff(torque, axis=0)).max()
+    assert steps < 0.5 * np.abs(torque[0] - gravity).max()
+    arm.node.trigger_activate()
+    arm.until(lambda: arm.cause == 'following')
+
+
+def test_before_any_joint_state_nothing_is_sent(bench: Any) -> None:
+    arm = bench()
+    arm.feeding = False
+    arm.until(lambda: arm.cause == 'no joint_states yet')
+    arm.graph.spin(0.1)
+    assert not arm.commands
+    assert not arm.effort
+
+
+def test_model_terms_and_payload_change_live(bench: Any) -> None:
+    arm = bench()
+    arm.hold(POSTURE)
+    weight = arm.inverse(POSTURE)
+    arm.until(lambda: arm.effort and np.allclose(arm.effort[-1].effort, weight, atol=1e-9))
+
+    def change(name: str, value: Any) -> None:
+        result = arm.node.set_parameters([Parameter(name, value=value)])[0]
+        assert result.successful, result.reason
+
+    change('payload.two.mass', 1.0)
+    loaded = load_robot(two_links(), gravity=GRAVITY).with_overrides({'payload.two.mass': 1.0})
+    q, zero = np.zeros(loaded.n), np.zeros(loaded.n)
+    q[loaded.joint_indices] = POSTURE
+    expected = loaded.inverse_dynamics(q, zero, zero)[loaded.joint_indices]
+    assert np.abs(expected - weight).max() > 1.0
+    arm.until(lambda: np.allclose(arm.effort[-1].effort, expected, atol=1e-9))
+    change('model', 'quasi_static')
+    q = loaded.static_deflection(POSTURE)
+    sagging = loaded.inverse_dynamics(q, zero, zero)[loaded.joint_indices]
+    assert np.abs(sagging - expected).max() > 1e-4
+    arm.until(lambda: np.allclose(arm.effort[-1].effort, sagging, atol=1e-9))
+    change('terms.gravity', False)
+    arm.until(lambda: np.allclose(arm.effort[-1].effort, 0.0, atol=1e-9))
+    bad = arm.node.set_parameters([Parameter('beam.nine.y.ei', value=1.0)])[0]
+    assert not bad.successful
+    assert 'nine' in bad.reason
+
+
+def test_the_model_is_read_again_on_request(bench: Any, urdf: str) -> None:
+    arm = bench()
+    arm.hold(POSTURE)
+    Path(urdf).write_text(two_links().replace('mass value="3"', 'mass value="3.0001"'))
+    reply = arm.call(Trigger, 'reload_model', Trigger.Request())
+    assert reply.success, reply.message
+    heavier = arm.inverse(POSTURE) * 3.0001 / 3.0
+    arm.until(lambda: np.allclose(arm.effort[-1].effort, heavier, atol=1e-9))
+    Path(urdf).write_text('<robot name="x"')
+    reply = arm.call(Trigger, 'reload_model', Trigger.Request())
+    assert not reply.success
+    arm.until(lambda: np.allclose(arm.effort[-1].effort, heavier, atol=1e-9))
