@@ -20,8 +20,10 @@ Reference = Callable[[float], tuple[Array, Array, Array]]
 
 SOURCES = ('joints', 'torque')
 
-# After a gap of more ticks than this the observer goes on from the measurement instead.
-MOST_STEPS = 10
+# A longer gap [s] is not integrated over: the observer goes on from the measurement instead.
+LONGEST_GAP = 0.25
+# Between two measurements, however far apart.
+MOST_STEPS = 250
 
 
 @dataclass(frozen=True)
@@ -42,10 +44,11 @@ class ObserverSettings:
     horizon : float
         How far ahead deflections are predicted [s]; 0: not at all.
     horizon_steps : int
-        Steps of that prediction at most; fewer where the tick is longer than the horizon's part.
+        Steps of that prediction at most, and of that from the last measurement to now; fewer
+        where they would be shorter than a tick.
     max_age : float
-        Measurements older than this [s] are refused; joints not measured for this long come to
-        rest.
+        Measurements older than this [s] are refused, and the estimate goes no further than this
+        beyond the last one.
 
     Raises
     ------
@@ -77,7 +80,10 @@ class ObserverSettings:
 
 
 class Observer:
-    """Estimates the amplitudes of a flexible robot, tick by tick.
+    """Estimates the amplitudes of a flexible robot from measurements of its joints.
+
+    A state at the time of the last measurement has been driven by what was measured up to there,
+    however late that came; from it the state now, and `horizon` ahead, is predicted anew.
 
     Parameters
     ----------
@@ -110,20 +116,10 @@ class Observer:
         self._inertia = np.zeros((robot.n, robot.n))
         self._filter = TrackingFilter(len(self._joints), settings.cutoff)
         self.deflections = TipDeflections(robot.tree)
-        n = robot.n
-        self.q, self.qd, self._tau = np.zeros(n), np.zeros(n), np.zeros(n)
-        self.q_ahead, self.qd_ahead = np.zeros(n), np.zeros(n)
-        self._ahead_steps = self._count_ahead()
-        if self._ahead_steps:
-            self._ahead = Stepper(robot.copy(), settings.horizon / self._ahead_steps)
+        self.q, self.qd, self.q_ahead, self.qd_ahead = np.zeros((4, robot.n))
+        self._q, self._qd, self._tau = np.zeros((3, robot.n))  # at the last measurement
         self.late = self.repeated = self.restarts = self.unsettled = 0
         self.reset()
-
-    def _count_ahead(self) -> int:
-        setting = self.settings
-        if not setting.horizon:
-            return 0
-        return min(setting.horizon_steps, math.ceil(setting.horizon / setting.step - 1e-9))
 
     def reset(self) -> None:
         """Forget the state; the next measurement starts the observer again."""
@@ -135,6 +131,11 @@ class Observer:
     def started(self) -> bool:
         """Whether a measurement has started the observer."""
         return not math.isnan(self.time)
+
+    @property
+    def stale(self) -> bool:
+        """Whether the last measurement is older than `max_age`."""
+        return self.started and self.time - self._stamp > self.settings.max_age
 
     def measure(
         self, stamp: float, q: Array, qd: Array | None = None, effort: Array | None = None
@@ -159,7 +160,7 @@ class Observer:
         """
         if not self.started:
             self._start(stamp, q, qd)
-            self._take_effort(effort)
+            self.take_effort(effort)
             return True
         if not stamp > self._stamp:
             self.repeated += 1
@@ -167,16 +168,25 @@ class Observer:
         if self.time - stamp > self.settings.max_age:
             self.late += 1
             return False
-        self._filter.update(q, qd, stamp - self._stamp)
+        interval = stamp - self._stamp
+        self._filter.update(q, qd, interval)
         self._stamp = stamp
-        self._take_effort(effort)
+        self._drive(interval)
+        self.take_effort(effort)
         return True
+
+    def take_effort(self, effort: Array | None) -> None:
+        """Take efforts (joints,) [N m, N] in, from a measurement or another way; None: none."""
+        if effort is not None:
+            self._tau[self._joints] = effort
 
     def adopt(self, other: Observer) -> None:
         """Go on from the state of another observer of a robot with the same coordinates."""
         for mine, theirs in (
             (self.q, other.q),
             (self.qd, other.qd),
+            (self._q, other._q),
+            (self._qd, other._qd),
             (self._tau, other._tau),
             (self._filter.q, other._filter.q),
             (self._filter.qd, other._filter.qd),
@@ -187,77 +197,84 @@ class Observer:
         self.late, self.repeated = other.late, other.repeated
         self.restarts, self.unsettled = other.restarts, other.unsettled
 
-    def take_effort(self, effort: Array) -> None:
-        """Take efforts (joints,) [N m, N] in that came by another way than `measure`."""
-        self._take_effort(effort)
-
-    def _take_effort(self, effort: Array | None) -> None:
-        if effort is not None:
-            self._tau[self._joints] = effort
-
     def _start(self, stamp: float, q: Array, qd: Array | None) -> None:
         self.time = self._stamp = stamp
         self._filter.reset(q, qd)
-        self.q[:] = 0.0
-        self.q[self._joints] = q
+        self._q[:] = 0.0
+        self._q[self._joints] = q
         try:
-            self.q[:] = self._robot.static_deflection(q)
+            self._q[:] = self._robot.static_deflection(q)
         except SolverError:
             # no equilibrium at this posture (buckled): nothing is known of the amplitudes
             self.unsettled += 1
-        self.qd[:] = 0.0
-        self.qd[self._joints] = self._filter.qd
+        self._qd[:] = 0.0
+        self._qd[self._joints] = self._filter.qd
+        self.q[:], self.qd[:] = self._q, self._qd
 
-    def tick(self, now: float) -> None:
-        """Bring the estimate to a time [s] in whole steps; nothing before the first measurement.
-
-        A gap of more than a few steps is not integrated over: the joints go on from what was
-        measured, the amplitudes stay, and `restarts` counts it.
-        """
-        if not self.started:
-            return
-        steps = round((now - self.time) / self.settings.step)
-        if steps > MOST_STEPS:
+    def _drive(self, interval: float) -> None:
+        """Bring the state from the measurement before over an interval [s] to this one."""
+        joints, measured = self._joints, self._filter
+        if interval > LONGEST_GAP:
             self.restarts += 1
-            self.time += (steps - 1) * self.settings.step
-            steps = 1
-        for _ in range(steps):
-            self.time += self.settings.step
-            self._step()
-
-    @property
-    def stale(self) -> bool:
-        """Whether the last measurement is older than `max_age`."""
-        return self.started and self.time - self._stamp > self.settings.max_age
-
-    def _step(self) -> None:
-        joints = self._joints
-        q, qd = self._filter.ahead(self.time - self._stamp, self.settings.max_age)
-        if self.settings.source == 'torque':
-            self._stepper.free(self.q, self.qd, self._tau)
-            self._correct(q, qd)
+        elif self.settings.source == 'torque':
+            self._go(self._q, self._qd, interval, None)
+            self._correct(interval)
             return
-        # The mean acceleration, not the filter's: so the amplitudes' rates feel the jumps of the
-        # joints' rates once and noise does not pile up.
-        self._stepper.driven(self.q, self.qd, (qd - self.qd[joints]) / self.settings.step)
-        self.q[joints] = q
-        self.qd[joints] = qd
+        else:
+            # The mean acceleration, not the filter's: so the amplitudes' rates feel the jumps of
+            # the joints' rates once and noise does not pile up.
+            mean = (measured.qd - self._qd[joints]) / interval
+            self._go(self._q, self._qd, interval, lambda _: mean)
+        self._q[joints] = measured.q
+        self._qd[joints] = measured.qd
 
-    def _correct(self, q: Array, qd: Array) -> None:
+    def _correct(self, interval: float) -> None:
         """Pull the joints towards the measured motion, the amplitudes as by an impulse there.
 
         A jump v of the joints' rates moves those of the amplitudes by -I_dd^-1 I_dj v.
         """
-        gain = -math.expm1(-2.0 * math.pi * self.settings.correction_cutoff * self.settings.step)
-        self.q[self._joints] += gain * (q - self.q[self._joints])
-        jump = gain * (qd - self.qd[self._joints])
-        if len(self._flexible):
-            inertia = self._robot.inertia_matrix(self.q, out=self._inertia, check=False)
-            rows = inertia[self._flexible]
-            self.qd[self._flexible] -= np.linalg.solve(
-                rows[:, self._flexible], rows[:, self._joints] @ jump
-            )
-        self.qd[self._joints] += jump
+        gain = -math.expm1(-2.0 * math.pi * self.settings.correction_cutoff * interval)
+        joints, flexible = self._joints, self._flexible
+        self._q[joints] += gain * (self._filter.q - self._q[joints])
+        jump = gain * (self._filter.qd - self._qd[joints])
+        if len(flexible):
+            inertia = self._robot.inertia_matrix(self._q, out=self._inertia, check=False)
+            rows = inertia[flexible]
+            self._qd[flexible] -= np.linalg.solve(rows[:, flexible], rows[:, joints] @ jump)
+        self._qd[joints] += jump
+
+    def _go(
+        self,
+        q: Array,
+        qd: Array,
+        duration: float,
+        acceleration: Callable[[float], Array] | None,
+        most: int = MOST_STEPS,
+    ) -> None:
+        """Advance a state in place, the joints by an acceleration of time or by the effort."""
+        steps = min(most, max(1, math.ceil(duration / self.settings.step - 1e-6)))
+        step = duration / steps
+        self._stepper.step = step
+        for index in range(steps):
+            if acceleration is None:
+                self._stepper.free(q, qd, self._tau)
+            else:
+                self._stepper.driven(q, qd, acceleration((index + 0.5) * step))
+
+    def tick(self, now: float) -> None:
+        """Bring the estimate to a time [s]; nothing before the first measurement.
+
+        The joints go on from the last measurement with the acceleration they had, for `max_age`
+        at most: `stale` from then on. A time before the last measurement counts as that.
+        """
+        if not self.started:
+            return
+        self.time = max(now, self._stamp)
+        self.q[:], self.qd[:] = self._q, self._qd
+        lead = min(self.time - self._stamp, self.settings.max_age)
+        if lead > 0.0:
+            most = self.settings.horizon_steps
+            self._go(self.q, self.qd, lead, lambda _: self._filter.qdd, most)
 
     def predict(self, reference: Reference | None = None) -> tuple[Array, Array]:
         """Predict the state `horizon` ahead.
@@ -274,12 +291,14 @@ class Observer:
             `q_ahead`, `qd_ahead`: overwritten by the next call.
         """
         self.q_ahead[:], self.qd_ahead[:] = self.q, self.qd
-        if not self._ahead_steps:
-            return self.q_ahead, self.qd_ahead
-        step = self.settings.horizon / self._ahead_steps
-        for index in range(self._ahead_steps):
-            acceleration = self._filter.qdd
-            if reference is not None:
-                acceleration = reference(self.time + (index + 0.5) * step)[2]
-            self._ahead.driven(self.q_ahead, self.qd_ahead, acceleration)
+        horizon = self.settings.horizon
+        if horizon > 0.0:
+            most = self.settings.horizon_steps
+            self._go(self.q_ahead, self.qd_ahead, horizon, self._expected(reference), most)
         return self.q_ahead, self.qd_ahead
+
+    def _expected(self, reference: Reference | None) -> Callable[[float], Array]:
+        if reference is None:
+            return lambda _: self._filter.qdd
+        begin = self.time
+        return lambda t: reference(begin + t)[2]

@@ -68,23 +68,3 @@ class TrackingFilter:
         self.q += (1.0 - pole**3) * error
         self.qd += (1.5 * (1.0 - pole) ** 2 * (1.0 + pole) / interval) * error
         self.qdd += ((1.0 - pole) ** 3 / interval**2) * error
-
-    def ahead(self, lead: float, patience: float) -> tuple[Array, Array]:
-        """Return positions and rates (joints,) some time after the last measurement.
-
-        Parameters
-        ----------
-        lead : float
-            That time [s].
-        patience : float
-            For this long [s] the acceleration is taken to last; then the joints come to rest,
-            with this time constant.
-        """
-        going = min(lead, patience)
-        q = self.q + going * self.qd + (0.5 * going * going) * self.qdd
-        qd = self.qd + going * self.qdd
-        if lead > patience:
-            left = math.exp(-(lead - patience) / patience)
-            q += (patience * (1.0 - left)) * qd
-            qd *= left
-        return q, qd

@@ -117,6 +117,7 @@ class PredictorNode(RobotNode):
         count = len(robot.joint_names)
         still = np.zeros(count)
         observer.measure(0.0, still, still, still)
+        observer.measure(self.period, still, still, still)
         observer.tick(2.0 * self.period)
         observer.predict()
         observer.reset()
@@ -205,9 +206,9 @@ class PredictorNode(RobotNode):
         """Take the measurements in, go on to now and publish."""
         self._now += steps * self.observer.settings.step
         observer = self._swap()
-        while self._queue:
-            observer.measure(*self._queue.popleft())
         try:
+            while self._queue:
+                observer.measure(*self._queue.popleft())
             observer.tick(self._now)
             if observer.started and not observer.stale:
                 self._publish(observer)

@@ -121,12 +121,11 @@ def error(got: Array, true: Array) -> float:
     [
         ('joints', True, 0, 1, 0.01),
         ('joints', False, 0, 1, 0.015),
-        # 10 ms late: the jump of the acceleration at the start is known that much later, and what
-        # rings then is out of step by 10 ms of the 250 ms of its period.
-        ('joints', True, 10, 1, 0.06),
+        ('joints', True, 10, 1, 0.01),
+        ('joints', True, 30, 1, 0.03),
         ('joints', True, 0, 8, 0.02),
-        ('torque', True, 0, 1, 0.02),
-        ('torque', True, 10, 1, 0.1),
+        ('torque', True, 0, 1, 0.006),
+        ('torque', True, 10, 1, 0.01),
     ],
 )
 def test_observer_tracks_the_true_deflection(
@@ -138,12 +137,10 @@ def test_observer_tracks_the_true_deflection(
 
 
 @pytest.mark.parametrize('source', ['joints', 'torque'])
-def test_observer_with_twice_the_damping_stays_within_a_tenth(
-    recording: Recording, source: str
-) -> None:
+def test_observer_with_twice_the_damping_stays_near(recording: Recording, source: str) -> None:
     observer = Observer(arm(damping_ratio=0.04), ObserverSettings(step=STEP, source=source))
     estimated, _ = replay(observer, recording)
-    assert error(estimated, recording.deflection) < 0.1
+    assert error(estimated, recording.deflection) < 0.06
 
 
 @pytest.mark.parametrize('along', [False, True])
@@ -156,7 +153,7 @@ def test_prediction_beats_holding_the_estimate(
     estimated, predicted = replay(observer, recording, along=along)
     true = recording.deflection[ahead:]
     held = error(estimated[:-ahead], true)
-    assert error(predicted[:-ahead], true) < 0.25 * held
+    assert error(predicted[:-ahead], true) < 0.2 * held
 
 
 def test_observer_starts_in_static_equilibrium(recording: Recording) -> None:
@@ -189,25 +186,41 @@ def test_late_and_repeated_measurements_are_refused_and_counted() -> None:
     np.testing.assert_allclose(observer.q, state, atol=1e-3)
 
 
-def test_joints_not_measured_any_more_come_to_rest(recording: Recording) -> None:
-    observer = Observer(arm(), ObserverSettings(step=STEP))
+def test_estimate_goes_no_further_than_the_age_allowed(recording: Recording) -> None:
+    observer = Observer(arm(), ObserverSettings(step=STEP, max_age=0.02))
     for k in range(500):
         observer.measure(recording.run.t[k], recording.q[k], recording.qd[k])
+    last = recording.run.t[499]
+    observer.tick(last + 0.0199)
+    assert not observer.stale
+    limit = observer.q.copy()
+    observer.tick(last + 3.0)
+    assert observer.stale
+    np.testing.assert_allclose(observer.q, limit, atol=1e-3)
+
+
+def test_gap_is_bridged_by_the_mean_motion(recording: Recording) -> None:
+    observer = Observer(arm(), ObserverSettings(step=STEP))
+    for k in [*range(300), *range(330, 600)]:
+        assert observer.measure(recording.run.t[k], recording.q[k], recording.qd[k])
         observer.tick(recording.run.t[k])
-    for k in range(500, 3000):
-        observer.tick(k * STEP)
-    joints = np.asarray(arm().joint_indices)
-    assert np.max(np.abs(observer.qd[joints])) < 1e-6
-    assert np.max(np.abs(observer.q[joints] - recording.q[499])) < 0.3
+    got = observer.deflections.evaluate(observer.q, observer.qd)[0]
+    true = recording.deflection
+    gap = np.abs(got[[1, 7]] - true[599, [1, 7]])
+    # 30 ms of joints going on as they did, a fortieth of their period: that is all that is lost
+    assert np.max(gap / np.max(np.abs(true[:, [1, 7]]), axis=0)) < 0.03
+    assert observer.restarts == 0
 
 
 def test_long_gap_is_jumped_over_and_counted(recording: Recording) -> None:
     observer = Observer(arm(), ObserverSettings(step=STEP))
-    observer.measure(0.0, recording.q[0], recording.qd[0])
-    observer.tick(0.0)
-    observer.tick(0.5)
+    for k in (0, 1, 500):
+        observer.measure(recording.run.t[k], recording.q[k], recording.qd[k])
+    observer.tick(recording.run.t[500])
+    joints = np.asarray(arm().joint_indices)
     assert observer.restarts == 1
     assert observer.time == pytest.approx(0.5)
+    np.testing.assert_allclose(observer.q[joints], recording.q[500], atol=1e-6)
 
 
 def test_reset_forgets_everything(recording: Recording) -> None:

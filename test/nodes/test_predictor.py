@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
 from planar_chains import PlanarLink, planar_chain
@@ -23,6 +24,7 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.predictor import PredictorNode
 from denoc_ros.nodes.predictor_outputs import quaternion
+from denoc_ros.nodes.predictor_parameters import TABLE
 from denoc_ros.simulation.run import Run
 
 pytestmark = pytest.mark.ros
@@ -138,6 +140,33 @@ def test_deflection_is_estimated_and_predicted(
     place = poses[-1].pose.position
     assert poses[-1].header.frame_id == 'base'
     assert np.hypot(place.x, place.y) == pytest.approx(1.0, abs=0.02)
+
+
+def test_measurements_that_waited_are_taken_in_one_by_one(
+    graph: Any, robot_file: Path, run: Run
+) -> None:
+    overrides = {'urdf_path': str(robot_file), 'gravity': list(DOWN), 'update_rate': RATE}
+    prompt, paused = (graph.add(PredictorNode, start=False, **overrides) for _ in range(2))
+    joints = [run.coordinate_names.index(name) for name in ('joint_1', 'joint_2')]
+    for node in (prompt, paused):
+        node.trigger_configure()
+        node.begin()
+        node._now = 0.0
+    for row in range(40):
+        measurement = run.t[row], run.q[row, joints], run.qd[row, joints], None
+        for node in (prompt, paused):
+            node._queue.append(measurement)
+        prompt.tick(1 if row else 0)
+    paused.tick(39)
+    assert not paused._queue
+    np.testing.assert_allclose(paused.observer.q, prompt.observer.q, atol=1e-9)
+    assert np.max(np.abs(paused.observer.q - run.q[39])) < 1e-3
+
+
+def test_shipped_parameters_are_the_nodes_own(repository: Path) -> None:
+    text = (repository / 'config' / 'predictor.yaml').read_text()
+    given = yaml.safe_load(text)['predictor']['ros__parameters']
+    assert TABLE.settings(given, 'predictor.yaml').number('horizon') == 0.05
 
 
 def test_prediction_follows_the_reference(graph: Any, robot_file: Path, run: Run) -> None:
