@@ -6,6 +6,8 @@ PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint const
 STAMP := $(VENV)/.installed
 # discovery never leaves this machine; tests pick a domain of their own
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+# the log of ROS stays here: rclpy refuses to start where it has no home
+export ROS_LOG_DIR ?= $(CURDIR)/log/ros
 # a Python of another environment must not hand down where its ROS libraries are
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # .venv has a ROS of its own: a sourced one would mix its libraries in
