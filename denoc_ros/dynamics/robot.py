@@ -78,13 +78,13 @@ class Robot(HeldModel):
         StateError
             For a wrong shape or type, or a number that is not finite.
         """
-        result = np.empty(self.n) if out is None else as_output(out, (self.n,))
+        result = np.empty(self.n) if out is None else out
+        status = MISFIT
         try:
-            if q.dtype is not FLOAT64 or qd.dtype is not FLOAT64 or qdd.dtype is not FLOAT64:  # type: ignore[union-attr]
-                raise TypeError
-            status = inverse.inverse_dynamics(self.handle, q, qd, qdd, result)
+            if q.dtype is qd.dtype is qdd.dtype is result.dtype is FLOAT64:  # type: ignore[union-attr]
+                status = inverse.inverse_dynamics(self.handle, q, qd, qdd, result)
         except (TypeError, AttributeError):
-            status = MISFIT
+            pass
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'qdd': qdd}
             result = self._settle(status, INVERSE, arguments, out, result, check)
@@ -108,13 +108,13 @@ class Robot(HeldModel):
         """
         if wrenches:
             tau = as_rows('tau', tau, self.n) + self._load(as_rows('q', q, self.n), wrenches)
-        result = np.empty(self.n) if out is None else as_output(out, (self.n,))
+        result = np.empty(self.n) if out is None else out
+        status = MISFIT
         try:
-            if q.dtype is not FLOAT64 or qd.dtype is not FLOAT64 or tau.dtype is not FLOAT64:  # type: ignore[union-attr]
-                raise TypeError
-            status = articulated.forward_dynamics(self.handle, q, qd, tau, result)
+            if q.dtype is qd.dtype is tau.dtype is result.dtype is FLOAT64:  # type: ignore[union-attr]
+                status = articulated.forward_dynamics(self.handle, q, qd, tau, result)
         except (TypeError, AttributeError):
-            status = MISFIT
+            pass
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'tau': tau}
             result = self._settle(status, FORWARD, arguments, out, result, check)
@@ -170,13 +170,13 @@ class Robot(HeldModel):
 
     def inertia_matrix(self, q: ArrayLike, out: Array | None = None, check: bool = True) -> Array:
         """Return the generalized inertia matrix (n, n) or (k, n, n), armature included."""
-        result = np.empty((self.n, self.n)) if out is None else as_output(out, (self.n, self.n))
+        result = np.empty((self.n, self.n)) if out is None else out
+        status = MISFIT
         try:
-            if q.dtype is not FLOAT64:  # type: ignore[union-attr]
-                raise TypeError
-            status = composite.inertia_matrix(self.handle, q, result)
+            if q.dtype is result.dtype is FLOAT64:  # type: ignore[union-attr]
+                status = composite.inertia_matrix(self.handle, q, result)
         except (TypeError, AttributeError):
-            status = MISFIT
+            pass
         if status != GOOD:
             result = self._settle(status, INERTIA, {'q': q}, out, result, check)
         return result
@@ -194,13 +194,13 @@ class Robot(HeldModel):
 
         Potential is gravity, with zero at the base origin, plus strain.
         """
-        result = np.empty(2) if out is None else as_output(out, (2,))
+        result = np.empty(2) if out is None else out
+        status = MISFIT
         try:
-            if q.dtype is not FLOAT64 or qd.dtype is not FLOAT64:  # type: ignore[union-attr]
-                raise TypeError
-            status = composite.energies(self.handle, q, qd, result)
+            if q.dtype is qd.dtype is result.dtype is FLOAT64:  # type: ignore[union-attr]
+                status = composite.energies(self.handle, q, qd, result)
         except (TypeError, AttributeError):
-            status = MISFIT
+            pass
         if status != GOOD:
             result = self._settle(status, ENERGY, {'q': q, 'qd': qd}, out, result, check)
         return result
