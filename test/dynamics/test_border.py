@@ -56,6 +56,39 @@ def test_out_may_be_an_argument(robot: Robot, state: tuple[Array, Array, Array])
     np.testing.assert_array_equal(robot.bias_forces(q, qd, out=qd), expected['bias'])
 
 
+def test_out_of_rows_is_filled(robot: Robot, state: tuple[Array, Array, Array]) -> None:
+    q, qd, u = (np.array([array] * 3) for array in state)
+    for name, verb in verbs(robot, q, qd, u).items():
+        fresh = verb()
+        out = np.full_like(fresh, np.nan)
+        assert verb(out=out) is out, name
+        np.testing.assert_array_equal(out, fresh, err_msg=name)
+
+
+@pytest.mark.parametrize('size', [-1, 1])
+def test_wrong_sizes_never_reach_memory(
+    robot: Robot, state: tuple[Array, Array, Array], size: int
+) -> None:
+    for position in range(3):
+        arguments = [array.copy() for array in state]
+        arguments[position] = np.zeros(robot.n + size)
+        q, qd, u = arguments
+        for verb in (robot.inverse_dynamics, robot.forward_dynamics):
+            with pytest.raises(StateError, match='must have shape'):
+                verb(q, qd, u, check=False)
+    for name, verb in verbs(robot, *state).items():
+        for out in (np.zeros(robot.n + size), np.zeros((robot.n + size, robot.n + size))):
+            with pytest.raises(StateError, match='out must'):
+                verb(out=out, check=False)
+        frozen = verb()
+        frozen.setflags(write=False)
+        with pytest.raises(StateError, match='out must'):
+            verb(out=frozen, check=False)
+        with pytest.raises(StateError, match='out must'):
+            verb(out=np.zeros((*frozen.shape, 2))[..., 0], check=False)
+        assert name
+
+
 def test_result_without_out_is_the_callers_own(
     robot: Robot, state: tuple[Array, Array, Array]
 ) -> None:

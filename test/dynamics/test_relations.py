@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import copy
+import gc
+import pickle
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 from hypothesis import given
 from numpy.typing import NDArray
 from oracles import Oracle
@@ -125,10 +129,23 @@ def test_second_call_ignores_stale_workspace() -> None:
     np.testing.assert_array_equal(robot.forward_dynamics(first.q, first.qd, first.qdd), fresh)
 
 
+@pytest.mark.parametrize('duplicate', [copy.deepcopy, lambda r: pickle.loads(pickle.dumps(r))])
+def test_duplicate_outlives_its_original(duplicate: Callable[[Robot], Robot]) -> None:
+    original = load_robot(seeded_robot(5), gravity=(1, 2, 3))
+    original.set_payload('l1', 0.7, (0.1, 0.2, 0.3))
+    first, second = rows(original, 2)
+    expected = original.inverse_dynamics(first.q, first.qd, first.qdd)
+    robot = duplicate(original)
+    original.forward_dynamics(second.q, second.qd, second.qdd)
+    del original
+    gc.collect()
+    np.testing.assert_array_equal(robot.inverse_dynamics(first.q, first.qd, first.qdd), expected)
+
+
 def test_copy_works_apart() -> None:
     robot = load_robot(seeded_robot(5))
     first, second = rows(robot, 2)
-    copy = robot.copy()
+    other = robot.copy()
     expected = robot.inverse_dynamics(first.q, first.qd, first.qdd)
-    copy.forward_dynamics(second.q, second.qd, second.qdd)
-    np.testing.assert_array_equal(copy.inverse_dynamics(first.q, first.qd, first.qdd), expected)
+    other.forward_dynamics(second.q, second.qd, second.qdd)
+    np.testing.assert_array_equal(other.inverse_dynamics(first.q, first.qd, first.qdd), expected)
