@@ -19,6 +19,7 @@ from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.kernels.compiled import DECLARED
 
 Array = NDArray[np.float64]
+Close = Callable[[Array, Array, float], None]
 
 
 def entries() -> dict[str, Any]:
@@ -132,10 +133,12 @@ def test_no_rows_give_no_rows(robot: Robot) -> None:
     assert robot.inertia_matrix(none).shape == (0, robot.n, robot.n)
 
 
-def test_rows_in_parallel_are_rows_alone(robot: Robot) -> None:
+def test_rows_in_parallel_are_rows_alone(close: Close, robot: Robot) -> None:
     states = [random_state(robot.coordinate_names, seed) for seed in range(40)]
     q, qd, u = (np.array([getattr(s, f) for s in states] * 20) for f in ('q', 'qd', 'qdd'))
     tau, qdd = robot.inverse_dynamics(q, qd, u), robot.forward_dynamics(q, qd, u)
     for k, s in enumerate(states):
-        np.testing.assert_array_equal(tau[k::40], [robot.inverse_dynamics(s.q, s.qd, s.qdd)] * 20)
-        np.testing.assert_array_equal(qdd[k::40], [robot.forward_dynamics(s.q, s.qd, s.qdd)] * 20)
+        for row in range(k, len(q), 40):
+            # two compiled loops may add in another order
+            close(tau[row], robot.inverse_dynamics(s.q, s.qd, s.qdd), 1e-13)
+            close(qdd[row], robot.forward_dynamics(s.q, s.qd, s.qdd), 1e-13)
