@@ -221,12 +221,25 @@ class Observer:
             self._correct(interval)
             return
         else:
-            # The mean acceleration, not the filter's: so the amplitudes' rates feel the jumps of
-            # the joints' rates once and noise does not pile up.
-            mean = (measured.qd - self._qd[joints]) / interval
-            self._go(self._q, self._qd, interval, lambda _: mean)
+            self._go(self._q, self._qd, interval, self._between(interval))
         self._q[joints] = measured.q
         self._qd[joints] = measured.qd
+
+    def _between(self, interval: float) -> Callable[[float], Array]:
+        """Return the joints' acceleration over an interval [s] between two measurements.
+
+        Its mean makes the change of the rates, not the filter's acceleration: so the amplitudes'
+        rates feel a jump of the joints' rates once and noise does not pile up. Over several ticks
+        it also changes linearly so that it makes the change of the positions.
+        """
+        rate = self._qd[self._joints]
+        mean = (self._filter.qd - rate) / interval
+        if interval < 2.5 * self.settings.step:
+            return lambda _: mean
+        missed = self._filter.q - self._q[self._joints]
+        missed -= interval * rate + (0.5 * interval * interval) * mean
+        slope = missed * (-12.0 / interval**3)
+        return lambda t: mean + slope * (t - 0.5 * interval)
 
     def _correct(self, interval: float) -> None:
         """Pull the joints towards the measured motion, the amplitudes as by an impulse there.

@@ -123,7 +123,7 @@ def error(got: Array, true: Array) -> float:
         ('joints', False, 0, 1, 0.015),
         ('joints', True, 10, 1, 0.01),
         ('joints', True, 30, 1, 0.03),
-        ('joints', True, 0, 8, 0.02),
+        ('joints', True, 0, 8, 0.01),
         ('torque', True, 0, 1, 0.006),
         ('torque', True, 10, 1, 0.01),
     ],
