@@ -71,7 +71,7 @@ class HeldModel:
         self.coordinate_names = lowered.coordinate_names
         self.joint_indices = lowered.joint_indices
         self.flexible_indices = np.setdiff1d(np.arange(self.n), self.joint_indices)
-        self._reals = lowered.reals.copy()
+        self._reals: Array = lowered.reals.copy()
         self._use(Workspace(lowered, self._reals))
         self._zero = np.zeros(self.n)
         self._sections: dict[tuple[str, float | None], tuple[Section, slice]] = {}
