@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from planar_chains import CANADARM, CANADARM_RIGID, FLEXIBLE, RIGID, planar_chain
 
 import denoc_ros as dn
 from denoc_ros.simulation.laws import SpinUp
-from denoc_ros.simulation.scenario import model_settings, scenario_from_config
+from denoc_ros.simulation.scenario import KEYS, model_settings, scenario_from_config
 
 BOOK = {
     'kind': 'book',
@@ -150,3 +152,14 @@ def test_settings_of_the_model_are_read_before_there_is_one() -> None:
     with pytest.raises(dn.ConfigError, match=r'a: gravity must be three numbers') as caught:
         model_settings({'gravity': [1, 2], 'geometric_stiffness': 'no'}, 'a')
     assert len(caught.value.findings) == 2
+
+
+def test_documentation_has_every_key_and_its_example_works(repository: Path) -> None:
+    text = (repository / 'docs' / 'scenarios.md').read_text()
+    rows = [line.split('`')[1] for line in text.splitlines() if line.startswith('| `')]
+    assert tuple(rows) == KEYS
+    example = yaml.safe_load(text.split('```yaml')[1].split('```')[0])
+    robot = dn.load_robot(
+        planar_chain(CANADARM_RIGID), gravity=model_settings(example, '').gravity
+    )
+    assert len(made(robot, **example).times) == 501
