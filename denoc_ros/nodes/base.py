@@ -65,7 +65,11 @@ class DenocNode(LifecycleNode):
     settings : Settings
         The parameters' values now.
     failure : str
-        Why the last transition, or the loop, failed; '' if it did not.
+        Why the last transition failed; '' if it did not.
+    fatal : str
+        Why the process cannot go on; '' if it can.
+    starting : bool
+        Whether the node is starting itself.
     ready : bool
         Whether `configure` has what it needs from topics.
     owns_process : bool
@@ -77,6 +81,8 @@ class DenocNode(LifecycleNode):
         super().__init__(name, allow_undeclared_parameters=True, **options)
         self.table = table
         self.failure = ''
+        self.fatal = ''
+        self.starting = False
         self.ready = True
         self.owns_process = False
         self.monitors: list[InputMonitor] = []
@@ -215,7 +221,8 @@ class DenocNode(LifecycleNode):
             act()
         except (DenocError, OSError, ValueError) as error:
             self.failure = str(error)
-            self.get_logger().error(self.failure)
+            if not self.starting:  # else the process ends with this as its one message
+                self.get_logger().error(self.failure)
             return TransitionCallbackReturn.FAILURE
         except Exception as error:
             self.failure = f'{type(error).__name__}: {error}'
@@ -323,7 +330,7 @@ def _spin(node: DenocNode, executor: Any, signals: list[int]) -> int:
     while rclpy.ok() and not signals:
         # .spin() hangs in the wheels of rclpy 7.1.6
         executor.spin_once(0.1)
-        if node.failure:
+        if node.fatal:
             return _fail(node)
     return 0
 
@@ -339,9 +346,12 @@ def _start(node: DenocNode, executor: Any, signals: list[int]) -> bool:
             told = time.perf_counter()
         executor.spin_once(0.1)
     done = TransitionCallbackReturn.SUCCESS
-    return bool(node.trigger_configure() == done and node.trigger_activate() == done)
+    node.starting = True
+    started = node.trigger_configure() == done and node.trigger_activate() == done
+    node.starting = False
+    return bool(started)
 
 
 def _fail(node: DenocNode) -> int:
-    print(f'{node.get_name()}: {node.failure}', file=sys.stderr)
+    print(f'{node.get_name()}: {node.fatal or node.failure}', file=sys.stderr)
     return 1

@@ -143,8 +143,8 @@ class RobotNode(DenocNode):
         for warning in loop.warnings:
             status.worsen(WARN, warning)
         if loop.failure is not None:
-            self.failure = f'loop failed: {type(loop.failure).__name__}: {loop.failure}'
-            status.worsen(ERROR, self.failure)
+            self.fatal = f'loop failed: {type(loop.failure).__name__}: {loop.failure}'
+            status.worsen(ERROR, self.fatal)
         status.values['state'] = self.state
         return [status]
 

@@ -1,0 +1,132 @@
+"""Nodes as processes: how they start, refuse and end."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from node_robots import JOINTS, two_links
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+from denoc_ros.dynamics.robot import load_robot
+
+pytestmark = pytest.mark.ros
+GRAVITY = '[0.0, -9.81, 0.0]'
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> str:
+    file = tmp_path / 'arm.urdf'
+    file.write_text(two_links())
+    return str(file)
+
+
+@pytest.fixture
+def start() -> Iterator[Any]:
+    """Start a node with parameters as `name:=value` texts; end what is left at the end."""
+    processes: list[subprocess.Popen[str]] = []
+
+    def begin(node: str, *parameters: str) -> subprocess.Popen[str]:
+        arguments = [text for each in parameters for text in ('-p', each)]
+        process = subprocess.Popen(
+            [sys.executable, '-m', f'denoc_ros.nodes.{node}', '--ros-args', *arguments],
+            stderr=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        processes.append(process)
+        return process
+
+    yield begin
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize(
+    ('node', 'parameters', 'says'),
+    [
+        ('plant', ['urdf_path:=/nowhere/arm.urdf'], '/nowhere/arm.urdf'),
+        ('plant', ['urdf_path:={urdf}', 'beam.six.y.ei:=3'], 'six'),
+        ('feedforward', ['update_rat:=5'], "did you mean 'update_rate'"),
+        ('feedforward', ['urdf_path:={urdf}', 'joints:=[j1,j9]'], 'must name different joints'),
+    ],
+)
+def test_what_cannot_work_exits_1_with_one_line(
+    start: Any, urdf: str, node: str, parameters: list[str], says: str
+) -> None:
+    process = start(node, *(text.format(urdf=urdf) for text in parameters))
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert says in errors
+    assert 'Traceback' not in errors
+    assert len(errors.strip().splitlines()) == 1, errors
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_with_the_safe_command_and_status_0(
+    graph: Any, start: Any, urdf: str, number: int
+) -> None:
+    commands = graph.collect(Float64MultiArray, '/feedforward/commands')
+    process = start(
+        'feedforward',
+        f'urdf_path:={urdf}',
+        f'gravity:={GRAVITY}',
+        'update_rate:=100',
+        'model:=rigid',
+        'joint_state_timeout:=5',
+    )
+    states = graph.publisher(JointState, 'joint_states')
+
+    def carried() -> bool:
+        states.publish(JointState(name=JOINTS, position=[0.4, -0.7]))
+        return len(commands) > 10
+
+    graph.until(carried, timeout=30.0)
+    process.send_signal(number)
+    graph.until(lambda: process.poll() is not None)
+    graph.spin(0.1)
+    _, errors = process.communicate(timeout=10)
+    assert process.returncode == 0, errors
+    robot = load_robot(urdf, gravity=(0.0, -9.81, 0.0))
+    q, zero = np.zeros(robot.n), np.zeros(robot.n)
+    q[robot.joint_indices] = 0.4, -0.7
+    gravity = robot.inverse_dynamics(q, zero, zero)[robot.joint_indices]
+    np.testing.assert_allclose([c.data for c in commands[-3:]], [gravity] * 3, atol=1e-9)
+
+
+def test_a_plant_ends_cleanly_on_sigterm(graph: Any, start: Any, urdf: str) -> None:
+    states = graph.collect(JointState, '/joint_states')
+    process = start('plant', f'urdf_path:={urdf}', 'update_rate:=100')
+    graph.until(lambda: len(states) > 10, timeout=30.0)
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=10)
+    assert process.returncode == 0, errors
+
+
+def test_a_diverging_simulation_ends_the_process_with_status_1(
+    graph: Any, start: Any, urdf: str
+) -> None:
+    states = graph.collect(JointState, '/joint_states')
+    process = start('plant', f'urdf_path:={urdf}', 'brake:=false', 'enforce_effort_limits:=false')
+    graph.until(lambda: len(states) > 10, timeout=30.0)
+    push = graph.publisher(Float64MultiArray, '/feedforward/commands')
+    message = Float64MultiArray(data=[1e300])
+    message.layout.dim = [MultiArrayDimension(label='j1', size=1)]
+
+    def pushed() -> bool:
+        push.publish(message)
+        return process.poll() is not None
+
+    graph.until(pushed, timeout=30.0)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert 'loop failed' in errors
+    assert 'Traceback' not in errors
