@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.parameters import Kind, Parameter, ParameterTable
@@ -97,3 +101,37 @@ def test_the_documentation_has_every_row() -> None:
     assert '| `mode` | string | `a` | `a` \\| `b` |  | read-only | a mode |' in text
     assert '| `on` | bool | `true` |  |  | live | a switch |' in text
     assert len(text.splitlines()) == len(TABLE.rows) + 2
+
+
+NODES = ('feedforward', 'plant', 'predictor', 'recorder')
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('node', NODES)
+def test_every_default_is_one_the_row_accepts(node: str) -> None:
+    table = import_module(f'denoc_ros.nodes.{node}').TABLE
+    names = [row.name for row in table.rows]
+    assert len(set(names)) == len(names)
+    for row in table.rows:
+        if row.default is not None:
+            assert row.accept(row.name, row.default) == row.default
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('node', ['feedforward', 'plant'])
+def test_the_parameter_file_of_a_node_is_one_it_takes(node: str, repository: Path) -> None:
+    text = (repository / 'config' / f'{node}.yaml').read_text()
+    parameters = flatten(yaml.safe_load(text)['/**']['ros__parameters'])
+    table = import_module(f'denoc_ros.nodes.{node}').TABLE
+    settings = table.settings(parameters, node)
+    assert all(settings[name] == parameters[name] for name in parameters)
+
+
+def flatten(values: dict[str, Any], prefix: str = '') -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, dict):
+            flat.update(flatten(value, f'{prefix}{key}.'))
+        else:
+            flat[prefix + key] = value
+    return flat
