@@ -15,7 +15,7 @@ ifdef AMENT_PREFIX_PATH
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 endif
 
-.PHONY: demo test check lint venv clean
+.PHONY: demo test check lint readme venv clean
 
 venv: $(STAMP)
 
@@ -40,6 +40,10 @@ check: lint
 
 test: lint
 	$(BIN)/pytest
+
+# the README's tables, from the code
+readme: $(STAMP)
+	$(BIN)/python test/test_readme.py
 
 clean:
 	rm -rf $(VENV) build install log runs

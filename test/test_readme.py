@@ -1,0 +1,98 @@
+"""The README: its examples run, its commands parse, its tables are those of the code.
+
+`python test/test_readme.py` writes the tables anew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from denoc_ros.cli.config import NODES
+from denoc_ros.cli.main import VERBS, build_parser
+
+README = Path(__file__).resolve().parent.parent / 'README.md'
+SECTION = re.compile(r'(<!-- begin (\w+) (\w+) -->\n)(.*?)(<!-- end -->)', re.DOTALL)
+TABLE_MODULES = {
+    'feedforward': 'denoc_ros.nodes.feedforward_parameters',
+    'predictor': 'denoc_ros.nodes.predictor_parameters',
+    'recorder': 'denoc_ros.nodes.recorder_parameters',
+    'plant': 'denoc_ros.nodes.plant',
+}
+
+
+def code_blocks(language: str) -> list[str]:
+    """Return the README's blocks of a language."""
+    return re.findall(rf'^```{language}\n(.*?)^```', README.read_text(), re.DOTALL | re.MULTILINE)
+
+
+def rendered(kind: str, name: str) -> str:
+    """Return what a generated section must hold."""
+    if kind == 'parameters':
+        return f'\n{import_module(TABLE_MODULES[name]).TABLE.markdown()}\n'
+    lines = ['', '| command | does |', '|---|---|']
+    for verb in VERBS:
+        parser = build_parser([verb])
+        (action,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+        lines.append(f'| `denoc {verb}` | {action._choices_actions[0].help} |')
+    return '\n'.join(lines) + '\n\n'
+
+
+def sections() -> dict[tuple[str, str], str]:
+    """Return the generated sections that the README has."""
+    found = SECTION.findall(README.read_text())
+    return {(kind, name): text for _, kind, name, text, _ in found}
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('node', NODES)
+def test_parameter_table_is_the_node_s(node: str) -> None:
+    assert sections()['parameters', node] == rendered('parameters', node)
+
+
+def test_command_table_is_the_command_line_s() -> None:
+    assert sections()['commands', 'denoc'] == rendered('commands', 'denoc')
+
+
+def test_every_command_shown_is_understood() -> None:
+    shown = [
+        shlex.split(line, comments=True)[1:]
+        for block in code_blocks('sh')
+        for line in block.splitlines()
+        if line.startswith('denoc ')
+    ]
+    assert {arguments[0] for arguments in shown} == set(VERBS)
+    for arguments in shown:
+        build_parser(arguments).parse_args(arguments)
+
+
+def test_every_make_target_shown_exists(repository: Path) -> None:
+    targets = set(re.findall(r'^(\w+):', (repository / 'Makefile').read_text(), re.MULTILINE))
+    shown = set(re.findall(r'`make (\w+)', README.read_text()))
+    assert {'demo', 'test', 'check'} <= shown <= targets
+
+
+@pytest.mark.parametrize('snippet', code_blocks('python'))
+def test_python_example_runs(
+    snippet: str, repository: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(repository)
+    exec(compile(snippet, 'README.md', 'exec'), {})
+
+
+def test_every_link_leads_somewhere(repository: Path) -> None:
+    targets = re.findall(r'\]\((?!https?:|#)([^)#]+)', README.read_text())
+    targets += re.findall(r'src="([^"]+)"', README.read_text())
+    assert targets
+    assert [target for target in targets if not (repository / target).exists()] == []
+
+
+if __name__ == '__main__':
+    README.write_text(
+        SECTION.sub(lambda m: m[1] + rendered(m[2], m[3]) + m[5], README.read_text())
+    )
