@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 # Colour-blind safe; a phase keeps its colour in every figure.
 PHASE_COLOURS = ('#d1622b', '#1f6fb2', '#2e8b57', '#8e5ea2')
 TRUTH_COLOUR = '#20242a'
+DIFFERENCE_COLOUR = '#9ca3af'
 MUTED = '#6b7280'
 PIXELS = 900  # columns a curve is thinned to: finer than a page shows
 WIDTH = 9.6  # inches of a full-width figure

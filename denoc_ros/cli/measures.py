@@ -96,6 +96,16 @@ def loop_measures(statuses: Sequence[Diagnostic]) -> tuple[LoopMeasure, ...]:
     return tuple(_loop(node, values) for node, values in sorted(by_node.items()))
 
 
+def warnings(statuses: Sequence[Diagnostic]) -> dict[str, tuple[int, str]]:
+    """Return, by status, how many of its messages were no plain ok, and what the last said."""
+    found: dict[str, tuple[int, str]] = {}
+    for status in statuses:
+        if status.level > 0:
+            count = found.get(status.name, (0, ''))[0]
+            found[status.name] = count + 1, status.message
+    return found
+
+
 def _loop(node: str, statuses: list[dict[str, str]]) -> LoopMeasure:
     last = statuses[-1]
     return LoopMeasure(

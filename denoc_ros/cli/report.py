@@ -71,7 +71,7 @@ def make_report(run_path: Path) -> tuple[str, dict[str, Any]]:
     BagError
         When there is no readable bag.
     """
-    from denoc_ros.cli.measures import loop_measures, measure, summarize
+    from denoc_ros.cli.measures import loop_measures, measure, summarize, warnings
     from denoc_ros.cli.recording import Recording
 
     bag = find_bag(run_path)
@@ -87,6 +87,7 @@ def make_report(run_path: Path) -> tuple[str, dict[str, Any]]:
         'duration': recording.duration,
         'phases': summarize(phases),
         'loops': {loop.node: loop.summary() for loop in loops},
+        'warnings': warnings(statuses),
         'messages': recording.counts,
         'recorder': _latest(statuses).get('recorder: recording', {}),
     }
@@ -135,6 +136,7 @@ def _render(
     from jinja2 import Environment, PackageLoader
 
     from denoc_ros.cli import sections
+    from denoc_ros.cli.measures import warnings
 
     environment = Environment(
         loader=PackageLoader('denoc_ros.cli', '.'),
@@ -157,6 +159,7 @@ def _render(
                 sections.torque(phases),
                 sections.motion(phases),
                 sections.loops(loops),
+                sections.warned(warnings(statuses)),
                 sections.nodes(statuses),
                 sections.topics(recording),
             )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from denoc_ros.cli.figures import (
+    DIFFERENCE_COLOUR,
     PHASE_COLOURS,
     TRUTH_COLOUR,
     Curve,
@@ -61,7 +62,7 @@ def engineering(value: float, unit: str) -> str:
     """Return a number with three digits and an SI prefix, such as `1.23 mrad`."""
     if not np.isfinite(value):
         return '–'
-    size = abs(value)
+    size = abs(float(f'{value:.3g}'))  # as shown: 999.7 µs is 1 ms
     factor, prefix = next((entry for entry in PREFIXES if size >= entry[0]), PREFIXES[-1])
     if size == 0.0:
         factor, prefix = 1.0, ''
@@ -127,8 +128,9 @@ def deflection(phases: Sequence[PhaseMeasures]) -> Section | None:
             title = _deflection_title(entry.name, phase.name, len(phases) > 1)
             curves = [Curve('predicted', colour, entry.t, entry.predicted, True)]
             if entry.true is not None:
-                curves.insert(0, Curve('true (plant)', TRUTH_COLOUR, entry.t, entry.true))
                 gap = entry.predicted - entry.true
+                curves.insert(0, Curve('true (plant)', TRUTH_COLOUR, entry.t, entry.true))
+                curves.append(Curve('difference', DIFFERENCE_COLOUR, entry.t, gap))
                 error, largest = rms(gap), peak(entry.true)
                 rows.append(
                     [
@@ -213,6 +215,15 @@ def loops(measures: Sequence[LoopMeasure]) -> Section | None:
     )
 
 
+def warned(found: Mapping[str, tuple[int, str]]) -> Section | None:
+    """Return the section on what the nodes warned of."""
+    if not found:
+        return None
+    rows = [[name, str(count), text] for name, (count, text) in sorted(found.items())]
+    table = Table(('status', 'times', 'last'), rows)
+    return Section('Warnings', 'Each node speaks once a second on /diagnostics.', [], [table])
+
+
 def nodes(statuses: Iterable[Diagnostic]) -> Section | None:
     """Return the section with the nodes' last words on /diagnostics."""
     last = {status.name: status for status in statuses}
@@ -282,7 +293,7 @@ def _beside(panel: Panel, effort: Series) -> Panel:
     """Return a torque panel with the measured effort of its joint under the computed one."""
     if panel.title not in effort.names:
         return panel
-    measured = Curve('measured', '#9ca3af', effort.t, effort.column(panel.title))
+    measured = Curve('measured', DIFFERENCE_COLOUR, effort.t, effort.column(panel.title))
     computed = [dataclasses.replace(curve, label='computed') for curve in panel.curves]
     return dataclasses.replace(panel, curves=[measured, *computed])
 

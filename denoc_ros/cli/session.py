@@ -161,7 +161,10 @@ class Session:
         lead = 0.0
         if self._task.trajectory is not None:
             lead = LEAD
-            self._driver.publish_reference(self._task.trajectory, self._task.joints, lead)
+            listeners = len({'feedforward', 'recorder'}.intersection(self._names))
+            self._driver.publish_reference(
+                self._task.trajectory, self._task.joints, lead, listeners
+            )
         with self._progress.phase(phase.name, self._task.duration) as show:
             start = time.perf_counter() + lead
             while (elapsed := time.perf_counter() - start) < self._task.duration:

@@ -40,6 +40,9 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
             f'{node}: {loop["ticks"]} ticks at {1.0 / loop["nominal"]:g} Hz, '
             f'{100.0 * loop["late"] / max(loop["ticks"], 1):.2g} % late by more than half a period'
         )
+    for name, (count, text) in sorted(summary.get('warnings', {}).items()):
+        if not name.endswith(': loop'):
+            yield f'warning {name}: {text} ({count} times)'
     if shares := summary.get('processor_share'):
         listed = ', '.join(f'{node} {100.0 * share:.0f} %' for node, share in shares.items())
         yield f'share of a core: {listed}'

