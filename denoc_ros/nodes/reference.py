@@ -69,7 +69,7 @@ class ReferenceFollower:
         self._stream = DifferencedStream(joints, gap)
         self._now: SplineTrajectory | None = None
         self._now_start = 0.0
-        self._next: tuple[SplineTrajectory, float] | None = None
+        self._coming: list[tuple[SplineTrajectory, float]] = []  # by their starts
         self._point: tuple[Array, Array, Array] | None = None
         self._point_time = -math.inf
         self._horizon = 0.0
@@ -77,7 +77,7 @@ class ReferenceFollower:
     @property
     def given(self) -> bool:
         """Whether there is any reference."""
-        return self._point is not None or self._now is not None or self._next is not None
+        return self._has_current() or bool(self._coming)
 
     @property
     def streamed(self) -> bool:
@@ -96,7 +96,8 @@ class ReferenceFollower:
     def clear(self) -> None:
         """Forget everything."""
         with self._lock:
-            self._now = self._next = self._point = None
+            self._now = self._point = None
+            self._coming.clear()
 
     def offer(
         self,
@@ -141,7 +142,8 @@ class ReferenceFollower:
             message.times, message.positions, message.velocities, message.accelerations, first
         )
         with self._lock:
-            self._next = trajectory, begin
+            self._coming = [each for each in self._coming if each[1] < begin]
+            self._coming.append((trajectory, begin))
 
     def offer_point(self, now: float, q: Array, qd: Array, qdd: Array) -> None:
         """Take a streamed point that is for steady `now`."""
@@ -149,14 +151,15 @@ class ReferenceFollower:
             self._point = q, qd, qdd
             self._point_time = now
             self._horizon = self._stream.interval
-            self._now = self._next = None
+            self._now = None
+            self._coming.clear()
 
     def sample(self, now: float, q: Array, qd: Array, qdd: Array) -> bool:
         """Write the motion wanted at steady `now` into (n,) arrays; say whether there is one."""
         with self._lock:
-            if self._next is not None and (now >= self._next[1] or not self._has_current()):
-                self._now, self._now_start = self._next
-                self._next = self._point = None
+            while self._coming and (now >= self._coming[0][1] or not self._has_current()):
+                self._now, self._now_start = self._coming.pop(0)
+                self._point = None
             return self._evaluate(now, q, qd, qdd)
 
     def _has_current(self) -> bool:

@@ -28,12 +28,12 @@ FLEXIBILITY = """<flexibility>
 </flexibility>"""
 
 
-def arm(flexible: bool = True, mimic: bool = False) -> Robot:
+def arm(flexible: bool = True, mimic: bool = False, ei: float = 900.0) -> Robot:
     """Two links in a vertical plane with damping and friction in their joints."""
     tie = '<mimic joint="j1" multiplier="-2" offset="0.1"/>' if mimic else ''
     links = LINK.format(link='one', joint='j1', parent='base', x=0, mimic='')
     links += LINK.format(link='two', joint='j2', parent='one', x=2, mimic=tie)
-    block = FLEXIBILITY if flexible else ''
+    block = FLEXIBILITY.replace('900', str(ei)) if flexible else ''
     return load_robot(
         f'<robot name="arm"><link name="base"/>{links}{block}</robot>', gravity=(0, -9.81, 0)
     )
@@ -178,3 +178,20 @@ def test_bad_choices_are_refused() -> None:
     feedforward.update(Q, QD, QDD, 0.0)
     with pytest.raises(StateError, match='finite'):
         feedforward.update(Q, QD, np.array([np.nan, 0.0]), 1e-3)
+
+
+@pytest.mark.parametrize('ei', [1e5, 1e7, 1e9])
+def test_stiff_beams_approach_the_rigid_torque_at_a_step_far_too_long_for_them(ei: float) -> None:
+    robot = arm(ei=ei)
+    assert ei < 1e7 or robot.natural_frequencies(np.zeros(robot.n))[-1] > 2000.0  # Hz, at 1 kHz
+    flexible = TorqueFeedforward(robot, step=1e-3)
+    rigid = TorqueFeedforward(arm(ei=ei), model='rigid')
+    motion = BookTrajectory(np.array([-1.2, 0.4]), np.array([0.4, -0.6]), np.array([1.5, 1.5]))
+    q, qd, qdd = np.zeros((3, 2))
+    gap = 0.0
+    for tick in range(1500):
+        motion.sample(tick * 1e-3, q, qd, qdd)
+        torque = flexible.update(q, qd, qdd, 1e-3 if tick else 0.0)
+        gap = max(gap, float(np.abs(torque - rigid.update(q, qd, qdd, 0.0)).max()))
+    # undamped modes ring by about the square root of the flexibility, of 173 N m at most
+    assert gap < 6.0 * (1e5 / ei) ** 0.5

@@ -1,0 +1,106 @@
+"""What the reference asks for at a time. No graph."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from denoc_ros.nodes.conversions import TrajectoryMessage
+from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
+
+NOW_NS = 1_000_000_000_000
+
+
+def trajectory(times: list[float], positions: list[float], start_s: float = 0.0) -> Any:
+    """Return a message of one joint that starts `start_s` from NOW_NS (0: now)."""
+    stamp = NOW_NS + round(start_s * 1e9) if start_s else 0
+    return TrajectoryMessage(stamp, np.array(times), np.array(positions)[:, None], None, None)
+
+
+def point(position: float, rate: float, acceleration: float) -> TrajectoryMessage:
+    rows = [np.array([[value]]) for value in (position, rate, acceleration)]
+    return TrajectoryMessage(0, np.zeros(1), rows[0], rows[1], rows[2])
+
+
+def at(follower: ReferenceFollower, now: float) -> tuple[float, float, float]:
+    q, qd, qdd = np.zeros((3, 1))
+    assert follower.sample(now, q, qd, qdd)
+    return float(q[0]), float(qd[0]), float(qdd[0])
+
+
+def test_a_new_trajectory_takes_over_at_its_start_not_before() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    follower.offer(trajectory([0.0, 1.0], [1.0, 1.0]), 10.0, NOW_NS)
+    follower.offer(trajectory([0.0, 1.0], [5.0, 5.0], start_s=2.0), 11.0, NOW_NS)
+    assert at(follower, 12.99)[0] == 1.0  # although nobody sampled the first in between
+    assert at(follower, 13.01)[0] == 5.0
+    assert follower.age(13.01) == 0.0
+
+
+def test_a_trajectory_from_the_past_starts_part_way_and_ends_holding() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    follower.offer(trajectory([0.0, 2.0], [0.0, 1.0], start_s=-1.0), 10.0, NOW_NS)
+    position, rate, _ = at(follower, 10.0)
+    assert position == pytest.approx(0.5)
+    assert rate > 0.5
+    assert not follower.finished(10.5)
+    assert at(follower, 11.5) == (1.0, 0.0, 0.0)
+    assert follower.finished(11.5)
+
+
+def test_a_late_first_point_is_reached_from_what_is_followed_or_measured() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    follower.offer(trajectory([1.0], [3.0]), 10.0, NOW_NS, np.array([2.0]))
+    assert at(follower, 10.0)[0] == 2.0
+    assert at(follower, 11.0)[0] == 3.0
+    follower.offer(trajectory([1.0], [0.0]), 20.0, NOW_NS, np.array([99.0]))
+    assert at(follower, 20.0)[0] == 3.0
+    assert at(follower, 21.0)[0] == 0.0
+
+
+def test_a_streamed_point_goes_on_for_one_interval_of_the_stream() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    follower.offer(point(1.0, 2.0, 4.0), 10.0, NOW_NS)
+    assert at(follower, 10.005) == (1.0, 2.0, 4.0)  # the interval is not known yet
+    follower.offer(point(1.0, 2.0, 4.0), 10.01, NOW_NS)
+    position, rate, _ = at(follower, 10.015)
+    assert position == pytest.approx(1.0 + 2.0 * 0.005 + 2.0 * 0.005**2)
+    assert rate == pytest.approx(2.0 + 4.0 * 0.005)
+    assert at(follower, 10.5) == pytest.approx(at(follower, 10.02))
+    assert follower.age(10.5) == pytest.approx(0.49)
+
+
+def test_clear_leaves_nothing() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    assert not follower.given
+    follower.offer(point(1.0, 0.0, 0.0), 10.0, NOW_NS)
+    assert follower.given
+    assert follower.streamed
+    follower.clear()
+    assert not follower.given
+    assert not follower.sample(10.0, *np.zeros((3, 1)))
+
+
+def test_missing_rates_are_differenced_and_gaps_are_not() -> None:
+    stream = DifferencedStream(1, gap=0.1)
+    for k in range(4):
+        t = 0.01 * k
+        _, qd, qdd = stream.complete(t, np.array([3.0 * t * t]), None, None)
+    # backward differences of 3 t^2, half an interval behind
+    assert qd[0] == pytest.approx(6.0 * (t - 0.005))
+    assert qdd[0] == pytest.approx(6.0)
+    _, qd, qdd = stream.complete(1.0, np.array([50.0]), None, None)
+    assert (qd[0], qdd[0]) == (0.0, 0.0)
+
+
+def test_differenced_accelerations_pass_the_low_pass() -> None:
+    stream = DifferencedStream(1, gap=0.1, cutoff=5.0)
+    values = [
+        float(stream.complete(0.001 * k, np.zeros(1), np.array([float(k > 0)]), None)[2][0])
+        for k in range(3)
+    ]
+    assert values[0] == 0.0
+    assert 0.0 < values[1] < 50.0  # of the unfiltered 1000
+    assert 0.0 < values[2] < values[1]
