@@ -148,7 +148,7 @@ class HeldModel:
         if row == 0 or attachment.station != 0.0:
             raise StateError(f'frame {frame!r} must be a link that moves, got one that does not')
         payload = structure.payload_inertia(attachment.placement, mass, com, inertia)
-        self._payloads[frame] = inertia_row(payload)
+        self._payloads[frame] = inertia_row(payload, self.lowered.axes[row - 1])
         self._load_body(row)
 
     def _carrier(self, frame: str) -> int:

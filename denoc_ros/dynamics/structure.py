@@ -103,6 +103,13 @@ def _blocks(robot: HeldModel, i: int) -> tuple[Array | None, Array]:
     return a, p
 
 
+def _public_axes(robot: HeldModel, i: int) -> Array:
+    """Return the turn (6 + m, 6 + m) of row i's twist from the kernels' axes to the body frame."""
+    turn: Array = np.eye(6 + int(robot.lowered.ints[i, layout.MODES]))
+    turn[:3, :3] = turn[3:6, 3:6] = robot.lowered.axes[i - 1]
+    return turn
+
+
 def denoc_matrices(robot: HeldModel, q: Array) -> tuple[Array, Array]:
     """Return the dense N_l (twists of all bodies by bodies) and N_d (block diagonal)."""
     ints, bodies = robot.lowered.ints, robot.lowered.bodies
@@ -113,9 +120,11 @@ def denoc_matrices(robot: HeldModel, q: Array) -> tuple[Array, Array]:
     diagonal = []
     for i in range(1, bodies + 1):
         a, p = _blocks(robot, i)
-        diagonal.append(p)
+        turn = _public_axes(robot, i)
+        diagonal.append(turn @ p)
         if a is None:
             continue
+        a = turn @ a @ _public_axes(robot, int(ints[i, layout.PARENT])).T
         parent = int(ints[i, layout.PARENT])
         rows = slice(edges[i], edges[i + 1])
         above = slice(edges[parent], edges[parent + 1])

@@ -1,8 +1,9 @@
 """The inertia of one body and the way a child's six rows take to its carrier.
 
-Inertias stand in work as full (6 + m) x (6 + m) row-major matrices over [v; omega; d'; c'].
-A six-row block is three 3 x 3 matrices one after another: A (force by linear acceleration), B
-(force by angular acceleration), D (torque by angular acceleration).
+The inertia of a flexible body stands in work as a full (6 + m) x (6 + m) row-major matrix over
+[v; omega; d'; c'], that of a rigid one as a six-row block: three 3 x 3 matrices one after another,
+A (force by linear acceleration), B (force by angular acceleration), D (torque by angular
+acceleration).
 """
 
 from denoc_ros.kernels.compiled import inlined
@@ -50,8 +51,15 @@ def add_moment(work, o, size, m):
 
 
 @inlined
-def add_spin(work, o, size, xx, xy, xz, yy, yz, zz):
+def spin_of(a, o):
+    """Return the six elements of a symmetric rotational inertia at offset o of a."""
+    return a[o], a[o + 1], a[o + 2], a[o + 3], a[o + 4], a[o + 5]
+
+
+@inlined
+def add_spin(work, o, size, spin):
     """Add a symmetric rotational inertia to the angular block of an inertia."""
+    xx, xy, xz, yy, yz, zz = spin
     k = o + 3 * size + 3
     work[k] += xx
     work[k + 1] += xy
@@ -65,8 +73,8 @@ def add_spin(work, o, size, xx, xy, xz, yy, yz, zz):
 
 
 @inlined
-def rigid_inertia(ints, reals, work, i, size):
-    """Write the inertia of the rigid part of body i, padded to size."""
+def rigid_part(ints, reals, work, i, size):
+    """Write the inertia of the rigid part of flexible body i, with zeros for its modes."""
     c = at(ints, i, REAL)
     o = at(ints, i, INERTIA_WORK)
     for k in range(size * size):
@@ -75,18 +83,7 @@ def rigid_inertia(ints, reals, work, i, size):
     for k in range(3):
         work[o + (size + 1) * k] = mass
     add_moment(work, o, size, load(reals, c + MOMENT))
-    s = c + SPIN
-    add_spin(
-        work,
-        o,
-        size,
-        reals[s],
-        reals[s + 1],
-        reals[s + 2],
-        reals[s + 3],
-        reals[s + 4],
-        reals[s + 5],
-    )
+    add_spin(work, o, size, spin_of(reals, c + SPIN))
 
 
 @inlined
@@ -141,7 +138,7 @@ def beam_inertia(ints, reals, work, i):
     for n in range(3):
         work[o + (size + 1) * n] += mass
     add_moment(work, o, size, (mx, my, mz))
-    add_spin(work, o, size, xx, xy, xz, yy, yz, zz)
+    add_spin(work, o, size, (xx, xy, xz, yy, yz, zz))
     for j in range(6, 6 + bending):
         for n in range(j):
             work[o + j * size + n] = work[o + n * size + j]
@@ -165,16 +162,40 @@ def torsion_inertia(ints, reals, work, i):
 
 
 @inlined
-def body_inertia(ints, reals, work, i):
-    """Write the (6 + m) inertia of body i."""
-    m = at(ints, i, MODES)
-    if m == 0:
-        rigid_inertia(ints, reals, work, i, 6)
-        return
-    rigid_inertia(ints, reals, work, i, 6 + m)
+def flexible_inertia(ints, reals, work, i):
+    """Write the (6 + m) inertia of flexible body i."""
+    rigid_part(ints, reals, work, i, 6 + at(ints, i, MODES))
     beam_inertia(ints, reals, work, i)
     if at(ints, i, NT) > 0:
         torsion_inertia(ints, reals, work, i)
+
+
+@inlined
+def rigid_block(work, mass, moment, spin, block):
+    """Write the six-row block of a rigid body with a mass, moment (3) and spin (6)."""
+    x, y, z = moment
+    store(work, block, (mass, 0.0, 0.0))
+    store(work, block + 3, (0.0, mass, 0.0))
+    store(work, block + 6, (0.0, 0.0, mass))
+    store(work, block + 9, (0.0, z, -y))
+    store(work, block + 12, (-z, 0.0, x))
+    store(work, block + 15, (y, -x, 0.0))
+    xx, xy, xz, yy, yz, zz = spin
+    store(work, block + 18, (xx, xy, xz))
+    store(work, block + 21, (xy, yy, yz))
+    store(work, block + 24, (xz, yz, zz))
+
+
+@inlined
+def body_inertia(ints, reals, work, i):
+    """Write the inertia of body i: (6 + m) square where flexible, else a six-row block."""
+    if at(ints, i, MODES) > 0:
+        flexible_inertia(ints, reals, work, i)
+        return
+    c = at(ints, i, REAL)
+    spin = spin_of(reals, c + SPIN)
+    o = at(ints, i, INERTIA_WORK)
+    rigid_block(work, reals[c + MASS], load(reals, c + MOMENT), spin, o)
 
 
 @inlined
@@ -274,6 +295,7 @@ def transmit_inertia(ints, work, i, block):
                 work[m + (6 + j) * size + 3 + k] += n[k]
         shift_block(work, block, place)
     if size == 6:
-        add_block(work, m, 6, block)
+        for k in range(27):
+            work[m + k] += work[block + k]
     else:
         add_block(work, m, size, block)

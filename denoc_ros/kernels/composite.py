@@ -1,6 +1,6 @@
 """The generalized inertia matrix by composite bodies (section 3.2), and the energies."""
 
-from denoc_ros.kernels.body_inertia import body_inertia, transmit_inertia
+from denoc_ros.kernels.body_inertia import flexible_inertia
 from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel
 from denoc_ros.kernels.handle import (
     ARMATURE,
@@ -18,106 +18,213 @@ from denoc_ros.kernels.layout import (
     AXIS,
     BLOCK,
     COLUMNS,
+    COMPOSITE,
     COORDINATE,
     GRAVITY,
     INERTIA_WORK,
     JOINT,
+    MASS,
     MODES,
+    MOTION,
     PARENT,
     PLACE,
     POINTS,
     REAL,
     SECTION,
     SECTION_WORK,
+    SPEED,
+    TURN,
     VELOCITY,
     WORK,
     WORLD_POSITION,
     WORLD_ROTATION,
 )
+from denoc_ros.kernels.motion import linear_velocity
 from denoc_ros.kernels.placement import place_beam, place_body
-from denoc_ros.kernels.vector import add, all_finite, cross, dot, load, rotate
+from denoc_ros.kernels.vector import (
+    accumulate,
+    add,
+    all_finite,
+    cross,
+    dot,
+    load,
+    rotate,
+    scale,
+    store,
+    symmetric,
+)
 from denoc_ros.kernels.world import world_pose
 
 
 @inlined
-def column_wrench(ints, reals, work, i, column):
-    """Return force and torque of a unit acceleration of body i's coordinate, and write its own."""
+def own_composite(ints, reals, work, i):
+    """Write mass, moment and spin of body i alone, and its (6 + m) inertia where flexible."""
+    k = at(ints, i, WORK) + COMPOSITE
+    if at(ints, i, MODES) == 0:
+        c = at(ints, i, REAL) + MASS
+        for n in range(10):
+            work[k + n] = reals[c + n]
+        return
+    flexible_inertia(ints, reals, work, i)
     size = 6 + at(ints, i, MODES)
     o = at(ints, i, INERTIA_WORK)
-    if column < at(ints, i, JOINT):
-        s = at(ints, i, REAL) + AXIS
-        f = (0.0, 0.0, 0.0)
-        n = (0.0, 0.0, 0.0)
-        for k in range(6):
-            x = reals[s + k]
-            f = add(f, (x * work[o + k], x * work[o + size + k], x * work[o + 2 * size + k]))
-            u = o + 3 * size + k
-            n = add(n, (x * work[u], x * work[u + size], x * work[u + 2 * size]))
-        return f, n
-    u = o + 6 + column - at(ints, i, JOINT)
+    work[k] = work[o]
+    store(work, k + 1, (work[o + size + 5], work[o + 2 * size + 3], work[o + 4]))
+    o += 3 * size + 3
+    store(work, k + 4, load(work, o))
+    store(work, k + 7, (work[o + size + 1], work[o + size + 2], work[o + 2 * size + 2]))
+
+
+@inlined
+def rigid_wrench(work, k, linear, angular):
+    """Return force and torque of a composite body, at offset k, for an acceleration."""
+    moment = load(work, k + 1)
+    force = add(scale(work[k], linear), cross(angular, moment))
+    return force, add(cross(moment, linear), symmetric(work, k + 4, angular))
+
+
+@inlined
+def shifted_spin(spin, mass, moment, r):
+    """Return a spin (6) about a point that lies -r from its own; moment is about the old one."""
+    hx, hy, hz = moment
+    x, y, z = r
+    d = 2.0 * dot(r, moment) + mass * dot(r, r)
     return (
-        (work[u], work[u + size], work[u + 2 * size]),
-        (work[u + 3 * size], work[u + 4 * size], work[u + 5 * size]),
+        spin[0] + d - x * (2.0 * hx + mass * x),
+        spin[1] - x * hy - hx * y - mass * x * y,
+        spin[2] - x * hz - hx * z - mass * x * z,
+        spin[3] + d - y * (2.0 * hy + mass * y),
+        spin[4] - y * hz - hy * z - mass * y * z,
+        spin[5] + d - z * (2.0 * hz + mass * z),
     )
 
 
 @inlined
-def own_entries(ints, reals, work, i, f, n, column, out):
-    """Write the entries between body i's coordinate and its joint and modes."""
-    j = at(ints, i, COORDINATE)
-    c = j + column
-    size = 6 + at(ints, i, MODES)
-    o = at(ints, i, INERTIA_WORK)
-    if at(ints, i, JOINT) == 1:
-        s = at(ints, i, REAL) + AXIS
-        u = dot(load(reals, s), f) + dot(load(reals, s + 3), n)
-        out[j, c] = u
-        out[c, j] = u
-        j += 1
-    if column >= at(ints, i, JOINT):
-        u = o + size * (6 + column - at(ints, i, JOINT)) + 6
-        for k in range(at(ints, i, MODES)):
-            out[j + k, c] = work[u + k]
+def turned_spin(work, rotation, k):
+    """Return R I R^T (6) of the symmetric I at offset k."""
+    ix, iy, iz = load(work, rotation), load(work, rotation + 3), load(work, rotation + 6)
+    u = symmetric(work, k, ix)
+    v = symmetric(work, k, iy)
+    w = symmetric(work, k, iz)
+    return dot(ix, u), dot(ix, v), dot(ix, w), dot(iy, v), dot(iy, w), dot(iz, w)
+
+
+@inlined
+def modal_entries(ints, work, i, block):
+    """Add to the modes of row i's carrier the composite at offset block, about the section."""
+    p = at(ints, i, PARENT)
+    size = 6 + at(ints, p, MODES)
+    o = at(ints, p, INERTIA_WORK)
+    place = load(work, at(ints, i, SECTION_WORK) + PLACE)
+    columns = at(ints, i, SECTION_WORK) + COLUMNS
+    for j in range(at(ints, p, MODES)):
+        u = columns + 6 * j
+        f, n = rigid_wrench(work, block, load(work, u), load(work, u + 3))
+        for k in range(at(ints, p, MODES)):
+            u = columns + 6 * k
+            both = dot(load(work, u), f) + dot(load(work, u + 3), n)
+            work[o + (6 + j) * size + 6 + k] += both
+        n = add(n, cross(place, f))
+        for k in range(3):
+            work[o + k * size + 6 + j] += f[k]
+            work[o + (3 + k) * size + 6 + j] += n[k]
+
+
+@inlined
+def transmit_composite(ints, work, i):
+    """Add row i's composite body to its carrier's."""
+    o = at(ints, i, WORK)
+    k = o + COMPOSITE
+    mass = work[k]
+    r = load(work, o + ARM)
+    moment = rotate(work, o, load(work, k + 1))
+    spin = shifted_spin(turned_spin(work, o, k + 4), mass, moment, r)
+    moment = add(moment, scale(mass, r))
+    if at(ints, i, SECTION) > 0:
+        block = work.shape[0] - BLOCK
+        work[block] = mass
+        store(work, block + 1, moment)
+        store(work, block + 4, (spin[0], spin[1], spin[2]))
+        store(work, block + 7, (spin[3], spin[4], spin[5]))
+        modal_entries(ints, work, i, block)
+        r = load(work, at(ints, i, SECTION_WORK) + PLACE)
+        spin = shifted_spin(spin, mass, moment, r)
+        moment = add(moment, scale(mass, r))
+    k = at(ints, at(ints, i, PARENT), WORK) + COMPOSITE
+    work[k] += mass
+    accumulate(work, k + 1, moment)
+    accumulate(work, k + 4, (spin[0], spin[1], spin[2]))
+    accumulate(work, k + 7, (spin[3], spin[4], spin[5]))
 
 
 @inlined
 def carrier_entries(ints, reals, work, i, f, n, c, out):
     """Write the entries between coordinate c and those of all bodies that carry body i."""
-    while at(ints, i, PARENT) > 0:
+    p = at(ints, i, PARENT)
+    while p > 0:
         o = at(ints, i, WORK)
-        p = at(ints, i, PARENT)
         f = rotate(work, o, f)
         n = add(rotate(work, o, n), cross(load(work, o + ARM), f))
         j = at(ints, p, COORDINATE)
         if at(ints, i, SECTION) > 0:
             s = at(ints, i, SECTION_WORK)
             u = s + COLUMNS
-            for k in range(j + at(ints, p, JOINT), j + at(ints, p, JOINT) + at(ints, p, MODES)):
+            d = j + at(ints, p, JOINT)
+            for k in range(d, d + at(ints, p, MODES)):
                 x = dot(load(work, u), f) + dot(load(work, u + 3), n)
                 out[k, c] = x
                 out[c, k] = x
                 u += 6
             n = add(n, cross(load(work, s + PLACE), f))
-        else:
-            for k in range(j + at(ints, p, JOINT), j + at(ints, p, JOINT) + at(ints, p, MODES)):
-                out[k, c] = 0.0
-                out[c, k] = 0.0
-        if at(ints, p, JOINT) == 1:
+        if at(ints, p, MOTION) == TURN:
+            out[j, c] = n[2]
+            out[c, j] = n[2]
+        elif at(ints, p, JOINT) == 1:
             s = at(ints, p, REAL) + AXIS
             x = dot(load(reals, s), f) + dot(load(reals, s + 3), n)
             out[j, c] = x
             out[c, j] = x
         i = p
+        p = at(ints, i, PARENT)
 
 
 @inlined
-def copy_block(work, o, size, block):
-    """Copy the six rows and columns of an inertia into a six-row block."""
-    for r in range(3):
-        for c in range(3):
-            work[block + 3 * r + c] = work[o + size * r + c]
-            work[block + 9 + 3 * r + c] = work[o + size * r + 3 + c]
-            work[block + 18 + 3 * r + c] = work[o + size * (3 + r) + 3 + c]
+def joint_column(ints, reals, work, i, out):
+    """Write the column of body i's joint."""
+    k = at(ints, i, WORK) + COMPOSITE
+    j = at(ints, i, COORDINATE)
+    if at(ints, i, MOTION) == TURN:
+        f = (-work[k + 2], work[k + 1], 0.0)
+        n = (work[k + 6], work[k + 8], work[k + 9])
+        out[j, j] = n[2]
+    else:
+        s = at(ints, i, REAL) + AXIS
+        slide = load(reals, s)
+        turn = load(reals, s + 3)
+        f, n = rigid_wrench(work, k, slide, turn)
+        out[j, j] = dot(slide, f) + dot(turn, n)
+    carrier_entries(ints, reals, work, i, f, n, j, out)
+
+
+@inlined
+def modal_column(ints, reals, work, i, column, out):
+    """Write the column of one of body i's modes."""
+    size = 6 + at(ints, i, MODES)
+    o = at(ints, i, INERTIA_WORK)
+    j = at(ints, i, COORDINATE) + at(ints, i, JOINT)
+    u = o + 6 + column
+    f = (work[u], work[u + size], work[u + 2 * size])
+    n = (work[u + 3 * size], work[u + 4 * size], work[u + 5 * size])
+    if at(ints, i, JOINT) == 1:
+        s = at(ints, i, REAL) + AXIS
+        x = dot(load(reals, s), f) + dot(load(reals, s + 3), n)
+        out[j - 1, j + column] = x
+        out[j + column, j - 1] = x
+    for k in range(column + 1):
+        x = work[o + size * (6 + k) + 6 + column]
+        out[j + k, j + column] = x
+        out[j + column, j + k] = x
+    carrier_entries(ints, reals, work, i, f, n, j + column, out)
 
 
 @kernel('int64(int64, float64[::1], float64[:, ::1])')
@@ -131,18 +238,15 @@ def inertia_matrix(handle, q, out):
         place_body(ints, reals, work, q, i)
         if at(ints, i, POINTS) > 0:
             place_beam(ints, reals, work, q, i)
-        body_inertia(ints, reals, work, i)
+        own_composite(ints, reals, work, i)
     out[:, :] = 0.0
-    block = work.shape[0] - BLOCK
     for i in range(bodies, 0, -1):
-        for column in range(at(ints, i, JOINT) + at(ints, i, MODES)):
-            f, moment = column_wrench(ints, reals, work, i, column)
-            own_entries(ints, reals, work, i, f, moment, column, out)
-            j = at(ints, i, COORDINATE) + column
-            carrier_entries(ints, reals, work, i, f, moment, j, out)
+        if at(ints, i, JOINT) == 1:
+            joint_column(ints, reals, work, i, out)
+        for column in range(at(ints, i, MODES)):
+            modal_column(ints, reals, work, i, column, out)
         if at(ints, i, PARENT) > 0:
-            copy_block(work, at(ints, i, INERTIA_WORK), 6 + at(ints, i, MODES), block)
-            transmit_inertia(ints, work, i, block)
+            transmit_composite(ints, work, i)
     finite = True
     for j in range(n):
         out[j, j] += diagonals[ARMATURE, j]
@@ -161,31 +265,37 @@ def inertia_matrix_rows(handle, q, first, last, out):
 
 @inlined
 def body_kinetic(ints, work, qd, i):
-    """Return the kinetic energy of body i from its own inertia and twist."""
+    """Return the kinetic energy of body i alone."""
+    u = at(ints, i, WORK)
+    k = u + COMPOSITE
+    v = load(work, u + VELOCITY)
+    w = load(work, u + SPEED)
+    f, n = rigid_wrench(work, k, v, w)
+    energy = 0.5 * (dot(v, f) + dot(w, n))
     m = at(ints, i, MODES)
     size = 6 + m
     o = at(ints, i, INERTIA_WORK)
-    u = at(ints, i, WORK)
     d = at(ints, i, COORDINATE) + at(ints, i, JOINT)
-    energy = 0.0
-    for r in range(size):
-        x = work[u + VELOCITY + r] if r < 6 else qd[d + r - 6]
-        for c in range(size):
-            y = work[u + VELOCITY + c] if c < 6 else qd[d + c - 6]
-            energy += 0.5 * x * work[o + size * r + c] * y
+    for r in range(m):
+        momentum = 0.0
+        for c in range(3):
+            momentum += work[o + size * c + 6 + r] * v[c]
+            momentum += work[o + size * (3 + c) + 6 + r] * w[c]
+        for c in range(m):
+            momentum += 0.5 * work[o + size * (6 + r) + 6 + c] * qd[d + c]
+        energy += qd[d + r] * momentum
     return energy
 
 
 @inlined
 def body_gravity(ints, reals, work, i):
-    """Return the gravity potential of body i, zero at the base origin."""
-    size = 6 + at(ints, i, MODES)
-    o = at(ints, i, INERTIA_WORK)
+    """Return the gravity potential of body i alone, zero at the base origin."""
     u = at(ints, i, WORK)
-    moment = (work[o + size + 5], work[o + 2 * size + 3], work[o + 4])
-    position = load(work, u + WORLD_POSITION)
+    k = u + COMPOSITE
     g = load(reals, GRAVITY)
-    return -work[o] * dot(g, position) - dot(g, rotate(work, u + WORLD_ROTATION, moment))
+    position = load(work, u + WORLD_POSITION)
+    moment = rotate(work, u + WORLD_ROTATION, load(work, k + 1))
+    return -work[k] * dot(g, position) - dot(g, moment)
 
 
 @kernel('int64(int64, float64[::1], float64[::1], float64[::1])')
@@ -199,7 +309,8 @@ def energies(handle, q, qd, out):
     kinetic = 0.0
     potential = 0.0
     for i in range(1, bodies + 1):
-        body_inertia(ints, reals, work, i)
+        own_composite(ints, reals, work, i)
+        linear_velocity(ints, reals, work, qd, i)
         world_pose(ints, work, i)
         kinetic += body_kinetic(ints, work, qd, i)
         potential += body_gravity(ints, reals, work, i)

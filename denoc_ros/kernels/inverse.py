@@ -1,14 +1,7 @@
 """Inverse dynamics: outward motion, inward wrenches, O(n) (book, section 3.2)."""
 
 from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel
-from denoc_ros.kernels.handle import (
-    ARMATURE,
-    GOOD,
-    MISFIT,
-    NOT_FINITE,
-    at,
-    model_arrays,
-)
+from denoc_ros.kernels.handle import ARMATURE, GOOD, MISFIT, NOT_FINITE, at, model_arrays
 from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.layout import (
     AXIS,
@@ -17,9 +10,11 @@ from denoc_ros.kernels.layout import (
     FORCE,
     JOINT,
     MODES,
+    MOTION,
     POINTS,
     REAL,
     TORQUE,
+    TURN,
     WORK,
 )
 from denoc_ros.kernels.motion import move_body
@@ -42,8 +37,10 @@ def outward_motion(ints, reals, work, bodies, q, qd, qdd):
 @inlined
 def joint_force(ints, reals, work, i):
     """Return S^T of the wrench on body i."""
-    c = at(ints, i, REAL)
     o = at(ints, i, WORK)
+    if at(ints, i, MOTION) == TURN:
+        return work[o + TORQUE + 2]
+    c = at(ints, i, REAL)
     return dot(load(reals, c + AXIS), load(work, o + FORCE)) + dot(
         load(reals, c + AXIS + 3), load(work, o + TORQUE)
     )
@@ -57,9 +54,8 @@ def inward_wrenches(ints, reals, work, bodies, out):
         if at(ints, i, JOINT) == 1:
             out[j] += joint_force(ints, reals, work, i)
             j += 1
-        modal = at(ints, i, BEAM_WORK)
         for k in range(at(ints, i, MODES)):
-            out[j + k] += work[modal + k]
+            out[j + k] += work[at(ints, i, BEAM_WORK) + k]
         o = at(ints, i, WORK)
         transmit_wrench(ints, work, i, load(work, o + FORCE), load(work, o + TORQUE))
 

@@ -8,7 +8,7 @@ are row-major and take body axes to the axes of what carries the body.
 
 # columns of ints
 PARENT = 0  # row of the body that carries this one, 0: the base
-MOTION = 1  # FIXED, REVOLUTE or PRISMATIC
+MOTION = 1  # FIXED, REVOLUTE, PRISMATIC or TURN
 COORDINATE = 2  # index of the first coordinate
 JOINT = 3  # number of joint coordinates: 0 or 1
 NY = 4  # numbers of modes
@@ -22,13 +22,14 @@ SECTION = 11  # offset of the attachment's section constants in reals, 0: rigid 
 WORK = 12  # offset of the body's workspace in work
 BEAM_WORK = 13  # offset of the beam's workspace
 SECTION_WORK = 14  # offset of the section's workspace
-INERTIA_WORK = 15  # offset of the (6 + MODES)^2 articulated or composite inertia
-ELIMINATED = 16  # offset of the eliminated block: W (6 k), L (k k), y (k)
+INERTIA_WORK = 15  # offset of the inertia: (6 + MODES)^2, or a six-row block where rigid
+ELIMINATED = 16  # offset of what is eliminated: W (6 k), L (k k), y (k), k = JOINT + MODES
 INTS = 17
 
 FIXED = 0
 REVOLUTE = 1
 PRISMATIC = 2
+TURN = 3  # revolute about the z axis of the body frame, whose origin lies on it
 
 # reals: the model
 GRAVITY = 0  # (3) in the base frame
@@ -58,7 +59,7 @@ BLOCK = 27
 # work: a body, from WORK
 ROTATION = 0  # (9) body axes to carrier axes
 ARM = 9  # (3) section (or carrier origin, where rigid) to body origin, carrier axes
-VELOCITY = 12  # (3) of the body origin, body axes
+VELOCITY = 12  # (3) of the body origin, body axes (only where energies ask for it)
 SPEED = 15  # (3) angular
 ACCELERATION = 18  # (3) classical, of the body origin, with -g at the base
 SPIN_UP = 21  # (3) angular acceleration
@@ -67,14 +68,15 @@ TORQUE = 27  # (3) about the body origin
 CHANGE = 30  # (6) acceleration owed to the free coordinates, linear first
 WORLD_ROTATION = 36  # (9) body axes to base axes
 WORLD_POSITION = 45  # (3)
-BODY_WORK = 48
+COMPOSITE = 48  # mass, moment (3), spin (6) of the body, or of it and all it carries
+BODY_WORK = 58
 
 # work: a beam, from BEAM_WORK:
 # modal force (MODES), then per point: position (3), H_y d_y (NY), H_z d_z (NZ)
 
 # work: a section, from SECTION_WORK
 PLACE = 0  # (3) position of the section in the carrier's body frame
-TURN = 3  # (9) rotation of the section
+ATTITUDE = 3  # (9) rotation of the section
 VECTOR = 12  # (3) rotation vector phi
 COEFFICIENTS = 15  # (4) b, c of the left Jacobian and their rates per phi . phi'
 COLUMNS = 19  # per mode of the carrier: linear column (3), angular column (3)

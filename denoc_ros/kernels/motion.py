@@ -11,6 +11,7 @@ from denoc_ros.kernels.layout import (
     COORDINATE,
     JOINT,
     MODES,
+    MOTION,
     NT,
     NY,
     NZ,
@@ -21,6 +22,7 @@ from denoc_ros.kernels.layout import (
     SECTION_WORK,
     SPEED,
     SPIN_UP,
+    TURN,
     VECTOR,
     VELOCITY,
     WORK,
@@ -59,10 +61,10 @@ def section_rates(ints, reals, qd, i):
 
 
 @inlined
-def section_motion(ints, reals, work, qd, qdd, i, v, w, a, al):
-    """Return velocity, angular velocity, acceleration and angular acceleration of a section.
+def section_motion(ints, reals, work, qd, qdd, i, w, a, al):
+    """Return angular velocity, acceleration and angular acceleration of a section.
 
-    It carries row i; v, w, a, al are those of its beam's body frame.
+    It carries row i; w, a, al are those of its beam's body frame.
     """
     p = at(ints, i, PARENT)
     o = at(ints, i, SECTION_WORK)
@@ -95,39 +97,61 @@ def section_motion(ints, reals, work, qd, qdd, i, v, w, a, al):
     a = add(add(a, cross(al, place)), slip_up)
     a = add(a, cross(w, add(carried, scale(2.0, slip))))
     al = add(add(al, spin_up), cross(w, spin))
-    return add(add(v, carried), slip), add(w, spin), a, al
+    return add(w, spin), a, al
 
 
 @inlined
 def move_body(ints, reals, work, qd, qdd, i):
-    """Write the twist and the acceleration of body i, joint included, in body axes."""
-    c = at(ints, i, REAL)
+    """Write angular velocity and acceleration of body i, joint included, in body axes."""
+    o = at(ints, i, WORK)
+    u = at(ints, at(ints, i, PARENT), WORK)
+    w = load(work, u + SPEED)
+    a = load(work, u + ACCELERATION)
+    al = load(work, u + SPIN_UP)
+    if at(ints, i, SECTION) > 0:
+        w, a, al = section_motion(ints, reals, work, qd, qdd, i, w, a, al)
+    arm = load(work, o + ARM)
+    a = unrotate(work, o, add(a, add(cross(al, arm), cross(w, cross(w, arm)))))
+    w = unrotate(work, o, w)
+    al = unrotate(work, o, al)
+    j = at(ints, i, COORDINATE)
+    if at(ints, i, MOTION) == TURN:
+        rate = qd[j]
+        al = (al[0] + w[1] * rate, al[1] - w[0] * rate, al[2] + qdd[j])
+        w = (w[0], w[1], w[2] + rate)
+    elif at(ints, i, JOINT) == 1:
+        c = at(ints, i, REAL) + AXIS
+        slide = load(reals, c)
+        turn = load(reals, c + 3)
+        slip = scale(qd[j], slide)
+        spin = scale(qd[j], turn)
+        a = add(a, add(scale(qdd[j], slide), add(scale(2.0, cross(w, slip)), cross(spin, slip))))
+        al = add(al, add(scale(qdd[j], turn), cross(w, spin)))
+        w = add(w, spin)
+    store(work, o + SPEED, w)
+    store(work, o + ACCELERATION, a)
+    store(work, o + SPIN_UP, al)
+
+
+@inlined
+def linear_velocity(ints, reals, work, qd, i):
+    """Write the velocity of body i's origin; its carrier's must stand there already."""
     o = at(ints, i, WORK)
     p = at(ints, i, PARENT)
     u = at(ints, p, WORK)
     v = load(work, u + VELOCITY)
     w = load(work, u + SPEED)
-    a = load(work, u + ACCELERATION)
-    al = load(work, u + SPIN_UP)
     if at(ints, i, SECTION) > 0:
-        v, w, a, al = section_motion(ints, reals, work, qd, qdd, i, v, w, a, al)
-    arm = load(work, o + ARM)
-    carried = cross(w, arm)
-    v = unrotate(work, o, add(v, carried))
-    a = unrotate(work, o, add(a, add(cross(al, arm), cross(w, carried))))
-    w = unrotate(work, o, w)
-    al = unrotate(work, o, al)
+        k = at(ints, i, SECTION_WORK)
+        v = add(v, cross(w, load(work, k + PLACE)))
+        k += COLUMNS
+        d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+        for j in range(d, d + at(ints, p, MODES)):
+            v = add(v, scale(qd[j], load(work, k)))
+            w = add(w, scale(qd[j], load(work, k + 3)))
+            k += 6
+    v = unrotate(work, o, add(v, cross(w, load(work, o + ARM))))
     if at(ints, i, JOINT) == 1:
-        j = at(ints, i, COORDINATE)
-        slide = load(reals, c + AXIS)
-        turn = load(reals, c + AXIS + 3)
-        slip = scale(qd[j], slide)
-        spin = scale(qd[j], turn)
-        a = add(a, add(scale(qdd[j], slide), add(scale(2.0, cross(w, slip)), cross(spin, slip))))
-        al = add(al, add(scale(qdd[j], turn), cross(w, spin)))
-        v = add(v, slip)
-        w = add(w, spin)
+        slide = load(reals, at(ints, i, REAL) + AXIS)
+        v = add(v, scale(qd[at(ints, i, COORDINATE)], slide))
     store(work, o + VELOCITY, v)
-    store(work, o + SPEED, w)
-    store(work, o + ACCELERATION, a)
-    store(work, o + SPIN_UP, al)

@@ -6,6 +6,7 @@ from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
     ARM,
+    ATTITUDE,
     BEAM,
     BEAM_WORK,
     COEFFICIENTS,
@@ -21,6 +22,7 @@ from denoc_ros.kernels.layout import (
     PARENT,
     PLACE,
     POINTS,
+    PRISMATIC,
     REAL,
     REVOLUTE,
     SECOND,
@@ -31,7 +33,7 @@ from denoc_ros.kernels.layout import (
     VECTOR,
     WORK,
 )
-from denoc_ros.kernels.vector import add, load, rotate, store
+from denoc_ros.kernels.vector import load, rotate, store
 
 
 @inlined
@@ -145,7 +147,7 @@ def place_section(ints, reals, work, q, i):
     work[k + 1] = e
     work[k + 2] = db
     work[k + 3] = de
-    turn = o + TURN
+    turn = o + ATTITUDE
     square_plus(b, e, phi, work, turn)
     for j in range(ny):
         s = reals[slope + j]
@@ -180,26 +182,42 @@ def multiply(a, o, b, p, out, r):
 
 
 @inlined
+def turn_about_z(a, k, sine, cosine, out, o):
+    """Write A R_z, A row-major at offset k."""
+    for r in range(0, 9, 3):
+        x = a[k + r]
+        y = a[k + r + 1]
+        out[o + r] = cosine * x + sine * y
+        out[o + r + 1] = cosine * y - sine * x
+        out[o + r + 2] = a[k + r + 2]
+
+
+@inlined
 def place_body(ints, reals, work, q, i):
     """Place row i on its carrier: rotation, and arm from the section to the body origin."""
     c = at(ints, i, REAL)
     o = at(ints, i, WORK)
     motion = at(ints, i, MOTION)
-    for k in range(12):
-        work[o + k] = reals[c + STILL + k]
+    if motion == TURN:
+        x = q[at(ints, i, COORDINATE)]
+        turn_about_z(reals, c + STILL, np.sin(x), np.cos(x), work, o)
+        store(work, o + ARM, load(reals, c + STILL + ARM))
+    else:
+        for k in range(12):
+            work[o + k] = reals[c + STILL + k]
     if motion == REVOLUTE:
         x = q[at(ints, i, COORDINATE)]
         s = np.sin(x)
         t = 1.0 - np.cos(x)
         for k in range(12):
             work[o + k] += reals[c + FIRST + k] * s + reals[c + SECOND + k] * t
-    elif motion != 0:
+    elif motion == PRISMATIC:
         x = q[at(ints, i, COORDINATE)]
         for k in range(9, 12):
             work[o + k] += reals[c + FIRST + k] * x
     if at(ints, i, SECTION) > 0:
         place_section(ints, reals, work, q, i)
-        turn = at(ints, i, SECTION_WORK) + TURN
+        turn = at(ints, i, SECTION_WORK) + ATTITUDE
         for j in range(3):
             v = rotate(work, turn, (work[o + j], work[o + 3 + j], work[o + 6 + j]))
             work[o + j] = v[0]
@@ -242,12 +260,3 @@ def place_beam(ints, reals, work, q, i):
         store(work, o, (x, y, z))
         c = h + nz * nz
         o += 3 + ny + nz
-
-
-@inlined
-def carrier_arm(ints, work, i):
-    """Return the position of row i's origin in its carrier's body frame."""
-    o = at(ints, i, WORK)
-    if at(ints, i, SECTION) > 0:
-        return add(load(work, at(ints, i, SECTION_WORK) + PLACE), load(work, o + ARM))
-    return load(work, o + ARM)

@@ -41,6 +41,7 @@ class Lowered:
     bodies: int
     work_size: int
     frame_rows: dict[str, int]
+    axes: tuple[Array, ...]  # per body, (3, 3): the kernels' body axes seen from the body frame
     coordinate_names: tuple[str, ...]
     joint_names: tuple[str, ...]
     joint_indices: NDArray[np.int64]
@@ -137,14 +138,42 @@ def _pose_rows(rotation: Array, translation: Array) -> Array:
     return np.concatenate([rotation.ravel(), translation])
 
 
-def _transforms(body: Body, placement: Array) -> list[Array]:
+def _axes(body: Body) -> Array:
+    """Return the (3, 3) turn from the body frame to axes with z along the joint of a rigid body.
+
+    A body whose joint turns about z costs the kernels least; beams need their own axes.
+    """
+    joint = body.joint
+    if joint is None or joint.kind is not JointKind.REVOLUTE or is_flexible(body):
+        return np.eye(3)
+    z = body.frame[:3, :3].T @ joint.axis
+    if abs(z[0]) < abs(z[2]):
+        x = np.array([z[2], 0.0, -z[0]])
+    else:
+        x = np.array([-z[1], z[0], 0.0])
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _motion(body: Body, frame: Array) -> int:
+    """Return the kind of motion of a body with its frame (4, 4) on the link frame."""
+    kind = JointKind.FIXED if body.joint is None else body.joint.kind
+    if kind is JointKind.REVOLUTE:
+        assert body.joint is not None
+        about_z = np.allclose(frame[:3, :3].T @ body.joint.axis, [0.0, 0.0, 1.0], 0.0, 1e-15)
+        through = np.allclose(np.cross(body.joint.axis, frame[:3, 3]), 0.0, 0.0, 1e-15)
+        return layout.TURN if about_z and through else layout.REVOLUTE
+    return {JointKind.FIXED: layout.FIXED, JointKind.PRISMATIC: layout.PRISMATIC}[kind]
+
+
+def _transforms(body: Body, placement: Array, frame: Array) -> list[Array]:
     """Return the still, first and second part of the body's pose, and its motion subspace."""
-    still = placement @ body.frame
+    still = placement @ frame
     rows = [_pose_rows(still[:3, :3], still[:3, 3]), np.zeros(12), np.zeros(12), np.zeros(6)]
     joint = body.joint
     if joint is None or joint.kind is JointKind.FIXED:
         return rows
-    rotation, offset = body.frame[:3, :3], body.frame[:3, 3]
+    rotation, offset = frame[:3, :3], frame[:3, 3]
     outer = placement[:3, :3]
     if joint.kind is JointKind.PRISMATIC:
         rows[1] = _pose_rows(np.zeros((3, 3)), outer @ joint.axis)
@@ -157,18 +186,19 @@ def _transforms(body: Body, placement: Array) -> list[Array]:
     return rows
 
 
-def inertia_row(inertia: RigidInertia) -> Array:
-    """Return mass, first moment and inertia (10,) as the kernels want them."""
-    upper = inertia.inertia[np.triu_indices(3)]
-    row: Array = np.concatenate([[inertia.mass], inertia.first_moment, upper])
+def inertia_row(inertia: RigidInertia, axes: Array) -> Array:
+    """Return mass, first moment and inertia (10,) as the kernels want them, in a body's axes."""
+    upper = (axes.T @ inertia.inertia @ axes)[np.triu_indices(3)]
+    row: Array = np.concatenate([[inertia.mass], axes.T @ inertia.first_moment, upper])
     return row
 
 
-def _rod(beam: Beam) -> Array:
-    """Return the inertia row (10,) of a beam that stays straight."""
+def _rod(beam: Beam) -> RigidInertia:
+    """Return the inertia of a beam that stays straight."""
     mass = beam.mass_per_length * beam.length
     across = mass * beam.length**2 / 3.0
-    return np.array([mass, mass * beam.length / 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, across, 0.0, across])
+    moment = np.array([0.5 * mass * beam.length, 0.0, 0.0])
+    return RigidInertia(mass, moment, np.diag([0.0, across, across]))
 
 
 def is_flexible(body: Body) -> bool:
@@ -186,6 +216,7 @@ class _Lowering:
         self.real_size = layout.HEADER
         self.work_size = layout.BODY_WORK  # the base's
         self.coordinate = 0
+        self.axes: list[Array] = []
         self.rows = [np.zeros(layout.INTS, dtype=np.int64)]
 
     def append(self, *parts: Array) -> int:
@@ -205,12 +236,13 @@ class _Lowering:
     def attach(self, row: NDArray[np.int64], attachment: Attachment) -> Array:
         """Fill a row's carrier and section; return the placement that is left."""
         row[layout.PARENT] = attachment.body + 1
-        if attachment.body < 0 or attachment.station == 0.0:
+        if attachment.body < 0:
             return attachment.placement
         carrier = self.tree.bodies[attachment.body]
-        if not is_flexible(carrier):
+        if attachment.station == 0.0 or not is_flexible(carrier):
             moved: Array = attachment.placement.copy()
             moved[0, 3] += attachment.station
+            moved[:3] = self.axes[attachment.body].T @ moved[:3]
             return moved
         assert carrier.beam is not None
         row[layout.SECTION] = self.append(
@@ -224,20 +256,23 @@ class _Lowering:
         """Lower one body."""
         row = np.zeros(layout.INTS, dtype=np.int64)
         placement = self.attach(row, body.attachment)
-        kind = JointKind.FIXED if body.joint is None else body.joint.kind
-        row[layout.MOTION] = kind.value
+        axes = _axes(body)
+        self.axes.append(axes)
+        frame = body.frame.copy()
+        frame[:3, :3] = frame[:3, :3] @ axes
+        row[layout.MOTION] = _motion(body, frame)
         row[layout.COORDINATE] = self.coordinate
-        row[layout.JOINT] = int(kind is not JointKind.FIXED)
-        inertia = inertia_row(body.inertia)
+        row[layout.JOINT] = int(row[layout.MOTION] != layout.FIXED)
+        inertia = inertia_row(body.inertia, axes)
         if body.beam is not None and not is_flexible(body):
-            inertia = inertia + _rod(body.beam)
-        row[layout.REAL] = self.append(*_transforms(body, placement), inertia)
+            inertia = inertia + inertia_row(_rod(body.beam), axes)
+        row[layout.REAL] = self.append(*_transforms(body, placement, frame), inertia)
         row[layout.WORK] = self.reserve(layout.BODY_WORK)
         if is_flexible(body):
             self.beam(row, body)
         modes = int(row[layout.MODES])
         eliminated = int(row[layout.JOINT]) + modes
-        row[layout.INERTIA_WORK] = self.reserve((6 + modes) ** 2)
+        row[layout.INERTIA_WORK] = self.reserve((6 + modes) ** 2 if modes else layout.BLOCK)
         row[layout.ELIMINATED] = self.reserve(eliminated * (6 + eliminated + 1))
         self.coordinate += eliminated
         self.rows.append(row)
@@ -318,6 +353,7 @@ def lower(tree: Tree, gravity: Array, geometric_stiffness: bool) -> Lowered:
         bodies=len(tree.bodies),
         work_size=lowering.work_size + layout.BLOCK,
         frame_rows={name: 1 + len(tree.bodies) + k for k, name in enumerate(tree.frames)},
+        axes=tuple(lowering.axes),
         coordinate_names=tuple(names),
         joint_names=tuple(joints),
         joint_indices=np.array(indices, dtype=np.int64),
