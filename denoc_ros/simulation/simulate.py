@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -83,26 +84,52 @@ def simulate(
             bar_format='{l_bar}{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]',
         ) as bar,
     ):
-        states = _integrate(motion, state, times, METHODS[method], (rtol, atol), bar)
+        states, failure = integrate(motion, state, times, method, (rtol, atol), bar.update)
+    if failure:
+        raise SolverError(failure)
     return _sampled(robot, motion, times, states)
 
 
-def _integrate(
+def integrate(
     motion: Motion,
     state: Array,
     times: Array,
-    solver_class: Any,
+    method: str,
     tolerances: tuple[float, float],
-    bar: Any,
-) -> Array:
-    """Return the integrator's states (k, 2 f) at the output times."""
+    advance: Callable[[float], object],
+    most: int = sys.maxsize,
+) -> tuple[Array, str]:
+    """Integrate a motion as far as the integrator gets.
+
+    Parameters
+    ----------
+    motion : Motion
+        The equations.
+    state : (2 f,) array
+        The start, as `motion.start` returns it.
+    times : (k,) array
+        Output times [s], increasing.
+    method : str
+        One of `METHODS`.
+    tolerances : tuple of float
+        Relative and absolute, per step.
+    advance : callable
+        Takes each step's length [s].
+    most : int
+        Evaluations of the accelerations after which it gives up.
+
+    Returns
+    -------
+    states : (m, 2 f) array
+        At the first m output times; m = k where it got to the end.
+    failure : str
+        Why it did not get to the end, else empty.
+    """
     states = np.empty((len(times), len(state)))
     states[0], done = state, 1
-    if len(times) == 1:
-        return states
-    if not len(state):
-        return states
-    solver = solver_class(
+    if len(times) == 1 or not len(state):
+        return states, ''
+    solver = METHODS[method](
         motion.rate, times[0], state, times[-1], rtol=tolerances[0], atol=tolerances[1]
     )
     while solver.status == 'running':
@@ -113,11 +140,13 @@ def _integrate(
             states[done:upto] = solver.dense_output()(times[done:upto]).T
         finite = np.isfinite(states[done:upto]).all() and np.isfinite(solver.y).all()
         if solver.status == 'failed' or not finite:
-            raise SolverError(_failure(solver, motion, times[-1], message))
+            return states[:done], _failure(solver, motion, times[-1], message)
         done = max(done, upto)
-        bar.update(solver.t - before)
+        advance(solver.t - before)
+        if motion.evaluations > most and solver.status == 'running':
+            return states[:done], _failure(solver, motion, times[-1], 'too many evaluations')
     states[-1] = solver.y
-    return states
+    return states, ''
 
 
 def _failure(solver: Any, motion: Motion, end: float, message: str | None) -> str:
