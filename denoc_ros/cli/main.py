@@ -56,6 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = build_parser(arguments).parse_args(arguments)
     except SystemExit as stop:
         return int(stop.code or 0)
+    _show_log()
     try:
         status = int(args.execute(args))
         sys.stdout.flush()
@@ -90,6 +91,18 @@ def build_parser(arguments: Sequence[str] = ()) -> Parser:
 
 def _verb_module(verb: str) -> ModuleType:
     return importlib.import_module(f'denoc_ros.cli.{verb}')
+
+
+def _show_log() -> None:
+    """Let what the package logs, such as the compilation of its kernels, go to stderr."""
+    import logging
+
+    log = logging.getLogger('denoc_ros')
+    if not log.handlers:
+        handler = logging.StreamHandler()
+        handler.setFormatter(logging.Formatter('denoc: %(message)s'))
+        log.addHandler(handler)
+    log.setLevel(logging.INFO)
 
 
 def _complain(verb: str, message: str) -> int:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import numba
 from numba import njit
+
+LOG = logging.getLogger('denoc_ros')
 
 _OPTIONS = {
     'cache': True,
@@ -44,9 +49,12 @@ def _declared(signature: str, compiler: Any) -> Callable[[Callable[..., Any]], A
 def ready(*kernels: Any) -> None:
     """Compile kernels, or load them from the cache, and let no other signature be compiled.
 
-    A call with other types then raises TypeError.
+    A call with other types then raises TypeError. The first time on a machine is announced to the
+    log, for it takes a while.
     """
-    for dispatcher in kernels:
-        if not dispatcher.signatures:
-            dispatcher.compile(DECLARED[dispatcher])
-            dispatcher.disable_compile()
+    missing = [dispatcher for dispatcher in kernels if not dispatcher.signatures]
+    if missing and not any(Path(numba.config.CACHE_DIR).rglob('*.nbi')):
+        LOG.info('compiling kernels, once per machine: about half a minute')
+    for dispatcher in missing:
+        dispatcher.compile(DECLARED[dispatcher])
+        dispatcher.disable_compile()
