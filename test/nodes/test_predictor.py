@@ -110,11 +110,14 @@ def column(messages: list[Any], name: str, start_ns: int) -> tuple[Array, Array]
 
 
 def gap(times: Array, values: Array, run: Run, true: Array) -> float:
-    """Largest error over the largest deflection, after the first fifth of a second."""
+    """Median error over the largest deflection, after the first fifth of a second.
+
+    A busy machine stops this process for tenths of a second now and then: hence no largest one.
+    """
     inside = (times > 0.2) & (times < run.t[-1])
     assert np.count_nonzero(inside) > 100
     wanted = np.interp(times[inside], run.t, true)
-    return float(np.max(np.abs(values[inside] - wanted)) / np.max(np.abs(true)))
+    return float(np.median(np.abs(values[inside] - wanted)) / np.max(np.abs(true)))
 
 
 @pytest.mark.parametrize('source', ['joints', 'torque'])
@@ -130,12 +133,10 @@ def test_deflection_is_estimated_and_predicted(
     true = true_deflection(robot_file, run)
     assert list(now[0].name) == [f'link_1/{part}' for part in ('ux', 'uy', 'uz', 'rx', 'ry', 'rz')]
     times, values = column(now, 'link_1/uy', start_ns)
-    # Joint states reach the loop some ms late on a busy machine, 5 ms apart, against a period of
-    # the beam of 0.2 s.
-    assert gap(times, values, run, true) < 0.15
+    assert gap(times, values, run, true) < 0.03
     later, predicted = column(ahead, 'link_1/uy', start_ns)
-    assert gap(later, predicted, run, true) < 0.3
-    assert gap(later, predicted, run, true) < 0.8 * gap(times + 0.05, values, run, true)
+    assert gap(later, predicted, run, true) < 0.1
+    assert gap(later, predicted, run, true) < 0.5 * gap(times + 0.05, values, run, true)
     assert list(modal[0].name) == ['joint_1', 'link_1/y1', 'joint_2']
     place = poses[-1].pose.position
     assert poses[-1].header.frame_id == 'base'
