@@ -24,8 +24,10 @@ class Progress:
         print(f'{what} ... ', end='', file=sys.stderr, flush=True)
         try:
             yield
-        finally:
-            print(f'{time.perf_counter() - began:.1f} s', file=sys.stderr, flush=True)
+        except BaseException:
+            print(file=sys.stderr, flush=True)
+            raise
+        print(f'{time.perf_counter() - began:.1f} s', file=sys.stderr, flush=True)
 
     @contextmanager
     def phase(self, name: str, duration: float) -> Iterator[Callable[[float], None]]:

@@ -117,13 +117,13 @@ def bring_up(
     _require_ros()
     if output is not None and output.exists():
         raise ConfigError('--output', [TAKEN.format(output)])
-    progress = Progress()
-    robot = load_robot(config.robot, gravity=config.gravity)
-    for overrides in (config.model, config.plant_model):
-        robot.with_overrides(overrides)
-    task = _task(config, robot, bag)
     check_parameters(config, session_nodes(config, bag))
-    with progress.step('compiling kernels (once per machine)'):
+    progress = Progress()
+    with progress.step('loading the robot (compiles the kernels: half a minute the first time)'):
+        robot = load_robot(config.robot, gravity=config.gravity)
+        for overrides in (config.model, config.plant_model):
+            robot.with_overrides(overrides)
+        task = _task(config, robot, bag)
         warm_kernels(robot)
     folder = new_folder(output)
     environment = {
@@ -172,7 +172,8 @@ def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
     duration = config.duration or (trajectory.duration if trajectory is not None else 0.0)
     if not duration:
         raise ConfigError(
-            str(config.path), ['duration must be > 0 s where there is no reference, got none']
+            str(config.path),
+            ['duration must be > 0 s where there is neither reference nor --input, got none'],
         )
     return Task(trajectory, joints, duration)
 
