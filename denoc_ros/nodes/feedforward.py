@@ -86,6 +86,7 @@ class FeedforwardNode(RobotNode):
         self._message_time: int | None = None
         self._clamped_reported = 0
         self._model_failures = 0
+        self._takeovers = 0
         self._reset_wanted = False
         self._cache(settings)
         self._connect()
@@ -211,6 +212,8 @@ class FeedforwardNode(RobotNode):
             self.safe.end()
             self._fresh = False
             self._publish(self.limiter.apply(torque))
+        if cause and self._cause == 'following':
+            self._takeovers += 1
         self._cause = cause or 'following'
 
     def _swap(self) -> None:
@@ -369,6 +372,7 @@ class FeedforwardNode(RobotNode):
             'model': self.torque_source.model,
             'clamped': ' '.join(map(str, limiter.clamped.tolist())),
             'joints': ' '.join(self.joints),
+            'takeovers': self._takeovers,
             'non_finite': limiter.non_finite,
             'model_failures': self._model_failures,
         }

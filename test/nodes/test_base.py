@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.parameter import Parameter as RosParameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -119,6 +121,22 @@ def test_service_that_cannot_says_why(graph: Any) -> None:
     graph.until(future.done)
     assert not future.result().success
     assert 'nothing goes' in future.result().message
+
+
+def test_a_lifecycle_manager_can_bring_it_up(graph: Any) -> None:
+    node = graph.add(Listener, start=False)
+    client = graph.probe.create_client(ChangeState, '/listener/change_state')
+    graph.until(client.service_is_ready)
+    for transition, state in (
+        (Transition.TRANSITION_CONFIGURE, 'inactive'),
+        (Transition.TRANSITION_ACTIVATE, 'active'),
+        (Transition.TRANSITION_DEACTIVATE, 'inactive'),
+    ):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        future = client.call_async(request)
+        graph.until(future.done)
+        assert future.result().success
+        assert node.state == state
 
 
 def test_truncated_message_is_malformed() -> None:

@@ -228,6 +228,7 @@ def test_bad_joint_states_age_into_the_safe_command(bench: Any) -> None:
     arm.until(lambda: np.allclose(arm.effort[-1].effort, gravity, atol=1e-9))
     arm.until(lambda: arm.graph.value('feedforward: torque', 'cause') == 'stale joint_states')
     assert arm.graph.diagnostics['feedforward: torque'].level == b'\x01'
+    assert arm.graph.value('feedforward: torque', 'takeovers') == '1'
     arm.feeding = True
     arm.until(lambda: arm.cause == 'following')
 
@@ -304,6 +305,11 @@ def test_deactivation_ends_with_the_safe_command_said_repeatedly(bench: Any) -> 
     assert steps < 0.5 * np.abs(torque[0] - gravity).max()
     arm.node.trigger_activate()
     arm.until(lambda: arm.cause == 'following')
+    for change in ('deactivate', 'cleanup', 'configure', 'activate'):
+        getattr(arm.node, f'trigger_{change}')()
+    assert arm.node.state == 'active'
+    count = len(arm.effort)
+    arm.until(lambda: arm.cause == 'no reference yet' and len(arm.effort) > count)
 
 
 def test_before_any_joint_state_nothing_is_sent(bench: Any) -> None:
