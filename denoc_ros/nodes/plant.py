@@ -34,6 +34,7 @@ from denoc_ros.nodes.parameters import (
 from denoc_ros.nodes.reference import ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode, driven_joints
 from denoc_ros.nodes.sensor_outputs import SensorOutputs
+from denoc_ros.nodes.stamps import StampOf
 
 Array = NDArray[np.float64]
 CATCH_UP = 50  # steps at most per tick after a pause of the machine; more is time lost
@@ -280,6 +281,7 @@ class PlantNode(RobotNode):
     def begin(self) -> None:
         """Start the clock of the drives."""
         self._tick_time = time.perf_counter()
+        self._stamp_of = StampOf(self.stamp_ns)
 
     def _place(self) -> None:
         self.q[:] = self.start
@@ -301,7 +303,7 @@ class PlantNode(RobotNode):
                 self._advance()
         self._tick_time += self.stepper.step * max(0, steps - CATCH_UP)
         # the state is that of the deadline, however late the machine let the tick begin
-        self._publish(self.stamp_ns() - round(1e9 * (time.perf_counter() - self._tick_time)))
+        self._publish(self._stamp_of(self._tick_time))
 
     def _advance(self) -> None:
         """Step under the drives' effort: commands and feedback, saturated."""

@@ -29,6 +29,7 @@ from denoc_ros.nodes.predictor_parameters import TABLE
 from denoc_ros.nodes.reference import ReferenceFollower
 from denoc_ros.nodes.robot_node import OVERRIDES, RobotNode, driven_joints
 from denoc_ros.nodes.sensor_inputs import SensorInputs
+from denoc_ros.nodes.stamps import StampOf
 
 Array = NDArray[np.float64]
 Measurement = tuple[float, Array, Array | None, Array | None]
@@ -201,6 +202,7 @@ class PredictorNode(RobotNode):
         self._stamps.reset()
         self.observer.reset()
         self._now = time.perf_counter()
+        self._stamp_of = StampOf(self.stamp_ns)
 
     def tick(self, steps: int) -> None:
         """Take the measurements in, go on to now and publish."""
@@ -218,7 +220,7 @@ class PredictorNode(RobotNode):
             observer.reset()
 
     def _publish(self, observer: Observer) -> None:
-        stamp_ns = self.stamp_ns() - round(1e9 * (time.perf_counter() - observer.time))
+        stamp_ns = self._stamp_of(observer.time)
         outputs, q, qd = self.outputs, observer.q, observer.qd
         outputs.send_state(stamp_ns, q, qd, observer.deflections)
         outputs.send_pose(stamp_ns, self.robot.frame_pose(self.tip, q))

@@ -1,0 +1,45 @@
+"""Stamps of moments of the steady clock."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+TRIES = 4
+NEAR = 2e-5  # s between two readings that count as the same moment
+SET_BACK = 1_000_000_000  # ns by which a clock that goes back has been set back
+
+
+class StampOf:
+    """Gives the stamp [ns] of a moment of the steady clock [s]; none earlier than before.
+
+    Parameters
+    ----------
+    now_ns : callable
+        The clock that stamps.
+    """
+
+    def __init__(self, now_ns: Callable[[], int]) -> None:
+        self._now_ns = now_ns
+        self._last = 0
+
+    def __call__(self, moment: float) -> int:
+        """Return the stamp of a moment [s] of `time.perf_counter`.
+
+        The two clocks are read close together: a loop that loses the processor between the
+        readings would see its stamps jump by the time it was away.
+        """
+        best, stamp = math.inf, 0
+        for _ in range(TRIES):
+            before = time.perf_counter()
+            now_ns = self._now_ns()
+            after = time.perf_counter()
+            if after - before < best:
+                best = after - before
+                stamp = now_ns - round(1e9 * (0.5 * (before + after) - moment))
+            if best < NEAR:
+                break
+        if not 0 < self._last - stamp < SET_BACK:
+            self._last = stamp
+        return self._last
