@@ -1,0 +1,243 @@
+"""Floating-point operations of the kernels, counted as their own source executes.
+
+The kernels' Python source runs on numbers that count what is done to them. Nothing is estimated:
+what a loop skips is not counted and what it does with a zero is. The compiler may still fold
+constants and merge common terms, so this is what is asked of the machine, not what it does.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import denoc_ros.kernels
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.kernels.handle import DIAGONALS, GOOD
+
+Array = NDArray[np.float64]
+Objects = NDArray[np.object_]
+
+
+@dataclass
+class Operations:
+    """How many operations were executed."""
+
+    multiplications: int = 0
+    additions: int = 0  # and subtractions
+    divisions: int = 0
+    roots: int = 0
+    trigonometric: int = 0  # sine, cosine, hyperbolic tangent
+
+    def __add__(self, other: Operations) -> Operations:
+        """Return the sums."""
+        return Operations(*(a + b for a, b in zip(self.parts, other.parts, strict=True)))
+
+    @property
+    def parts(self) -> tuple[int, int, int, int, int]:
+        """The five counts in order."""
+        return (
+            self.multiplications,
+            self.additions,
+            self.divisions,
+            self.roots,
+            self.trigonometric,
+        )
+
+
+class Counted:
+    """A number that counts what is done to it; change of sign and comparison are free.
+
+    Parameters
+    ----------
+    value : float
+    tally : Operations
+        What counts.
+    """
+
+    __slots__ = ('tally', 'value')
+
+    def __init__(self, value: float, tally: Operations) -> None:
+        self.value = value
+        self.tally = tally
+
+    def __float__(self) -> float:
+        return self.value
+
+    def __neg__(self) -> Counted:
+        return Counted(-self.value, self.tally)
+
+    def __abs__(self) -> Counted:
+        return Counted(abs(self.value), self.tally)
+
+    def __add__(self, other: Counted | float) -> Counted:
+        self.tally.additions += 1
+        return Counted(self.value + float(other), self.tally)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Counted | float) -> Counted:
+        self.tally.additions += 1
+        return Counted(self.value - float(other), self.tally)
+
+    def __rsub__(self, other: float) -> Counted:
+        self.tally.additions += 1
+        return Counted(other - self.value, self.tally)
+
+    def __mul__(self, other: Counted | float) -> Counted:
+        self.tally.multiplications += 1
+        return Counted(self.value * float(other), self.tally)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Counted | float) -> Counted:
+        self.tally.divisions += 1
+        return Counted(self.value / float(other), self.tally)
+
+    def __rtruediv__(self, other: float) -> Counted:
+        self.tally.divisions += 1
+        return Counted(other / self.value, self.tally)
+
+    def __pow__(self, power: int) -> Counted:
+        self.tally.multiplications += power - 1
+        return Counted(self.value**power, self.tally)
+
+    def __eq__(self, other: object) -> bool:
+        return self.value == float(other)  # type: ignore[arg-type]
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __lt__(self, other: Counted | float) -> bool:
+        return self.value < float(other)
+
+    def __le__(self, other: Counted | float) -> bool:
+        return self.value <= float(other)
+
+    def __gt__(self, other: Counted | float) -> bool:
+        return self.value > float(other)
+
+    def __ge__(self, other: Counted | float) -> bool:
+        return self.value >= float(other)
+
+    # numpy's functions of one number look for methods of these names
+
+    def sin(self) -> Counted:
+        """Return the sine."""
+        self.tally.trigonometric += 1
+        return Counted(math.sin(self.value), self.tally)
+
+    def cos(self) -> Counted:
+        """Return the cosine."""
+        self.tally.trigonometric += 1
+        return Counted(math.cos(self.value), self.tally)
+
+    def tanh(self) -> Counted:
+        """Return the hyperbolic tangent."""
+        self.tally.trigonometric += 1
+        return Counted(math.tanh(self.value), self.tally)
+
+    def sqrt(self) -> Counted:
+        """Return the square root."""
+        self.tally.roots += 1
+        return Counted(math.sqrt(self.value), self.tally)
+
+
+class CountingKernels:
+    """The kernels' source as plain Python functions over one robot's arrays.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Attributes
+    ----------
+    tally : Operations
+        Of all calls so far.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.tally = Operations()
+        self._model = self._arrays(robot)
+        self._spaces = _plain_kernels(lambda handle: self._model)
+
+    def count(self, module: str, function: str, *arguments: Any) -> tuple[Operations, Array]:
+        """Return the operations of one call and what its last argument holds after it.
+
+        Parameters
+        ----------
+        module, function : str
+            Where the kernel is, below `denoc_ros.kernels`, and its name.
+        arguments : what follows the handle; arrays are copied and counted.
+        """
+        counted = [self.counted(a) if isinstance(a, np.ndarray) else a for a in arguments]
+        self.tally.__init__()  # type: ignore[misc]
+        kernel = self._spaces[f'denoc_ros.kernels.{module}'][function]
+        status = kernel(0, *counted)
+        if status != GOOD:
+            raise ValueError(f'{function} must succeed to be counted, got status {status}')
+        found = Operations(*self.tally.parts)
+        return found, np.asarray(counted[-1], dtype=np.float64)
+
+    def function(self, module: str, name: str) -> Callable[..., Any]:
+        """Return a kernel's piece as a plain function, for numbers made by :meth:`counted`."""
+        function: Callable[..., Any] = self._spaces[f'denoc_ros.kernels.{module}'][name]
+        return function
+
+    def counted(self, values: Array) -> Objects:
+        """Return an array of the same shape whose numbers count."""
+        out = np.empty(values.shape, dtype=object)
+        for index, value in np.ndenumerate(values):
+            out[index] = Counted(float(value), self.tally)
+        return out
+
+    def _arrays(self, robot: Robot) -> tuple[Any, ...]:
+        lowered = robot.lowered
+        diagonals = np.zeros((DIAGONALS, lowered.n))
+        diagonals[: len(lowered.diagonals)] = lowered.diagonals
+        return (
+            lowered.ints,
+            self.counted(robot.reals),
+            self.counted(robot.work),
+            self.counted(diagonals),
+            lowered.bodies,
+        )
+
+
+def _plain_kernels(model_arrays: Callable[[int], Any]) -> dict[str, dict[str, Any]]:
+    """Return the kernels' modules as namespaces of plain functions that see each other.
+
+    Parameters
+    ----------
+    model_arrays : callable
+        In place of the kernels' own: the counted arrays, whatever the handle.
+    """
+    modules = [
+        importlib.import_module(f'denoc_ros.kernels.{found.name}')
+        for found in pkgutil.iter_modules(denoc_ros.kernels.__path__)
+    ]
+    spaces = {module.__name__: dict(vars(module)) for module in modules}
+    for space in spaces.values():
+        for name, value in space.items():
+            source = getattr(value, 'py_func', None)
+            if source is not None:
+                space[name] = _moved(source, spaces)
+        if 'model_arrays' in space:
+            space['model_arrays'] = model_arrays
+        if 'all_finite' in space:  # a check of the result, no part of the algorithm
+            space['all_finite'] = lambda values: True
+    return spaces
+
+
+def _moved(source: FunctionType, spaces: dict[str, dict[str, Any]]) -> FunctionType:
+    """Return a function with the same code that looks its names up in the plain namespaces."""
+    space = spaces[source.__module__]
+    moved = FunctionType(source.__code__, space, source.__name__, source.__defaults__)
+    moved.__kwdefaults__ = source.__kwdefaults__
+    return moved
