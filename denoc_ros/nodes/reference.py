@@ -99,6 +99,13 @@ class ReferenceFollower:
             self._now = self._point = None
             self._coming.clear()
 
+    def forget_begun(self, now: float) -> None:
+        """Forget what has begun by steady `now` [s]; a trajectory still to come stays."""
+        with self._lock:
+            self._point = None
+            if self._now is not None and self._now_start <= now:
+                self._now = None
+
     def offer(
         self,
         message: TrajectoryMessage,
