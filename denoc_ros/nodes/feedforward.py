@@ -24,6 +24,7 @@ from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
 from denoc_ros.nodes.robot_node import OVERRIDES, RobotNode, driven_joints
 from denoc_ros.nodes.safety import InputMonitor, SafeCommand, TorqueLimiter, effort_limits
+from denoc_ros.nodes.stamps import StampOf
 from denoc_ros.nodes.torque_output import TorqueOutput
 
 FINAL_COMMANDS = 5  # sent at the end, in case a reader misses some
@@ -183,6 +184,7 @@ class FeedforwardNode(RobotNode):
     def begin(self) -> None:
         """Start from rest: nothing is known and nothing has left."""
         self._tick_time = time.perf_counter()
+        self._stamp_of = StampOf(self.stamp_ns)
         self._last_update = -math.inf
         self._fresh = True
         self.limiter.reset()
@@ -199,7 +201,8 @@ class FeedforwardNode(RobotNode):
 
     def tick(self, steps: int) -> None:
         """Publish the torque for now: along the reference, else the safe command."""
-        self._tick_time += steps * self.loop.period if self.loop else 0.0
+        if self.loop is not None:
+            self._tick_time = self.loop.deadline
         now = time.perf_counter()
         self._swap()
         # the model goes on along the reference even while torque may not: so a short gap in the
@@ -260,7 +263,7 @@ class FeedforwardNode(RobotNode):
             return None
 
     def _publish(self, torque: Any) -> None:
-        self.output.send(self.stamp_ns(), self.q, self.qd, self.qdd, torque)
+        self.output.send(self._stamp_of(self._tick_time), self.q, self.qd, self.qdd, torque)
 
     def _be_safe(self, now: float) -> None:
         """Publish the safe command, if a posture is known."""
@@ -294,7 +297,7 @@ class FeedforwardNode(RobotNode):
         repeats = 0
         while repeats < FINAL_COMMANDS and time.perf_counter() < end:
             before = self.limiter.last.copy()
-            now = time.perf_counter()
+            now = self._tick_time = time.perf_counter()
             self._be_safe(now)
             if not self.safe.active:  # no posture was ever known: nothing has left, nothing will
                 return

@@ -37,12 +37,12 @@ TABLE = ParameterTable(
             live=True,
         ),
         *(
-            Parameter(f'terms.{name}', Kind.BOOL, True, f'{text} in the torque', live=True)
+            Parameter(f'terms.{name}', Kind.BOOL, True, f'torque has {text}', live=True)
             for name, text in (
                 ('inertia', 'what accelerations need'),
-                ('coriolis', 'centrifugal and Coriolis forces'),
-                ('gravity', 'weight; false where the robot compensates it itself'),
-                ('friction', "the joints' damping and friction"),
+                ('coriolis', 'what centrifugal and Coriolis forces need'),
+                ('gravity', 'what weight needs; false where the robot compensates it itself'),
+                ('friction', "what the joints' damping and friction need"),
                 ('elastic', 'what deflection changes'),
             )
         ),

@@ -278,8 +278,8 @@ def lifecycle_parameters() -> tuple[Parameter, ...]:
     )
 
 
-def robot_parameters() -> tuple[Parameter, ...]:
-    """Return the rows of every node that holds a robot's model."""
+def robot_parameters(live: bool = True) -> tuple[Parameter, ...]:
+    """Return the rows of every node that holds a robot's model; whether it may change live."""
     return (
         Parameter(
             'urdf_path',
@@ -307,7 +307,7 @@ def robot_parameters() -> tuple[Parameter, ...]:
                 None,
                 f'override of the model by its dotted path, such as `{example}`',
                 'SI',
-                live=True,
+                live=live,
             )
             for family, example in (
                 ('beam', 'beam.upper_arm.y.damping_ratio'),

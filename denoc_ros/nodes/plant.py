@@ -43,7 +43,7 @@ REFERENCE_GAP = 0.2  # s
 TABLE = ParameterTable(
     [
         *lifecycle_parameters(),
-        *robot_parameters(),
+        *robot_parameters(live=False),
         *loop_parameters(),
         Parameter(
             'joints',
@@ -271,7 +271,7 @@ class PlantNode(RobotNode):
     def _reset(self) -> str:
         """Go back to the start; the brake holds until the next command."""
         if self.state in ('active', 'inactive'):
-            self.follower.clear()
+            self.follower.forget_begun(self._tick_time)
             self.command_input.reset()
             self._reset_wanted = True
         return 'back at the start'
@@ -295,6 +295,8 @@ class PlantNode(RobotNode):
             self._place()
         braked = self._brake and not self.command_input.received
         self._lost_steps += max(0, steps - CATCH_UP)
+        if self.loop is not None:
+            self._tick_time = self.loop.deadline - steps * self.stepper.step
         for _ in range(min(steps, CATCH_UP)):
             self._tick_time += self.stepper.step
             if braked:

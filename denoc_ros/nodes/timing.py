@@ -60,12 +60,18 @@ class Loop:
         Called with the number of periods to advance.
     priority, core : int
         SCHED_FIFO priority (0: none) and core (-1: any) of the thread.
+
+    Attributes
+    ----------
+    deadline : float
+        The moment [s] of `time.perf_counter` that the tick at hand is for.
     """
 
     def __init__(
         self, rate: float, tick: Callable[[int], None], priority: int = 0, core: int = -1
     ) -> None:
         self.period = 1.0 / rate
+        self.deadline = time.perf_counter()
         self.warnings: list[str] = []
         self.failure: BaseException | None = None
         self._tick = tick
@@ -118,6 +124,8 @@ class Loop:
             began = now()
             behind = began - deadline
             missed = int(behind / period) if behind > period else 0
+            deadline += period * missed
+            self.deadline = deadline
             tick(missed + 1)
             slot = self._count % WINDOW
             start[slot] = began
@@ -125,7 +133,7 @@ class Loop:
             spent[slot] = now() - began
             self._count += 1
             self._skipped += missed
-            deadline += period * (missed + 1)
+            deadline += period
 
     def statistics(self) -> LoopStatistics:
         """Return what happened since the last call (at most the last `WINDOW` ticks)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 
 import numpy as np
@@ -47,6 +48,17 @@ def test_a_long_tick_skips_deadlines_and_says_so() -> None:
     assert steps[5] == max(steps)
     assert statistics.skipped_total == sum(steps) - len(steps)
     assert statistics.late_total >= 1
+
+
+def test_each_tick_is_for_a_deadline_a_whole_number_of_periods_after_the_last() -> None:
+    deadlines: list[tuple[int, float, float]] = []
+    loop = Loop(200.0, lambda steps: deadlines.append((steps, loop.deadline, time.perf_counter())))
+    loop.start()
+    wait(loop, 20)
+    loop.stop()
+    for (_, before, _), (steps, deadline, now) in itertools.pairwise(deadlines):
+        assert deadline - before == pytest.approx(steps * 0.005, abs=1e-9)
+        assert deadline <= now
 
 
 def test_the_histogram_has_every_period_once() -> None:
