@@ -18,16 +18,11 @@ if TYPE_CHECKING:
     from denoc_ros.simulation.trajectories import Trajectory
 
 START_TIMEOUT = 120.0  # s until active: a cold kernel cache compiles on a slow machine
-LEAD = 0.5  # s from publishing a reference to its start
+LEAD = 0.6  # s from publishing a reference to its start
+SETTLING = 0.1  # s until the feedforward has taken it
 TAIL = 0.2  # s a phase goes on behind its reference
 STOP_ORDER = ('player', 'feedforward', 'predictor', 'plant', 'recorder')
 START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward')
-# Services that bring a node back to its start, called between phases.
-RESETS = {
-    'plant': '/plant/reset',
-    'predictor': '/predictor/reset',
-    'feedforward': '/feedforward/reset',
-}
 
 
 @dataclass(frozen=True)
@@ -155,16 +150,7 @@ class Session:
         self._driver.end_phase()
 
     def _follow(self, phase: Phase) -> None:
-        for name in self._names:
-            if name in RESETS:
-                self._driver.trigger(RESETS[name])
-        lead = 0.0
-        if self._task.trajectory is not None:
-            lead = LEAD
-            listeners = len({'feedforward', 'recorder'}.intersection(self._names))
-            self._driver.publish_reference(
-                self._task.trajectory, self._task.joints, lead, listeners
-            )
+        lead = self._prepare()
         with self._progress.phase(phase.name, self._task.duration) as show:
             start = time.perf_counter() + lead
             while (elapsed := time.perf_counter() - start) < self._task.duration:
@@ -172,6 +158,26 @@ class Session:
                 self._driver.wait(0.1)
             show(self._task.duration)
         self._driver.wait(TAIL)
+
+    def _prepare(self) -> float:
+        """Reset the nodes and publish the reference; return in how many seconds it starts.
+
+        The plant goes last: by then the feedforward holds it where the reference starts.
+        """
+        for name in ('feedforward', 'predictor'):
+            if name in self._names:
+                self._driver.trigger(f'/{name}/reset')
+        start = time.perf_counter()
+        if self._task.trajectory is not None:
+            start += LEAD
+            listeners = len({'feedforward', 'recorder'}.intersection(self._names))
+            self._driver.publish_reference(
+                self._task.trajectory, self._task.joints, LEAD, listeners
+            )
+            self._driver.wait(SETTLING)
+        if 'plant' in self._names:
+            self._driver.trigger('/plant/reset')
+        return start - time.perf_counter()
 
     def _play(self, bag: Path, phase: Phase) -> None:
         self._processes.start('player', ['-m', 'denoc_ros.nodes.player', str(bag)], ends=True)

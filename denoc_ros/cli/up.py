@@ -124,6 +124,7 @@ def bring_up(
         for overrides in (config.model, config.plant_model):
             robot.with_overrides(overrides)
         task = _task(config, robot, bag)
+        config = _started_on_the_reference(config, task)
         warm_kernels(robot)
     folder = new_folder(output)
     environment = {
@@ -176,6 +177,15 @@ def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
             ['duration must be > 0 s where there is neither reference nor --input, got none'],
         )
     return Task(trajectory, joints, duration)
+
+
+def _started_on_the_reference(config: SessionConfig, task: Task) -> SessionConfig:
+    """Return the session with the plant starting where the reference does, unless it says."""
+    plant = config.nodes.get('plant', {})
+    if task.trajectory is None or {'start', 'joints'}.intersection(plant):
+        return config
+    start = task.trajectory.table(task.trajectory.duration)[1][0].tolist()
+    return dataclasses.replace(config, nodes={**config.nodes, 'plant': {**plant, 'start': start}})
 
 
 def warm_kernels(robot: Robot) -> None:

@@ -27,6 +27,7 @@ from denoc_ros.simulation.trajectories import Trajectory
 
 REFERENCE_STEP = 0.05  # s; the quintics between such points are exact to 1e-9 rad
 LARGEST_MESSAGE = 60_000  # bytes: a best-effort message should fit one datagram
+DISCOVERY = 0.5  # s in which those who are there already make themselves known
 PATIENCE = 5.0  # s that a service may take to answer
 
 
@@ -40,7 +41,7 @@ class Driver:
     Parameters
     ----------
     description : str
-        URDF text, latched on `robot_description`.
+        URDF text, latched on `robot_description` unless somebody else publishes there.
     drives : bool
         Whether it publishes `reference`: a second publisher there would be refused by the nodes.
     watch : callable
@@ -57,17 +58,18 @@ class Driver:
         self._node = Node('up', use_global_arguments=False)
         node = self._node
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 50)
-        self._description = node.create_publisher(String, 'robot_description', LATCHED)
         # from the start, so that the recorder has found it when the first reference goes out
         self._reference = (
             node.create_publisher(JointTrajectory, 'reference', COMMAND) if drives else None
         )
         self._phase = node.create_publisher(String, '/up/phase', LATCHED)
-        self._description.publish(String(data=description))
         self._executor = EventsExecutor()
         self._executor.add_node(node)
         self._thread = threading.Thread(target=self._spin, name='driver', daemon=True)
         self._thread.start()
+        if not self.until(lambda: bool(node.count_publishers('robot_description')), DISCOVERY):
+            self._description = node.create_publisher(String, 'robot_description', LATCHED)
+            self._description.publish(String(data=description))
 
     def __enter__(self) -> Driver:
         """Return itself."""

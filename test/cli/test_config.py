@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
-from denoc_ros.cli.config import flatten, load_config
+from denoc_ros.cli.config import KEYS, NODES, flatten, load_config
+from denoc_ros.cli.node_parameters import check_parameters
 from denoc_ros.errors import ConfigError
 
+ROOT = Path(__file__).resolve().parents[2]
 GOOD = """
 robot: arm.urdf
 gravity: [0, 0, 0]
@@ -112,3 +115,15 @@ def test_a_bad_setting_is_refused(folder: Path, setting: str) -> None:
 
 def test_flatten_joins_names() -> None:
     assert flatten({'a': {'b': {'c': 1}}, 'd.e': 2}) == {'a.b.c': 1, 'd.e': 2}
+
+
+@pytest.mark.parametrize('name', ['canadarm', 'ssrms', 'ur10'])
+def test_the_configurations_of_the_package_are_good(name: str) -> None:
+    config = load_config(f'config/{name}.yaml')
+    assert config.robot.is_file()
+    check_parameters(config, list(NODES))
+
+
+def test_every_key_is_explained_in_the_demo_s_configuration() -> None:
+    explained = re.findall(r'^# {3}(\w+) ', (ROOT / 'config' / 'canadarm.yaml').read_text(), re.M)
+    assert sorted(explained) == sorted(KEYS)
