@@ -1,0 +1,253 @@
+"""The page of `denoc stability`: the three criteria, and why small errors grow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
+from denoc_ros.cli.sections import Card, Section, Table, engineering
+from denoc_ros.cli.versions import versions
+from denoc_ros.simulation.scenario import Scenario
+from denoc_ros.simulation.stability import (
+    ACCEPTED_DEVIATION,
+    ACCEPTED_POWER,
+    SOLUTION_METHOD,
+    SOLUTION_TOLERANCES,
+    Measures,
+    Study,
+)
+
+Array = NDArray[np.float64]
+Look = tuple[str, str, bool]  # label, colour, dashed
+
+LOOKS: Mapping[str, Look] = {
+    'recursion': ('recursion', PHASE_COLOURS[1], False),
+    'cholesky': ('Cholesky', PHASE_COLOURS[0], True),
+}
+SMALLEST = 1e-17  # what a deviation of zero is drawn as
+
+
+def page(study: Study, scenario: Scenario, names: Mapping[str, str]) -> str:
+    """Return the HTML page of a study.
+
+    Parameters
+    ----------
+    study : Study
+        What was found.
+    scenario : Scenario
+        What was studied.
+    names : mapping
+        `robot` and `scenario`, as the page shows them.
+    """
+    from jinja2 import Environment, PackageLoader
+
+    environment = Environment(
+        loader=PackageLoader('denoc_ros.cli', '.'),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    session = {
+        **names,
+        'method': scenario.method,
+        'rtol': scenario.rtol,
+        'step': float(study.times[1] - study.times[0]),
+        'versions': versions(),
+    }
+    return environment.get_template('stability.html.j2').render(
+        title='Numerical stability: recursion and Cholesky',
+        session=session,
+        duration=float(study.times[-1] - study.times[0]),
+        cards=_cards(study),
+        sections=[
+            section
+            for section in (
+                _deviation(study),
+                _from_desired(study),
+                _power(study),
+                _accelerations(study),
+                _growth(study),
+                _cost(study),
+            )
+            if section is not None
+        ],
+    )
+
+
+def _cards(study: Study) -> list[Card]:
+    runs = study.runs.values()
+    label = ' / '.join(look[0] for look in LOOKS.values())
+
+    def both(value: Callable[[Measures], str]) -> str:
+        return ' / '.join(value(one) for one in runs)
+
+    return [
+        Card('Acceptable up to', both(lambda one: f'{min(one.acceptable):.4g} s'), label),
+        Card(
+            'Largest deviation',
+            both(lambda one: f'{np.max(one.deviation):.1e}'),
+            f'{label}, rad or m',
+        ),
+        Card('The algorithms differ by', f'{study.difference:.1e}', 'rad or m, largest'),
+        Card(
+            'Processor time',
+            both(lambda one: engineering(one.trace.seconds, 's')),
+            f'{label}, least of some runs',
+        ),
+    ]
+
+
+def _curves(study: Study, values: Callable[[Measures], Array]) -> list[Curve]:
+    return [
+        Curve(label, colour, study.runs[name].trace.t, values(study.runs[name]), dashed)
+        for name, (label, colour, dashed) in LOOKS.items()
+    ]
+
+
+def _by_joint(
+    study: Study, unit: str, values: Callable[[Measures, int], Array], truth: Array | None = None
+) -> Markup:
+    panels = []
+    for k, (name, one) in enumerate(zip(study.joint_names, study.joint_units, strict=True)):
+        curves = _curves(study, partial(_column, values, k))
+        if truth is not None:
+            curves.insert(0, Curve('solution', TRUTH_COLOUR, study.solution.t, truth[:, k]))
+        panels.append(Panel(name, unit.format(one), curves))
+    return Markup(line_figure(panels))
+
+
+def _column(values: Callable[[Measures, int], Array], k: int, one: Measures) -> Array:
+    return values(one, k)
+
+
+def _decades(size: Array) -> Array:
+    return np.asarray(np.log10(np.maximum(size, SMALLEST)))
+
+
+def _deviation(study: Study) -> Section:
+    right = (
+        'the desired motion, which the torques of inverse dynamics make exact'
+        if study.exact
+        else f'the same equations by {SOLUTION_METHOD} at tolerance {SOLUTION_TOLERANCES[0]:g}'
+    )
+    head = ['', *study.joint_names]
+    rows = [
+        [f'{LOOKS[name][0]}: acceptable up to [s]', *(f'{t:.4g}' for t in one.acceptable)]
+        for name, one in study.runs.items()
+    ]
+    rows += [
+        [f'{LOOKS[name][0]}: largest', *(f'{v:.2e}' for v in np.max(one.deviation, axis=0))]
+        for name, one in study.runs.items()
+    ]
+    return Section(
+        'Zero-eigenvalue deviation',
+        f'How far each joint is from the solution: {right}. Powers of ten; accepted up to '
+        f'{ACCEPTED_DEVIATION:g} rad or m. Where the curves lie on each other, the error is the '
+        "integrator's.",
+        [_by_joint(study, 'log₁₀ {}', lambda one, k: _decades(one.deviation[:, k]))],
+        [Table(head, rows)],
+    )
+
+
+def _from_desired(study: Study) -> Section | None:
+    if next(iter(study.runs.values())).from_desired is None:
+        return None
+
+    def column(one: Measures, k: int) -> Array:
+        assert one.from_desired is not None
+        return np.asarray(one.from_desired[:, k])
+
+    return Section(
+        'From the desired motion',
+        'Simulated minus desired joints. With flexible links the torques of the rigid robot do '
+        'not give the desired motion: most of this is flexibility.',
+        [_by_joint(study, '{}', column)],
+    )
+
+
+def _power(study: Study) -> Section:
+    solution = Curve('solution', TRUTH_COLOUR, study.solution.t, study.power)
+    panels = [
+        Panel('power of the joints', 'W', [solution]),
+        Panel('power difference', 'W', _curves(study, lambda one: one.power_difference)),
+    ]
+    rows = [
+        [
+            LOOKS[name][0],
+            f'{np.max(np.abs(one.power_difference)):.2e} W',
+            f'{one.power_acceptable:.4g} s',
+        ]
+        for name, one in study.runs.items()
+    ]
+    return Section(
+        'Power difference',
+        'Torques times the difference of simulated and right rates. Accepted up to '
+        f'{100 * ACCEPTED_POWER:g} % of the largest power.',
+        [Markup(line_figure(panels, height=2.3))],
+        [Table(['', 'largest', 'acceptable up to'], rows)],
+    )
+
+
+def _accelerations(study: Study) -> Section:
+    rows = [
+        ['solution', *(f'{value:.3e}' for value in study.solution_roughness)],
+        *(
+            [LOOKS[name][0], *(f'{value:.3e}' for value in one.roughness)]
+            for name, one in study.runs.items()
+        ),
+    ]
+    places = study.joint_indices
+    return Section(
+        'Accelerations',
+        'Peaks that the solution does not have would be numerical. Roughness is the root mean '
+        "square of the second differences of an output's samples over that of the samples.",
+        [
+            _by_joint(
+                study,
+                '{}/s²',
+                lambda one, k: np.asarray(one.trace.qdd[:, places[k]]),
+                np.asarray(study.solution.qdd[:, places]),
+            )
+        ],
+        [Table(['roughness', *study.joint_names], rows)],
+    )
+
+
+def _growth(study: Study) -> Section:
+    t, colour = study.spectrum_times, LOOKS['recursion'][1]
+    panels = [
+        Panel('growth rate of small errors', '1/s', [Curve('', colour, t, study.growth)]),
+        Panel('condition number', 'log₁₀', [Curve('', colour, t, _decades(study.condition))]),
+    ]
+    return Section(
+        'What the motion itself does',
+        'The largest real part of the eigenvalues of the equations linearized along the solution: '
+        'an error grows by this rate whatever the algorithm, as that of an upright pendulum does. '
+        'A factorization of the inertia matrix loses at most its condition number times 1e-16.',
+        [Markup(line_figure(panels, height=2.3))],
+    )
+
+
+def _cost(study: Study) -> Section:
+    rows = [
+        [
+            LOOKS[name][0],
+            str(one.trace.evaluations),
+            engineering(one.trace.seconds, 's'),
+            engineering(one.call_seconds, 's'),
+            one.trace.failure or 'none',
+        ]
+        for name, one in study.runs.items()
+    ]
+    head = ['', 'evaluations', 'processor time', 'one forward dynamics', 'ended early']
+    return Section(
+        'Cost',
+        'Processor time of the whole integration, torques and integrator included, the least of '
+        'some runs in turns; and of forward dynamics alone.',
+        tables=[Table(head, rows)],
+    )
