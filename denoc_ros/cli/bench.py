@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     lines, accounts = [], []
     for line in measured_lines(groups, args.quick):
         lines.append(line)
-        show(_line_text(line))
+        show(line_text(line))
     for account in counted_operations(groups, args.quick):
         accounts.append(account)
         show(_account_text(account))
@@ -153,7 +153,7 @@ def _heading() -> str:
     return f'{told}\n{columns}\n'
 
 
-def _line_text(line: Line) -> str:
+def line_text(line: Line) -> str:
     """Return a line of the table for a terminal."""
     checked = f'error {line.check.error:.1e} of {line.check.tolerance:.1e} ({line.check.against})'
     head = f'{line.what}  |  {line.against}'
