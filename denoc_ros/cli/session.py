@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 START_TIMEOUT = 120.0  # s until active: a cold kernel cache compiles on a slow machine
 LEAD = 0.6  # s from publishing a reference to its start
-SETTLING = 0.1  # s until the feedforward has taken it
+SETTLING = 0.1  # s until what was asked for has come about
 TAIL = 0.2  # s a phase goes on behind its reference
 STOP_ORDER = ('player', 'feedforward', 'predictor', 'plant', 'recorder')
 START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward')
@@ -162,11 +162,10 @@ class Session:
     def _prepare(self) -> float:
         """Reset the nodes and publish the reference; return in how many seconds it starts.
 
-        The plant goes last: by then the feedforward holds it where the reference starts.
+        The plant goes back when the feedforward already holds it where the reference starts, the
+        predictor when the plant is there: it would take the way back for a motion.
         """
-        for name in ('feedforward', 'predictor'):
-            if name in self._names:
-                self._driver.trigger(f'/{name}/reset')
+        self._reset('feedforward')
         start = time.perf_counter()
         if self._task.trajectory is not None:
             start += LEAD
@@ -175,9 +174,14 @@ class Session:
                 self._task.trajectory, self._task.joints, LEAD, listeners
             )
             self._driver.wait(SETTLING)
-        if 'plant' in self._names:
-            self._driver.trigger('/plant/reset')
+        self._reset('plant')
+        self._driver.wait(SETTLING)
+        self._reset('predictor')
         return start - time.perf_counter()
+
+    def _reset(self, name: str) -> None:
+        if name in self._names:
+            self._driver.trigger(f'/{name}/reset')
 
     def _play(self, bag: Path, phase: Phase) -> None:
         self._processes.start('player', ['-m', 'denoc_ros.nodes.player', str(bag)], ends=True)
