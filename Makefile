@@ -45,5 +45,9 @@ test: lint
 readme: $(STAMP)
 	$(BIN)/python test/test_readme.py
 
+bench: $(STAMP)
+	$(BIN)/denoc bench
+	$(BIN)/python test/bench/tick_latency.py
+
 clean:
 	rm -rf $(VENV) build install log runs
