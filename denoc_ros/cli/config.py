@@ -60,7 +60,7 @@ class SessionConfig:
     tip : str
         The frame whose tracking error is reported; '' for the end of the last chain.
     model : mapping
-        Overrides of the model that every node but the plant works with: dotted path -> number or numbers.
+        Overrides of the model that every node but the plant works with: dotted path -> number(s).
     nodes : mapping
         Node -> flat parameters, the plant's among them.
     without : frozenset of str

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 SHOWN_COMPONENTS = ('uy', 'uz', 'rx')
+COUNTED = ('ticks', 'overruns_total', 'skipped_total', 'histogram_counts')
 ROUNDING = 1e-12  # rad
 NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: neither shown nor judged
 POSES = 2000  # per phase: enough for an rms, each costs a pass over the links
@@ -64,7 +65,7 @@ class LoopMeasure:
     edges : (b,) array
         Of the histogram, in nominal periods; the last bin is open.
     counts : (b,) array
-        Ticks since the start of the node.
+        Ticks.
     ticks, late, skipped : int
         All ticks; those late by more than half a period; deadlines passed over.
     """
@@ -86,40 +87,61 @@ class LoopMeasure:
         return {name: getattr(self, name) for name in names}
 
 
-def loop_measures(statuses: Sequence[Diagnostic]) -> tuple[LoopMeasure, ...]:
-    """Return the loops among diagnostic statuses, by node."""
-    by_node: dict[str, list[dict[str, str]]] = {}
+def loop_measures(statuses: Sequence[Diagnostic], since_ns: int = 0) -> tuple[LoopMeasure, ...]:
+    """Return the loops among diagnostic statuses, by node.
+
+    Parameters
+    ----------
+    statuses : sequence of Diagnostic
+        In order of time.
+    since_ns : int
+        What was counted before it is left out [ns].
+    """
+    before: dict[str, dict[str, str]] = {}
+    after: dict[str, list[dict[str, str]]] = {}
     for status in statuses:
         node, _, what = status.name.rpartition(': ')
-        if what == 'loop' and 'histogram_counts' in status.values:
-            by_node.setdefault(node, []).append(status.values)
-    return tuple(_loop(node, values) for node, values in sorted(by_node.items()))
+        if what != 'loop' or 'histogram_counts' not in status.values:
+            continue
+        if status.stamp_ns < since_ns:
+            before[node] = status.values
+        else:
+            after.setdefault(node, []).append(status.values)
+    return tuple(_loop(node, values, before.get(node)) for node, values in sorted(after.items()))
 
 
-def warnings(statuses: Sequence[Diagnostic]) -> dict[str, tuple[int, str]]:
+def warnings(statuses: Sequence[Diagnostic], since_ns: int = 0) -> dict[str, tuple[int, str]]:
     """Return, by status, how many of its messages were no plain ok, and what the last said."""
     found: dict[str, tuple[int, str]] = {}
     for status in statuses:
-        if status.level > 0:
+        if status.level > 0 and status.stamp_ns >= since_ns:
             count = found.get(status.name, (0, ''))[0]
             found[status.name] = count + 1, status.message
     return found
 
 
-def _loop(node: str, statuses: list[dict[str, str]]) -> LoopMeasure:
+def _loop(node: str, statuses: list[dict[str, str]], before: dict[str, str] | None) -> LoopMeasure:
     last = statuses[-1]
+    counts = {key: _numbers(last[key]) for key in COUNTED}
+    # A node that was started anew counts from zero.
+    if before is not None and int(before['ticks']) <= int(statuses[0]['ticks']):
+        counts = {key: value - _numbers(before[key]) for key, value in counts.items()}
     return LoopMeasure(
         node=node,
         nominal=1.0 / float(last['nominal_rate_hz']),
         median=1e-6 * float(last['period_p50_us']),
         p99=1e-6 * float(last['period_p99_us']),
         longest=1e-6 * max(float(values['period_max_us']) for values in statuses),
-        edges=np.array(last['histogram_edges'].split(), dtype=np.float64),
-        counts=np.array(last['histogram_counts'].split(), dtype=np.float64),
-        ticks=int(last['ticks']),
-        late=int(last['overruns_total']),
-        skipped=int(last['skipped_total']),
+        edges=_numbers(last['histogram_edges']),
+        counts=counts['histogram_counts'],
+        ticks=int(counts['ticks'][0]),
+        late=int(counts['overruns_total'][0]),
+        skipped=int(counts['skipped_total'][0]),
     )
+
+
+def _numbers(text: str) -> Array:
+    return np.array(text.split(), dtype=np.float64)
 
 
 def measure(recording: Recording, robot: Robot | None, tip: str) -> tuple[PhaseMeasures, ...]:

@@ -143,6 +143,12 @@ class Recording:
         last = max(series.stamp_ns.max() for series in self._series.values())
         return float((last - self.origin_ns) * 1e-9)
 
+    @property
+    def begin_ns(self) -> int:
+        """When the first phase begins [ns]; 0 where the bag names none."""
+        start = self.phases[0].start
+        return self.origin_ns + round(start * 1e9) if np.isfinite(start) else 0
+
     def series(self, suffix: str, field: str = 'position') -> Series | None:
         """Return a field of the JointState topic with this name or ending, None without values.
 

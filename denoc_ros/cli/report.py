@@ -80,18 +80,19 @@ def make_report(run_path: Path) -> tuple[str, dict[str, Any]]:
     robot, tip = _robot(recording, session)
     phases = measure(recording, robot, tip)
     statuses = recording.diagnostics()
-    loops = loop_measures(statuses)
+    loops = loop_measures(statuses, recording.begin_ns)
+    warned = warnings(statuses, recording.begin_ns)
     summary = {
         'bag': str(bag),
         'robot': session.get('robot', ''),
         'duration': recording.duration,
         'phases': summarize(phases),
         'loops': {loop.node: loop.summary() for loop in loops},
-        'warnings': warnings(statuses),
+        'warnings': warned,
         'messages': recording.counts,
         'recorder': _latest(statuses).get('recorder: recording', {}),
     }
-    return _render(recording, session, phases, loops, statuses), summary
+    return _render(recording, session, phases, loops, warned, statuses), summary
 
 
 def find_bag(run_path: Path) -> Path:
@@ -131,12 +132,12 @@ def _render(
     session: dict[str, Any],
     phases: Sequence[PhaseMeasures],
     loops: Sequence[LoopMeasure],
+    warned: dict[str, tuple[int, str]],
     statuses: Sequence[Diagnostic],
 ) -> str:
     from jinja2 import Environment, PackageLoader
 
     from denoc_ros.cli import sections
-    from denoc_ros.cli.measures import warnings
 
     environment = Environment(
         loader=PackageLoader('denoc_ros.cli', '.'),
@@ -159,7 +160,7 @@ def _render(
                 sections.torque(phases),
                 sections.motion(phases),
                 sections.loops(loops),
-                sections.warned(warnings(statuses)),
+                sections.warned(warned),
                 sections.nodes(statuses),
                 sections.topics(recording),
             )

@@ -208,8 +208,8 @@ def loops(measures: Sequence[LoopMeasure]) -> Section | None:
     head = ('node', 'rate', 'median', 'p99', 'longest', 'ticks', 'late by > ½ period', 'skipped')
     return Section(
         'Loop periods',
-        'Time between ticks since each node started, by its own clock; median and p99 are of the '
-        'last second.',
+        'Time between ticks from the first phase on, by each node itself; median and p99 are of '
+        'the last second.',
         [_svg(histogram_figure(measures))],
         [Table(head, rows)],
     )

@@ -51,7 +51,8 @@ def write_phase(bag: BagWriter, name: str, begin: float, seconds: float, rate: f
         ):
             names = ['arm/ux', 'arm/uy', 'arm/uz']
             bag.write_message(topic, at(t), name=names, position=[-0.5 * value**2, value, 0.0])
-    bag.write_message('/diagnostics', at(seconds), status=[loop_status('feedforward')])
+    counted = [loop_status('feedforward', 1 + round(begin + seconds))]
+    bag.write_message('/diagnostics', at(seconds), status=counted)
     bag.write_message('/up/phase', at(seconds), data='')
 
 
@@ -70,17 +71,19 @@ def points(seconds: float) -> list[dict[str, object]]:
     return rows
 
 
-def loop_status(node: str) -> dict[str, object]:
+def loop_status(node: str, factor: int) -> dict[str, object]:
+    """Return a loop's status with its totals after `factor` equal stretches of time."""
+    histogram = [0, 20, 1900, 60, 10, 9, 1]
     values = {
         'nominal_rate_hz': 1000,
         'period_p50_us': 1000,
         'period_p99_us': 1300,
         'period_max_us': 5200,
-        'ticks': 2000,
-        'overruns_total': 10,
-        'skipped_total': 1,
+        'ticks': 2000 * factor,
+        'overruns_total': 10 * factor,
+        'skipped_total': factor,
         'histogram_edges': '0 0.5 0.9 1.1 1.5 2 10',
-        'histogram_counts': '0 20 1900 60 10 9 1',
+        'histogram_counts': ' '.join(str(count * factor) for count in histogram),
     }
     pairs = [{'key': key, 'value': str(value)} for key, value in values.items()]
     return {'name': f'{node}: loop', 'message': 'ok', 'values': pairs}
@@ -96,6 +99,10 @@ def recorded_run(tmp_path: Path) -> Callable[[float, float], Path]:
         with BagWriter(run / 'bag') as bag:
             for topic, kind in TOPICS.items():
                 bag.add_topic(topic, kind)
+            # what the loop counted before the first phase is not of the run
+            bag.write_message(
+                '/diagnostics', START_NS - 10**8, status=[loop_status('feedforward', 1)]
+            )
             for k, name in enumerate(TRACKING):
                 write_phase(bag, name, k * (seconds + 1.0), seconds, rate)
         return run

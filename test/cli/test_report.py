@@ -35,7 +35,9 @@ def test_known_errors_come_out(recorded_run: Maker) -> None:
         assert error['rms'] == pytest.approx(MISSED * DEFLECTION / 2**0.5, 1e-6)
         assert error['percent_of_peak'] == pytest.approx(100.0 * MISSED / 2**0.5, 1e-6)
         assert 'arm/ux' not in phase['deflection_error']
-    assert summary['loops']['feedforward']['late'] == 10
+    # two phases of 2 s and a second between: five stretches of 2000 ticks, 10 of them late
+    loop = summary['loops']['feedforward']
+    assert (loop['ticks'], loop['late'], loop['skipped']) == (10_000, 50, 5)
 
 
 def test_page_is_whole_and_needs_nothing_else(recorded_run: Maker) -> None:
