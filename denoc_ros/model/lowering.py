@@ -15,7 +15,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from denoc_ros.kernels import layout
-from denoc_ros.model.shapes import ShapeFunctions
+from denoc_ros.model.shapes import ShapeFunctions, gauss_rule
 from denoc_ros.model.tree import (
     Array,
     Attachment,
@@ -59,7 +59,7 @@ def cross_matrix(v: Array) -> Array:
 
 def foreshortening(shapes: ShapeFunctions, x: Array) -> Array:
     """Return H(x) = int_0^x s' s'^T, shape (k, m, m) [1/m], at stations x (k,)."""
-    node, weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    node, weight = gauss_rule(GAUSS_POINTS)
     panels = 2 + 2 * shapes.modes
     share = (np.arange(panels)[:, None] + 0.5 * (node + 1.0)) / panels  # of [0, x]
     stations = np.outer(x, share.ravel())
@@ -81,7 +81,7 @@ def _plane(part: Deformation | None, x: Array, geometric: bool) -> tuple[Array, 
 
 def _gauss_rule(beam: Beam) -> tuple[Array, Array]:
     """Return stations and weights of a rule that integrates the beam's products to rounding."""
-    node, weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    node, weight = gauss_rule(GAUSS_POINTS)
     panels = 4 + 4 * max(beam.modes)
     width = beam.length / panels
     start = width * np.arange(panels)

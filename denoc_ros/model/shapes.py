@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,9 +122,18 @@ class ShapeFunctions:
         return np.asarray(np.polynomial.polynomial.polyval(xi, polynomials).T)
 
 
+@cache
+def gauss_rule(points: int) -> tuple[Array, Array]:
+    """Return nodes on -1 .. 1 and weights, each (points,); worked out once, not to be written."""
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    nodes.setflags(write=False)
+    weights.setflags(write=False)
+    return nodes, weights
+
+
 def quadrature(length: float, points: int) -> tuple[Array, Array]:
     """Return Gauss-Legendre stations and weights [m] on 0 .. length, each (points,)."""
-    nodes, weights = np.polynomial.legendre.leggauss(points)
+    nodes, weights = gauss_rule(points)
     return 0.5 * length * (nodes + 1.0), 0.5 * length * weights
 
 
