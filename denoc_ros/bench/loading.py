@@ -30,8 +30,9 @@ COLD_PATIENCE = 600.0  # s
 
 # what a user's first lines do, in a process of its own; the clock is the machine's
 FIRST_TORQUE = """
-import json, sys, time
+import json, logging, sys, time
 began = time.monotonic()
+logging.basicConfig(level=logging.INFO, format='%(message)s')
 import denoc_ros, numpy
 imported = time.monotonic()
 robot = denoc_ros.load_robot(sys.argv[1])
