@@ -238,7 +238,7 @@ class _Reader:
             elif not _is_number(number):
                 self.find(f'{whose} {name} must be a finite number, got {number!r}')
             else:
-                found[name] = float(number)
+                found[name] = number  # a number of modes stays whole
         return found
 
     def trajectory(
