@@ -21,6 +21,12 @@ SCENARIOS = {
     'puma': ['puma'],
     'puma_free_fall': ['puma'],
     'stanford': ['stanford', 'stanford_flexible'],
+    'stanford_forced': ['stanford', 'stanford_flexible'],
+    'stanford_free_fall': ['stanford', 'stanford_flexible'],
+    'single_link_free_fall': ['single_link'],
+    'stability_puma': ['puma'],
+    'stability_canadarm': ['canadarm'],
+    'stability_ssrms': ['ssrms'],
 }
 
 
@@ -28,6 +34,7 @@ def test_every_shipped_scenario_fits_its_robots(repository: Path) -> None:
     from denoc_ros.cli.simulate import load
 
     config = repository / 'config'
+    assert {path.stem for path in (config / 'scenarios').glob('*.yaml')} == set(SCENARIOS)
     for scenario, robots in SCENARIOS.items():
         for robot in robots:
             model, made, _ = load(

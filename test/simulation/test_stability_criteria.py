@@ -103,7 +103,7 @@ def test_roughness_of_a_sine_is_its_squared_step() -> None:
 def test_joints_that_are_prescribed_are_refused() -> None:
     robot = dn.load_robot(PENDULUM, gravity=DOWN)
     spin = {'joint_1': {'kind': 'spin_up', 'rate': 1.0, 'time': 1.0}}
-    with pytest.raises(dn.ConfigError, match=r'must drive the robot by torques .*, got prescribed'):
+    with pytest.raises(dn.ConfigError, match='must drive the robot by torques'):
         study(robot, prescribed=spin, duration=1.0)
     with pytest.raises(dn.ConfigError, match='must have 4 output times, got 2'):
         study(robot, duration=0.01)

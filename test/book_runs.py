@@ -1,0 +1,58 @@
+"""The book's systems as they are shipped: robot and scenario files, loaded and run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.cli.config import read_yaml
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.simulation.laws import Law
+from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_from_config
+
+Array = NDArray[np.float64]
+
+CONFIG = Path(__file__).resolve().parent.parent / 'config'
+
+
+def shipped(
+    robot: str, scenario: str, overrides: Mapping[str, float] | None = None
+) -> tuple[Robot, Scenario]:
+    """A robot of config/robots as a scenario of config/scenarios wants it, and the scenario.
+
+    `overrides` are dotted paths beside those of the scenario's own `model`.
+    """
+    values = read_yaml(CONFIG / 'scenarios' / f'{scenario}.yaml')
+    values['model'] = {**(values.get('model') or {}), **(overrides or {})}
+    settings = model_settings(values, scenario)
+    loaded = load_robot(
+        CONFIG / 'robots' / f'{robot}.urdf', settings.gravity, settings.geometric_stiffness
+    ).with_overrides(settings.overrides)
+    return loaded, scenario_from_config(values, loaded, scenario)
+
+
+def until(scenario: Scenario, end: float) -> Scenario:
+    """The scenario up to an earlier time [s]."""
+    return replace(scenario, times=scenario.times[scenario.times <= end + 1e-9])
+
+
+def joints(robot: Robot, run: Run) -> Array:
+    """Joint coordinates (k, joints) of a run."""
+    return np.asarray(run.q[:, robot.joint_indices])
+
+
+def desired(scenario: Scenario) -> Array:
+    """Desired joint coordinates (k, joints) at the output times."""
+    assert scenario.reference is not None
+    law = Law(scenario.reference)
+    return np.array([law(float(t))[0].copy() for t in scenario.times])
+
+
+def tips(robot: Robot, run: Run, link: str) -> Array:
+    """Tip deflection (k, 3) of a link over a run, beam frame [m]."""
+    return np.array([robot.tip_deflection(link, q) for q in run.q])
