@@ -25,6 +25,12 @@ Wrenches = Mapping[str, ArrayLike]
 FLOAT64 = np.dtype(np.float64)
 
 
+# a copy of a few zeros is quicker than numpy.empty, a global name quicker than a module's
+inverse_kernel = inverse.inverse_dynamics
+forward_kernel = articulated.forward_dynamics
+inertia_kernel = composite.inertia_matrix
+
+
 class Verb(NamedTuple):
     """A kernel, the same over rows, and the shape of its result for n coordinates."""
 
@@ -82,7 +88,7 @@ class Robot(HeldModel):
         status = MISFIT
         try:
             if q.dtype is qd.dtype is qdd.dtype is result.dtype is FLOAT64:  # type: ignore[union-attr]
-                status = inverse.inverse_dynamics(self.handle, q, qd, qdd, result)
+                status = inverse_kernel(self.handle, q, qd, qdd, result)
         except (TypeError, AttributeError):
             pass
         if status != GOOD:
@@ -112,7 +118,7 @@ class Robot(HeldModel):
         status = MISFIT
         try:
             if q.dtype is qd.dtype is tau.dtype is result.dtype is FLOAT64:  # type: ignore[union-attr]
-                status = articulated.forward_dynamics(self.handle, q, qd, tau, result)
+                status = forward_kernel(self.handle, q, qd, tau, result)
         except (TypeError, AttributeError):
             pass
         if status != GOOD:
@@ -174,7 +180,7 @@ class Robot(HeldModel):
         status = MISFIT
         try:
             if q.dtype is result.dtype is FLOAT64:  # type: ignore[union-attr]
-                status = composite.inertia_matrix(self.handle, q, result)
+                status = inertia_kernel(self.handle, q, result)
         except (TypeError, AttributeError):
             pass
         if status != GOOD:
