@@ -63,7 +63,7 @@ def test_bad_usage_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
 def test_help_lists_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
     assert frame.main(['--help']) == 0
     text = capsys.readouterr().out
-    assert all(f'\n    {verb} ' in text for verb in frame.VERBS)
+    assert all(f'\n    {verb}' in text for verb in frame.VERBS)
 
 
 def test_help_imports_nothing_heavy() -> None:
