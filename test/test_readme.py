@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from denoc_ros.cli.config import NODES
+from denoc_ros.cli.config import NODES, REFERENCE_KINDS, load_config
 from denoc_ros.cli.main import VERBS, build_parser
 
 README = Path(__file__).resolve().parent.parent / 'README.md'
@@ -87,6 +87,13 @@ def test_python_example_runs(
 ) -> None:
     monkeypatch.chdir(repository)
     exec(compile(snippet, 'README.md', 'exec'), {})
+
+
+@pytest.mark.parametrize('example', code_blocks('yaml'))
+def test_configuration_shown_is_accepted(example: str, tmp_path: Path) -> None:
+    file = tmp_path / 'arm.yaml'
+    file.write_text(example)
+    assert load_config(file).reference['kind'] in REFERENCE_KINDS
 
 
 def test_every_link_leads_somewhere(repository: Path) -> None:
