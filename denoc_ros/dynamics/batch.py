@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.borders import same_rows
 from denoc_ros.kernels.compiled import ready
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def run_rows(
     robot: HeldModel,
     kernel: Callable[..., Any],
     count: int,
-    inputs: Sequence[Array],
+    inputs: Sequence[Any],
     outputs: Sequence[Array],
 ) -> int:
     """Run a `*_rows` kernel over all rows; return the worst status of all threads.
@@ -57,3 +58,16 @@ def run_rows(
         return int(kernel(handle, *inputs, edges[k], edges[k + 1], *outputs))
 
     return max(_pool().map(run, range(chunks))) if spaces else run(0)
+
+
+def each_row(function: Callable[..., Any], *states: Array) -> Any:
+    """Return function(*states) of vectors, or of rows one by one, its results stacked.
+
+    A function that returns a tuple gives a tuple of stacked arrays.
+    """
+    if all(state.ndim == 1 for state in states):
+        return function(*states)
+    results = [function(*row) for row in zip(*same_rows(states), strict=True)]
+    if isinstance(results[0], tuple):
+        return tuple(np.array(part) for part in zip(*results, strict=True))
+    return np.array(results)

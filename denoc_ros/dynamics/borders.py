@@ -30,6 +30,13 @@ def as_rows(name: str, value: ArrayLike, n: int) -> Array:
     raise StateError(f'{name} must have shape ({n},) or (k, {n}), got {array.shape}')
 
 
+def as_states(name: str, value: ArrayLike, n: int) -> Array:
+    """Return finite states (n,) or (k, n) as :func:`as_rows` does."""
+    array = as_rows(name, value, n)
+    require_finite({name: array})
+    return array
+
+
 def as_vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
     """Return a finite C-contiguous float64 array of just this shape, or raise StateError."""
     array = _converted(name, value)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import constraints, linearization, structure
-from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.borders import as_output, as_rows, as_vector, same_rows
+from denoc_ros.dynamics.batch import each_row, run_rows
+from denoc_ros.dynamics.borders import as_output, as_rows, as_states, as_vector, same_rows
 from denoc_ros.dynamics.held_model import HeldModel, Source
 from denoc_ros.dynamics.section import Section
 from denoc_ros.kernels import articulated, composite, inverse, world
@@ -43,6 +43,8 @@ INVERSE = Verb(inverse.inverse_dynamics, inverse.inverse_dynamics_rows, lambda n
 FORWARD = Verb(articulated.forward_dynamics, articulated.forward_dynamics_rows, lambda n: (n,))
 INERTIA = Verb(composite.inertia_matrix, composite.inertia_matrix_rows, lambda n: (n, n))
 ENERGY = Verb(composite.energies, composite.energies_rows, lambda n: (2,))
+FRAME_POSE = Verb(world.frame_pose, world.frame_pose_rows, lambda n: (4, 4))
+FRAME_JACOBIAN = Verb(world.frame_jacobian, world.frame_jacobian_rows, lambda n: (6, n))
 
 
 class Robot(HeldModel):
@@ -217,23 +219,19 @@ class Robot(HeldModel):
         Stacked twists t_i = [v; omega; d'; c'] of the bodies, each in its body frame at its
         origin, are N_l @ N_d @ qd.
         """
-        return structure.denoc_matrices(self, as_vector('q', q, (self.n,)))
+        q = as_states('q', q, self.n)
+        n_l, n_d = each_row(lambda row: structure.denoc_matrices(self, row), q)
+        return n_l, n_d
 
     # kinematics -------------------------------------------------------------------------------
 
     def frame_pose(self, frame: str, q: ArrayLike, out: Array | None = None) -> Array:
         """Return the pose (4, 4) of a link or loop frame in the base frame, deflected."""
-        out = as_output(out, (4, 4))
-        q = as_vector('q', q, (self.n,))
-        world.frame_pose(self.handle, q, self._row(frame), out)
-        return out
+        return self._of_frame(FRAME_POSE, frame, q, out)
 
     def frame_jacobian(self, frame: str, q: ArrayLike, out: Array | None = None) -> Array:
         """Return the Jacobian (6, n) of a frame: linear first, base axes, at its origin."""
-        out = as_output(out, (6, self.n))
-        q = as_vector('q', q, (self.n,))
-        world.frame_jacobian(self.handle, q, self._row(frame), out)
-        return out
+        return self._of_frame(FRAME_JACOBIAN, frame, q, out)
 
     def section(self, link: str, station: float | None = None) -> tuple[Section, slice]:
         """Return the cross-section of a link's beam (default the tip) and its amplitudes."""
@@ -245,8 +243,8 @@ class Robot(HeldModel):
     def tip_deflection(self, link: str, q: ArrayLike, station: float | None = None) -> Array:
         """Return the deflection (3,) [m] of a link's beam in the beam frame; default the tip."""
         section, amplitudes = self.section(link, station)
-        q = as_vector('q', q, (self.n,))
-        return section.deflection(q[amplitudes])[:3]
+        q = as_states('q', q, self.n)
+        return section.deflection(q[..., amplitudes])[..., :3]
 
     def sensor_values(
         self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None
@@ -255,9 +253,11 @@ class Robot(HeldModel):
 
         All types read the shape of a beam, so rates and accelerations do not matter to them.
         """
-        q = as_vector('q', q, (self.n,))
-        rows = [s.row @ q[self.amplitudes(s.link)] for s in self.tree.sensors]
-        return np.array(rows, dtype=np.float64)
+        q = as_states('q', q, self.n)
+        values = np.empty((*q.shape[:-1], len(self.tree.sensors)))
+        for k, sensor in enumerate(self.tree.sensors):
+            values[..., k] = q[..., self.amplitudes(sensor.link)] @ sensor.row
+        return values
 
     def amplitudes(self, link: str) -> slice:
         """Return where the amplitudes of a flexible link stand among the coordinates."""
@@ -282,7 +282,11 @@ class Robot(HeldModel):
         SolverError
             Newton's iteration found no equilibrium (a load beyond buckling).
         """
-        return linearization.static_deflection(self, q_joints, wrenches, start)
+        joints = as_states('q_joints', q_joints, len(self.joint_indices))
+        equilibrium: Array = each_row(
+            lambda row: linearization.static_deflection(self, row, wrenches, start), joints
+        )
+        return equilibrium
 
     def natural_frequencies(self, q: ArrayLike, held: bool = True) -> Array:
         """Return the natural frequencies [Hz] at rest at q, ascending (see natural_modes)."""
@@ -294,7 +298,9 @@ class Robot(HeldModel):
         Gravity and load stiffness are as they are at q. `held` joints stay still; else all n
         coordinates move: rigid motions have frequency 0 and unstable ones a negative one.
         """
-        return linearization.natural_modes(self, as_vector('q', q, (self.n,)), held)
+        q = as_states('q', q, self.n)
+        modes = each_row(lambda row: tuple(linearization.natural_modes(self, row, held)), q)
+        return linearization.NaturalModes(*modes)
 
     # constraints and payload ------------------------------------------------------------------
 
@@ -308,7 +314,24 @@ class Robot(HeldModel):
         SolverError
             The robot has loops, which are not solved yet.
         """
-        return constraints.constrained_forward_dynamics(self, q, qd, tau)
+        n = self.n
+        states = (as_states('q', q, n), as_states('qd', qd, n), as_states('tau', tau, n))
+        qdd, multipliers = each_row(
+            lambda *row: constraints.constrained_forward_dynamics(self, *row), *states
+        )
+        return qdd, multipliers
+
+    def _of_frame(self, verb: Verb, frame: str, q: ArrayLike, out: Array | None) -> Array:
+        """Return a pose or Jacobian of a frame, at one state or many."""
+        row, shape = self._row(frame), verb.shape(self.n)
+        q = as_states('q', q, self.n)
+        if q.ndim == 1:
+            out = as_output(out, shape)
+            verb.kernel(self.handle, q, row, out)
+        else:
+            out = as_output(out, (len(q), *shape))
+            run_rows(self, verb.rows, len(q), (q, row), (out,))
+        return out
 
     def _settle(
         self,

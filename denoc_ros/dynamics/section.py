@@ -51,16 +51,16 @@ class Section:
             self.linear[3, columns] = torsion.shapes.values(x)[0]
 
     def deflection(self, amplitudes: Array) -> Array:
-        """Return [ux, uy, uz, rx, ry, rz] (6,) [m, rad] for amplitudes (m,).
+        """Return [ux, uy, uz, rx, ry, rz] (6,) [m, rad] for amplitudes (m,), or rows of them.
 
         The last three are the rotation vector phi of the section, R = Exp(phi).
         """
-        u: Array = self.linear @ amplitudes
-        u[0] = -0.5 * amplitudes @ self.shortening @ amplitudes
+        u: Array = amplitudes @ self.linear.T
+        u[..., 0] = -0.5 * np.sum(amplitudes @ self.shortening * amplitudes, axis=-1)
         return u
 
     def rate(self, amplitudes: Array, rates: Array) -> Array:
         """Return the time rates (6,) of :meth:`deflection`."""
-        u: Array = self.linear @ rates
-        u[0] = -amplitudes @ self.shortening @ rates
+        u: Array = rates @ self.linear.T
+        u[..., 0] = -np.sum(amplitudes @ self.shortening * rates, axis=-1)
         return u

@@ -1,6 +1,6 @@
 """Poses, Jacobians and twists of frames in the base frame."""
 
-from denoc_ros.kernels.compiled import inlined, kernel
+from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel
 from denoc_ros.kernels.handle import GOOD, at, model_arrays
 from denoc_ros.kernels.layout import (
     ARM,
@@ -71,6 +71,14 @@ def frame_pose(handle, q, i, out):
     return GOOD
 
 
+@rows_kernel('int64(int64, float64[:, ::1], int64, int64, int64, float64[:, :, ::1])')
+def frame_pose_rows(handle, q, i, first, last, out):
+    """Do the same for rows first .. last - 1 of (k, n) states."""
+    for k in range(first, last):
+        frame_pose(handle, q[k], i, out[k])
+    return GOOD
+
+
 @kernel('int64(int64, float64[::1])')
 def place_bodies(handle, q):
     """Place every body in the base frame, all in the workspace."""
@@ -118,4 +126,12 @@ def frame_jacobian(handle, q, i, out):
                 write_column(out, k, add(slide, cross(turn, arm)), turn)
                 c += 6
         i = p
+    return GOOD
+
+
+@rows_kernel('int64(int64, float64[:, ::1], int64, int64, int64, float64[:, :, ::1])')
+def frame_jacobian_rows(handle, q, i, first, last, out):
+    """Do the same for rows first .. last - 1 of (k, n) states."""
+    for k in range(first, last):
+        frame_jacobian(handle, q[k], i, out[k])
     return GOOD

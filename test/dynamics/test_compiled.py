@@ -31,7 +31,7 @@ def entries() -> dict[str, Any]:
 
 @pytest.fixture(scope='module')
 def robot() -> Robot:
-    return load_robot(seeded_robot(6))
+    return load_robot(seeded_robot(3))
 
 
 def call_all(robot: Robot, q: Array, qd: Array, qdd: Array) -> list[Array]:
