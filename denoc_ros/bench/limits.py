@@ -6,6 +6,7 @@ one, never waits for a result or for memory, and has no calls: max(M, A) fused o
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -117,6 +118,7 @@ class Account:
     verb: str
     check: Check
     operations: Operations
+    shares: Mapping[str, int]  # multiplications and additions by kernel, most first
     printed: Mapping[str, tuple[int, int]]
     budget: Budget | None
 
@@ -129,6 +131,7 @@ class Account:
             'verb': self.verb,
             'check': {**asdict(self.check), 'good': self.check.good},
             'operations': asdict(self.operations),
+            'shares': dict(self.shares),
             'printed': {name: list(counts) for name, counts in self.printed.items()},
             'budget_s': budget,
         }
@@ -140,13 +143,26 @@ def accounts(effort: Effort, quick: bool) -> Iterator[Account]:
     for case in CASES:
         robot = load_robot(case.text)
         state = random_states(robot, count=1)[0]
-        for verb, operations, check in count_verbs(robot, state):
+        for count in count_verbs(robot, state):
+            verb, operations = count.verb, count.operations
             budget = None if machine is None else _budget(robot, verb, operations, machine, effort)
             printed = case.printed.get(verb, {})
-            yield Account(case.name, robot.n, verb, check, operations, printed, budget)
+            yield Account(
+                case.name, robot.n, verb, count.check, operations, count.shares, printed, budget
+            )
 
 
-def count_verbs(robot: Robot, state: State) -> Iterator[tuple[str, Operations, Check]]:
+@dataclass(frozen=True)
+class Count:
+    """What one call of a verb executes, and whether it came to the right result."""
+
+    verb: str
+    operations: Operations
+    shares: dict[str, int]
+    check: Check
+
+
+def count_verbs(robot: Robot, state: State) -> Iterator[Count]:
     """Yield operations of inverse dynamics, forward dynamics, inertia matrix and bias.
 
     Parameters
@@ -158,12 +174,20 @@ def count_verbs(robot: Robot, state: State) -> Iterator[tuple[str, Operations, C
     kernels = CountingKernels(robot)
     tau = robot.inverse_dynamics(q, qd, qdd)
     inverse, torque = kernels.count('inverse', 'inverse_dynamics', q, qd, qdd, np.zeros(n))
-    yield INVERSE, inverse, _check(torque, tau)
+    yield _count(INVERSE, inverse, kernels.shares, _check(torque, tau))
     forward, found = kernels.count('articulated', 'forward_dynamics', q, qd, tau, np.zeros(n))
-    yield FORWARD, forward, _check(found, robot.forward_dynamics(q, qd, tau))
+    check = _check(found, robot.forward_dynamics(q, qd, tau))
+    yield _count(FORWARD, forward, kernels.shares, check)
     inertia, matrix = kernels.count('composite', 'inertia_matrix', q, np.zeros((n, n)))
+    shares = Counter(kernels.shares)
     bias, _ = kernels.count('inverse', 'inverse_dynamics', q, qd, np.zeros(n), np.zeros(n))
-    yield INERTIA_AND_BIAS, inertia + bias, _check(matrix, robot.inertia_matrix(q))
+    check = _check(matrix, robot.inertia_matrix(q))
+    yield _count(INERTIA_AND_BIAS, inertia + bias, shares + Counter(kernels.shares), check)
+
+
+def _count(verb: str, operations: Operations, shares: Mapping[str, int], check: Check) -> Count:
+    most_first = dict(Counter(shares).most_common())
+    return Count(verb, operations, most_first, check)
 
 
 def _check(counted: Any, compiled: Any) -> Check:

@@ -22,6 +22,8 @@ import denoc_ros.kernels
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.kernels.handle import DIAGONALS, GOOD
 
+VECTORS = 'denoc_ros.kernels.vector'
+
 Array = NDArray[np.float64]
 Objects = NDArray[np.object_]
 
@@ -159,13 +161,18 @@ class CountingKernels:
     Attributes
     ----------
     tally : Operations
-        Of all calls so far.
+        Of the last call.
+    shares : dict of str to int
+        Multiplications and additions of the last call by the kernel that does them itself, its
+        products of vectors included.
     """
 
     def __init__(self, robot: Robot) -> None:
         self.tally = Operations()
+        self.shares: dict[str, int] = {}
+        self._running: list[int] = []  # operations of what the running kernels have called
         self._model = self._arrays(robot)
-        self._spaces = _plain_kernels(lambda handle: self._model)
+        self._spaces = _plain_kernels(lambda handle: self._model, self._attributed)
 
     def count(self, module: str, function: str, *arguments: Any) -> tuple[Operations, Array]:
         """Return the operations of one call and what its last argument holds after it.
@@ -178,6 +185,7 @@ class CountingKernels:
         """
         counted = [self.counted(a) if isinstance(a, np.ndarray) else a for a in arguments]
         self.tally.__init__()  # type: ignore[misc]
+        self.shares.clear()
         kernel = self._spaces[f'denoc_ros.kernels.{module}'][function]
         status = kernel(0, *counted)
         if status != GOOD:
@@ -189,6 +197,24 @@ class CountingKernels:
         """Return a kernel's piece as a plain function, for numbers made by :meth:`counted`."""
         function: Callable[..., Any] = self._spaces[f'denoc_ros.kernels.{module}'][name]
         return function
+
+    def _attributed(self, function: FunctionType) -> Callable[..., Any]:
+        """Return the function with what it executes itself added to its share."""
+        name, tally, running = function.__name__, self.tally, self._running
+
+        def attributed(*arguments: Any) -> Any:
+            before = tally.multiplications + tally.additions
+            running.append(0)
+            result = function(*arguments)
+            total = tally.multiplications + tally.additions - before
+            own = total - running.pop()
+            if own:
+                self.shares[name] = self.shares.get(name, 0) + own
+            if running:
+                running[-1] += total
+            return result
+
+        return attributed
 
     def counted(self, values: Array) -> Objects:
         """Return an array of the same shape whose numbers count."""
@@ -210,13 +236,17 @@ class CountingKernels:
         )
 
 
-def _plain_kernels(model_arrays: Callable[[int], Any]) -> dict[str, dict[str, Any]]:
+def _plain_kernels(
+    model_arrays: Callable[[int], Any], attributed: Callable[[FunctionType], Any]
+) -> dict[str, dict[str, Any]]:
     """Return the kernels' modules as namespaces of plain functions that see each other.
 
     Parameters
     ----------
     model_arrays : callable
         In place of the kernels' own: the counted arrays, whatever the handle.
+    attributed : callable
+        Wraps every function but products of vectors.
     """
     modules = [
         importlib.import_module(f'denoc_ros.kernels.{found.name}')
@@ -227,7 +257,8 @@ def _plain_kernels(model_arrays: Callable[[int], Any]) -> dict[str, dict[str, An
         for name, value in space.items():
             source = getattr(value, 'py_func', None)
             if source is not None:
-                space[name] = _moved(source, spaces)
+                moved = _moved(source, spaces)
+                space[name] = moved if source.__module__ == VECTORS else attributed(moved)
         if 'model_arrays' in space:
             space['model_arrays'] = model_arrays
         if 'all_finite' in space:  # a check of the result, no part of the algorithm

@@ -20,6 +20,7 @@ GROUPS = (
 )  # fmt: skip
 SSRMS = 'config/robots/ssrms.urdf'
 WRONG = 2
+LARGEST = 5  # kernels that are named with their share of the operations
 
 
 def add_parser(subparsers: Any) -> None:
@@ -181,6 +182,8 @@ def _account_text(account: Account) -> str:
         f'    {count.multiplications} M, {count.additions} A, {count.divisions} divisions, '
         f'{count.roots} roots, {count.trigonometric} T'
     )
+    most = list(account.shares.items())[:LARGEST]
+    text += f'\n    most of it: {", ".join(f"{kernel} {number}" for kernel, number in most)}'
     printed = '; '.join(f'{who} {m} M, {a} A' for who, (m, a) in account.printed.items())
     if printed:
         text += f'\n    printed: {printed}'

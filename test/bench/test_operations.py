@@ -58,10 +58,11 @@ def test_dynamics_grow_linearly_with_the_links(chain: Callable[[int], str]) -> N
     counts: dict[str, list[tuple[int, ...]]] = {INVERSE: [], FORWARD: []}
     for n in (6, 12, 18):
         robot = load_robot(chain(n))
-        for verb, operations, check in count_verbs(robot, random_states(robot, count=1)[0]):
-            assert check.good
-            if verb in counts:
-                counts[verb].append(operations.parts)
+        for count in count_verbs(robot, random_states(robot, count=1)[0]):
+            assert count.check.good
+            assert sum(count.shares.values()) == sum(count.operations.parts[:2])
+            if count.verb in counts:
+                counts[count.verb].append(count.operations.parts)
     for parts in counts.values():
         first, second = np.diff(parts, axis=0)
         np.testing.assert_array_equal(first, second)
