@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.overrides import FAMILIES
 
 NODES = ('plant', 'feedforward', 'predictor', 'recorder')
 KEYS = (
@@ -29,7 +30,6 @@ KEYS = (
     'phases',
 )
 REFERENCE_KINDS = ('book', 'points', 'sine')
-OVERRIDES = ('beam', 'joint', 'payload')
 Parameters = dict[str, Any]
 
 
@@ -185,7 +185,7 @@ class _Checker:
         listed = self._mapping('nodes', raw.get('nodes'))
         without = frozenset(name for name in NODES if listed.get(name) is False)
         nodes = self._nodes('nodes', {k: v for k, v in listed.items() if k not in without})
-        nodes['plant'] = {**nodes.get('plant', {}), **_split(plant, OVERRIDES)[1]}
+        nodes['plant'] = {**nodes.get('plant', {}), **_split(plant, FAMILIES)[1]}
         model = flatten(self._mapping('model', raw.get('model')))
         return SessionConfig(
             path=self._file,
@@ -198,7 +198,7 @@ class _Checker:
             model=self._overrides('model', model),
             nodes=nodes,
             without=without,
-            plant_model=self._overrides('plant', _split(plant, OVERRIDES)[0]),
+            plant_model=self._overrides('plant', _split(plant, FAMILIES)[0]),
             phases=self._phases(raw.get('phases')),
         )
 
@@ -278,8 +278,8 @@ class _Checker:
 
     def _overrides(self, whose: str, flat: Parameters) -> Parameters:
         for path, value in flat.items():
-            if path.split('.')[0] not in OVERRIDES:
-                self._find(f"{whose}'s paths must start with beam, joint or payload, got {path!r}")
+            if path.split('.')[0] not in FAMILIES:
+                self._find(f"{whose}'s paths must start with one of {FAMILIES}, got {path!r}")
             elif not (_is_number(value) or _is_numbers(value)):
                 self._find(f'{whose} {path} must be a finite number or some, got {value!r}')
         return flat
@@ -318,7 +318,7 @@ def _apply_setting(raw: dict[str, Any], setting: str, findings: list[str]) -> No
         value = load_yaml(text)
     except yaml.YAMLError:
         value = text
-    targets = [['model', path], ['plant', path]] if names[0] in OVERRIDES else [names]
+    targets = [['model', path], ['plant', path]] if names[0] in FAMILIES else [names]
     for target in targets:
         _set(raw, target, value, findings, setting)
 

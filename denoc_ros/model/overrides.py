@@ -2,16 +2,18 @@
 
 `beam.<link>.<y|z>.<ei|modes|damping_ratio|damping>`,
 `beam.<link>.torsion.<gj|polar_inertia|modes|damping_ratio|damping>`,
-`joint.<name>.<damping|friction|armature>` and `payload.<link>.<mass|com|inertia>`. Beams and
-joints are changed in the description, so that the changed robot passes every check of a new one.
+`joint.<name>.<damping|friction|armature>` and `payload.<link>.<mass|com|inertia>`;
+`damping.<joint>` is another name for `joint.<joint>.damping`, `damping.<link>.<y|z|torsion>` for
+`beam.<link>.<y|z|torsion>.damping_ratio`. Beams and joints are changed in the description, so
+that the changed robot passes every check of a new one.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from lxml import etree
@@ -28,7 +30,9 @@ from denoc_ros.model.urdf import tree_of
 Array = NDArray[np.float64]
 
 Value = float | int | str | Sequence[float]
+Given = TypeVar('Given')
 
+FAMILIES = ('beam', 'joint', 'payload', 'damping')
 DAMPING = ('damping_ratio', 'damping')
 BEAM_FIELDS = {
     'y': ('ei', 'modes', *DAMPING),
@@ -38,6 +42,15 @@ BEAM_FIELDS = {
 JOINT_FIELDS = ('damping', 'friction', 'armature')
 PAYLOAD_SIZES = {'mass': (1,), 'com': (3,), 'inertia': (6, 9)}
 WHERE = 'overrides'
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A rigid payload: mass [kg], com (3,) [m], inertia (3, 3) [kg m^2] about it, link axes."""
+
+    mass: float
+    com: Array
+    inertia: Array
 
 
 def with_overrides(
@@ -62,16 +75,21 @@ def with_overrides(
     Raises
     ------
     ConfigError
-        For a path that the robot does not have, with those it has, or a value of a wrong kind.
+        For a path that the robot does not have, with those it has, a value of a wrong kind, or
+        different values under two names of one number.
     ModelError
         If the changed description does not give a robot.
     """
     if isinstance(source, Tree):
         where, text = 'robot with overrides', source.source
-        overrides = {**source.overrides, **overrides}
+        root = parse_xml(where, text)
+        overrides = plain_paths(_damping_names(root), overrides)
+        older = {path: old for path, old in source.overrides.items() if path not in overrides}
+        overrides = plain_paths({}, {**older, **overrides})
     else:
         where, text = read_source(source)
-    root = parse_xml(where, text)
+        root = parse_xml(where, text)
+        overrides = plain_paths(_damping_names(root), overrides)
     findings = Findings()
     payloads: dict[str, dict[str, Array]] = {}
     for path, value in overrides.items():
@@ -80,6 +98,78 @@ def with_overrides(
         raise ConfigError(WHERE, findings.items)
     tree = _with_payloads(tree_of(root, where, text), payloads)
     return replace(tree, overrides=dict(overrides))
+
+
+def damping_names(tree: Tree) -> dict[str, str]:
+    """Return the paths `damping.*` of a robot and those that they are other names for."""
+    return _damping_names(parse_xml(tree.name, tree.source))
+
+
+def payloads_of(overrides: Mapping[str, Value | Array], tree: Tree) -> dict[str, Payload]:
+    """Return the payloads by link that paths `payload.*` give; what is not given is 0.
+
+    Raises
+    ------
+    ConfigError
+        For a link that the robot does not have, or a value of a wrong kind; every finding.
+    """
+    findings = Findings()
+    payloads: dict[str, dict[str, Array]] = {}
+    links = carrying_links(tree)
+    for path, value in overrides.items():
+        _override_payload(links, path, path.partition('.')[2], value, payloads, findings)
+    if findings.items:
+        raise ConfigError(WHERE, findings.items)
+    return {link: _payload(given) for link, given in payloads.items()}
+
+
+def carrying_links(tree: Tree) -> list[str]:
+    """Return the links that a payload can hang on: those that move or are flexible."""
+    of_loops = {side.frame for loop in tree.loops for side in (loop.parent, loop.child)}
+    return [link for link, at in tree.frames.items() if at.body >= 0 and link not in of_loops]
+
+
+def _damping_names(root: Element) -> dict[str, str]:
+    names = {}
+    for beam in root.iterfind('flexibility/beam'):
+        for part in beam.findall('bending') + beam.findall('torsion'):
+            rest = f'{beam.get("link")}.{part.get("direction", "torsion")}'
+            names[f'damping.{rest}'] = f'beam.{rest}.damping_ratio'
+    for joint in root.findall('joint'):
+        if joint.get('type') != 'fixed':
+            names[f'damping.{joint.get("name")}'] = f'joint.{joint.get("name")}.damping'
+    return names
+
+
+def plain_paths(names: Mapping[str, str], overrides: Mapping[str, Given]) -> dict[str, Given]:
+    """Return overrides under their own paths, those that still hold.
+
+    Of a beam's damping and damping_ratio the one given later holds.
+
+    Parameters
+    ----------
+    names : mapping of str to str
+        Other names of paths, as `damping_names` returns them.
+    overrides : mapping
+        By either name.
+
+    Raises
+    ------
+    ConfigError
+        For different values under two names of one number.
+    """
+    plain: dict[str, Given] = {}
+    findings = Findings()
+    for path, value in overrides.items():
+        name = names.get(path, path)
+        other = plain.pop(name, value)
+        if not np.array_equal(np.ravel(np.asarray(other)), np.ravel(np.asarray(value))):
+            findings.add(f'path {path!r}', f'value must be that of {name!r}, got another')
+        plain.pop(_instead_of(name), None)
+        plain[name] = value
+    if findings.items:
+        raise ConfigError(WHERE, findings.items)
+    return plain
 
 
 def _apply(
@@ -95,15 +185,27 @@ def _apply(
     elif kind == 'joint':
         _override_joint(root, path, rest, value, findings)
     elif kind == 'payload':
-        _override_payload(root, path, rest, value, payloads, findings)
+        children = {end.get('link') or '' for end in root.iterfind('joint/child')}
+        _override_payload(children, path, rest, value, payloads, findings)
+    elif kind == 'damping':
+        _unknown(path, list(_damping_names(root)), findings)
     else:
-        rule = 'start with beam., joint. or payload.'
+        rule = 'start with beam., joint., payload. or damping.'
         findings.add(f'path {path!r}', f'must {rule}, got {kind!r}')
 
 
 def _unknown(path: str, known: Sequence[str], findings: Findings) -> None:
     exist = ', '.join(known) if known else 'none of this kind'
     findings.add(f'path {path!r}', f'must be one that the robot has ({exist}), got another')
+
+
+def _instead_of(path: str) -> str:
+    """Return the path of the other of a beam's damping and damping_ratio, '' for other paths."""
+    start, _, field = path.rpartition('.')
+    if not path.startswith('beam.') or field not in DAMPING:
+        return ''
+    (other,) = set(DAMPING) - {field}
+    return f'{start}.{other}'
 
 
 def _override_beam(
@@ -188,7 +290,7 @@ def _actuator(root: Element, joint: str) -> Element:
 
 
 def _override_payload(
-    root: Element,
+    links: Collection[str],
     path: str,
     rest: str,
     value: Value | Array,
@@ -196,10 +298,9 @@ def _override_payload(
     findings: Findings,
 ) -> None:
     link, _, field = rest.rpartition('.')
-    children = {end.get('link') for end in root.iterfind('joint/child')}
-    if link not in children or field not in PAYLOAD_SIZES:
+    if link not in links or field not in PAYLOAD_SIZES:
         fields = '|'.join(PAYLOAD_SIZES)
-        known = [f'payload.{name}.<{fields}>' for name in sorted(filter(None, children))]
+        known = [f'payload.{name}.<{fields}>' for name in sorted(filter(None, links))]
         _unknown(path, known, findings)
         return
     numbers = [finite(part) for part in (_text(value) or '').split()]
@@ -220,13 +321,20 @@ def _with_payloads(tree: Tree, payloads: Mapping[str, Mapping[str, Array]]) -> T
         if at.body < 0:
             rule = 'must be on a link that moves or is flexible, got one fixed to the base'
             raise ConfigError(WHERE, [f"path 'payload.{link}': {rule}"])
-        mass = float(payload.get('mass', np.zeros(1))[0])
-        com = payload.get('com', np.zeros(3))
-        added = from_centre(mass, com, _inertia(payload.get('inertia', np.zeros(6))))
+        given = _payload(payload)
+        added = from_centre(given.mass, given.com, given.inertia)
         body = bodies[at.body]
         inertia = total(body.inertia, moved(added, at.placement))
         bodies[at.body] = replace(body, inertia=inertia)
     return replace(tree, bodies=tuple(bodies))
+
+
+def _payload(given: Mapping[str, Array]) -> Payload:
+    return Payload(
+        float(given.get('mass', np.zeros(1))[0]),
+        given.get('com', np.zeros(3)),
+        _inertia(given.get('inertia', np.zeros(6))),
+    )
 
 
 def _inertia(numbers: Array) -> Array:

@@ -8,10 +8,11 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import FrameType
 from typing import Any
 
+import numpy as np
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
@@ -86,6 +87,8 @@ class DenocNode(LifecycleNode):
         self.ready = True
         self.owns_process = False
         self.monitors: list[InputMonitor] = []
+        self._shown: set[str] = set()
+        self._showing = False
         given = {
             key: parameter.value
             for key, parameter in self._parameter_overrides.items()
@@ -105,27 +108,62 @@ class DenocNode(LifecycleNode):
 
     def _declare(self) -> None:
         for name in self.settings:
-            row = self.table.row(name)
-            assert row is not None
-            descriptor = ParameterDescriptor(
-                description=row.text + (f' [{row.unit}]' if row.unit else ''),
-                additional_constraints=row.range.replace('\\', ''),
-                # the table checks types: it takes 5 for 5.0
-                dynamic_typing=True,
-            )
-            self.declare_parameter(name, self.settings[name], descriptor)
+            self.declare_parameter(name, self.settings[name], self._descriptor(name))
         self.add_on_set_parameters_callback(self._on_parameters)
 
+    def _descriptor(self, name: str) -> ParameterDescriptor:
+        row = self.table.row(name)
+        assert row is not None
+        text = row.text + (f' [{row.unit}]' if row.unit else '')
+        return ParameterDescriptor(
+            description=text.replace('\\', ''),
+            additional_constraints=row.range.replace('\\', ''),
+            # the table checks types: it takes 5 for 5.0
+            dynamic_typing=True,
+        )
+
+    def describe_parameter(self, name: str) -> Any:
+        """Return a parameter's descriptor; any type for an unknown one: the table refuses it."""
+        descriptor = super().describe_parameter(name)
+        if not self.has_parameter(name):
+            descriptor.dynamic_typing = True
+        return descriptor
+
+    def show(self, values: Mapping[str, Value]) -> None:
+        """List members of families that were not given, with the values that hold.
+
+        Parameters
+        ----------
+        values : mapping of str to value
+            All of them; those shown before and not among these are taken off the list.
+        """
+        self._showing = True
+        for name in self._shown - set(values):
+            self.undeclare_parameter(name)
+        for name, value in values.items():
+            if not self.has_parameter(name):
+                self.declare_parameter(name, value, self._descriptor(name), ignore_override=True)
+            elif not _same(self.get_parameter(name).value, value):
+                self.set_parameters([rclpy.Parameter(name, value=value)])
+        self._shown = set(values)
+        self._showing = False
+
     def _on_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
+        if self._showing:
+            return SetParametersResult(successful=True)
         given = {p.name: p.value for p in parameters if not p.name.startswith(FOREIGN)}
         try:
-            changes = self.table.changes(self.settings, given)
+            changes = self.plain(self.table.changes(self.settings, given))
             if changes:
                 self.settings_changed(self.settings.replace(changes), changes)
                 self.settings = self.settings.replace(changes)
         except (ValueError, DenocError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def plain(self, changes: dict[str, Value]) -> dict[str, Value]:
+        """Return changes under the names that the settings have them by."""
+        return changes
 
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
         """Take live changes before they are stored; may refuse by DenocError or ValueError."""
@@ -272,6 +310,11 @@ class DenocNode(LifecycleNode):
             self.trigger_deactivate()
         if self.state == 'inactive':
             self.trigger_cleanup()
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Say whether two values of a parameter are the same numbers, or otherwise the same."""
+    return bool(np.array_equal(np.asarray(one), np.asarray(other)))
 
 
 def run(make: Callable[[], DenocNode], arguments: Sequence[str] | None = None) -> int:

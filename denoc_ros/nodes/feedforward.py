@@ -22,7 +22,7 @@ from denoc_ros.nodes.diagnostics import ERROR, WARN, Status
 from denoc_ros.nodes.feedforward_parameters import TABLE
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
-from denoc_ros.nodes.robot_node import OVERRIDES, RobotNode, driven_joints
+from denoc_ros.nodes.robot_node import RobotNode, driven_joints, is_override
 from denoc_ros.nodes.safety import InputMonitor, SafeCommand, TorqueLimiter, effort_limits
 from denoc_ros.nodes.stamps import StampOf
 from denoc_ros.nodes.torque_output import TorqueOutput
@@ -336,7 +336,8 @@ class FeedforwardNode(RobotNode):
         """Read the robot again; its joints must be the same."""
         if self.state not in ('active', 'inactive'):
             raise ConfigError(self.get_name(), ['the node must be configured to reload its model'])
-        robot = self.load(self.settings)
+        model = self.read_model(self.settings)
+        robot = self.changed_robot(self.settings, model)
         if tuple(robot.joint_names) != tuple(self.robot.joint_names):
             raise ConfigError(
                 self.get_name(),
@@ -347,18 +348,17 @@ class FeedforwardNode(RobotNode):
             )
         self._pending = self._build(robot, self.settings)
         self.robot = robot
+        self.adopt_model(model, self.settings)
         return f'reloaded {robot.tree.name}'
 
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
         """Build a changed model beside the loop; the next tick takes it."""
         if self.state not in ('active', 'inactive'):
             return
-        self._cache(settings)
-        if any(name.startswith(OVERRIDES) for name in changes):
-            robot = self.load(settings)
+        if any(is_override(n) or n.split('.')[0] in ('model', 'terms') for n in changes):
+            robot = self.changed_robot(settings)
             self._pending, self.robot = self._build(robot, settings), robot
-        elif any(name == 'model' or name.startswith('terms.') for name in changes):
-            self._pending = self._build(self.robot.copy(), settings)
+        self._cache(settings)
 
     # ---- diagnostics
 

@@ -140,8 +140,14 @@ class Settings:
         return self._values[name]
 
     def replace(self, changes: Mapping[str, Value]) -> Settings:
-        """Return settings with some values changed."""
-        return Settings({**self._values, **changes})
+        """Return settings with some values changed; those come last."""
+        kept = {name: value for name, value in self._values.items() if name not in changes}
+        return Settings({**kept, **changes})
+
+    def without(self, *prefixes: str) -> Settings:
+        """Return settings without the names that start with one of `prefixes` and a dot."""
+        dropped = self.family(*prefixes)
+        return Settings({k: v for k, v in self._values.items() if k not in dropped})
 
     def flag(self, name: str) -> bool:
         """Return a bool."""
@@ -313,6 +319,7 @@ def robot_parameters(live: bool = True) -> tuple[Parameter, ...]:
                 ('beam', 'beam.upper_arm.y.damping_ratio'),
                 ('joint', 'joint.j2.damping'),
                 ('payload', 'payload.tool.mass'),
+                ('damping', 'damping.j2` (of a joint) or `damping.upper_arm.y'),
             )
         ),
     )

@@ -27,7 +27,7 @@ from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.predictor_outputs import PredictorOutputs
 from denoc_ros.nodes.predictor_parameters import TABLE
 from denoc_ros.nodes.reference import ReferenceFollower
-from denoc_ros.nodes.robot_node import OVERRIDES, RobotNode, driven_joints
+from denoc_ros.nodes.robot_node import RobotNode, driven_joints, is_override
 from denoc_ros.nodes.sensor_inputs import SensorInputs
 from denoc_ros.nodes.stamps import StampOf
 
@@ -291,16 +291,17 @@ class PredictorNode(RobotNode):
         """Read the robot again; its coordinates must be the same."""
         if self.state not in ('active', 'inactive'):
             raise ConfigError(self.get_name(), ['the node must be configured to reload its model'])
-        self._replace(self.load(self.settings), self.settings)
+        model = self.read_model(self.settings)
+        self._replace(self.changed_robot(self.settings, model), self.settings)
+        self.adopt_model(model, self.settings)
         return 'model reloaded'
 
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
         """Take changes of the model and of the observer over between two ticks."""
         if self.state not in ('active', 'inactive'):
             return
-        of_model = any(name.split('.')[0] in OVERRIDES for name in changes)
-        if of_model or any(name in OBSERVER_SETTINGS for name in changes):
-            self._replace(self.load(settings) if of_model else self.robot, settings)
+        if any(is_override(name) or name in OBSERVER_SETTINGS for name in changes):
+            self._replace(self.changed_robot(settings), settings)
 
     def _replace(self, robot: Robot, settings: Settings) -> None:
         if tuple(robot.coordinate_names) != tuple(self.robot.coordinate_names):

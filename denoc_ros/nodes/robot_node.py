@@ -10,12 +10,12 @@ from std_msgs.msg import String
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.overrides import FAMILIES
 from denoc_ros.nodes.base import LATCHED, DenocNode
 from denoc_ros.nodes.diagnostics import ERROR, WARN, Status, loop_status
-from denoc_ros.nodes.parameters import ParameterTable, Settings
+from denoc_ros.nodes.live_model import LiveModel
+from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
 from denoc_ros.nodes.timing import Loop, LoopStatistics, lock_memory
-
-OVERRIDES = ('beam', 'joint', 'payload')
 
 
 class RobotNode(DenocNode):
@@ -28,6 +28,8 @@ class RobotNode(DenocNode):
     ----------
     robot : Robot
         The loop's own, with the overrides of the parameters.
+    model : LiveModel or None
+        What the robot is made from; None until the node is configured.
     loop : Loop or None
         The loop while active.
     """
@@ -36,10 +38,12 @@ class RobotNode(DenocNode):
 
     def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
         super().__init__(name, table, **options)
+        self.model: LiveModel | None = None
         self.loop: Loop | None = None
         self.description = ''
         self.last_statistics: LoopStatistics | None = None
         self._model_warnings: tuple[str, ...] = ()
+        self.add_post_set_parameters_callback(self._after_parameters)
         if not self.settings.text('urdf_path'):
             self.ready = False
             self.create_subscription(
@@ -63,8 +67,8 @@ class RobotNode(DenocNode):
 
     # ---- robot
 
-    def load(self, settings: Settings) -> Robot:
-        """Return the robot of the file or topic with the overrides of the parameters.
+    def read_model(self, settings: Settings) -> LiveModel:
+        """Return the robot of the file or topic, to be changed by overrides.
 
         Raises
         ------
@@ -90,15 +94,45 @@ class RobotNode(DenocNode):
         if robot.tree.loops:
             loops = [loop.name for loop in robot.tree.loops]
             raise ConfigError(name, [f'the robot must have no loops yet, got {loops}'])
-        overrides = settings.family(*OVERRIDES)
-        return robot.with_overrides(overrides) if overrides else robot
+        return LiveModel(robot, name)
+
+    def adopt_model(self, model: LiveModel, settings: Settings) -> None:
+        """Take a model for the one that overrides change, and list what they can change."""
+        self.model = model
+        overrides = model.plain(settings.family(*FAMILIES))
+        self.settings = settings.without(*FAMILIES).replace(overrides)
+        self.show(model.values(overrides))
+
+    def changed_robot(self, settings: Settings, model: LiveModel | None = None) -> Robot:
+        """Return a robot of its own with the overrides of `settings`, by default of `self.model`.
+
+        Raises
+        ------
+        ConfigError, ModelError
+            A path that names nothing, or a value that makes no model.
+        """
+        model = self.model if model is None else model
+        assert model is not None
+        return model.robot(settings.family(*FAMILIES))
+
+    def plain(self, changes: dict[str, Value]) -> dict[str, Value]:
+        """Return changes with overrides under their own paths."""
+        return changes if self.model is None else self.model.plain(changes)
+
+    def _after_parameters(self, parameters: Sequence[Any]) -> None:
+        """Tell what a changed override has changed: its other name, and what depends on it."""
+        changed = any(is_override(parameter.name) for parameter in parameters)
+        if changed and self.model is not None and not self._showing:
+            self.show(self.model.values(self.settings.family(*FAMILIES)))
 
     def configure(self) -> None:
         """Load the robot, build all that the loop uses, compile it by using it."""
         if self.settings.flag('lock_memory'):
             for warning in lock_memory():
                 self.get_logger().warning(warning)
-        self.robot = self.load(self.settings)
+        model = self.read_model(self.settings)
+        self.robot = self.changed_robot(self.settings, model)
+        self.adopt_model(model, self.settings)
         self._model_warnings = tuple(self.robot.tree.warnings)
         for warning in self._model_warnings:
             self.get_logger().warning(warning)
@@ -147,6 +181,11 @@ class RobotNode(DenocNode):
             status.worsen(ERROR, self.fatal)
         status.values['state'] = self.state
         return [status]
+
+
+def is_override(name: str) -> bool:
+    """Say whether a parameter changes the model."""
+    return name.split('.')[0] in FAMILIES and '.' in name
 
 
 def driven_joints(robot: Robot, given: Sequence[str], where: str) -> list[str]:

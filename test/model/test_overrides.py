@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from denoc_ros.errors import ConfigError, ModelError
+from denoc_ros.model.override_values import override_values
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.tree import Beam, Body, Joint, Tree
 from denoc_ros.model.urdf import load_tree
@@ -56,6 +57,37 @@ def test_damping_replaces_the_damping_ratio_and_back(arm_text: str, value: Any) 
     y = beam_of(undamped, 'upper_arm').y
     assert y is not None
     np.testing.assert_array_equal(y.damping, [0.0, 0.0])
+
+
+def test_damping_is_another_name(arm_text: str) -> None:
+    by_name = with_overrides(arm_text, {'damping.shoulder': 3.0, 'damping.upper_arm.z': 0.04})
+    paths = {'joint.shoulder.damping': 3.0, 'beam.upper_arm.z.damping_ratio': 0.04}
+    assert by_name.overrides == paths
+    by_path = beam_of(with_overrides(arm_text, paths), 'upper_arm').z
+    z = beam_of(by_name, 'upper_arm').z
+    assert z is not None
+    assert by_path is not None
+    np.testing.assert_array_equal(z.damping, by_path.damping)
+    assert joint_of(by_name, 'upper_arm').damping == 3.0
+    with pytest.raises(ConfigError, match=r"must be that of 'joint\.shoulder\.damping'"):
+        with_overrides(arm_text, {'damping.shoulder': 3.0, 'joint.shoulder.damping': 4.0})
+
+
+def test_the_values_of_a_robot_leave_it_as_it_is(arm_text: str) -> None:
+    tree = load_tree(arm_text)
+    values = override_values(tree)
+    same = with_overrides(tree, values)
+    for body, other in zip(tree.bodies, same.bodies, strict=True):
+        if body.joint is not None:
+            assert body.joint.damping == values[f'joint.{body.joint.name}.damping']
+        if body.beam is None:
+            continue
+        assert other.beam is not None
+        for part in ('y', 'z', 'torsion'):
+            before, after = getattr(body.beam, part), getattr(other.beam, part)
+            if before is not None:
+                assert before.stiffness == after.stiffness
+                np.testing.assert_allclose(after.damping, before.damping, rtol=1e-11)
 
 
 def test_modes_change_the_coordinates(arm_text: str) -> None:
@@ -154,13 +186,18 @@ def test_the_source_is_not_changed(arm_text: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('path', 'value', 'message'),
     [
-        ('foo', 1, r"path 'foo': must start with beam\., joint\. or payload\., got 'foo'"),
+        (
+            'foo',
+            1,
+            r"path 'foo': must start with beam\., joint\., payload\. or damping\., got 'foo'",
+        ),
         ('beam.arm.y.ei', 1, r'must be one that the robot has \(beam\.upper_arm\.y\.<ei\|'),
         ('beam.forearm.z.ei', 1, r'beam\.forearm\.y\.<ei\|modes'),
         ('beam.upper_arm.y.gj', 1, 'must be one that the robot has'),
         ('beam.upper_arm', 1, 'must be one that the robot has'),
         ('joint.grip.damping', 1, r'joint\.shoulder\.<damping\|friction\|armature>'),
         ('joint.elbow.limit', 1, 'must be one that the robot has'),
+        ('damping.grip', 1, r'damping\.upper_arm\.y, .*damping\.shoulder'),
         ('payload.base.mass', 1, r'payload\.forearm\.<mass\|com\|inertia>'),
         ('payload.tool.size', 1, 'must be one that the robot has'),
         ('payload.tool.mass', -1, 'value must be >= 0 kg, got -1'),

@@ -1,0 +1,61 @@
+"""What can be overridden without a change of the coordinates, and the values that a robot has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from denoc_ros.model.overrides import carrying_links
+from denoc_ros.model.tree import Body, Tree
+
+Values = dict[str, float | list[float]]
+
+
+def override_values(tree: Tree) -> Values:
+    """Return the values of a robot by the dotted paths that change them.
+
+    Parameters
+    ----------
+    tree : Tree
+        The robot, without payloads.
+
+    Returns
+    -------
+    dict of str to float or list of float
+        Stiffness and damping ratios of beams, damping, friction and armature of joints, and no
+        payload on each link that can carry one.
+    """
+    values: Values = {}
+    for body in tree.bodies:
+        values.update(_of_joint(body))
+        values.update(_of_beam(body))
+    for link in carrying_links(tree):
+        values[f'payload.{link}.mass'] = 0.0
+        values[f'payload.{link}.com'] = [0.0] * 3
+        values[f'payload.{link}.inertia'] = [0.0] * 6
+    return values
+
+
+def _of_joint(body: Body) -> Iterator[tuple[str, float]]:
+    if body.joint is not None:
+        for field in ('damping', 'friction', 'armature'):
+            yield f'joint.{body.joint.name}.{field}', float(getattr(body.joint, field))
+
+
+def _of_beam(body: Body) -> Iterator[tuple[str, float | list[float]]]:
+    beam = body.beam
+    if beam is None:
+        return
+    for name, part, field, inertia in (
+        ('y', beam.y, 'ei', beam.mass_per_length),
+        ('z', beam.z, 'ei', beam.mass_per_length),
+        ('torsion', beam.torsion, 'gj', beam.polar_inertia),
+    ):
+        if part is not None:
+            mass = inertia * np.diag(part.shapes.gram(0))
+            ratio = part.damping / (2.0 * np.sqrt(part.modal_stiffness * mass))
+            yield f'beam.{body.name}.{name}.{field}', float(part.stiffness)
+            yield f'beam.{body.name}.{name}.damping', part.damping.tolist()
+            # rounded: 0.005 in the file is to show as such
+            yield f'beam.{body.name}.{name}.damping_ratio', [float(f'{r:.12g}') for r in ratio]
