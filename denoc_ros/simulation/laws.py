@@ -99,3 +99,39 @@ def rigid_torque(robot: Robot, reference: Trajectory) -> Torque:
         return tau
 
     return torque
+
+
+class TableTorque:
+    """Torques that are known only every so often, as a controller or a file gives them.
+
+    Parameters
+    ----------
+    torque : callable
+        `(t, q, qd) -> (n,)` whose result depends on time only [N m, N].
+    every : float
+        s between entries.
+    between : str
+        `hold` (the last entry) or `linear`.
+    """
+
+    def __init__(self, torque: Torque, every: float, between: str) -> None:
+        self._torque = torque
+        self._every = every
+        self._linear = between == 'linear'
+        self._entries: dict[int, Array] = {}
+
+    def __call__(self, t: float, q: Array, qd: Array) -> Array:
+        """Return the torques (n,) at a time [s]."""
+        place = t / self._every
+        # an entry begins at its own time, not a rounding later
+        k = math.floor(place + 1e-9)
+        entry = self._entry(k, q, qd)
+        if not self._linear:
+            return entry
+        share = max(0.0, place - k)
+        return entry + share * (self._entry(k + 1, q, qd) - entry)
+
+    def _entry(self, k: int, q: Array, qd: Array) -> Array:
+        if k not in self._entries:
+            self._entries[k] = self._torque(k * self._every, q, qd).copy()
+        return self._entries[k]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
-from denoc_ros.simulation.laws import Law, SpinUp, of_joint, rigid_torque, step_torque
+from denoc_ros.simulation.laws import Law, SpinUp, TableTorque, of_joint, rigid_torque, step_torque
 from denoc_ros.simulation.motion import Prescribed, Torque, mimic_ties
 from denoc_ros.simulation.reference import trajectory_from_config
 from denoc_ros.simulation.run import Run
@@ -37,6 +37,7 @@ KEYS = (
 MODEL_KEYS = KEYS[:3]
 START_KEYS = ('joints', 'rates', 'amplitudes')
 TORQUE_KINDS = ('zero', 'step', 'rigid_inverse_dynamics')
+TABLE_KINDS = ('hold', 'linear')
 
 
 @dataclass(frozen=True)
@@ -289,14 +290,30 @@ class _Driver:
             height = reader.named_numbers('torque values', self._joints, values.get('values', {}))
             self.torque = step_torque(robot, height)
         elif kind == 'rigid_inverse_dynamics':
-            reader.only('torque', values, ('kind', 'reference'))
+            reader.only('torque', values, ('kind', 'reference', 'every', 'between'))
             self.reference = reader.trajectory(values.get('reference'), self._joints)
             if self._ties:
                 reader.find('rigid_inverse_dynamics must have a robot without mimic joints')
             elif self.reference is not None:
-                self.torque = rigid_torque(robot, self.reference)
+                self.torque = self._as_table(rigid_torque(robot, self.reference), values)
         else:
             reader.only('torque', values, ('kind',))
+
+    def _as_table(self, torque: Torque, values: Mapping[str, Any]) -> Torque:
+        """Return the torques as entries every so often, where the scenario says so."""
+        every, between = values.get('every'), values.get('between', 'hold')
+        if between not in TABLE_KINDS:
+            self._reader.find(
+                f"torque's between must be one of {', '.join(TABLE_KINDS)}, got {between!r}"
+            )
+        if every is None:
+            if 'between' in values:
+                self._reader.find("torque's between must come with every, got no every")
+            return torque
+        if not (_is_number(every) and every > 0.0):
+            self._reader.find(f"torque's every must be a number > 0 s, got {every!r}")
+            return torque
+        return TableTorque(torque, float(every), str(between))
 
     def _read_prescribed(self, values: Mapping[str, Any]) -> None:
         for name, law in values.items():

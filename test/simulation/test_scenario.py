@@ -22,6 +22,8 @@ BOOK = {
     'duration': 1.0,
 }
 
+SLOW = {'kind': 'book', 'rate': 0.1, 'period': 1}
+
 
 def made(robot: dn.Robot, **values: Any) -> Any:
     return scenario_from_config(values, robot, 'a.yaml')
@@ -51,6 +53,25 @@ def test_same_torques_leave_the_flexible_robot_behind() -> None:
     scenario.reference.sample(0.999999, q, qd, qdd)
     gap = np.abs(run.q[-1, robot.joint_indices] - q)
     assert np.max(gap) > 1e-3
+
+
+def test_torques_of_a_table_are_held_or_joined_between_its_entries() -> None:
+    robot = dn.load_robot(planar_chain(CANADARM_RIGID), gravity=(0.0, 0.0, 0.0))
+    exact = {'kind': 'rigid_inverse_dynamics', 'reference': BOOK}
+    smooth = made(robot, torque=exact).torque
+    zero = np.zeros(3)
+
+    def at(t: float) -> Any:
+        return smooth(t, zero, zero).copy()
+
+    held = made(robot, torque={**exact, 'every': 0.1}).torque
+    joined = made(robot, torque={**exact, 'every': 0.1, 'between': 'linear'}).torque
+    for k in (0, 3, 7):  # 0.3 and 0.7 are a rounding below 3 and 7 tenths
+        np.testing.assert_array_equal(held(0.1 * k, zero, zero), at(0.1 * k))
+        np.testing.assert_array_equal(held(0.1 * k + 0.09, zero, zero), at(0.1 * k))
+        np.testing.assert_allclose(joined(0.1 * k, zero, zero), at(0.1 * k), rtol=1e-12)
+        middle = 0.5 * (at(0.1 * k) + at(0.1 * k + 0.1))
+        np.testing.assert_allclose(joined(0.1 * k + 0.05, zero, zero), middle, rtol=1e-12)
 
 
 def test_reference_is_followed_exactly(arm: dn.Robot) -> None:
@@ -132,6 +153,18 @@ def test_every_finding_is_said_at_once(arm: dn.Robot) -> None:
         (
             {'prescribed': {'joint_1': {'kind': 'spin_up', 'rate': 1}}, 'duration': 1},
             'time > 0 s, got 1 and 0.0',
+        ),
+        (
+            {'torque': {'kind': 'rigid_inverse_dynamics', 'reference': SLOW, 'every': 0}},
+            "torque's every must be a number > 0 s, got 0",
+        ),
+        (
+            {'torque': {'kind': 'rigid_inverse_dynamics', 'reference': SLOW, 'between': 'hold'}},
+            "torque's between must come with every",
+        ),
+        (
+            {'torque': {'kind': 'rigid_inverse_dynamics', 'reference': SLOW, 'between': 'cubic'}},
+            "torque's between must be one of hold, linear, got 'cubic'",
         ),
         ({'torque': {'kind': 'zero'}}, 'duration must be given where no reference has one'),
         ({'duration': 1, 'torque': 3}, 'torque must be a mapping, got 3'),
