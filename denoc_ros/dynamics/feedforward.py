@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.joint_ties import joint_ties
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.articulated import articulated_dynamics
@@ -256,34 +257,3 @@ class TorqueFeedforward:
     def _reduce(self, force: Array) -> Array:
         """Return the driven joints' share: a leader carries its mimics."""
         return np.dot(force[self._index], self.ties, out=self._result)
-
-
-def joint_ties(
-    robot: Robot, joints: Sequence[str] | None, held: Mapping[str, float]
-) -> tuple[Array, Array, tuple[str, ...]]:
-    """Return T (all joints, driven) and c (all joints,) of q_all = T q + c, and the driven names.
-
-    Raises
-    ------
-    StateError
-        A driven joint is unknown, repeated or a mimic; a mimic's leader is unknown.
-    """
-    described = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint}
-    free = [name for name in robot.joint_names if described[name].mimic is None]
-    driven = tuple(joints) if joints is not None else tuple(free)
-    if len(set(driven)) != len(driven) or not set(driven) <= set(free):
-        raise StateError(f'driven joints must be different ones of {free}, got {list(driven)}')
-    ties = np.zeros((len(robot.joint_names), len(driven)))
-    offsets = np.zeros(len(robot.joint_names))
-    for row, name in enumerate(robot.joint_names):
-        factor, offset, leader = 1.0, 0.0, name
-        while (mimic := described[leader].mimic) is not None:
-            offset += factor * mimic.offset
-            factor *= mimic.multiplier
-            leader = mimic.leader
-        if leader in driven:
-            ties[row, driven.index(leader)] = factor
-            offsets[row] = offset
-        else:
-            offsets[row] = factor * held.get(leader, 0.0) + offset
-    return ties, offsets, driven

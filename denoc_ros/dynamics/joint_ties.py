@@ -1,0 +1,70 @@
+"""Ties of joints: mimic joints follow their leaders."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.errors import StateError
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+def joint_ties(
+    robot: Robot, joints: Sequence[str] | None, held: Mapping[str, float]
+) -> tuple[Array, Array, tuple[str, ...]]:
+    """Return T (all joints, driven) and c (all joints,) of q_all = T q + c, and the driven names.
+
+    Raises
+    ------
+    StateError
+        A driven joint is unknown, repeated or a mimic; a mimic's leader is unknown.
+    """
+    described = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint}
+    free = [name for name in robot.joint_names if described[name].mimic is None]
+    driven = tuple(joints) if joints is not None else tuple(free)
+    if len(set(driven)) != len(driven) or not set(driven) <= set(free):
+        raise StateError(f'driven joints must be different ones of {free}, got {list(driven)}')
+    ties = np.zeros((len(robot.joint_names), len(driven)))
+    offsets = np.zeros(len(robot.joint_names))
+    for row, name in enumerate(robot.joint_names):
+        factor, offset, leader = 1.0, 0.0, name
+        while (mimic := described[leader].mimic) is not None:
+            offset += factor * mimic.offset
+            factor *= mimic.multiplier
+            leader = mimic.leader
+        if leader in driven:
+            ties[row, driven.index(leader)] = factor
+            offsets[row] = offset
+        else:
+            offsets[row] = factor * held.get(leader, 0.0) + offset
+    return ties, offsets, driven
+
+
+def has_mimics(robot: Robot) -> bool:
+    """Say whether a robot has mimic joints."""
+    return any(
+        body.joint is not None and body.joint.mimic is not None for body in robot.tree.bodies
+    )
+
+
+def coordinate_ties(robot: Robot) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Return T (n, r), c (n,) of q = T z + c over the r coordinates that follow no other.
+
+    Also their places (r,) among the n: z = q[places].
+    """
+    ties, offsets, driven = joint_ties(robot, None, {})
+    joints = robot.joint_indices
+    leaders = joints[[robot.joint_names.index(name) for name in driven]]
+    places = np.sort(np.concatenate([leaders, robot.flexible_indices]))
+    matrix, constant = np.zeros((robot.n, len(places))), np.zeros(robot.n)
+    matrix[np.ix_(joints, np.searchsorted(places, leaders))] = ties
+    matrix[robot.flexible_indices, np.searchsorted(places, robot.flexible_indices)] = 1.0
+    constant[joints] = offsets
+    return matrix, constant, places
