@@ -15,7 +15,7 @@ ifdef AMENT_PREFIX_PATH
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 endif
 
-.PHONY: demo test check lint bench readme venv clean
+.PHONY: demo test check lint bench rates readme venv clean
 
 venv: $(STAMP)
 
@@ -48,6 +48,10 @@ readme: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/denoc bench
 	$(BIN)/python test/bench/tick_latency.py
+
+# nine minutes: the demo's nodes at 1000 and at 500 Hz beside bare ones
+rates: $(STAMP)
+	PYTHONPATH=test $(BIN)/python -m bench.rates
 
 clean:
 	rm -rf $(VENV) build install log runs

@@ -135,6 +135,19 @@ class Loop:
             self._skipped += missed
             deadline += period
 
+    def record(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return when the last ticks (at most `WINDOW`) began and how late each was.
+
+        Returns
+        -------
+        start, late : (ticks,) arrays
+            [s] of `time.perf_counter`, and [s] against the deadline: a tick later than a period
+            has passed that many whole periods over.
+        """
+        count = self._count
+        slots = np.arange(max(0, count - WINDOW), count) % WINDOW
+        return self._start[slots], self._late[slots]
+
     def statistics(self) -> LoopStatistics:
         """Return what happened since the last call (at most the last `WINDOW` ticks)."""
         count = self._count

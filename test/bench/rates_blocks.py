@@ -1,0 +1,367 @@
+"""Blocks of the rates campaign: our nodes or bare ones for a while, and what that showed."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+from bench.journal import HEAD, Entries, read
+from mcap.reader import make_reader
+from numpy.typing import NDArray
+
+from denoc_ros.cli.config import SessionConfig
+from denoc_ros.cli.processes import Processes, free_domain
+from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.session import START_ORDER, STOP_ORDER, Session, Task
+from denoc_ros.cli.up import new_folder, warm_kernels
+from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.errors import DenocError
+from denoc_ros.nodes.driver import Driver
+from denoc_ros.simulation.reference import trajectory_from_config
+
+LOOPS = ('plant', 'predictor', 'feedforward')
+INPUTS = {
+    'plant': ('/feedforward/commands',),
+    'predictor': ('/joint_states',),
+    'feedforward': ('/joint_states',),
+}
+STAMPLESS = ('std_msgs/msg/Float64', 'std_msgs/msg/Float64MultiArray')
+SETTLING = 1.0  # s from the last process's start to the block's begin
+PATIENCE = 60.0  # s for processes to connect
+EACH_TICK = 0.5  # messages per tick from which on a topic counts as one per tick
+
+
+@dataclass(frozen=True)
+class LoopShare:
+    """How one loop kept its deadlines in a block; `late_*` in s against the deadline."""
+
+    deadlines: int
+    missed: int
+    late_p50: float
+    late_p99: float
+    late_max: float
+
+    @property
+    def share(self) -> float:
+        return self.missed / self.deadlines if self.deadlines else 1.0
+
+
+@dataclass(frozen=True)
+class Block:
+    """What one block showed."""
+
+    loops: dict[str, LoopShare]
+    processor: dict[str, float]  # share of a core by node
+    others: float  # cores that everything else on the machine took
+    published: int
+    recorded: int
+    missing: dict[str, int]  # by topic, none where all are there
+
+
+class WatchedProcesses(Processes):
+    """Processes that leave journals."""
+
+    def __init__(self, folder: Path, environment: Mapping[str, str]) -> None:
+        super().__init__(folder / 'logs', environment)
+        self._folder = folder
+
+    def start(self, name: str, arguments: Sequence[str], ends: bool = False) -> None:
+        """Start `-m module …` as a session does, under the eyes of a journal."""
+        watched = ['-m', 'bench.journal', str(self._folder / f'{name}.npz'), *arguments[1:]]
+        super().start(name, watched, ends)
+
+    def start_bare(self, name: str, spec: Path) -> None:
+        journal = str(self._folder / f'{name}.npz')
+        super().start(name, ['-m', 'bench.bare_node', journal, str(spec)])
+
+
+class WatchedDriver(Driver):
+    """A driver that knows when the phase was."""
+
+    window: Window
+
+    def begin_phase(self, name: str) -> None:
+        """Begin."""
+        self.window = Window()
+        super().begin_phase(name)
+
+    def end_phase(self) -> None:
+        """End."""
+        self.window.end()
+        super().end_phase()
+
+
+class Window:
+    """A stretch of time and what the machine's processors did in it."""
+
+    def __init__(self) -> None:
+        self.begin = time.perf_counter()
+        self._busy = busy_seconds()
+        self.finish = self.begin
+        self.busy = 0.0  # cores
+
+    def end(self) -> None:
+        self.finish = time.perf_counter()
+        self.busy = (busy_seconds() - self._busy) / (self.finish - self.begin)
+
+
+def busy_seconds() -> float:
+    """Return the time that all processors together have been busy [s]."""
+    fields = list(map(int, Path('/proc/stat').read_text().split('\n', 1)[0].split()[1:9]))
+    user, nice, system, _idle, _waiting, interrupts, soft, stolen = fields
+    return (user + nice + system + interrupts + soft + stolen) / os.sysconf('SC_CLK_TCK')
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A bag's messages by topic: checksums, whole and of heads; types; the first message."""
+
+    keys: dict[str, NDArray[np.int64]]
+    heads: dict[str, NDArray[np.int64]]
+    types: dict[str, str]
+    first: dict[str, bytes]
+
+
+def read_recording(file: Path) -> Recording:
+    """Read a bag in the order it was written."""
+    keys: dict[str, list[int]] = {}
+    heads: dict[str, list[int]] = {}
+    types: dict[str, str] = {}
+    first: dict[str, bytes] = {}
+    with file.open('rb') as stream:
+        for schema, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+            assert schema is not None
+            types[channel.topic] = schema.name
+            first.setdefault(channel.topic, message.data)
+            keys.setdefault(channel.topic, []).append(crc32(message.data))
+            heads.setdefault(channel.topic, []).append(crc32(message.data[HEAD]))
+    whole, head = ({t: np.array(k, dtype=np.int64) for t, k in c.items()} for c in (keys, heads))
+    return Recording(whole, head, types, first)
+
+
+def missing_messages(published: NDArray[np.int64], recorded: NDArray[np.int64]) -> int:
+    """Return how many of the published, in order, the end of the recorded does not hold."""
+    n = len(published)
+    if n == 0 or (len(recorded) >= n and np.array_equal(recorded[-n:], published)):
+        return 0
+    gone, place = 0, len(recorded)
+    places: dict[int, list[int]] = {}
+    for index, key in enumerate(recorded.tolist()):
+        places.setdefault(key, []).append(index)
+    for key in reversed(published.tolist()):
+        found = [index for index in places.get(key, ()) if index < place]
+        if found:
+            place = found[-1]
+        else:
+            gone += 1
+    return gone
+
+
+def loop_share(entries: Entries, window: Window) -> LoopShare:
+    """Return how a loop kept its deadlines in a window."""
+    inside = (entries.start >= window.begin) & (entries.start <= window.finish)
+    late, period = entries.late[inside], entries.period
+    if not len(late):
+        raise DenocError('a loop must tick in its block, got no tick')
+    over = np.where(late > period, np.floor(late / period), 0.0).astype(int)
+    return LoopShare(
+        deadlines=len(late) + int(over.sum()),
+        missed=int(np.count_nonzero(late > 0.5 * period)) + int(over.sum()),
+        late_p50=float(np.percentile(late, 50)),
+        late_p99=float(np.percentile(late, 99)),
+        late_max=float(late.max()),
+    )
+
+
+def judge(
+    journals: Mapping[str, Entries],
+    recording: Recording,
+    window: Window,
+    processor: Mapping[str, float],
+) -> Block:
+    """Return what a block showed."""
+    published = 0
+    missing: Counter[str] = Counter()
+    for topic in sorted({topic for entries in journals.values() for topic in entries.topics}):
+        writers = [entries for entries in journals.values() if topic in entries.topics]
+        sent = [entries.topics[topic] for entries in writers]
+        in_block = [keys[times >= window.begin] for times, keys in sent]
+        found = recording.keys if writers[0].whole[topic] else recording.heads
+        held = found.get(topic, np.zeros(0, dtype=np.int64))
+        count = sum(map(len, in_block))
+        if len(in_block) == 1:
+            lost = missing_messages(in_block[0], held)
+        else:  # /diagnostics: what several nodes say comes in any order
+            left = Counter(np.concatenate(in_block).tolist()) - Counter(held.tolist())
+            lost = sum(left.values())
+        published += count
+        if lost:
+            missing[topic] = lost
+    return Block(
+        loops={name: loop_share(journals[name], window) for name in LOOPS},
+        processor=dict(processor),
+        others=window.busy - sum(processor.values()),
+        published=published,
+        recorded=published - sum(missing.values()),
+        missing=dict(missing),
+    )
+
+
+class Bench:
+    """Runs blocks of both kinds at one rate.
+
+    Parameters
+    ----------
+    config : SessionConfig
+        Whose nodes run.
+    rate, seconds : float
+        Hz; s of a block.
+    priority : int or None
+        SCHED_FIFO priority of every loop; None: as the configuration says.
+    folder : Path
+        For what the blocks leave.
+    """
+
+    def __init__(
+        self,
+        config: SessionConfig,
+        rate: float,
+        seconds: float,
+        priority: int | None,
+        folder: Path,
+    ) -> None:
+        given = {} if priority is None else {'thread_priority': priority}
+        nodes = {name: dict(config.nodes.get(name, {})) for name in START_ORDER}
+        for name in LOOPS:
+            nodes[name] |= {'update_rate': rate, **given}
+        reference = {**config.reference, 'duration': seconds}
+        robot = load_robot(config.robot, gravity=config.gravity)
+        joints = list(robot.joint_names)
+        trajectory = trajectory_from_config(reference, joints)
+        nodes['plant'].setdefault('start', trajectory.table(seconds)[1][0].tolist())
+        warm_kernels(robot)
+        self.priority = int(nodes['plant'].get('thread_priority', 0))
+        self._config = dataclasses.replace(
+            config, reference=reference, nodes=nodes, phases=config.phases[-1:]
+        )
+        self._task = Task(trajectory, joints, seconds)
+        self._rate, self._seconds = rate, seconds
+        self._folder = folder
+        self._specs: dict[str, dict[str, Any]] = {}
+
+    def ours(self, index: int) -> Block:
+        """Run a session of `denoc up`."""
+        folder = new_folder(self._folder / f'ours-{index}')
+        with domain() as environment:
+            processes = WatchedProcesses(folder, environment)
+            text = self._config.robot.read_text()
+            driver = WatchedDriver(text, True, processes.check)
+            with driver:
+                session = Session(self._config, self._task, folder, processes, driver, Progress())
+                shares = session.run()
+            window = driver.window
+        journals = {name: read(folder / f'{name}.npz') for name in START_ORDER}
+        recording = read_recording(next((folder / 'bag').glob('*.mcap')))
+        if not self._specs:
+            self._specs = self._bare_specs(journals, recording, window)
+        return judge(journals, recording, window, shares)
+
+    def _bare_specs(
+        self, journals: Mapping[str, Entries], recording: Recording, window: Window
+    ) -> dict[str, dict[str, Any]]:
+        """Return what bare nodes have to do: the topics that ours send about once a tick."""
+        least = EACH_TICK * self._seconds * self._rate * 0.5
+        publish: dict[str, list[dict[str, Any]]] = {}
+        for name, entries in journals.items():
+            publish[name] = [
+                {
+                    'topic': topic,
+                    'type': recording.types[topic],
+                    'depth': entries.depths[topic],
+                    'stamped': recording.types[topic] not in STAMPLESS,
+                    'raw': recording.first[topic].hex(),
+                }
+                for topic, (times, _) in entries.topics.items()
+                if np.count_nonzero(times >= window.begin) > least and topic in recording.types
+            ]
+        every = {row['topic']: row for rows in publish.values() for row in rows}
+        return {
+            name: {
+                'name': name,
+                'rate': self._rate,
+                'priority': self.priority,
+                'publish': rows,
+                'listen': [
+                    {'topic': topic, 'type': row['type']}
+                    for topic, row in every.items()
+                    if topic in INPUTS.get(name, tuple(every))
+                ],
+            }
+            for name, rows in publish.items()
+        }
+
+    def bare(self, index: int) -> Block:
+        """Run bare nodes for as long."""
+        folder = new_folder(self._folder / f'bare-{index}')
+        bag = folder / 'bag.mcap'
+        with domain() as environment:
+            processes = WatchedProcesses(folder, environment)
+            try:
+                for name in START_ORDER:
+                    more = {'bag': str(bag)} if name == 'recorder' else {}
+                    spec = folder / f'{name}.json'
+                    spec.write_text(json.dumps({**self._specs[name], **more}))
+                    processes.start_bare(name, spec)
+                wait_for([folder / f'{name}.ready' for name in START_ORDER], processes)
+                window, before = Window(), processes.cpu_seconds()
+                time.sleep(self._seconds)
+                after = processes.cpu_seconds()
+                window.end()
+            finally:
+                processes.stop_all(STOP_ORDER)
+        elapsed = window.finish - window.begin
+        shares = {name: (after[name] - before[name]) / elapsed for name in after}
+        journals = {name: read(folder / f'{name}.npz') for name in START_ORDER}
+        return judge(journals, read_recording(bag), window, shares)
+
+
+@contextmanager
+def domain() -> Iterator[dict[str, str]]:
+    """Give a ROS domain that is free to this process and, as environment, to its children."""
+    paths = [str(Path(__file__).resolve().parents[1]), os.environ.get('PYTHONPATH', '')]
+    given = {
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'ROS_DOMAIN_ID': str(free_domain()),
+    }
+    before = {key: os.environ.get(key) for key in given}
+    os.environ.update(given)
+    try:
+        yield {**given, 'PYTHONPATH': os.pathsep.join(filter(None, paths))}
+    finally:
+        for key, value in before.items():
+            if value is None:
+                del os.environ[key]
+            else:
+                os.environ[key] = value
+
+
+def wait_for(files: Sequence[Path], processes: Processes) -> None:
+    """Wait until every node has said that it runs, then a little longer."""
+    end = time.perf_counter() + PATIENCE
+    while not all(file.exists() for file in files):
+        processes.check()
+        if time.perf_counter() > end:
+            missing = [file.stem for file in files if not file.exists()]
+            raise DenocError(f'bare nodes must connect within {PATIENCE:g} s, got none: {missing}')
+        time.sleep(0.05)
+    time.sleep(SETTLING)

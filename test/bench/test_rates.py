@@ -1,0 +1,49 @@
+"""The rates campaign: nothing that is published is lost, and every number is there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bench.journal import Entries
+from bench.rates import measure, table
+from bench.rates_blocks import LOOPS, Window, loop_share, missing_messages
+
+from denoc_ros.cli.config import load_config
+from denoc_ros.cli.session import START_ORDER
+
+
+def keys(*values: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    return np.array(values, dtype=np.int64)
+
+
+def test_missing_messages_are_counted_wherever_they_are() -> None:
+    published = keys(3, 4, 4, 5)
+    assert missing_messages(published, keys(1, 2, 3, 4, 4, 5)) == 0
+    assert missing_messages(published, keys(1, 2, 3, 4, 4)) == 1
+    assert missing_messages(published, keys(3, 4, 5)) == 1
+    assert missing_messages(published, keys(1, 4, 4)) == 2
+    assert missing_messages(published, keys()) == 4
+
+
+def test_deadlines_passed_over_count_as_missed() -> None:
+    # ticks on time, late by 0.6 periods, and by 2.3: that passed two more deadlines over
+    window = Window()
+    start, late = window.begin + np.arange(3.0), np.array([0.0, 0.6, 2.3])
+    window.finish = window.begin + 10.0
+    share = loop_share(Entries({}, {}, {}, start, late, 1.0), window)
+    assert (share.deadlines, share.missed) == (5, 4)
+
+
+@pytest.mark.ros
+def test_campaign_loses_nothing_and_has_its_numbers() -> None:
+    # a rate that a loaded machine keeps: how late the ticks are is not judged here
+    campaign = measure(load_config('config/canadarm.yaml'), 200.0, seconds=2.0, blocks=1)
+    record = campaign.record()
+    for kind in ('ours', 'bare'):
+        found = record[kind]
+        assert found['missing'] == 0, found['blocks'][0]['missing']
+        assert found['published'] > 0.5 * 9 * 2.0 * 200.0
+        assert set(found['late_share']) == set(LOOPS)
+        assert all(0.0 <= share <= 1.0 for share in found['late_share'].values())
+        assert all(found['processor'][node] > 0.0 for node in START_ORDER)
+    assert len(table(campaign)) == 2 + len(START_ORDER) + 2
