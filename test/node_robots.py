@@ -32,5 +32,21 @@ def two_links() -> str:
     )
 
 
+def gripper() -> str:
+    """Return the two links with a finger on each side: joint `right` mimics `left` mirrored."""
+    fingers = ''.join(
+        f"""<link name="{side}_finger"><inertial><origin xyz="0.1 0 0"/><mass value="0.2"/>
+<inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
+<joint name="{side}" type="revolute"><parent link="two"/><child link="{side}_finger"/>
+<origin xyz="1 {y} 0"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="5" velocity="9"/>
+<dynamics damping="0.05"/>{mimic}</joint>"""
+        for side, y, mimic in (
+            ('left', 0.05, ''),
+            ('right', -0.05, '<mimic joint="left" multiplier="-1" offset="0.1"/>'),
+        )
+    )
+    return two_links().replace('<flexibility>', f'{fingers}<flexibility>')
+
+
 GRAVITY = [0.0, -9.81, 0.0]
 JOINTS = ['j1', 'j2']

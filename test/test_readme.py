@@ -22,7 +22,7 @@ TABLE_MODULES = {
     'feedforward': 'denoc_ros.nodes.feedforward_parameters',
     'predictor': 'denoc_ros.nodes.predictor_parameters',
     'recorder': 'denoc_ros.nodes.recorder_parameters',
-    'plant': 'denoc_ros.nodes.plant',
+    'plant': 'denoc_ros.nodes.plant_parameters',
 }
 
 

@@ -235,6 +235,8 @@ def _known_beams(root: Element) -> list[str]:
 def _set(
     element: Element, attribute: str, path: str, value: Value | Array, findings: Findings
 ) -> None:
+    if attribute == 'modes' and isinstance(value, float) and value.is_integer():
+        value = int(value)  # parameters of nodes are doubles
     text = _text(value)
     if text is None:
         findings.add(f'path {path!r}', f'value must be a number, or numbers, got {value!r}')

@@ -284,8 +284,8 @@ def lifecycle_parameters() -> tuple[Parameter, ...]:
     )
 
 
-def robot_parameters(live: bool = True) -> tuple[Parameter, ...]:
-    """Return the rows of every node that holds a robot's model; whether it may change live."""
+def robot_parameters() -> tuple[Parameter, ...]:
+    """Return the rows of every node that holds a robot's model."""
     return (
         Parameter(
             'urdf_path',
@@ -313,7 +313,7 @@ def robot_parameters(live: bool = True) -> tuple[Parameter, ...]:
                 None,
                 f'override of the model by its dotted path, such as `{example}`',
                 'SI',
-                live=live,
+                live=True,
             )
             for family, example in (
                 ('beam', 'beam.upper_arm.y.damping_ratio'),

@@ -6,7 +6,7 @@ import math
 import sys
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,23 +16,19 @@ from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.feedback import with_joint_feedback
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.dynamics.tied_stepper import stepper_of
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import LATCHED, STATE, run
 from denoc_ros.nodes.conversions import CommandReader, read_trajectory
 from denoc_ros.nodes.diagnostics import WARN, Status
+from denoc_ros.nodes.joint_ties import JointTies
 from denoc_ros.nodes.messages import JointStateMessage
-from denoc_ros.nodes.parameters import (
-    Kind,
-    Parameter,
-    ParameterTable,
-    Settings,
-    lifecycle_parameters,
-    loop_parameters,
-    robot_parameters,
-)
+from denoc_ros.nodes.parameters import Settings, Value
+from denoc_ros.nodes.plant_parameters import TABLE
 from denoc_ros.nodes.reference import ReferenceFollower
-from denoc_ros.nodes.robot_node import RobotNode, driven_joints
+from denoc_ros.nodes.robot_node import RobotNode, driven_joints, is_override
 from denoc_ros.nodes.sensor_outputs import SensorOutputs
 from denoc_ros.nodes.stamps import StampOf
 
@@ -40,82 +36,14 @@ Array = NDArray[np.float64]
 CATCH_UP = 50  # steps at most per tick after a pause of the machine; more is time lost
 REFERENCE_GAP = 0.2  # s
 
-TABLE = ParameterTable(
-    [
-        *lifecycle_parameters(),
-        *robot_parameters(live=False),
-        *loop_parameters(),
-        Parameter(
-            'joints',
-            Kind.STRINGS,
-            [],
-            'joints with a drive; empty: all (mimic joints are refused)',
-        ),
-        Parameter(
-            'command', Kind.STRING, '/feedforward/commands', 'topic of the commanded effort'
-        ),
-        Parameter(
-            'command_timeout',
-            Kind.DOUBLE,
-            math.inf,
-            'age after which the commanded effort counts as zero; until then it is held',
-            's',
-            positive=True,
-        ),
-        Parameter(
-            'brake',
-            Kind.BOOL,
-            True,
-            'the joints stay where they start until the first command comes',
-        ),
-        Parameter(
-            'enforce_effort_limits', Kind.BOOL, True, "drives saturate at the URDF's effort limits"
-        ),
-        Parameter('start', Kind.DOUBLES, [], 'joint positions at the start; empty: 0', 'rad, m'),
-        Parameter(
-            'start_deflection',
-            Kind.STRING,
-            'static',
-            'amplitudes at the start: in equilibrium, or zero',
-            choices=('static', 'zero'),
-        ),
-        Parameter(
-            'feedback.kp',
-            Kind.DOUBLES,
-            [0.0],
-            "the robot's own joint controller beside the commands: stiffness towards "
-            '`reference`, one or one per joint',
-            'N m/rad, N/m',
-            0.0,
-        ),
-        Parameter(
-            'feedback.kd',
-            Kind.DOUBLES,
-            [0.0],
-            "the robot's own joint controller: damping against the reference's rate",
-            'N m s/rad, N s/m',
-            0.0,
-        ),
-        Parameter(
-            'noise.position', Kind.DOUBLE, 0.0, 'deviation of measured positions', 'rad, m', 0.0
-        ),
-        Parameter(
-            'noise.velocity', Kind.DOUBLE, 0.0, 'deviation of measured rates', 'rad/s, m/s', 0.0
-        ),
-        Parameter('noise.effort', Kind.DOUBLE, 0.0, 'deviation of measured effort', 'N m, N', 0.0),
-        Parameter('noise.sensors', Kind.BOOL, True, "sensors have the noise of the URDF's block"),
-        Parameter('seed', Kind.INTEGER, 0, 'of the noise', '', 0),
-        Parameter(
-            'max_publishers',
-            Kind.INTEGER,
-            1,
-            'publishers allowed on an input topic; with more, all its messages are rejected',
-            '',
-            1,
-            100,
-        ),
-    ]
-)
+
+class Physics(NamedTuple):
+    """What a model moves by, with and without the joint controller, and where it starts."""
+
+    robot: Robot
+    stepper: Stepper
+    feedback_stepper: Stepper
+    start: Array
 
 
 class PlantNode(RobotNode):
@@ -134,44 +62,42 @@ class PlantNode(RobotNode):
         settings, robot = self.settings, self.robot
         name = self.get_fully_qualified_name()
         self.joints = driven_joints(robot, settings.texts('joints'), name)
-        self._refuse_mimics(name)
         self._drives = np.array([robot.joint_names.index(joint) for joint in self.joints])
         self._index = np.ascontiguousarray(robot.joint_indices[self._drives])
-        self.stepper = Stepper(robot, self.period)
-        self.start = self._start(settings)
         self.q, self.qd, self._tau = np.zeros((3, robot.n))
         self._still = np.zeros(len(robot.joint_names))
         self._prepare_drives(settings)
+        physics = self._build(robot, settings)
         self._prepare_messages(settings)
+        self._use(physics)
+        self._pending: Physics | None = None
         self._reset_wanted = False
         self._lost_steps = 0
         self._brake = settings.flag('brake')
         self._place()
-        # every path of the tick once, so that nothing compiles in the loop
-        self.stepper.driven(self.q, self.qd, self._still)
-        self.stepper.free(self.q, self.qd, self._tau)
-        self._feedback_stepper.free(self.q, self.qd, self._tau)
         self.deflections.evaluate(self.q, self.qd, out=(self._bent, self._bending))
-        self._place()
         self._connect()
         if settings.text('urdf_path'):
             self._description_out.publish(String(data=robot.tree.source))
 
-    def _refuse_mimics(self, name: str) -> None:
-        mimics = [
-            body.joint.name
-            for body in self.robot.tree.bodies
-            if body.joint is not None and body.joint.mimic is not None
-        ]
-        if mimics:
-            raise ConfigError(
-                name,
-                [f'the simulated robot must have no mimic joints (in real time), got {mimics}'],
-            )
+    def _build(self, robot: Robot, settings: Settings) -> Physics:
+        """Return what moves a robot, every path of the tick taken once."""
+        held = with_joint_feedback(robot, self._index, self._kp, self._kd)
+        stepper, feedback = stepper_of(robot, self.period), stepper_of(held, self.period)
+        start = self._start(robot, settings)
+        q, qd = start.copy(), np.zeros(robot.n)
+        stepper.driven(q, qd, self._still)
+        stepper.free(q, qd, np.zeros(robot.n))
+        feedback.free(q, qd, np.zeros(robot.n))
+        return Physics(robot, stepper, feedback, start)
 
-    def _start(self, settings: Settings) -> Array:
+    def _use(self, physics: Physics) -> None:
+        self.robot, self.stepper, self._feedback_stepper, self.start = physics
+        self.sensors.update(self.robot.tree)
+
+    def _start(self, robot: Robot, settings: Settings) -> Array:
         """Return the state (n,) to start from."""
-        robot, count = self.robot, len(self.joints)
+        count = len(self.joints)
         given = settings.numbers('start') or [0.0] * count
         if len(given) != count:
             raise ConfigError(
@@ -179,7 +105,7 @@ class PlantNode(RobotNode):
                 [f"parameter 'start' must have {count} elements, got {len(given)}"],
             )
         q = np.zeros(robot.n)
-        q[self._index] = given
+        q[robot.joint_indices] = JointTies(robot, self.joints).positions(np.array(given))
         if settings.text('start_deflection') == 'static':
             return robot.static_deflection(q[robot.joint_indices])
         return q
@@ -192,9 +118,6 @@ class PlantNode(RobotNode):
             for key in ('kp', 'kd')
         )
         self._has_feedback = bool(self._kp.any() or self._kd.any())
-        self._feedback_stepper = Stepper(
-            with_joint_feedback(self.robot, self._index, self._kp, self._kd), self.period
-        )
         limits = {
             body.joint.name: body.joint.limits.effort
             for body in self.robot.tree.bodies
@@ -276,6 +199,13 @@ class PlantNode(RobotNode):
             self._reset_wanted = True
         return 'back at the start'
 
+    def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
+        """Build a changed model beside the loop; it moves on by that from the next tick."""
+        if self.state in ('active', 'inactive') and any(map(is_override, changes)):
+            robot = self.changed_robot(settings)
+            self.require_coordinates(robot)
+            self._pending = self._build(robot, settings)
+
     # ---- loop
 
     def begin(self) -> None:
@@ -290,6 +220,10 @@ class PlantNode(RobotNode):
 
     def tick(self, steps: int) -> None:
         """Advance to now under the effort of the drives and publish what the sensors say."""
+        pending = self._pending
+        if pending is not None:
+            self._pending = None
+            self._use(pending)
         if self._reset_wanted:
             self._reset_wanted = False
             self._place()

@@ -304,11 +304,7 @@ class PredictorNode(RobotNode):
             self._replace(self.changed_robot(settings), settings)
 
     def _replace(self, robot: Robot, settings: Settings) -> None:
-        if tuple(robot.coordinate_names) != tuple(self.robot.coordinate_names):
-            raise ConfigError(
-                self.get_fully_qualified_name(),
-                [f'the robot must keep its coordinates, got {list(robot.coordinate_names)}'],
-            )
+        self.require_coordinates(robot)
         observer = self._build(robot, settings)
         self._lines = CentreLines(robot.copy(), self.base_frame)
         self._pending = robot, observer

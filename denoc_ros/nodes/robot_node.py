@@ -115,6 +115,20 @@ class RobotNode(DenocNode):
         assert model is not None
         return model.robot(settings.family(*FAMILIES))
 
+    def require_coordinates(self, robot: Robot) -> None:
+        """Refuse a changed robot that has other coordinates.
+
+        Raises
+        ------
+        ConfigError
+            With the coordinates it has.
+        """
+        if tuple(robot.coordinate_names) != tuple(self.robot.coordinate_names):
+            raise ConfigError(
+                self.get_fully_qualified_name(),
+                [f'the robot must keep its coordinates, got {list(robot.coordinate_names)}'],
+            )
+
     def plain(self, changes: dict[str, Value]) -> dict[str, Value]:
         """Return changes with overrides under their own paths."""
         return changes if self.model is None else self.model.plain(changes)

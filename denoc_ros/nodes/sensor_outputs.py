@@ -32,14 +32,8 @@ class SensorOutputs:
     def __init__(
         self, node: DenocNode, tree: Tree, noisy: bool, generator: np.random.Generator
     ) -> None:
+        self.update(tree)
         sensors = [sensor for sensor in tree.sensors if sensor.topic]
-        n = sum(1 for body in tree.bodies if body.joint is not None) + sum(
-            sum(body.beam.modes) for body in tree.bodies if body.beam is not None
-        )
-        self._rows = np.zeros((len(sensors), n))
-        for row, sensor in zip(self._rows, sensors, strict=True):
-            start = _first_amplitude(tree, sensor.body)
-            row[start : start + len(sensor.row)] = sensor.row
         self._gain = np.array([sensor.gain for sensor in sensors])
         self._offset = np.array([sensor.offset for sensor in sensors])
         self._deviation = np.array([sensor.noise if noisy else 0.0 for sensor in sensors])
@@ -49,6 +43,17 @@ class SensorOutputs:
             _Topic(node, topic, [(k, s) for k, s in enumerate(sensors) if s.topic == topic])
             for topic in dict.fromkeys(sensor.topic for sensor in sensors)
         ]
+
+    def update(self, tree: Tree) -> None:
+        """Take the rows of a changed model of the same robot."""
+        sensors = [sensor for sensor in tree.sensors if sensor.topic]
+        n = sum(1 for body in tree.bodies if body.joint is not None) + sum(
+            sum(body.beam.modes) for body in tree.bodies if body.beam is not None
+        )
+        self._rows = np.zeros((len(sensors), n))
+        for row, sensor in zip(self._rows, sensors, strict=True):
+            start = _first_amplitude(tree, sensor.body)
+            row[start : start + len(sensor.row)] = sensor.row
 
     def send(self, stamp_ns: int, q: Array) -> None:
         """Publish what the sensors read at the coordinates q (n,)."""

@@ -91,7 +91,10 @@ def test_the_values_of_a_robot_leave_it_as_it_is(arm_text: str) -> None:
 
 
 def test_modes_change_the_coordinates(arm_text: str) -> None:
-    overrides: Mapping[str, Any] = {'beam.upper_arm.z.modes': 5, 'beam.upper_arm.torsion.gj': 7.0}
+    overrides: Mapping[str, Any] = {
+        'beam.upper_arm.z.modes': 5.0,
+        'beam.upper_arm.torsion.gj': 7.0,
+    }
     beam = beam_of(with_overrides(arm_text, overrides), 'upper_arm')
     assert beam.modes == (2, 5, 1)
     assert beam.torsion is not None

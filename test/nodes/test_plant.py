@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from node_robots import GRAVITY, two_links
+from node_robots import GRAVITY, gripper, two_links
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension, String
 from std_srvs.srv import Trigger
@@ -18,6 +19,7 @@ from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.nodes.base import LATCHED
 from denoc_ros.nodes.plant import PlantNode
+from denoc_ros.nodes.predictor import PredictorNode
 
 pytestmark = pytest.mark.ros
 RATE = 200.0
@@ -66,6 +68,43 @@ def test_it_moves_as_the_stepper_says(graph: Any, plant: Any, urdf: str) -> None
     # a late tick takes several steps at once, none is lost or done twice
     assert all(later > earlier for earlier, later in itertools.pairwise(found))
     assert tuple(states[0].name) == robot.coordinate_names
+
+
+def test_mimic_joints_follow_their_leader(graph: Any, tmp_path: Path) -> None:
+    file = tmp_path / 'gripper.urdf'
+    file.write_text(gripper())
+    states = graph.collect(JointState, '/joint_states')
+    parameters = {'urdf_path': str(file), 'gravity': GRAVITY, 'update_rate': RATE}
+    node = graph.add(PlantNode, parameters={**parameters, 'start': [-1.0, 0.3, 0.4]})
+    watcher = graph.add(PredictorNode, parameters={**parameters, 'source': 'torque'})
+    assert node.joints == watcher.joints == ['j1', 'j2', 'left']
+    publisher = graph.publisher(Float64MultiArray, '/feedforward/commands')
+    publisher.publish(command('left,j1', [0.3, 20.0]))
+    estimates = graph.collect(JointState, '/predictor/modal_state')
+    graph.until(lambda: states and abs(states[-1].position[2] - 0.4) > 0.02)
+    graph.until(lambda: len(estimates) > 20)
+    for message in [*states, *estimates]:
+        position = dict(zip(message.name, message.position, strict=True))
+        velocity = dict(zip(message.name, message.velocity, strict=True))
+        assert abs(position['right'] - (0.1 - position['left'])) < 1e-12
+        assert abs(velocity['right'] + velocity['left']) < 1e-12
+
+
+def test_a_payload_picked_up_bends_the_running_robot(graph: Any, plant: Any, urdf: str) -> None:
+    states = graph.collect(JointState, '/plant/true_modal_state')
+    node = plant(damping__one__y=0.5, damping__two__y=0.5)
+    graph.until(lambda: len(states) > 5)
+    robot = load_robot(urdf, gravity=GRAVITY)
+    free = robot.static_deflection([0.0, 0.0])
+    np.testing.assert_allclose(states[-1].position, free, atol=1e-9)
+    (result,) = node.set_parameters([Parameter('payload.two.mass', value=2.0)])
+    assert result.successful, result.reason
+    robot.set_payload('two', 2.0)
+    loaded = robot.static_deflection([0.0, 0.0])
+    graph.until(lambda: np.allclose(states[-1].position, loaded, atol=1e-4))
+    assert np.abs(loaded - free).max() > 0.01
+    (result,) = node.set_parameters([Parameter('beam.one.y.modes', value=3.0)])
+    assert 'must keep its coordinates' in result.reason
 
 
 def test_the_brake_holds_until_the_first_command(graph: Any, plant: Any) -> None:
