@@ -119,6 +119,7 @@ class Session:
         file = self._folder / 'parameters' / f'{name}.yaml'
         write_parameters(file, self._parameters[name])
         arguments = ['--ros-args', '--params-file', str(file)]
+        self._driver.forget(name)
         self._processes.start(name, ['-m', f'denoc_ros.nodes.{name}', *arguments])
         self._driver.wait_active(name, START_TIMEOUT)
         self._progress.say(f'{name}: active after {time.perf_counter() - began:.1f} s')
@@ -169,9 +170,8 @@ class Session:
         start = time.perf_counter()
         if self._task.trajectory is not None:
             start += LEAD
-            listeners = len({'feedforward', 'recorder'}.intersection(self._names))
             self._driver.publish_reference(
-                self._task.trajectory, self._task.joints, LEAD, listeners
+                self._task.trajectory, self._task.joints, LEAD, len(self._listeners())
             )
             self._driver.wait(SETTLING)
         self._reset('plant')
@@ -179,12 +179,17 @@ class Session:
         self._reset('predictor')
         return start - time.perf_counter()
 
+    def _listeners(self) -> list[str]:
+        """Return the nodes that must not miss a reference."""
+        return [name for name in self._names if name in ('feedforward', 'recorder')]
+
     def _reset(self, name: str) -> None:
         if name in self._names:
             self._driver.trigger(f'/{name}/reset')
 
     def _play(self, bag: Path, phase: Phase) -> None:
-        self._processes.start('player', ['-m', 'denoc_ros.nodes.player', str(bag)], ends=True)
+        arguments = ['-m', 'denoc_ros.nodes.player', str(bag), '--listeners', *self._listeners()]
+        self._processes.start('player', arguments, ends=True)
         with self._progress.phase(phase.name, self._task.duration) as show:
             start = time.perf_counter()
             while self._processes.running('player'):

@@ -283,8 +283,7 @@ def _print_summary(summary: dict[str, Any], folder: Path) -> None:
         print(line)
     report = folder / 'report.html'
     print(f'run     {folder}')
-    if report.is_file():
-        print(f'report  {report}')
+    print(f'report  {report}' if report.is_file() else 'report  none: nothing was recorded')
 
 
 @contextmanager

@@ -11,7 +11,6 @@ from typing import Any
 import rclpy
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import SetParameters
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -28,7 +27,9 @@ from denoc_ros.simulation.trajectories import Trajectory
 REFERENCE_STEP = 0.05  # s; the quintics between such points are exact to 1e-9 rad
 LARGEST_MESSAGE = 60_000  # bytes: a best-effort message should fit one datagram
 DISCOVERY = 0.5  # s in which those who are there already make themselves known
-PATIENCE = 5.0  # s that a service may take to answer
+# s until a request is sent again: one that comes before the server has found the client is lost
+RETRY = 1.0
+PATIENCE = 10.0  # s that a service may take to answer
 
 
 class NodeError(DenocError):
@@ -90,7 +91,10 @@ class Driver:
         rclpy.try_shutdown()
 
     def diagnostics(self, status: str) -> Mapping[str, str]:
-        """Return the last values of a diagnostic status such as `feedforward: loop`."""
+        """Return the last values of a diagnostic status such as `feedforward: loop`.
+
+        Its message stands under the empty key.
+        """
         return self._statuses.get(status, {})
 
     def wait(self, seconds: float) -> None:
@@ -108,32 +112,31 @@ class Driver:
             time.sleep(min(0.02, left))
         return True
 
+    def forget(self, name: str) -> None:
+        """Forget what a node said: it is about to be started anew."""
+        for status in [status for status in self._statuses if status.startswith(f'{name}: ')]:
+            del self._statuses[status]
+
     def wait_active(self, name: str, timeout: float) -> None:
-        """Wait until a lifecycle node is active.
+        """Wait until a node says on /diagnostics, which it does once a second, that it is active.
 
         Raises
         ------
         NodeError
-            When it is not within `timeout` [s].
+            When it does not within `timeout` [s].
         """
-        client = self._node.create_client(GetState, f'/{name}/get_state')
-        state = 'silent'
-        end = time.perf_counter() + timeout
-        try:
-            while time.perf_counter() < end:
-                reply = self._ask(client, GetState.Request(), min(PATIENCE, timeout))
-                state = reply.current_state.label if reply is not None else state
-                if state == 'active':
-                    return
-                self.wait(0.1)
-        finally:
-            self._node.destroy_client(client)
-        raise NodeError(f'{name}: node must be active within {timeout:g} s, got {state}')
+        if not self.until(lambda: self._says_active(name), timeout):
+            raise NodeError(f'{name}: node must be active within {timeout:g} s')
+
+    def _says_active(self, name: str) -> bool:
+        loop = self.diagnostics(f'{name}: loop')
+        recording = self.diagnostics(f'{name}: recording')
+        return 'active' in (loop.get('state'), loop.get('')) or 'path' in recording
 
     def trigger(self, service: str) -> None:
         """Call a Trigger service; NodeError when it fails or does not answer."""
         client = self._node.create_client(Trigger, service)
-        reply = self._ask(client, Trigger.Request(), PATIENCE)
+        reply = self._insist(client, Trigger.Request())
         self._node.destroy_client(client)
         if reply is None or not reply.success:
             answer = 'no answer' if reply is None else reply.message
@@ -147,7 +150,7 @@ class Driver:
                 Parameter(key, value=value).to_parameter_msg() for key, value in values.items()
             ]
         )
-        reply = self._ask(client, request, PATIENCE)
+        reply = self._insist(client, request)
         self._node.destroy_client(client)
         refused = (
             ['no answer']
@@ -186,6 +189,15 @@ class Driver:
         start_ns = time.time_ns() + round(lead * 1e9)
         publisher.publish(reference_message(trajectory, joints, start_ns))
 
+    def _insist(self, client: Any, request: Any) -> Any:
+        """Ask until there is a reply, None if there is none in time; the request is idempotent."""
+        end = time.perf_counter() + PATIENCE
+        while time.perf_counter() < end:
+            reply = self._ask(client, request, RETRY)
+            if reply is not None:
+                return reply
+        return None
+
     def _ask(self, client: Any, request: Any, timeout: float) -> Any:
         """Return the reply of a service, None when there is none in time."""
         end = time.perf_counter() + timeout
@@ -201,7 +213,8 @@ class Driver:
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
-            self._statuses[status.name] = {pair.key: pair.value for pair in status.values}
+            values = {pair.key: pair.value for pair in status.values}
+            self._statuses[status.name] = {'': status.message, **values}
 
 
 def reference_message(trajectory: Trajectory, joints: list[str], start_ns: int) -> JointTrajectory:

@@ -26,7 +26,7 @@ from denoc_ros.nodes.base import EVERY_MESSAGE
 from denoc_ros.nodes.messages import JointStateMessage, TrajectoryPointMessage
 
 Array = NDArray[np.float64]
-DISCOVERY_TIMEOUT = 5.0  # s to wait for somebody who listens
+DISCOVERY_TIMEOUT = 20.0  # s to wait for those who are to listen
 
 
 @dataclass(frozen=True)
@@ -118,9 +118,20 @@ class Player(Node):
         self._state_message = JointStateMessage(motion.names, fields)
         self._reference_message = TrajectoryPointMessage(motion.names)
 
-    def play(self) -> None:
-        """Publish all messages, each at its time; wait first until somebody listens."""
-        self._wait_for_listeners()
+    def play(self, listeners: Sequence[str] = ()) -> None:
+        """Publish all messages, each at its time.
+
+        Parameters
+        ----------
+        listeners : sequence of str
+            Nodes that must have been found on both topics before the first message.
+
+        Raises
+        ------
+        BagError
+            When one of them does not listen.
+        """
+        self._wait_for(listeners)
         motion = self._motion
         start_ns = time.time_ns()
         since = (motion.stamp_ns - motion.stamp_ns[0]).tolist()
@@ -147,13 +158,23 @@ class Player(Node):
         self._state.publish(state.bytes())
         self._reference.publish(point.bytes())
 
-    def _wait_for_listeners(self) -> None:
+    def _wait_for(self, listeners: Sequence[str]) -> None:
         end = time.perf_counter() + DISCOVERY_TIMEOUT
-        publishers = (self._state, self._reference)
-        while time.perf_counter() < end:
-            if all(publisher.get_subscription_count() > 0 for publisher in publishers):
-                return
+        while missing := self._missing(listeners):
+            if time.perf_counter() > end:
+                raise BagError(f'player: {", ".join(missing)} must listen, got nobody there')
             time.sleep(0.05)
+
+    def _missing(self, listeners: Sequence[str]) -> list[str]:
+        """Return which of the listeners still lack a connection to one of the topics."""
+        missing: set[str] = set()
+        for publisher in (self._state, self._reference):
+            found = self.get_subscriptions_info_by_topic(publisher.topic)
+            absent = set(listeners) - {info.node_name for info in found}
+            # known is not yet connected: before that a message would be lost
+            unconnected = publisher.get_subscription_count() < len(found)
+            missing |= absent or (set(listeners) if unconnected else set())
+        return sorted(missing)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -163,11 +184,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('bag', type=Path)
     parser.add_argument('--topic', default='/joint_states')
     parser.add_argument('--speed', type=float, default=1.0)
+    parser.add_argument('--listeners', nargs='*', default=[], help='nodes to wait for')
     options = parser.parse_args(remove_ros_args(given))
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        Player(read_motion(options.bag, options.topic), options.speed).play()
+        player = Player(read_motion(options.bag, options.topic), options.speed)
+        player.play(options.listeners)
     except DenocError as error:
         print(f'player: {error}', file=sys.stderr)
         return 1

@@ -47,8 +47,8 @@ def test_every_recorded_message_gets_the_torque_of_rnea(graph: Any) -> None:
         enforce_command_limits=False,
     )
     answers = graph.collect(JointState, '/feedforward/effort')
-    command = [sys.executable, '-m', 'denoc_ros.nodes.player', str(bag), '--speed', str(SPEED)]
-    player = subprocess.Popen(command)
+    options = ['--speed', str(SPEED), '--listeners', 'feedforward']
+    player = subprocess.Popen([sys.executable, '-m', 'denoc_ros.nodes.player', str(bag), *options])
     try:
         graph.until(lambda: player.poll() is not None, 60.0)
         graph.spin(0.5)
