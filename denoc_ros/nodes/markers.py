@@ -10,7 +10,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.model.tree import Beam
+from denoc_ros.model.tree import Body
 
 Array = NDArray[np.float64]
 
@@ -49,28 +49,26 @@ class CentreLines:
             )
             for index, body in enumerate(tree.bodies)
         ]
+        self._beams = {
+            body.name: _BeamLine(robot, body)
+            for body in tree.bodies
+            if body.beam is not None and any(body.beam.modes)
+        }
 
     def points(self, q: Array) -> list[tuple[str, bool, Array]]:
         """Return link, whether flexible, and points (k, 3) [m, base frame] of every line."""
         lines = []
         for body, children in self._lines:
             pose = self._robot.frame_pose(body.name, q)
-            if body.beam is not None and any(body.beam.modes):
-                lines.append(
-                    (body.name, True, self._beam(body.name, body.beam, pose @ body.frame, q))
-                )
+            beam = self._beams.get(body.name)
+            if beam is not None:
+                lines.append((body.name, True, beam.points(pose @ body.frame, q)))
                 continue
             ends = [self._robot.frame_pose(child, q)[:3, 3] for child in children]
             strip = [point for end in ends for point in (pose[:3, 3], end)]
             if strip:
                 lines.append((body.name, False, np.array(strip)))
         return lines
-
-    def _beam(self, link: str, beam: Beam, pose: Array, q: Array) -> Array:
-        stations = np.linspace(0.0, beam.length, STATIONS)
-        local = np.array([self._robot.tip_deflection(link, q, station=float(x)) for x in stations])
-        local[:, 0] += stations
-        return np.asarray(local @ pose[:3, :3].T + pose[:3, 3])
 
     def message(self, q: Array, stamp_ns: int) -> MarkerArray:
         """Return the markers at coordinates (n,)."""
@@ -89,3 +87,22 @@ class CentreLines:
             marker.points = [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
             array.markers.append(marker)
         return array
+
+
+class _BeamLine:
+    """A beam's centre line: all stations in one product."""
+
+    def __init__(self, robot: Robot, body: Body) -> None:
+        assert body.beam is not None
+        self._stations = np.linspace(0.0, body.beam.length, STATIONS)
+        found = [robot.section(body.name, float(x)) for x in self._stations]
+        self._amplitudes = found[0][1]
+        self._linear = np.array([section.linear[:3] for section, _ in found])
+        self._shortening = np.array([section.shortening for section, _ in found])
+
+    def points(self, pose: Array, q: Array) -> Array:
+        """Return the points (k, 3) [m, base frame] for the beam frame's pose (4, 4) there."""
+        d = q[self._amplitudes]
+        local = self._linear @ d
+        local[:, 0] = self._stations - 0.5 * (self._shortening @ d @ d)
+        return np.asarray(local @ pose[:3, :3].T + pose[:3, 3])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -107,16 +108,13 @@ def quaternion(rotation: Array) -> Array:
     -----
     The column of largest norm of 4 q q^T, which never divides by a small number.
     """
-    r = rotation
-    xx, yy, zz = r[0, 0], r[1, 1], r[2, 2]
-    outer = np.array(
-        [
-            [1 + xx - yy - zz, r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
-            [r[0, 1] + r[1, 0], 1 - xx + yy - zz, r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
-            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], 1 - xx - yy + zz, r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], 1 + xx + yy + zz],
-        ]
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    outer = (
+        (1.0 + a - e - i, b + d, c + g, h - f),
+        (b + d, 1.0 - a + e - i, f + h, c - g),
+        (c + g, f + h, 1.0 - a - e + i, d - b),
+        (h - f, c - g, d - b, 1.0 + a + e + i),
     )
-    column = outer[:, int(np.argmax(np.diag(outer)))]
-    column /= np.linalg.norm(column)
-    return np.asarray(-column if column[3] < 0.0 else column)
+    column = max((outer[k][k], outer[k]) for k in range(4))[1]
+    norm = math.copysign(math.hypot(*column), column[3] or 1.0)
+    return np.array([x / norm for x in column])
