@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from book_runs import desired, joints, shipped
 from planar_chains import CANADARM, PlanarLink, planar_chain
 
 import denoc_ros as dn
 from denoc_ros.simulation.cholesky import CholeskyRobot
+from denoc_ros.simulation.laws import TableTorque
 from denoc_ros.simulation.scenario import scenario_from_config
 from denoc_ros.simulation.stability import Study, roughness, study_stability
 
@@ -65,7 +68,7 @@ def test_flexible_links_deviate_from_the_desired_motion_but_not_from_the_solutio
     robot = dn.load_robot(planar_chain(CANADARM), gravity=(0.0, 0.0, 0.0))
     book = {'kind': 'book', 'form': 'half', 'rate': [0.075, 0.05, 0.1], 'period': [10, 5, 5]}
     torque = {'kind': 'rigid_inverse_dynamics', 'reference': book}
-    found = study(robot, torque=torque, duration=1.0, method='RK45', rtol=1e-8)
+    found = study(robot, torque=torque, duration=0.5, method='RK45', rtol=1e-8)
     assert found.acceptable
     assert not found.exact
     for one in found.runs.values():
@@ -75,6 +78,39 @@ def test_flexible_links_deviate_from_the_desired_motion_but_not_from_the_solutio
         # interpolated outputs of order 4: as smooth as the solution
         np.testing.assert_allclose(one.roughness, found.solution_roughness, rtol=1e-2)
     assert found.difference < 1e-12
+
+
+@pytest.fixture(scope='module')
+def puma() -> Study:
+    """The book's section 7.2, sampled less often."""
+    robot, scenario = shipped('puma', 'stability_puma')
+    return study_stability(robot, replace(scenario, times=np.linspace(0.0, 6.0, 601)))
+
+
+def test_puma_leaves_its_motion_when_its_third_link_stands_up(puma: Study) -> None:
+    calm = puma.spectrum_times <= 5.0
+    assert np.max(puma.growth[calm]) < 3.0
+    # a rod of 20 mm upright: sqrt(3 g / (2 l)) = 27 / s, and what the other joints add
+    assert np.max(puma.growth) == pytest.approx(29.7, rel=0.02)
+    for one in puma.runs.values():
+        assert np.max(one.deviation[:501]) < 1e-7
+        assert np.min(one.acceptable) == pytest.approx(5.81, abs=0.15)
+    recursion, cholesky = (one.acceptable for one in puma.runs.values())
+    np.testing.assert_allclose(recursion, cholesky, atol=0.011)  # one output
+
+
+def test_pumas_printed_times_are_those_of_torques_from_a_table() -> None:
+    printed = np.array([5.4, 5.6, 5.4, 5.4, 5.4, 5.4])  # table 7.1, recursive
+    robot, scenario = shipped('puma', 'stability_puma')
+    assert scenario.torque is not None
+    table = replace(
+        scenario,
+        times=np.linspace(0.0, 6.0, 601),
+        torque=TableTorque(scenario.torque, 0.001, 'linear'),
+    )
+    off = np.abs(joints(robot, table.run(robot)) - desired(table))
+    found = table.times[np.argmax(off > 1e-4, axis=0)]
+    np.testing.assert_allclose(found, printed, atol=0.3)
 
 
 def test_cholesky_gives_the_accelerations_of_the_recursion() -> None:
