@@ -16,7 +16,7 @@ from denoc_ros.errors import DenocError
 
 LAST_LINES = 12  # of a dead process's output that the error shows
 # s: how long a process may take to answer each signal before the next, harder one
-PATIENCE = ((signal.SIGINT, 8.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
+PATIENCE = ((signal.SIGINT, 30.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 DOMAINS = range(1, 101)  # above 101 the ports would meet the ephemeral ones
 PR_SET_PDEATHSIG = 1
 
