@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -164,14 +164,24 @@ class JointStateReader:
         self._map: NDArray[np.intp] = np.arange(n)
         self._count = n
 
-    def read(self, raw: bytes) -> None:
+    def read(
+        self, raw: bytes, admit: Callable[[int], None] | None = None, with_effort: bool = False
+    ) -> None:
         """Read one message.
+
+        Parameters
+        ----------
+        raw : bytes
+        admit : callable, optional
+            Takes the stamp [ns] of a good message before the arrays do; may raise InputError.
+        with_effort : bool
+            Whether the message must have effort.
 
         Raises
         ------
         InputError
             Causes `malformed`, `unknown_joint`, `missing_joint`, `repeated_joint`,
-            `wrong_length`, `non_finite`; the arrays keep what they had.
+            `wrong_length`, `non_finite`, `missing_effort`; the arrays keep what they had.
         """
         if not (self._end and raw[:2] == LITTLE_ENDIAN and raw[12 : self._end] == self._known):
             self._learn(raw)
@@ -195,6 +205,10 @@ class JointStateReader:
         effort = effort[places] if len(effort) else effort
         for what, values in (('position', position), ('velocity', velocity), ('effort', effort)):
             require_finite(what, values)
+        if with_effort and not len(effort):
+            raise InputError('missing_effort', 'effort must be given, got none')
+        if admit is not None:
+            admit(stamp_ns)
         self.stamp_ns = stamp_ns
         self.position = np.asarray(position, dtype=np.float64)
         self.has_velocity, self.has_effort = len(velocity) > 0, len(effort) > 0

@@ -129,8 +129,7 @@ class FeedforwardNode(RobotNode):
 
     def _on_joint_state(self, raw: bytes) -> None:
         reader, now = self._reader, time.perf_counter()
-        reader.read(raw)
-        self.joint_input.accept(reader.stamp_ns, now)
+        reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now))
         if not self.from_joints:
             return
         velocity = reader.velocity if reader.has_velocity else None
@@ -149,7 +148,8 @@ class FeedforwardNode(RobotNode):
                 "reference must be single points for now while 'trigger' is message, "
                 f'got {len(message.times)} points',
             )
-        self.reference_input.accept(message.stamp_ns, now)
+        # stamp 0 starts now, whatever was sent before
+        self.reference_input.accept(message.stamp_ns or (0 if self.by_message else None), now)
         if not self.by_message:
             measured = self._reader.position if self.joint_input.received else None
             self.follower.offer(message, now, self.stamp_ns(), measured)

@@ -188,7 +188,7 @@ class PlantNode(RobotNode):
 
     def _on_reference(self, raw: bytes) -> None:
         message, now = read_trajectory(raw, self.joints), time.perf_counter()
-        self.reference_input.accept(message.stamp_ns, now)
+        self.reference_input.accept(message.stamp_ns or None, now)  # 0 starts now
         self.follower.offer(message, now, self.stamp_ns())
 
     def _reset(self) -> str:

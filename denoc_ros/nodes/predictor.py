@@ -19,7 +19,7 @@ from denoc_ros.errors import ConfigError, SolverError, StateError
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.estimation.observer import Observer, ObserverSettings
 from denoc_ros.nodes.base import NEWEST, STATE, run
-from denoc_ros.nodes.conversions import InputError, JointStateReader, read_trajectory
+from denoc_ros.nodes.conversions import JointStateReader, read_trajectory
 from denoc_ros.nodes.diagnostics import WARN, Status
 from denoc_ros.nodes.joint_ties import JointTies
 from denoc_ros.nodes.markers import CentreLines
@@ -155,13 +155,8 @@ class PredictorNode(RobotNode):
 
     def _on_joint_state(self, raw: bytes) -> None:
         reader, now = self._reader, time.perf_counter()
-        reader.read(raw)
         measured = self.by_torque and not self.by_command
-        if measured and not reader.has_effort:
-            raise InputError(
-                'missing_effort', "effort must be given for 'source: torque', got none"
-            )
-        self.joint_input.accept(reader.stamp_ns, now)
+        reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now), measured)
         taken = self._stamps.taken_at(1e-9 * reader.stamp_ns, now, 1e-9 * self.stamp_ns())
         ties = self.ties
         self._queue.append(
@@ -174,16 +169,13 @@ class PredictorNode(RobotNode):
         )
 
     def _on_effort(self, raw: bytes) -> None:
-        reader = self._effort_reader
-        reader.read(raw)
-        if not reader.has_effort:
-            raise InputError('missing_effort', 'effort must be given, got none')
-        self.effort_input.accept(reader.stamp_ns, time.perf_counter())
+        reader, now = self._effort_reader, time.perf_counter()
+        reader.read(raw, lambda stamp_ns: self.effort_input.accept(stamp_ns, now), True)
         self.observer.take_effort(self.ties.efforts(reader.effort))
 
     def _on_reference(self, raw: bytes) -> None:
         message, now = read_trajectory(raw, self.joints), time.perf_counter()
-        self.reference_input.accept(message.stamp_ns, now)
+        self.reference_input.accept(message.stamp_ns or None, now)  # 0 starts now
         measured = self._reader.position if self.joint_input.received else None
         self.follower.offer(message, now, self.stamp_ns(), measured)
 

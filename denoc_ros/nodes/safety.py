@@ -52,8 +52,8 @@ class InputMonitor:
                 f'{self.topic} must have at most {self._max_publishers} publishers, got {count}',
             )
 
-    def accept(self, stamp_ns: int, now: float) -> None:
-        """Take a message.
+    def accept(self, stamp_ns: int | None, now: float) -> None:
+        """Take a message; a stamp of None means now and is not compared.
 
         Raises
         ------
@@ -61,12 +61,12 @@ class InputMonitor:
             Cause `backwards_stamp`: it is older than the one before.
         """
         last = self._last_stamp
-        if last is not None and stamp_ns < last:
+        if last is not None and stamp_ns is not None and stamp_ns < last:
             raise InputError(
                 'backwards_stamp',
                 f'{self.topic} stamp must not go back, got {stamp_ns} ns after {last} ns',
             )
-        self._last_stamp = stamp_ns
+        self._last_stamp = last if stamp_ns is None else stamp_ns
         self._last_time = now
         self.accepted += 1
 

@@ -129,12 +129,17 @@ class SensorInputs:
         self._refused: set[str] = set()
 
     def update(self, tree: Tree) -> None:
-        """Take the sensors of a model; subscriptions stay, values and tare begin anew."""
+        """Take the sensors of a model; subscriptions stay.
+
+        Values and tare begin anew, unless the sensors are calibrated as they were.
+        """
         chosen = [k for k, sensor in enumerate(tree.sensors) if sensor.topic]
-        self.fresh = False
+        before = [(s.name, s.topic, s.gain, s.offset) for s in self.sensors]
         self.places = np.array(chosen, dtype=np.intp)
         self.sensors = tuple(tree.sensors[k] for k in chosen)
-        self.values, self._tare = np.full(len(chosen), np.nan), np.zeros(len(chosen))
+        if [(s.name, s.topic, s.gain, s.offset) for s in self.sensors] != before:
+            self.fresh = False
+            self.values, self._tare = np.full(len(chosen), np.nan), np.zeros(len(chosen))
         members: dict[str, list[Member]] = {}
         for place, sensor in enumerate(self.sensors):
             topic = self._node.resolve_topic_name(sensor.topic)

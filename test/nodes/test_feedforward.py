@@ -212,6 +212,31 @@ def test_bad_references_do_not_move_the_robot(bench: Any) -> None:
     )
 
 
+def test_a_reference_of_stamp_zero_starts_now_whatever_came_before(bench: Any) -> None:
+    arm = bench()
+    later = JointTrajectory(joint_names=JOINTS, points=[point(0.0, POSTURE), point(9.0, POSTURE)])
+    stamp(later, time.time_ns())
+    arm.reference.publish(later)
+    arm.until(lambda: arm.cause == 'following')
+    arm.hold([0.1, 0.2])
+    arm.until(lambda: arm.effort and list(arm.effort[-1].position) == [0.1, 0.2])
+    assert not arm.node.reference_input.rejected
+
+
+def test_a_backwards_joint_state_is_no_posture_to_carry(bench: Any) -> None:
+    arm = bench()
+    arm.feeding = False
+    now = time.time_ns()
+    arm.states.publish(joint_state(JOINTS, POSTURE, now))
+    arm.until(lambda: arm.node.joint_input.accepted == 1)
+    arm.states.publish(joint_state(JOINTS, [1.5, 1.5], now - 1_000_000_000))
+    arm.until(lambda: arm.node.joint_input.rejected['backwards_stamp'] == 1)
+    count = len(arm.effort)
+    arm.until(lambda: len(arm.effort) > count + 20)
+    assert list(arm.effort[-1].position) == POSTURE
+    np.testing.assert_allclose(arm.effort[-1].effort, arm.inverse(POSTURE), rtol=1e-9)
+
+
 def test_bad_joint_states_age_into_the_safe_command(bench: Any) -> None:
     arm = bench(ramp_time=0.05)
     arm.hold([0.0, 0.0])

@@ -215,6 +215,13 @@ def test_residual_of_a_sensor_is_measured_minus_predicted_and_can_be_tared(
     graph.until(feed)
     assert abs(residuals[-1].position[0]) < 1e-7
     assert node.sensors.sensors[0].name == 'root'
+    # a change of the observer does not cost the tare
+    (result,) = node.set_parameters([Parameter('cutoff', value=60.0)])
+    assert result.successful, result.reason
+    graph.until(lambda: feed() and node._pending is None)
+    residuals.clear()
+    graph.until(feed)
+    assert abs(residuals[-1].position[0]) < 1e-7
 
 
 def test_markers_show_the_deflected_centre_lines(graph: Any, robot_file: Path, run: Run) -> None:

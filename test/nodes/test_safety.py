@@ -82,11 +82,14 @@ def test_a_stamp_that_goes_back_is_refused_until_reset() -> None:
         monitor.accept(99, now=1.2)
     assert caught.value.cause == 'backwards_stamp'
     assert monitor.age(1.3) == pytest.approx(0.2)
+    monitor.accept(None, now=1.25)  # it has none: it is for now
+    with pytest.raises(InputError, match='after 100 ns'):
+        monitor.accept(99, now=1.2)
     monitor.reset()
     assert not monitor.received
     assert monitor.age(1.3) == math.inf
     monitor.accept(1, now=2.0)
-    assert monitor.accepted == 3
+    assert monitor.accepted == 4
 
 
 def test_more_publishers_than_allowed_are_refused() -> None:
