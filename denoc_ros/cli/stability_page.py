@@ -221,7 +221,7 @@ def _accelerations(study: Study) -> Section:
 def _growth(study: Study) -> Section:
     t, colour = study.spectrum_times, LOOKS['recursion'][1]
     panels = [
-        Panel('growth rate of small errors', '1/s', [Curve('', colour, t, study.growth)]),
+        Panel('growth of small errors', '%/s', [Curve('', colour, t, 100.0 * study.growth)]),
         Panel('condition number', 'log₁₀', [Curve('', colour, t, _decades(study.condition))]),
     ]
     return Section(
