@@ -87,7 +87,7 @@ class DenocNode(LifecycleNode):
         self.ready = True
         self.owns_process = False
         self.monitors: list[InputMonitor] = []
-        self._shown: set[str] = set()
+        self._shown: dict[str, Value] = {}
         self._showing = False
         given = {
             key: parameter.value
@@ -138,14 +138,16 @@ class DenocNode(LifecycleNode):
             All of them; those shown before and not among these are taken off the list.
         """
         self._showing = True
-        for name in self._shown - set(values):
+        for name in self._shown.keys() - values.keys():
             self.undeclare_parameter(name)
         for name, value in values.items():
+            if self._shown.get(name) == value:
+                continue
             if not self.has_parameter(name):
                 self.declare_parameter(name, value, self._descriptor(name), ignore_override=True)
-            elif not _same(self.get_parameter(name).value, value):
+            elif not np.array_equal(self.get_parameter(name).value, value):
                 self.set_parameters([rclpy.Parameter(name, value=value)])
-        self._shown = set(values)
+        self._shown = dict(values)
         self._showing = False
 
     def _on_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
@@ -310,11 +312,6 @@ class DenocNode(LifecycleNode):
             self.trigger_deactivate()
         if self.state == 'inactive':
             self.trigger_cleanup()
-
-
-def _same(one: Any, other: Any) -> bool:
-    """Say whether two values of a parameter are the same numbers, or otherwise the same."""
-    return bool(np.array_equal(np.asarray(one), np.asarray(other)))
 
 
 def run(make: Callable[[], DenocNode], arguments: Sequence[str] | None = None) -> int:
