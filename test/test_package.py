@@ -135,7 +135,7 @@ def test_declared_ros_dependencies_are_the_imported_ones(repository: Path) -> No
         name
         for path in (repository / 'denoc_ros').rglob('*.py')
         for name in re.findall(
-            r'^\s*(?:from|import) (rclpy|\w+_(?:msgs|srvs))', path.read_text(), re.M
+            r'^\s*(?:from|import) (rclpy|\w+_(?:msgs|srvs|interfaces))', path.read_text(), re.M
         )
     }
     assert declared == imported
