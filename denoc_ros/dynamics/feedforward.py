@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.joint_ties import joint_ties
+from denoc_ros.dynamics.linearization import stiffness
 from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.errors import StateError
+from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.articulated import articulated_dynamics
-from denoc_ros.kernels.handle import ARMATURE, DAMPING, FRICTION, GOOD, STIFFNESS
+from denoc_ros.kernels.handle import ARMATURE, DAMPING, FRICTION, GOOD
 from denoc_ros.model.lowering import SLIP_RATE
 
 if TYPE_CHECKING:
@@ -24,9 +25,9 @@ Array = NDArray[np.float64]
 MODELS = ('rigid', 'flexible', 'quasi_static')
 LONGEST_GAP = 0.5  # s between two updates after which the amplitudes start anew from equilibrium
 SUBSTEPS = 200  # at most, per update
-SETTLE_ITERATIONS = 60
 FOLLOW_ITERATIONS = 3  # of the static deflection, per update
 SETTLED = 1e-12  # relative change that ends the iteration
+FOLLOWED = 1e-7  # relative change above which the tangent no longer serves
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ class TorqueFeedforward:
         self._damping = diagonals[DAMPING][self._index].copy()
         self._friction = diagonals[FRICTION][self._index].copy()
         self._armature = diagonals[ARMATURE].copy()
-        self._stiffness = diagonals[STIFFNESS][self._flexible].copy()
+        self._compliance: Array = np.zeros((len(self._flexible), len(self._flexible)))
         self._settled = False
 
     def reset(self) -> None:
@@ -201,24 +202,35 @@ class TorqueFeedforward:
         if self._moves or self._sags:
             self.qd[self._flexible] = 0.0
             self.qdd[self._flexible] = 0.0
-            self._settle(FOLLOW_ITERATIONS if self._settled and self._sags else SETTLE_ITERATIONS)
+            if not (self._settled and self._sags and self._follow_equilibrium()):
+                self._find_equilibrium()
             self._settled = True
 
-    def _settle(self, iterations: int) -> None:
-        """Iterate d -= K^-1 (amplitude rows at rest): gravity's stiffness is small beside K."""
+    def _find_equilibrium(self) -> None:
+        """Put the amplitudes into equilibrium from scratch and keep the tangent there."""
+        self._settled = False
+        try:
+            start = self.q if np.isfinite(self.q).all() else None
+            self.q[:] = self.robot.static_deflection(self.q[self._index], start=start)
+            flexible = np.ix_(self._flexible, self._flexible)
+            self._compliance = np.linalg.inv(stiffness(self.robot, self.q)[flexible])
+        except SolverError as error:
+            self.q[self._flexible] = 0.0
+            raise StateError(str(error)) from error
+
+    def _follow_equilibrium(self) -> bool:
+        """Move the amplitudes to the equilibrium nearby by the tangent kept; say if it did."""
         flexible = self._flexible
-        for _ in range(iterations):
+        for _ in range(FOLLOW_ITERATIONS):
             self.robot.inverse_dynamics(
                 self.q, self._zero, self._zero, out=self._part, check=False
             )
-            change = self._part[flexible] / self._stiffness
+            change = self._compliance @ self._part[flexible]
             self.q[flexible] -= change
-            largest = float(np.abs(change).max())
-            if largest <= SETTLED * (1e-3 + float(np.abs(self.q[flexible]).max())):
-                return
-            if not np.isfinite(largest):
-                self.q[flexible] = 0.0
-                raise StateError('static deflection must be finite, got one that is not')
+            share = float(np.abs(change).max() / (1e-3 + np.abs(self.q[flexible]).max()))
+            if share <= SETTLED:
+                break
+        return share <= FOLLOWED
 
     def _free_accelerations(self) -> None:
         """Write the amplitudes' accelerations into `qdd`."""

@@ -195,3 +195,17 @@ def test_stiff_beams_approach_the_rigid_torque_at_a_step_far_too_long_for_them(e
         gap = max(gap, float(np.abs(torque - rigid.update(q, qd, qdd, 0.0)).max()))
     # undamped modes ring by about the square root of the flexibility, of 173 N m at most
     assert gap < 6.0 * (1e5 / ei) ** 0.5
+
+
+def test_quasi_static_torque_is_in_equilibrium_where_weight_bends_by_metres() -> None:
+    robot = load_robot('config/robots/ssrms.urdf', gravity=(0.0, 0.0, -9.81))
+    feedforward = TorqueFeedforward(robot, model='quasi_static')
+    zero = np.zeros(len(robot.joint_names))
+    for angle in np.linspace(0.0, 0.3, 31):
+        joints = np.full(len(zero), angle)
+        torque = feedforward.update(joints, zero, zero, 0.01)
+        resting = robot.static_deflection(joints, start=feedforward.q)
+        expected = robot.inverse_dynamics(resting, *np.zeros((2, robot.n)))
+        # the follower's relative tolerance of 1e-7 times some 1e4 N m
+        np.testing.assert_allclose(torque, expected[robot.joint_indices], rtol=0.0, atol=1e-2)
+    assert np.abs(robot.tip_deflection('link_2', resting)).max() > 1.0
