@@ -213,7 +213,8 @@ class TorqueFeedforward:
             start = self.q if np.isfinite(self.q).all() else None
             self.q[:] = self.robot.static_deflection(self.q[self._index], start=start)
             flexible = np.ix_(self._flexible, self._flexible)
-            self._compliance = np.linalg.inv(stiffness(self.robot, self.q)[flexible])
+            tangent = stiffness(self.robot, self.q)[flexible]
+            self._compliance = np.linalg.inv(tangent).astype(np.float64, copy=False)
         except SolverError as error:
             self.q[self._flexible] = 0.0
             raise StateError(str(error)) from error
