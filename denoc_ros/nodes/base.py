@@ -25,17 +25,18 @@ from std_srvs.srv import Trigger
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.conversions import InputError
 from denoc_ros.nodes.diagnostics import DiagnosticsPublisher, Status, input_status
+from denoc_ros.nodes.messages import wait_until_delivered
 from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
 from denoc_ros.nodes.safety import InputMonitor
+from denoc_ros.nodes.timing import make_thread_timely
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-STATE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+# a second at 1000 Hz for a reader that was away: the transport holds some 500 messages in all
+STATE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 EVERY_MESSAGE = QoSProfile(depth=10000, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 # parameters that rclpy itself declares
 FOREIGN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
@@ -118,8 +119,7 @@ class DenocNode(LifecycleNode):
         return ParameterDescriptor(
             description=text.replace('\\', ''),
             additional_constraints=row.range.replace('\\', ''),
-            # the table checks types: it takes 5 for 5.0
-            dynamic_typing=True,
+            dynamic_typing=True,  # the table checks types: it takes 5 for 5.0
         )
 
     def describe_parameter(self, name: str) -> Any:
@@ -232,10 +232,9 @@ class DenocNode(LifecycleNode):
         return []
 
     def _every_second(self) -> None:
-        now = time.perf_counter()
         statuses = self.statuses()
         if self.monitors:
-            statuses.append(input_status(self.monitors, now))
+            statuses.append(input_status(self.monitors, time.perf_counter()))
         self._diagnostics.publish(statuses)
         if self.owns_process:
             # all that existed at configure is frozen: this looks at the few new objects only
@@ -280,8 +279,11 @@ class DenocNode(LifecycleNode):
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Activate."""
-        return self._transition(self.activate)
+        """Activate; then serve callbacks, which hold the interpreter, just below the loop."""
+        result = self._transition(self.activate)
+        if self.owns_process and 'thread_priority' in self.settings:
+            make_thread_timely(self.settings.integer('thread_priority') - 1)
+        return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate."""
@@ -310,6 +312,7 @@ class DenocNode(LifecycleNode):
         """Go to the end of the life cycle from wherever the node is."""
         if self.state == 'active':
             self.trigger_deactivate()
+        wait_until_delivered(self.publishers)
         if self.state == 'inactive':
             self.trigger_cleanup()
 

@@ -7,11 +7,14 @@ Measured per message (six joints): a fresh JointState 13.5 us, a prebuilt one wr
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+import time
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
+from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
@@ -20,6 +23,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from denoc_ros.bags.definitions import exact_cdr
 
 Array = NDArray[np.float64]
+DELIVERY = 0.5  # s
 FIELDS = ('position', 'velocity', 'effort')
 _STAMP = struct.Struct('<iI')
 
@@ -153,3 +157,14 @@ class PoseMessage(_Prebuilt):
         self._raw, offsets = _template(message, [1.2345e100])
         self.values: Array = np.frombuffer(self._raw, '<f8', 7, offsets[0])
         self.values[:] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def wait_until_delivered(publishers: Iterable[Any]) -> None:
+    """Wait, half a second at most, until reliable readers have all that was published.
+
+    What a publisher still holds ends with it.
+    """
+    end = time.perf_counter() + DELIVERY
+    for publisher in publishers:
+        left = max(0.0, end - time.perf_counter())
+        publisher.wait_for_all_acked(Duration(seconds=left))

@@ -186,7 +186,7 @@ class Loop:
         )
 
 
-def make_thread_timely(priority: int, core: int) -> list[str]:
+def make_thread_timely(priority: int, core: int = -1) -> list[str]:
     """Set timer slack, priority and core of the calling thread; return what was not allowed."""
     warnings = []
     libc = ctypes.CDLL(None, use_errno=True)
@@ -199,7 +199,9 @@ def make_thread_timely(priority: int, core: int) -> list[str]:
             warnings.append(f'cpu_affinity {core} not set: {error.strerror}')
     if priority > 0:
         try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+            # threads started from here on, DDS's among them, stay ordinary
+            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+            os.sched_setscheduler(0, policy, os.sched_param(priority))
         except OSError as error:
             warnings.append(f'thread_priority {priority} not set: {error.strerror}')
     return warnings
