@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.config import Parameters, Phase, SessionConfig
 from denoc_ros.cli.node_parameters import node_parameters, node_table, write_parameters
-from denoc_ros.cli.processes import Processes
+from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 START_TIMEOUT = 120.0  # s until active: a cold kernel cache compiles on a slow machine
 LEAD = 0.6  # s from publishing a reference to its start
 SETTLING = 0.1  # s until what was asked for has come about
+LONGEST_SILENCE = 10.0  # s without diagnostics after which a node counts as stuck
 TAIL = 0.2  # s a phase goes on behind its reference
 STOP_ORDER = ('player', 'feedforward', 'predictor', 'plant', 'recorder')
 START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward')
@@ -157,6 +158,7 @@ class Session:
             while (elapsed := time.perf_counter() - start) < self._task.duration:
                 show(max(elapsed, 0.0))
                 self._driver.wait(0.1)
+                self._check_silence()
             show(self._task.duration)
         self._driver.wait(TAIL)
 
@@ -179,6 +181,15 @@ class Session:
         self._reset('predictor')
         return start - time.perf_counter()
 
+    def _check_silence(self) -> None:
+        for name in self._names:
+            silence = self._driver.silence(name)
+            if silence > LONGEST_SILENCE:
+                raise ProcessError(
+                    f'{name}: node must speak on /diagnostics once a second, '
+                    f'got {silence:.0f} s of silence'
+                )
+
     def _listeners(self) -> list[str]:
         """Return the nodes that must not miss a reference."""
         return [name for name in self._names if name in ('feedforward', 'recorder')]
@@ -195,6 +206,7 @@ class Session:
             while self._processes.running('player'):
                 show(time.perf_counter() - start)
                 self._driver.wait(0.1)
+                self._check_silence()
         self._driver.wait(TAIL)
 
     def _wanted(self, name: str, phase: Phase) -> Parameters:

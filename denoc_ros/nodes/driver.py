@@ -55,6 +55,7 @@ class Driver:
         self._watch = watch
         self._running = True
         self._statuses: dict[str, dict[str, str]] = {}
+        self._heard: dict[str, float] = {}
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node('up', use_global_arguments=False)
         node = self._node
@@ -112,8 +113,14 @@ class Driver:
             time.sleep(min(0.02, left))
         return True
 
+    def silence(self, name: str) -> float:
+        """Return for how long [s] a node has said nothing on /diagnostics, 0 if it never did."""
+        heard = self._heard.get(name)
+        return 0.0 if heard is None else time.perf_counter() - heard
+
     def forget(self, name: str) -> None:
         """Forget what a node said: it is about to be started anew."""
+        self._heard.pop(name, None)
         for status in [status for status in self._statuses if status.startswith(f'{name}: ')]:
             del self._statuses[status]
 
@@ -213,6 +220,7 @@ class Driver:
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
+            self._heard[status.hardware_id] = time.perf_counter()
             values = {pair.key: pair.value for pair in status.values}
             self._statuses[status.name] = {'': status.message, **values}
 

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from denoc_ros.bags.reader import bag_topics, read_attachment
+from denoc_ros.cli.session import LONGEST_SILENCE
 
 pytestmark = pytest.mark.ros
 
@@ -137,3 +138,20 @@ def test_bad_values_are_refused_before_anything_starts(
     assert message in err
     assert 'Traceback' not in err
     assert not run.exists()
+
+
+def test_a_node_that_is_stuck_stops_the_rest_and_is_named(tmp_path: Path) -> None:
+    run = tmp_path / 'run'
+    process = up(CANADARM, '--output', str(run), '--no-record', '--duration', '60', *PLANT_ONLY)
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith('rigid feedforward:'):
+            break
+    (plant,) = [pid for pid in nodes_below(run) if is_node(pid, 'plant')]
+    os.kill(plant, signal.SIGSTOP)
+    time.sleep(LONGEST_SILENCE + 2.0)
+    # by now it has been asked to end, which it can only do awake
+    os.kill(plant, signal.SIGCONT)
+    status, _, err = finish(process)
+    assert (status, 'plant: node must speak on /diagnostics' in err) == (1, True), err
+    assert nodes_below(run) == []
