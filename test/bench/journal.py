@@ -9,6 +9,7 @@ from __future__ import annotations
 import runpy
 import sys
 import time
+from array import array
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -32,8 +33,9 @@ class Sent:
     topic: str
     depth: int  # of the publisher's history
     whole: bool  # whether keys sum all bytes, else HEAD of them
-    times: list[float] = field(default_factory=list)  # s, steady clock
-    keys: list[int] = field(default_factory=list)
+    # arrays: a garbage collection would go through lists
+    times: array[float] = field(default_factory=lambda: array('d'))  # s, steady clock
+    keys: array[int] = field(default_factory=lambda: array('q'))
 
 
 class Journal:
