@@ -51,12 +51,12 @@ class ModelSettings:
     geometric_stiffness : bool
         Whether beams foreshorten.
     overrides : mapping
-        Dotted path -> number.
+        Dotted path -> number, or several.
     """
 
     gravity: tuple[float, float, float]
     geometric_stiffness: bool
-    overrides: Mapping[str, float]
+    overrides: Mapping[str, float | list[float]]
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def model_settings(values: Mapping[str, Any], where: str) -> ModelSettings:
     stiffness = values.get('geometric_stiffness', True)
     if not isinstance(stiffness, bool):
         reader.find(f'geometric_stiffness must be true or false, got {stiffness!r}')
-    overrides = reader.named_numbers('model', None)
+    overrides = reader.overrides('model')
     reader.finish(where)
     return ModelSettings((gravity[0], gravity[1], gravity[2]), stiffness, overrides)
 
@@ -221,6 +221,15 @@ class _Reader:
             return float(value)
         self.find(f'{key} must be a number > 0, got {value!r}')
         return 1.0
+
+    def overrides(self, whose: str) -> dict[str, float | list[float]]:
+        """Return a mapping of a number, or several, by dotted path."""
+        found = dict(self.mapping(whose, self.values.get(whose)))
+        for path, value in found.items():
+            several = value if isinstance(value, list) and value else [value]
+            if not all(map(_is_number, several)):
+                self.find(f'{whose} {path} must be a finite number or some, got {value!r}')
+        return found
 
     def named_numbers(
         self, whose: str, names: Sequence[str] | None, value: Any = None

@@ -176,15 +176,18 @@ def test_bad_scenario_is_refused(arm: dn.Robot, values: dict[str, Any], message:
 
 
 def test_settings_of_the_model_are_read_before_there_is_one() -> None:
+    model = {'beam.a.y.ei': 2, 'payload.a.com': [0.1, 0, 0]}
     settings = model_settings(
-        {'gravity': [0, -9.81, 0], 'geometric_stiffness': False, 'model': {'beam.a.y.ei': 2}}, 'a'
+        {'gravity': [0, -9.81, 0], 'geometric_stiffness': False, 'model': model}, 'a'
     )
     assert settings.gravity == (0.0, -9.81, 0.0)
     assert not settings.geometric_stiffness
-    assert settings.overrides == {'beam.a.y.ei': 2.0}
+    assert settings.overrides == model
     with pytest.raises(dn.ConfigError, match=r'a: gravity must be three numbers') as caught:
-        model_settings({'gravity': [1, 2], 'geometric_stiffness': 'no'}, 'a')
-    assert len(caught.value.findings) == 2
+        model_settings(
+            {'gravity': [1, 2], 'geometric_stiffness': 'no', 'model': {'beam.a.y.ei': []}}, 'a'
+        )
+    assert len(caught.value.findings) == 3
 
 
 def test_documentation_has_every_key_and_its_example_works(repository: Path) -> None:
