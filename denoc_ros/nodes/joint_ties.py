@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.joint_ties import joint_ties
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.simulation.motion import mimic_ties
 
 Array = NDArray[np.float64]
 
@@ -25,15 +25,9 @@ class JointTies:
     """
 
     def __init__(self, robot: Robot, joints: Sequence[str]) -> None:
-        names, ties = list(robot.joint_names), mimic_ties(robot)
-        self._matrix = np.zeros((len(names), len(joints)))
-        self._offset = np.zeros(len(names))
+        names = list(robot.joint_names)
+        self._matrix, self._offset, _ = joint_ties(robot, joints, {})
         self._own = np.array([names.index(joint) for joint in joints], dtype=np.intp)
-        for row, name in enumerate(names):
-            leader, multiplier, offset = ties.get(name, (name, 1.0, 0.0))
-            self._offset[row] = offset
-            if leader in joints:
-                self._matrix[row, list(joints).index(leader)] = multiplier
         self._plain = bool(np.array_equal(self._matrix, np.eye(len(names), len(joints))))
 
     def positions(self, q: Array) -> Array:

@@ -15,6 +15,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.nodes.feedforward import FeedforwardNode
+from denoc_ros.nodes.live_model import LiveModel
 from denoc_ros.nodes.plant import PlantNode
 from denoc_ros.nodes.predictor import PredictorNode
 
@@ -179,6 +180,18 @@ def test_the_predictor_takes_a_payload_beside_a_change_of_a_beam(graph: Any, urd
     expected.set_payload('two', 2.0)
     sag = node.observer._robot.static_deflection([0.0, 0.0])
     np.testing.assert_allclose(sag, expected.static_deflection([0.0, 0.0]), rtol=1e-12)
+
+
+def test_what_a_node_shows_can_be_given_to_it(urdf: str) -> None:
+    base = load_robot(urdf, gravity=GRAVITY)
+    model = LiveModel(base, 'node')
+    shown = model.values({'damping.two.y': 0.03})
+    assert shown['beam.two.y.damping_ratio'] == 0.03
+    robot = model.robot(model.values({}))
+    states = np.random.default_rng(2).normal(size=(3, base.n))
+    np.testing.assert_allclose(
+        robot.inverse_dynamics(*states), base.inverse_dynamics(*states), rtol=1e-10
+    )
 
 
 def test_names_given_at_the_start_agree_or_are_refused(graph: Any, urdf: str) -> None:
