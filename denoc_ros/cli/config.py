@@ -133,7 +133,7 @@ def load_yaml(text: str) -> Any:
 def read_yaml(file: Path) -> dict[str, Any]:
     """Return a YAML file's mapping; ConfigError with the line where it is none."""
     try:
-        value = load_yaml(file.read_text())
+        value = load_yaml(file.read_text(encoding='utf-8'))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(str(file), [f'the text must be YAML, got {_one_line(error)}']) from error
     if not isinstance(value, dict):

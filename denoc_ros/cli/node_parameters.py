@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
 def node_table(name: str) -> ParameterTable:
     """Return the parameter table of a node."""
-    module = import_module(f'denoc_ros.nodes.{name}')
-    table: ParameterTable = module.PARAMETERS if hasattr(module, 'PARAMETERS') else module.TABLE
+    table: ParameterTable = import_module(f'denoc_ros.nodes.{name}').TABLE
     return table
 
 

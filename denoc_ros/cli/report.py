@@ -105,7 +105,7 @@ def find_bag(run_path: Path) -> Path:
 
 def _session(run_path: Path) -> dict[str, Any]:
     file = run_path / SESSION_FILE
-    return dict(json.loads(file.read_text())) if file.is_file() else {}
+    return dict(json.loads(file.read_text(encoding='utf-8'))) if file.is_file() else {}
 
 
 def _robot(recording: Recording, session: dict[str, Any]) -> tuple[Robot | None, str]:

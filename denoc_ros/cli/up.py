@@ -147,7 +147,7 @@ def _drive(
     from denoc_ros.nodes.driver import Driver
 
     drives = task.trajectory is not None
-    with Driver(config.robot.read_text(), drives, processes.check) as driver:
+    with Driver(config.robot.read_text(encoding='utf-8'), drives, processes.check) as driver:
         return Session(config, task, folder, processes, driver, progress).run()
 
 
@@ -257,7 +257,7 @@ def _write_session(folder: Path, config: SessionConfig, environment: dict[str, s
         'versions': versions(),
     }
     (folder / 'session.json').write_text(json.dumps(session, indent=2))
-    (folder / 'configuration.yaml').write_text(config.path.read_text())
+    (folder / 'configuration.yaml').write_bytes(config.path.read_bytes())
 
 
 def _conclude(
