@@ -15,7 +15,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.dynamics.feedforward import Terms, TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.errors import ConfigError, SolverError, StateError
 from denoc_ros.nodes.base import EVERY_MESSAGE, NEWEST, run
 from denoc_ros.nodes.conversions import InputError, JointStateReader, read_trajectory
 from denoc_ros.nodes.diagnostics import ERROR, WARN, Status
@@ -71,10 +71,9 @@ class FeedforwardNode(RobotNode):
         self.limiter = TorqueLimiter(limits, settings.number('max_delta_tau'))
         self.safe = SafeCommand(settings.text('stale_action'), settings.number('ramp_time'), n)
         self.q, self.qd, self.qdd, self._posture = np.zeros((4, n))
-        self.follower = ReferenceFollower(n, settings.number('reference_timeout'))
-        self.stream = DifferencedStream(
-            n, settings.number('reference_timeout'), settings.number('acceleration_cutoff')
-        )
+        gap = settings.number('reference_timeout')
+        self.follower = ReferenceFollower(n, gap)
+        self.stream = DifferencedStream(n, gap, settings.number('acceleration_cutoff'))
         self.output = TorqueOutput(
             self, self.joints, self.by_message, settings.flag('publish_joint_trajectory')
         )
@@ -170,7 +169,9 @@ class FeedforwardNode(RobotNode):
         self._swap()
         before, self._message_time = self._message_time, stamp_ns
         elapsed = 0.0 if before is None else 1e-9 * (stamp_ns - before)
-        torque = self.torque_source.update(q, qd, qdd, elapsed)
+        torque = self._torque(q, qd, qdd, elapsed)
+        if torque is None:
+            return
         self.q[:], self.qd[:] = q, qd
         self._cause = 'following messages'
         self.output.send_effort(stamp_ns, self.q, self.qd, self.limiter.apply(torque))
@@ -255,9 +256,13 @@ class FeedforwardNode(RobotNode):
             self.torque_source.reset()
             return None
         elapsed, self._last_update = clock - self._last_update, clock
+        return self._torque(self.q, self.qd, self.qdd, elapsed)
+
+    def _torque(self, q: Any, qd: Any, qdd: Any, elapsed: float) -> Any:
+        """Return the torque (n,) of a motion, None if the model fails (numbers out of reach)."""
         try:
-            return self.torque_source.update(self.q, self.qd, self.qdd, elapsed)
-        except StateError:
+            return self.torque_source.update(q, qd, qdd, elapsed)
+        except (StateError, SolverError):
             self._model_failures += 1
             self.torque_source.reset()
             return None
@@ -275,8 +280,8 @@ class FeedforwardNode(RobotNode):
             return
         gravity = self.torque_source.gravity(self._posture)
         if self._fresh:
-            # a robot that stands there is carried at once: a ramp from zero would let it drop
             self._fresh = False
+            # a robot that stands there is carried at once: a ramp from zero would let it drop
             if self.safe.action == 'ramp_to_gravity':
                 self.limiter.reset(gravity)
         self.safe.begin(now, self.limiter.last)
@@ -334,18 +339,13 @@ class FeedforwardNode(RobotNode):
 
     def _reload(self) -> str:
         """Read the robot again; its joints must be the same."""
-        if self.state not in ('active', 'inactive'):
-            raise ConfigError(self.get_name(), ['the node must be configured to reload its model'])
+        self.require_configured('to reload its model')
         model = self.read_model(self.settings)
         robot = self.changed_robot(self.settings, model)
         if tuple(robot.joint_names) != tuple(self.robot.joint_names):
-            raise ConfigError(
-                self.get_name(),
-                [
-                    f'joints must stay {list(self.robot.joint_names)} on reload '
-                    f'(clean up and configure instead), got {list(robot.joint_names)}'
-                ],
-            )
+            rule = f'joints must stay {list(self.robot.joint_names)} on reload'
+            got = f'(clean up and configure instead), got {list(robot.joint_names)}'
+            raise ConfigError(self.get_name(), [f'{rule} {got}'])
         self._pending = self._build(robot, self.settings)
         self.robot = robot
         self.adopt_model(model, self.settings)

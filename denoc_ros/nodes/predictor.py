@@ -281,8 +281,7 @@ class PredictorNode(RobotNode):
 
     def _reload(self) -> str:
         """Read the robot again; its coordinates must be the same."""
-        if self.state not in ('active', 'inactive'):
-            raise ConfigError(self.get_name(), ['the node must be configured to reload its model'])
+        self.require_configured('to reload its model')
         model = self.read_model(self.settings)
         self._replace(self.changed_robot(self.settings, model), self.settings)
         self.adopt_model(model, self.settings)

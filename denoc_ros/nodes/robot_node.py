@@ -115,6 +115,17 @@ class RobotNode(DenocNode):
         assert model is not None
         return model.robot(settings.family(*FAMILIES))
 
+    def require_configured(self, why: str) -> None:
+        """Refuse what needs a robot while there is none.
+
+        Raises
+        ------
+        ConfigError
+            The node is not configured.
+        """
+        if self.state not in ('active', 'inactive'):
+            raise ConfigError(self.get_name(), [f'the node must be configured {why}'])
+
     def require_coordinates(self, robot: Robot) -> None:
         """Refuse a changed robot that has other coordinates.
 

@@ -214,13 +214,24 @@ def test_bad_references_do_not_move_the_robot(bench: Any) -> None:
 
 def test_a_reference_of_stamp_zero_starts_now_whatever_came_before(bench: Any) -> None:
     arm = bench()
-    later = JointTrajectory(joint_names=JOINTS, points=[point(0.0, POSTURE), point(9.0, POSTURE)])
-    stamp(later, time.time_ns())
-    arm.reference.publish(later)
-    arm.until(lambda: arm.cause == 'following')
+    before = JointTrajectory(joint_names=JOINTS, points=[point(0.0, POSTURE)])
+    stamp(before, time.time_ns())
+    arm.reference.publish(before)
+    arm.until(lambda: arm.node.reference_input.accepted)
     arm.hold([0.1, 0.2])
     arm.until(lambda: arm.effort and list(arm.effort[-1].position) == [0.1, 0.2])
     assert not arm.node.reference_input.rejected
+
+
+def test_motions_out_of_reach_are_not_answered(bench: Any) -> None:
+    arm = bench(trigger='message', model='flexible')
+    for second, size in enumerate((0.1, 1e200, 0.1), start=1):
+        message = JointTrajectory(joint_names=JOINTS, points=[point(0.0, *[[size] * 2] * 3)])
+        stamp(message, second * 1_000_000_000)
+        arm.reference.publish(message)
+        arm.until(lambda count=second: arm.node.reference_input.accepted == count)
+    arm.until(lambda: len(arm.effort) == 2)
+    assert arm.node._model_failures == 1
 
 
 def test_a_backwards_joint_state_is_no_posture_to_carry(bench: Any) -> None:
