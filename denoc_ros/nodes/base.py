@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import gc
-import math
-import signal
-import sys
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from types import FrameType
 from typing import Any
 
 import numpy as np
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.experimental import EventsExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from denoc_ros.errors import DenocError
@@ -40,8 +34,6 @@ LATCHED = QoSProfile(
 )
 # parameters that rclpy itself declares
 FOREIGN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
-# a waiting thread asks for the interpreter this often (s); the default of 5 ms is five ticks
-SWITCH_INTERVAL = 2e-4
 
 
 class DenocNode(LifecycleNode):
@@ -308,6 +300,9 @@ class DenocNode(LifecycleNode):
         """Label of the lifecycle state."""
         return str(self._state_machine.current_state[1])
 
+    def save(self) -> None:
+        """Save what can be saved when the executor hangs: called from another thread, last."""
+
     def end(self) -> None:
         """Go to the end of the life cycle from wherever the node is."""
         if self.state == 'active':
@@ -315,86 +310,3 @@ class DenocNode(LifecycleNode):
         wait_until_delivered(self.publishers)
         if self.state == 'inactive':
             self.trigger_cleanup()
-
-
-def run(make: Callable[[], DenocNode], arguments: Sequence[str] | None = None) -> int:
-    """Run one node as a process until SIGINT or SIGTERM; return the exit status.
-
-    Parameters
-    ----------
-    make : callable
-        Makes the node, after rclpy is initialized.
-    arguments : sequence of str, optional
-        Command line; default the process's own.
-
-    Returns
-    -------
-    int
-        0 after a clean end; 1 for bad parameters or robot, or a failed loop: one clear message
-        on stderr, no traceback.
-    """
-    signals: list[int] = []
-
-    def on_signal(number: int, _frame: FrameType | None) -> None:
-        signals.append(number)
-
-    sys.setswitchinterval(SWITCH_INTERVAL)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, on_signal)
-    try:
-        # rclpy's own handlers would end the context before the safe command is out
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:
-        print(f'denoc_ros: {error}', file=sys.stderr)
-        return 1
-    try:
-        node = make()
-    except DenocError as error:
-        print(error, file=sys.stderr)
-        rclpy.try_shutdown()
-        return 1
-    node.owns_process = True
-    executor = EventsExecutor()
-    executor.add_node(node)
-    try:
-        return _spin(node, executor, signals)
-    finally:
-        node.end()
-        executor.remove_node(node)
-        node.destroy_node()
-        executor.shutdown()
-        rclpy.try_shutdown()
-
-
-def _spin(node: DenocNode, executor: Any, signals: list[int]) -> int:
-    """Start the node if it starts itself, then serve callbacks until it is to end."""
-    if node.settings.flag('autostart') and not _start(node, executor, signals):
-        return 0 if signals else _fail(node)
-    while rclpy.ok() and not signals:
-        # .spin() hangs in the wheels of rclpy 7.1.6
-        executor.spin_once(0.1)
-        if node.fatal:
-            return _fail(node)
-    return 0
-
-
-def _start(node: DenocNode, executor: Any, signals: list[int]) -> bool:
-    """Configure as soon as the node has what it needs, then activate."""
-    told = -math.inf
-    while not node.ready:
-        if signals or not rclpy.ok():
-            return False
-        if time.perf_counter() - told > 5.0:
-            node.get_logger().info('waiting for robot_description')
-            told = time.perf_counter()
-        executor.spin_once(0.1)
-    done = TransitionCallbackReturn.SUCCESS
-    node.starting = True
-    started = node.trigger_configure() == done and node.trigger_activate() == done
-    node.starting = False
-    return bool(started)
-
-
-def _fail(node: DenocNode) -> int:
-    print(f'{node.get_name()}: {node.fatal or node.failure}', file=sys.stderr)
-    return 1

@@ -16,11 +16,12 @@ from trajectory_msgs.msg import JointTrajectory
 from denoc_ros.dynamics.feedforward import Terms, TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError, StateError
-from denoc_ros.nodes.base import EVERY_MESSAGE, NEWEST, run
+from denoc_ros.nodes.base import EVERY_MESSAGE, NEWEST
 from denoc_ros.nodes.conversions import InputError, JointStateReader, read_trajectory
 from denoc_ros.nodes.diagnostics import ERROR, WARN, Status
 from denoc_ros.nodes.feedforward_parameters import TABLE
 from denoc_ros.nodes.parameters import Settings, Value
+from denoc_ros.nodes.process import run
 from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode, driven_joints, is_override
 from denoc_ros.nodes.safety import InputMonitor, SafeCommand, TorqueLimiter, effort_limits

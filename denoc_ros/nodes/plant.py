@@ -20,13 +20,14 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.dynamics.tied_stepper import stepper_of
 from denoc_ros.errors import ConfigError
-from denoc_ros.nodes.base import LATCHED, STATE, run
+from denoc_ros.nodes.base import LATCHED, STATE
 from denoc_ros.nodes.conversions import CommandReader, read_trajectory
 from denoc_ros.nodes.diagnostics import WARN, Status
 from denoc_ros.nodes.joint_ties import JointTies
 from denoc_ros.nodes.messages import JointStateMessage
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.plant_parameters import TABLE
+from denoc_ros.nodes.process import run
 from denoc_ros.nodes.reference import ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode, driven_joints, is_override
 from denoc_ros.nodes.sensor_outputs import SensorOutputs

@@ -20,8 +20,9 @@ from denoc_ros.bags.definitions import encode
 from denoc_ros.bags.metadata import Qos
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
-from denoc_ros.nodes.base import LATCHED, DenocNode, run
+from denoc_ros.nodes.base import LATCHED, DenocNode
 from denoc_ros.nodes.diagnostics import ERROR, OK, WARN, Status
+from denoc_ros.nodes.process import run
 from denoc_ros.nodes.recorder_parameters import TABLE
 
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
@@ -132,6 +133,11 @@ class Recorder(DenocNode):
             raise BagError(f'{message}; {status.failure}')
         (self.get_logger().warning if lost else self.get_logger().info)(message)
         return message
+
+    def save(self) -> None:
+        """Finish the bag with what has come in, though the executor hangs."""
+        if self.writer is not None:
+            self.writer.close()
 
     def split(self) -> str:
         """Go on in a new file."""
@@ -281,10 +287,16 @@ def message_class(type_name: str) -> type:
 
 
 def arrived(subscription: Any) -> Iterator[bytes]:
-    """Yield the messages that a subscription holds and no callback has had yet."""
+    """Yield the messages that a subscription holds and no callback has had yet.
+
+    At most as many as its queue holds: publishers go on meanwhile.
+    """
     handle = subscription.handle
     with handle:
-        while (taken := handle.take_message(subscription.msg_type, True)) is not None:
+        for _ in range(QUEUE_DEPTH):
+            taken = handle.take_message(subscription.msg_type, True)
+            if taken is None:
+                return
             yield taken[0]
 
 

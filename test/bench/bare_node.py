@@ -28,7 +28,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from denoc_ros.nodes.base import SWITCH_INTERVAL
+from denoc_ros.nodes.process import SWITCH_INTERVAL
 from denoc_ros.nodes.timing import Loop
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)

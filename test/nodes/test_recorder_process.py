@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
 from denoc_ros.bags.reader import read_bag
 from denoc_ros.bags.recover import recover
@@ -109,3 +110,31 @@ def test_existing_output_is_one_message_and_status_1(graph: Any, tmp_path: Path)
     assert done.returncode == 1
     assert 'must not exist yet' in done.stderr
     assert 'Traceback' not in done.stderr
+
+
+HANGING = """
+import sys, time
+from denoc_ros.nodes.process import run
+from denoc_ros.nodes.recorder import Recorder
+
+class Hanging(Recorder):
+    def mark(self):
+        time.sleep(1000.0)
+
+sys.exit(run(Hanging, sys.argv, patience=1.5))
+"""
+
+
+def test_a_hanging_executor_leaves_a_whole_bag(graph: Any, tmp_path: Path) -> None:
+    command = [sys.executable, '-c', HANGING, '--ros-args', '-p', f'output:={tmp_path / "run"}']
+    command += ['-p', 'topics:=[/joint_states]']
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        stream = stream_for(graph, 1.0)
+        client = graph.probe.create_client(Trigger, '/recorder/mark')
+        assert client.wait_for_service(10.0)
+        client.call_async(Trigger.Request())
+        assert process.wait(20.0) == 1
+        stream.stop()
+        assert process.stderr is not None
+        assert 'executor must turn within 1.5 s' in process.stderr.read()
+    assert len(list(read_bag(tmp_path / 'run'))) > 500

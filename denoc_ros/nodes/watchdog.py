@@ -1,0 +1,58 @@
+"""Ends a process whose executor hangs, which no signal could: its main thread never comes back."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+HUNG = 1  # exit status
+
+
+class Watchdog:
+    """Ends the process unless :meth:`beat` is called often enough.
+
+    It prints where every thread stands, then calls `save`, which must not need the main thread.
+
+    Parameters
+    ----------
+    name : str
+        Whose executor it is, for the message.
+    patience : float
+        s between two beats.
+    save : callable
+        Called last, such as to close a file.
+    """
+
+    def __init__(self, name: str, patience: float, save: Callable[[], None]) -> None:
+        self._name, self._patience, self._save = name, patience, save
+        self._last = time.monotonic()
+        self._over = threading.Event()
+        threading.Thread(target=self._watch, name='watchdog', daemon=True).start()
+
+    def beat(self) -> None:
+        """Say that the executor turns."""
+        self._last = time.monotonic()
+
+    def stop(self) -> None:
+        """Watch no longer."""
+        self._over.set()
+
+    def _watch(self) -> None:
+        while not self._over.wait(0.2 * self._patience):
+            still = time.monotonic() - self._last
+            if still > self._patience:
+                print(
+                    f'{self._name}: its executor must turn within {self._patience:g} s, '
+                    f'got nothing for {still:.1f} s; the process ends itself',
+                    file=sys.stderr,
+                )
+                faulthandler.dump_traceback(file=sys.stderr)
+                sys.stderr.flush()
+                try:
+                    self._save()
+                finally:
+                    os._exit(HUNG)
