@@ -210,7 +210,7 @@ def judge(
     return Block(
         loops={name: loop_share(journals[name], window) for name in LOOPS},
         processor=dict(processor),
-        others=window.busy - sum(processor.values()),
+        others=max(0.0, window.busy - sum(processor.values())),  # two clocks of the kernel's
         published=published,
         recorded=published - sum(missing.values()),
         missing=dict(missing),
