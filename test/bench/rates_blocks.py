@@ -36,7 +36,9 @@ INPUTS = {
     'feedforward': ('/joint_states',),
 }
 STAMPLESS = ('std_msgs/msg/Float64', 'std_msgs/msg/Float64MultiArray')
-SETTLING = 1.0  # s from the last process's start to the block's begin
+# s from the last process's start to the block's begin: when a process joins, publishing to it
+# over shared memory may stand still for 333 ms, ours and bare alike
+SETTLING = 1.0
 PATIENCE = 60.0  # s for processes to connect
 EACH_TICK = 0.5  # messages per tick from which on a topic counts as one per tick
 
@@ -91,7 +93,8 @@ class WatchedDriver(Driver):
     window: Window
 
     def begin_phase(self, name: str) -> None:
-        """Begin."""
+        """Begin, when every process has found the last one."""
+        self.wait(SETTLING)
         self.window = Window()
         super().begin_phase(name)
 
