@@ -49,7 +49,7 @@ bench: $(STAMP)
 	$(BIN)/denoc bench
 	$(BIN)/python test/bench/tick_latency.py
 
-# nine minutes: the demo's nodes at 1000 and at 500 Hz beside bare ones
+# seven minutes: the demo's nodes at 1000 and at 500 Hz beside bare ones
 rates: $(STAMP)
 	PYTHONPATH=test $(BIN)/python -m bench.rates
 
