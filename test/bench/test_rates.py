@@ -37,12 +37,12 @@ def test_deadlines_passed_over_count_as_missed() -> None:
 @pytest.mark.ros
 def test_campaign_loses_nothing_and_has_its_numbers() -> None:
     # a rate that a loaded machine keeps: how late the ticks are is not judged here
-    campaign = measure(load_config('config/canadarm.yaml'), 200.0, seconds=2.0, blocks=1)
+    campaign = measure(load_config('config/canadarm.yaml'), 200.0, seconds=1.0, blocks=1)
     record = campaign.record()
     for kind in ('ours', 'bare'):
         found = record[kind]
         assert found['missing'] == 0, found['blocks'][0]['missing']
-        assert found['published'] > 0.5 * 9 * 2.0 * 200.0
+        assert found['published'] > 0.5 * 9 * 200.0
         assert set(found['late_share']) == set(LOOPS)
         assert all(0.0 <= share <= 1.0 for share in found['late_share'].values())
         assert all(found['processor'][node] > 0.0 for node in START_ORDER)
