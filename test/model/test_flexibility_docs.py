@@ -56,10 +56,11 @@ def test_the_dotted_paths_of_the_reference_work() -> None:
         'inertia': '1 0 0 1 0 1',
     }
     paths = [path.replace('\\|', '|') for path in re.findall(r'\| `([a-z]+\.<[^`]*)`', TEXT)]
-    assert len(paths) == 4
+    assert len(paths) == 6
     for path in paths:
-        fields = path.rsplit('<', 1)[1].rstrip('>').split('|')
-        stem = path.rsplit('.', 1)[0].replace('<y|z>', 'y')
-        stem = stem.replace('<link>', 'upper_arm').replace('<name>', 'shoulder')
-        for field in fields:
+        stem, fields = path.rsplit('.', 1)
+        stem = stem.replace('<y|z>', 'y').replace('<link>', 'upper_arm')
+        stem = stem.replace('<name>', 'shoulder')
+        fields = fields.replace('<joint>', 'shoulder').strip('<>')
+        for field in fields.split('|'):
             with_overrides(EXAMPLE, {f'{stem}.{field}': odd.get(field, 0.01)})
