@@ -87,7 +87,7 @@ def summarize(robot: Robot, result: Run) -> dict[str, Any]:
 
     from denoc_ros.dynamics.deflection import TipDeflections
 
-    tips = TipDeflections(robot.tree)
+    tips = TipDeflections(robot)
     rows = np.array([tips.evaluate(q, qd)[0] for q, qd in zip(result.q, result.qd, strict=True)])
     largest = {
         name: float(np.max(np.abs(rows[:, column])))

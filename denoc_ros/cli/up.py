@@ -125,7 +125,6 @@ def bring_up(
             robot.with_overrides(overrides)
         task = _task(config, robot, bag)
         config = _started_on_the_reference(config, task)
-        warm_kernels(robot)
     folder = new_folder(output)
     environment = {
         'ROS_AUTOMATIC_DISCOVERY_RANGE': os.environ.get(
@@ -186,30 +185,6 @@ def _started_on_the_reference(config: SessionConfig, task: Task) -> SessionConfi
         return config
     start = task.trajectory.table(task.trajectory.duration)[1][0].tolist()
     return dataclasses.replace(config, nodes={**config.nodes, 'plant': {**plant, 'start': start}})
-
-
-def warm_kernels(robot: Robot) -> None:
-    """Call every kernel that the nodes use, so that the processes find them compiled."""
-    import numpy as np
-
-    from denoc_ros.dynamics.feedforward import TorqueFeedforward
-    from denoc_ros.dynamics.stepper import Stepper
-
-    q = np.zeros(robot.n)
-    joints = np.zeros(len(robot.joint_names))
-    robot.forward_dynamics(q, q, q)
-    robot.hybrid_dynamics(q, q, joints)
-    robot.inertia_matrix(q)
-    robot.energy(q, q)
-    for frame in list(robot.tree.frames)[-1:]:
-        robot.frame_pose(frame, q)
-    stepper = Stepper(robot.copy(), 1e-3)
-    stepper.free(q.copy(), q.copy(), q)
-    stepper.driven(q.copy(), q.copy(), joints)
-    feedforward = TorqueFeedforward(robot.copy())
-    driven = np.zeros(len(feedforward.joints))
-    for elapsed in (0.0, 1e-3):
-        feedforward.update(driven, driven, driven, elapsed)
 
 
 def new_folder(output: Path | None) -> Path:

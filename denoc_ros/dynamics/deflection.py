@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.section import Section
-from denoc_ros.model.tree import Beam, Tree
+from denoc_ros.model.lowering import is_flexible
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -18,10 +22,7 @@ class TipDeflections:
 
     Parameters
     ----------
-    tree : Tree
-        The robot.
-    geometric_stiffness : bool
-        False leaves the foreshortening u_x out.
+    robot : Robot
 
     Attributes
     ----------
@@ -37,17 +38,15 @@ class TipDeflections:
     vector [beta, -u_z', u_y'].
     """
 
-    def __init__(self, tree: Tree, geometric_stiffness: bool = True) -> None:
-        flexible = _flexible_bodies(tree)
-        self.links = tuple(name for name, _, _ in flexible)
+    def __init__(self, robot: Robot) -> None:
+        self.links = tuple(body.name for body in robot.tree.bodies if is_flexible(body))
         self.names = tuple(f'{link}/{part}' for link in self.links for part in COMPONENTS)
-        n, count = _coordinates(tree), len(flexible)
+        n, count = robot.n, len(self.links)
         self._rows = np.zeros((6 * count, n))
         self._shortening = np.zeros((n, n))
         self._owner = np.zeros((count, n))  # -1/2 at a link's own amplitudes
-        for index, (_, start, beam) in enumerate(flexible):
-            own = slice(start, start + sum(beam.modes))
-            tip = Section(beam, beam.length, geometric_stiffness)
+        for index, link in enumerate(self.links):
+            tip, own = robot.section(link)
             self._rows[6 * index : 6 * index + 6, own] = tip.linear
             self._shortening[own, own] = tip.shortening
             self._owner[index, own] = -0.5
@@ -79,22 +78,3 @@ class TipDeflections:
         drawn *= 2.0
         rate[::6] = self._owner @ drawn
         return position, rate
-
-
-def _coordinates(tree: Tree) -> int:
-    """Return the number of coordinates."""
-    joints = sum(1 for body in tree.bodies if body.joint is not None)
-    return joints + sum(sum(body.beam.modes) for body in tree.bodies if body.beam is not None)
-
-
-def _flexible_bodies(tree: Tree) -> list[tuple[str, int, Beam]]:
-    """Return link, first amplitude's coordinate and beam of every flexible body."""
-    found, start = [], 0
-    for body in tree.bodies:
-        start += int(body.joint is not None)
-        if body.beam is None:
-            continue
-        if any(body.beam.modes):
-            found.append((body.name, start, body.beam))
-        start += sum(body.beam.modes)
-    return found

@@ -14,7 +14,7 @@ from denoc_ros.dynamics.borders import as_vector, require_finite
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.workspace import Workspace
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels import articulated, composite, inverse, world
+from denoc_ros.kernels import articulated, composite, inverse, step, world
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.handle import GOOD, NOT_FINITE, SINGULAR
 from denoc_ros.kernels.layout import MASS, PARENT, REAL
@@ -33,6 +33,7 @@ KERNELS = (
     world.frame_pose,
     world.frame_jacobian,
     world.place_bodies,
+    step.advance,
 )
 Held = TypeVar('Held', bound='HeldModel')
 

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.handle import GOOD, MISFIT, SINGULAR
 from denoc_ros.kernels.step import STEP_ROWS, advance
 
@@ -40,7 +39,6 @@ class Stepper:
         self._zero = np.zeros(robot.n)
         self._given = np.zeros(robot.n)
         self._held = robot.held(robot.joint_indices)
-        ready(advance)
 
     def free(self, q: Array, qd: Array, tau: Array) -> None:
         """Advance q and qd (n,) in place under generalized forces tau (n,), held over the step.

@@ -115,7 +115,7 @@ class Observer:
         self._flexible = np.setdiff1d(np.arange(robot.n), self._joints)
         self._inertia = np.zeros((robot.n, robot.n))
         self._filter = TrackingFilter(len(self._joints), settings.cutoff)
-        self.deflections = TipDeflections(robot.tree)
+        self.deflections = TipDeflections(robot)
         self.q, self.qd, self.q_ahead, self.qd_ahead = np.zeros((4, robot.n))
         self._q, self._qd, self._tau = np.zeros((3, robot.n))  # at the last measurement
         self.late = self.repeated = self.restarts = self.unsettled = 0

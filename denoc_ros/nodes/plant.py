@@ -143,7 +143,7 @@ class PlantNode(RobotNode):
 
     def _prepare_messages(self, settings: Settings) -> None:
         robot = self.robot
-        self.deflections = TipDeflections(robot.tree)
+        self.deflections = TipDeflections(robot)
         tips = len(self.deflections.names)
         self._bent, self._bending = np.zeros((2, tips))
         motion = ('position', 'velocity')

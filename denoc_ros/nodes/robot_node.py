@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -230,8 +229,3 @@ def driven_joints(robot: Robot, given: Sequence[str], where: str) -> list[str]:
             [f"parameter 'joints' must name different joints of {free}, got {list(given)}"],
         )
     return list(given) or free
-
-
-def steady_now() -> float:
-    """Return the steady clock [s]."""
-    return time.perf_counter()

@@ -72,7 +72,7 @@ def write_run(
 
 def _write_states(bag: BagWriter, run: Run, robot: Robot, progress: Any) -> None:
     joints = np.asarray(robot.joint_indices)
-    tips = TipDeflections(robot.tree)
+    tips = TipDeflections(robot)
     for t, q, qd, tau in zip(run.t, run.q, run.qd, run.torque, strict=True):
         stamp_ns = round(float(t) * 1e9)
         deflection, rate = tips.evaluate(q, qd)

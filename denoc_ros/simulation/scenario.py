@@ -34,7 +34,6 @@ KEYS = (
     'rtol',
     'method',
 )
-MODEL_KEYS = KEYS[:3]
 START_KEYS = ('joints', 'rates', 'amplitudes')
 TORQUE_KINDS = ('zero', 'step', 'rigid_inverse_dynamics')
 TABLE_KINDS = ('hold', 'linear')

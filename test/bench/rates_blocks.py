@@ -23,7 +23,7 @@ from denoc_ros.cli.config import SessionConfig
 from denoc_ros.cli.processes import Processes, free_domain
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session import START_ORDER, STOP_ORDER, Session, Task
-from denoc_ros.cli.up import new_folder, warm_kernels
+from denoc_ros.cli.up import new_folder
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.driver import Driver
@@ -252,7 +252,6 @@ class Bench:
         joints = list(robot.joint_names)
         trajectory = trajectory_from_config(reference, joints)
         nodes['plant'].setdefault('start', trajectory.table(seconds)[1][0].tolist())
-        warm_kernels(robot)
         self.priority = int(nodes['plant'].get('thread_priority', 0))
         self._config = dataclasses.replace(
             config, reference=reference, nodes=nodes, phases=config.phases[-1:]

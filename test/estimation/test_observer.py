@@ -70,7 +70,7 @@ def record(robot: dn.Robot, end: float = 2.0) -> Recording:
     run = dn.simulate(robot, q0, np.zeros(robot.n), times, prescribed=laws, rtol=1e-7)
     rng = np.random.default_rng(7)
     shape = (len(times), len(joints))
-    tips = TipDeflections(robot.tree)
+    tips = TipDeflections(robot)
     return Recording(
         run,
         run.q[:, joints] + POSITION_NOISE * rng.standard_normal(shape),

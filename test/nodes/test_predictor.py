@@ -65,7 +65,7 @@ def run(robot_file: Path) -> Run:
 
 
 def true_deflection(robot_file: Path, run: Run) -> Array:
-    tips = TipDeflections(dn.load_robot(robot_file, gravity=DOWN).tree)
+    tips = TipDeflections(dn.load_robot(robot_file, gravity=DOWN))
     return np.array([tips.evaluate(q, qd)[0][1] for q, qd in zip(run.q, run.qd, strict=True)])
 
 

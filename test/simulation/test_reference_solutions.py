@@ -35,7 +35,7 @@ FALL_START = np.deg2rad([-90.0, 5.0])
 
 def tip_deflections(robot: dn.Robot, run: Run) -> dict[str, Array]:
     """Deflection u_y of every flexible link's tip over a run."""
-    tips = TipDeflections(robot.tree)
+    tips = TipDeflections(robot)
     rows = np.array([tips.evaluate(q, qd)[0] for q, qd in zip(run.q, run.qd, strict=True)])
     return {f'v{link[-1]}': rows[:, 6 * k + 1] for k, link in enumerate(tips.links)}
 
