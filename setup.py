@@ -27,6 +27,9 @@ def shared_files(folder: str) -> list[tuple[str, list[str]]]:
     return list(rows.items())
 
 
+# whole folders of bags, and Monte Carlo, by several processes or on a cluster
+CLUSTER = ['distributed>=2024.8', 'pyarrow>=15']
+
 setup(
     name=NAME,
     version=package_version(),
@@ -59,7 +62,9 @@ setup(
             'ros-rclpy[fastrtps]==7.1.6',
             'ros-jazzy-common-interfaces',
         ],
+        'cluster': CLUSTER,
         'test': [
+            *CLUSTER,
             'pytest>=8',
             'hypothesis',
             'ruff',

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from denoc_ros.cli.batch import add_crew_options
 from denoc_ros.errors import BagError, ConfigError
 
 if TYPE_CHECKING:
@@ -27,9 +28,24 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('robot', help='the URDF file')
     parser.add_argument('scenario', help='a YAML file, such as config/scenarios/*.yaml')
     parser.add_argument(
-        '-o', '--output', type=Path, required=True, help='new .mcap file or bag folder'
+        '-o',
+        '--output',
+        type=Path,
+        required=True,
+        help='new .mcap file or bag folder; with --vary a folder of Parquet files, added to',
     )
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
+    varied = parser.add_argument_group('many runs, with the model varied')
+    varied.add_argument(
+        '--vary',
+        metavar='PATH=LOW:HIGH',
+        action='append',
+        default=[],
+        help='draw a value of the model evenly (beam.LINK.y.ei=8e4:1.2e5); repeatable',
+    )
+    varied.add_argument('--runs', metavar='N', type=int, default=100, help='default: 100')
+    varied.add_argument('--seed', type=int, default=0, help='of the draws; default: 0')
+    add_crew_options(varied)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -38,6 +54,10 @@ def run(args: argparse.Namespace) -> int:
 
     from denoc_ros.simulation.bag import write_run
 
+    if args.vary:
+        from denoc_ros.cli.monte_carlo import run_varied
+
+        return run_varied(args)
     if args.output.exists():
         raise BagError(f'{args.output}: output must not exist yet, got an existing one')
     robot, scenario, description = load(args.robot, args.scenario)
@@ -66,19 +86,47 @@ def load(robot: str, scenario: str) -> tuple[Robot, Scenario, str]:
         With every finding of the file.
     """
     from denoc_ros.cli.config import read_yaml
-    from denoc_ros.dynamics.robot import load_robot
-    from denoc_ros.simulation.scenario import model_settings, scenario_from_config
 
     robot_file, scenario_file = _find(robot, 'robot'), _find(scenario, 'scenario')
     values = read_yaml(scenario_file)
-    model = model_settings(values, str(scenario_file))
-    loaded = load_robot(
-        robot_file, gravity=model.gravity, geometric_stiffness=model.geometric_stiffness
-    )
-    if model.overrides:
-        loaded = loaded.with_overrides(model.overrides)
-    made = scenario_from_config(values, loaded, str(scenario_file))
+    loaded, made = prepare(robot_file, values, str(scenario_file))
     return loaded, made, robot_file.read_text(encoding='utf-8')
+
+
+def prepare(
+    robot: Path | str,
+    values: Mapping[str, Any],
+    where: str,
+    overrides: Mapping[str, float] | None = None,
+) -> tuple[Robot, Scenario]:
+    """Return the robot as a scenario wants it, and the scenario.
+
+    Parameters
+    ----------
+    robot : Path or str
+        The URDF file, or its text.
+    values : mapping
+        The scenario.
+    where : str
+        The scenario's name in errors.
+    overrides : mapping, optional
+        Of the model, beside and above those of the scenario.
+
+    Raises
+    ------
+    ConfigError, ModelError
+        With every finding.
+    """
+    from denoc_ros.dynamics.robot import load_robot
+    from denoc_ros.simulation.scenario import model_settings, scenario_from_config
+
+    model = model_settings(values, where)
+    loaded = load_robot(
+        robot, gravity=model.gravity, geometric_stiffness=model.geometric_stiffness
+    )
+    if changes := {**model.overrides, **(overrides or {})}:
+        loaded = loaded.with_overrides(changes)
+    return loaded, scenario_from_config(values, loaded, where)
 
 
 def summarize(robot: Robot, result: Run) -> dict[str, Any]:

@@ -1,0 +1,255 @@
+"""Many independent runs of one function: here, on local workers, or on a Dask cluster."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from denoc_ros.errors import ConfigError, DenocError
+
+Row = dict[str, Any]
+Task = Callable[[Any], Row]
+
+STORE_EVERY = 5.0  # s between two files of rows: what an interruption loses at most
+KEY, FAILURE = 'key', 'failure'
+# one run per process: libraries that start threads of their own would only get in each other's way
+THREADED = ('OMP', 'OPENBLAS', 'MKL', 'NUMBA')
+SINGLE_THREADED = {f'{library}_NUM_THREADS': '1' for library in THREADED}
+
+
+@dataclass(frozen=True)
+class Crew:
+    """Who does the work.
+
+    Attributes
+    ----------
+    workers : int
+        Local processes; 0 for this one alone.
+    scheduler : str
+        Address of a Dask scheduler, which then has the workers; '' for none.
+    """
+
+    workers: int = 0
+    scheduler: str = ''
+
+
+class RowStore:
+    """Rows in a folder of Parquet files, each written once and whole.
+
+    Parameters
+    ----------
+    folder : Path
+        Made when the first rows are written; rows that are there already count as done.
+    columns : mapping
+        Name -> float, int, str, or list for several floats. `key` and `failure` are added.
+
+    Raises
+    ------
+    ConfigError
+        When the optional pyarrow is not installed, or the folder holds rows of other columns.
+    """
+
+    def __init__(self, folder: Path, columns: Mapping[str, type]) -> None:
+        self.folder = folder
+        self._arrow = _required('pyarrow')
+        types = {float: 'float64', int: 'int64', str: 'string'}
+        several = self._arrow.list_(self._arrow.float64())
+        self._schema = self._arrow.schema(
+            [
+                (name, several if kind is list else types[kind])
+                for name, kind in {KEY: str, FAILURE: str, **columns}.items()
+            ]
+        )
+        self._waiting: list[Row] = []
+        self._stored = time.monotonic()
+
+    def rows(self) -> list[Row]:
+        """Return all rows written so far, in the order of writing."""
+        parquet = _required('pyarrow.parquet')
+        rows: list[Row] = []
+        for file in sorted(self.folder.glob('rows-*.parquet')):
+            table = parquet.read_table(file)
+            if table.schema != self._schema:
+                raise ConfigError(
+                    str(file),
+                    [
+                        f'columns must be {", ".join(self._schema.names)}, '
+                        f'got {", ".join(table.schema.names)}'
+                    ],
+                )
+            rows += table.to_pylist()
+        return rows
+
+    def append(self, row: Row) -> None:
+        """Take in a row; it is on the disk after `STORE_EVERY` s or `close`."""
+        self._waiting.append(row)
+        if time.monotonic() - self._stored > STORE_EVERY:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write the rows that wait."""
+        if self._waiting:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            number = len(list(self.folder.glob('rows-*.parquet')))
+            final = self.folder / f'rows-{number:06d}.parquet'
+            partial_file = final.with_suffix('.part')
+            table = self._arrow.Table.from_pylist(self._waiting, schema=self._schema)
+            _required('pyarrow.parquet').write_table(table, partial_file)
+            partial_file.rename(final)
+        self._waiting = []
+        self._stored = time.monotonic()
+
+    def close(self) -> None:
+        """Write what waits."""
+        self.flush()
+
+
+def add_crew_options(parser: argparse.ArgumentParser) -> None:
+    """Declare --workers and --scheduler."""
+    parser.add_argument(
+        '--workers',
+        metavar='N',
+        type=int,
+        default=0,
+        help='processes of a local Dask cluster; default: this process alone',
+    )
+    parser.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        default='',
+        help='a Dask scheduler, such as tcp://head:8786, whose workers do the work',
+    )
+
+
+def crew_of(args: argparse.Namespace) -> Crew:
+    """Return what --workers and --scheduler say; ConfigError where they make no sense."""
+    if args.workers < 0:
+        raise ConfigError('--workers', [f'it must be >= 0, got {args.workers}'])
+    if args.workers and args.scheduler:
+        raise ConfigError('--workers', ['it must not stand beside --scheduler, got both'])
+    return Crew(args.workers, args.scheduler)
+
+
+def run_batch(
+    task: Task,
+    items: Mapping[str, Any],
+    store: RowStore | None,
+    crew: Crew,
+    label: str = '',
+    progress: bool = True,
+) -> list[Row]:
+    """Run a task over items and return a row for each, in the items' order.
+
+    Parameters
+    ----------
+    task : callable
+        Importable by name on the workers; takes an item, returns a row.
+    items : mapping
+        Key -> item. Keys whose rows the store has already are not run again.
+    store : RowStore or None
+        Takes the rows as they come; failures are not stored, so that they are tried again.
+    crew : Crew
+        Who runs them.
+    label : str
+        Of the progress bar.
+    progress : bool
+        Whether there is one, on a terminal.
+
+    Raises
+    ------
+    ConfigError
+        When Dask is needed and not installed, or the scheduler does not answer.
+    """
+    from tqdm import tqdm
+
+    stored = store.rows() if store else []
+    done = {row[KEY]: row for row in stored if row[KEY] in items}
+    todo = [(key, item) for key, item in items.items() if key not in done]
+    guarded = partial(_guarded, task)
+    with (
+        closing(store) if store else nullcontext(),
+        tqdm(
+            total=len(items),
+            initial=len(done),
+            desc=label,
+            disable=None if progress else True,
+            leave=False,
+        ) as bar,
+    ):
+        for row in _rows(guarded, todo, crew):
+            done[row[KEY]] = row
+            if store and not row[FAILURE]:
+                store.append(row)
+            bar.update()
+    return [done[key] for key in items]
+
+
+def _guarded(task: Task, keyed: tuple[str, Any]) -> Row:
+    """Return a task's row; whatever stops one item must not stop the others."""
+    key, item = keyed
+    try:
+        return {KEY: key, FAILURE: '', **task(item)}
+    except (DenocError, OSError) as error:
+        return {KEY: key, FAILURE: str(error)}
+    except Exception as error:
+        return {KEY: key, FAILURE: f'{type(error).__name__}: {error}'}
+
+
+def _rows(
+    guarded: Callable[[tuple[str, Any]], Row], todo: Sequence[tuple[str, Any]], crew: Crew
+) -> Iterator[Row]:
+    if not todo:
+        return
+    if not (crew.workers or crew.scheduler):
+        yield from map(guarded, todo)
+        return
+    with _client(crew, len(todo)) as client:
+        futures = client.map(guarded, todo, pure=False)
+        for _, row in _required('distributed').as_completed(futures, with_results=True):
+            yield row
+
+
+@contextmanager
+def _client(crew: Crew, tasks: int) -> Iterator[Any]:
+    distributed = _required('distributed')
+    if crew.scheduler:
+        try:
+            client = distributed.Client(crew.scheduler, timeout='10s')
+        except (OSError, ValueError) as error:
+            raise ConfigError(
+                '--scheduler', [f'a Dask scheduler must answer at {crew.scheduler}, got: {error}']
+            ) from error
+        with closing(client):
+            yield client
+        return
+    with (
+        distributed.LocalCluster(
+            n_workers=min(crew.workers, tasks),
+            threads_per_worker=1,
+            dashboard_address=None,
+            env=SINGLE_THREADED,
+        ) as cluster,
+        closing(distributed.Client(cluster)) as client,
+    ):
+        yield client
+
+
+def _required(module: str) -> Any:
+    from importlib import import_module
+
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise ConfigError(
+            'denoc_ros[cluster]',
+            [
+                f'{module.partition(".")[0]} must be installed for whole folders and clusters: '
+                "pip install 'denoc_ros[cluster]'"
+            ],
+        ) from error
