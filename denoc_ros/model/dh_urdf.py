@@ -8,7 +8,9 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
-from denoc_ros.model.dh import DHLink, DHSystem
+from denoc_ros.model.dh import DHSystem
+from denoc_ros.model.dh_links import DHLink
+from denoc_ros.model.dh_mechanism import DHPoint
 from denoc_ros.model.findings import Element
 
 Array = NDArray[np.float64]
@@ -27,28 +29,30 @@ def urdf_text(system: DHSystem) -> str:
     Returns
     -------
     str
-        Links `base`, `link_1` ... `link_n` and `tool`, joints `joint_1` ... `joint_n` about or
-        along Z. Link i's frame is the frame of joint i, turned with it: X along the rod or
-        beam. `tool` stands fixed at the end. Planar systems bend along y, others along y and z.
+        Links `base`, `link_1` ... and `tool`, joints `joint_1` ... about or along Z, unless the
+        table gives names. A link's frame is the frame of its joint, turned with it: X along the
+        rod or beam. `tool` stands fixed at the end of a serial robot, or where the table says.
+        Planar systems bend along y, others along y and z.
     """
     root = etree.Element('robot', name=system.name)
     root.append(etree.Comment(_head(system)))
     width = VISUAL_WIDTH * max(link.rod_length for link in system.links)
     etree.SubElement(root, 'link', name='base')
-    for index, link in enumerate(system.links, 1):
-        element = etree.SubElement(root, 'link', name=f'link_{index}')
+    for link in system.links:
+        element = etree.SubElement(root, 'link', name=link.name)
         _add_inertial(element, link)
         _add_visuals(element, link, width)
-    etree.SubElement(root, 'link', name='tool')
-    parent, shift, turn = 'base', np.zeros(3), np.eye(3)
-    for index, link in enumerate(system.links, 1):
-        origin = turn @ _rotation_z(link.theta)
-        _add_joint(root, system, index, parent, shift, origin)
-        parent = f'link_{index}'
-        shift, turn = np.array([link.a, 0.0, link.b]), _rotation_x(link.alpha)
-    tip = etree.SubElement(root, 'joint', name='tool_joint', type='fixed')
-    _add_ends(tip, parent, 'tool', shift, turn)
-    if any(_bends(system, link) for link in system.links):
+    if system.tool is not None:
+        etree.SubElement(root, 'link', name='tool')
+    for chain in system.chains:
+        parent, shift, turn = 'base', np.array(chain.base), np.eye(3)
+        for link in chain.links:
+            _add_joint(root, system, link, parent, shift, turn @ _rotation_z(link.theta))
+            parent, (shift, turn) = link.name, _end(link)
+    if system.tool is not None:
+        joint = etree.SubElement(root, 'joint', name='tool_joint', type='fixed')
+        _add_ends(joint, system.tool.link, 'tool', *_placement(system, system.tool))
+    if system.loops or any(_bends(system, link) for link in system.links):
         _add_flexibility(root, system)
     etree.indent(root, '  ')
     return f'<?xml version="1.0"?>\n{etree.tostring(root, encoding="unicode")}\n'
@@ -61,7 +65,8 @@ def rod_inertia(link: DHLink) -> tuple[Array, Array]:
     ----------
     link : DHLink
         A rod from the origin to (0, 0, b), then to (a, 0, b), of one mass per length; a point
-        mass at the origin if it has no length. The hub has inertia about Z, and no mass.
+        mass at the origin if it has no length. The hub has inertia about Z, and no mass. Or a
+        thin plate in X-Y.
 
     Returns
     -------
@@ -70,6 +75,8 @@ def rod_inertia(link: DHLink) -> tuple[Array, Array]:
     inertia : ndarray (3, 3)
         About the centre of mass [kg m^2].
     """
+    if link.plate is not None:
+        return np.array(link.plate), link.hub_inertia * np.diag([0.5, 0.5, 1.0])
     inertia = np.diag([0.0, 0.0, link.hub_inertia])
     if link.rod_length == 0.0 or link.mass == 0.0:
         return np.zeros(3), inertia
@@ -119,12 +126,29 @@ def _add_visuals(element: Element, link: DHLink, width: float) -> None:
             etree.SubElement(geometry, 'box', size=_text(*size))
 
 
+def _end(link: DHLink) -> tuple[Array, Array]:
+    """Return position and axes of the next joint's frame, seen from the link's."""
+    return np.array([link.a, 0.0, link.b]), _rotation_x(link.alpha)
+
+
+def _placement(system: DHSystem, point: DHPoint) -> tuple[Array, Array]:
+    if point.at is not None:
+        return np.array(point.at), np.eye(3)
+    return _end(next(link for link in system.links if link.name == point.link))
+
+
+def joint_name(link: DHLink) -> str:
+    """Return the name of the joint before a link: joint_1 before link_1, else x_joint before x."""
+    head, _, rest = link.name.partition('_')
+    return f'joint_{rest}' if head == 'link' and rest else f'{link.name}_joint'
+
+
 def _add_joint(
-    root: Element, system: DHSystem, index: int, parent: str, shift: Array, turn: Array
+    root: Element, system: DHSystem, link: DHLink, parent: str, shift: Array, turn: Array
 ) -> None:
-    kind = 'prismatic' if system.links[index - 1].prismatic else 'revolute'
-    joint = etree.SubElement(root, 'joint', name=f'joint_{index}', type=kind)
-    _add_ends(joint, parent, f'link_{index}', shift, turn)
+    kind = 'prismatic' if link.prismatic else 'revolute'
+    joint = etree.SubElement(root, 'joint', name=joint_name(link), type=kind)
+    _add_ends(joint, parent, link.name, shift, turn)
     etree.SubElement(joint, 'axis', xyz='0 0 1')
     limits = {key: _text(value) for key, value in system.limits.items()}
     etree.SubElement(joint, 'limit', limits)
@@ -138,10 +162,10 @@ def _add_ends(joint: Element, parent: str, child: str, shift: Array, turn: Array
 
 def _add_flexibility(root: Element, system: DHSystem) -> None:
     block = etree.SubElement(root, 'flexibility')
-    for index, link in enumerate(system.links, 1):
+    for link in system.links:
         if not _bends(system, link):
             continue
-        beam = etree.SubElement(block, 'beam', link=f'link_{index}', length=_text(link.a))
+        beam = etree.SubElement(block, 'beam', link=link.name, length=_text(link.a))
         if link.b:  # else the beam is the whole link, which is the default
             beam.set('mass_per_length', _text(link.mass / link.rod_length))
         if system.shape != 'clamped-free':
@@ -152,6 +176,14 @@ def _add_flexibility(root: Element, system: DHSystem) -> None:
             bending = etree.SubElement(beam, 'bending', direction=direction, ei=_text(link.ei))
             bending.set('modes', str(system.modes))
             bending.set('damping_ratio', _text(*system.damping_ratio))
+    for loop in system.loops:
+        element = etree.SubElement(block, 'loop', name=loop.name, type=loop.type)
+        for tag, point in (('parent', loop.parent), ('child', loop.child)):
+            shift, turn = _placement(system, point)
+            pose = {'xyz': _text(*shift), 'rpy': _text(*_rpy(turn))}
+            etree.SubElement(element, tag, link=point.link, **pose)
+        if loop.type == 'revolute':
+            etree.SubElement(element, 'axis', xyz='0 0 1')
 
 
 def _rotation_x(angle: float) -> Array:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from denoc_ros.cli import dh as command
 from denoc_ros.errors import ConfigError, ModelError
-from denoc_ros.model.dh import DHLink, DHSystem, load_system, read_system
+from denoc_ros.model.dh import DHSystem, load_system, read_system
+from denoc_ros.model.dh_links import DHLink
 from denoc_ros.model.dh_urdf import rod_inertia, urdf_text
 from denoc_ros.model.inertia import inverse_transform
 from denoc_ros.model.tree import Joint, JointKind, Tree
