@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from denoc_ros.errors import ModelError as ModelError
     from denoc_ros.errors import SolverError as SolverError
     from denoc_ros.errors import StateError as StateError
+    from denoc_ros.identification.fit import identify_modes as identify_modes
     from denoc_ros.simulation.simulate import simulate as simulate
 
 _HOME = {
@@ -26,6 +27,7 @@ _HOME = {
     'load_robot': 'dynamics.robot',
     'Stepper': 'dynamics.stepper',
     'simulate': 'simulation.simulate',
+    'identify_modes': 'identification.fit',
     'BagError': 'errors',
     'ConfigError': 'errors',
     'DenocError': 'errors',

@@ -1,0 +1,1 @@
+"""Damping and frequencies from measured records: decays, spectra, joints, forced responses."""

@@ -1,0 +1,104 @@
+"""Damping of one mode over windows along its decay, and whether it changes."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.stats import chi2
+
+from denoc_ros.identification.damped import Damped, fit_damped
+from denoc_ros.identification.modes import AmplitudeCurve
+from denoc_ros.identification.records import Floats
+
+MOST_WINDOWS = 6
+CYCLES = 3.0  # of the mode in one window
+SAMPLES = 16
+LOWEST = 3.0  # envelope in standard deviations of the noise where the last window ends
+CHANCE = 1e-4  # of calling noise a change
+SMALLEST_CHANGE = 0.03  # of the damping ratio, between windows
+
+
+def zeta_and_rate(sigma: float, omega: float) -> tuple[float, float]:
+    """Return damping ratio and undamped angular frequency [rad/s] of a pole."""
+    rate = float(np.hypot(sigma, omega))
+    return sigma / rate, rate
+
+
+def zeta_deviation(fit: Damped, k: int) -> float:
+    """Return the standard deviation of mode k's damping ratio from a fit's covariance."""
+    sigma, omega = fit.poles[k]
+    slope = np.array([omega**2, -sigma * omega]) / np.hypot(sigma, omega) ** 3
+    block = fit.covariance()[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
+    return float(np.sqrt(max(slope @ block @ slope, 0.0)))
+
+
+def amplitude_curve(
+    t: Floats, own: Floats, sigma: float, omega: float, amplitude: float, noise: float
+) -> AmplitudeCurve | None:
+    """Return the damping ratio over windows; None where there is room for one window only.
+
+    Parameters
+    ----------
+    t, own : ndarray, shape (k,)
+        Times from the release [s]; the record without its other components [unit].
+    sigma, omega : float
+        The mode's decay rate [1/s] and damped angular frequency [rad/s].
+    amplitude, noise : float
+        At the release and standard deviation [unit].
+    """
+    rows = []
+    for inside in _windows(t, sigma, omega, amplitude, noise):
+        middle = 0.5 * (t[inside][0] + t[inside][-1])
+        start = t[inside][0]
+        fit = fit_damped(t[inside] - start, own[inside], np.array([[sigma, omega]]))
+        if not 0.5 * omega < fit.poles[0, 1] < 2.0 * omega:
+            continue
+        zeta, rate = zeta_and_rate(*fit.poles[0])
+        envelope = abs(fit.complex_amplitudes[0]) * np.exp(-fit.poles[0, 0] * (middle - start))
+        rows.append((middle, envelope, rate / (2.0 * np.pi), zeta, zeta_deviation(fit, 0)))
+    if len(rows) < 2:
+        return None
+    time, level, frequency, zetas, deviation = np.array(rows).T
+    deviation = np.maximum(deviation, 1e-12)
+    trend, dependent = _change(level, zetas, deviation)
+    return AmplitudeCurve(time, level, frequency, zetas, deviation, trend, dependent)
+
+
+def between_windows(curve: AmplitudeCurve) -> float:
+    """Return the standard deviation of the damping ratio between windows, noise taken off.
+
+    Notes
+    -----
+    DerSimonian and Laird's moment estimate, Controlled Clinical Trials 7, 1986.
+    """
+    weight = 1.0 / curve.deviation**2
+    mean = weight @ curve.damping_ratio / weight.sum()
+    excess = weight @ (curve.damping_ratio - mean) ** 2 - (weight.size - 1)
+    return float(np.sqrt(max(0.0, excess / (weight.sum() - weight @ weight / weight.sum()))))
+
+
+def _windows(
+    t: Floats, sigma: float, omega: float, amplitude: float, noise: float
+) -> list[np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    end = float(t[-1])
+    if sigma > 0.0 and noise > 0.0:
+        end = min(end, np.log(max(amplitude / (LOWEST * noise), 1.0)) / sigma)
+    count = int(min(MOST_WINDOWS, end * omega / (2.0 * np.pi * CYCLES)))
+    if count < 2:
+        return []
+    edges = np.linspace(0.0, end, count + 1)
+    windows = [(t >= low) & (t <= high) for low, high in pairwise(edges)]
+    return [inside for inside in windows if np.count_nonzero(inside) >= SAMPLES]
+
+
+def _change(level: Floats, zetas: Floats, deviation: Floats) -> tuple[float, bool]:
+    """Return the slope over the log of the amplitude, and whether the windows differ."""
+    weight = 1.0 / deviation**2
+    mean = weight @ zetas / weight.sum()
+    away = np.log(level) - weight @ np.log(level) / weight.sum()
+    trend = float(weight @ (away * (zetas - mean)) / max(weight @ away**2, 1e-300))
+    scatter = float(weight @ (zetas - mean) ** 2)
+    surprising = chi2.sf(scatter, zetas.size - 1) < CHANCE
+    large = float(np.sqrt(np.average((zetas - mean) ** 2, weights=weight)))
+    return trend, bool(surprising and large > SMALLEST_CHANGE * abs(mean))

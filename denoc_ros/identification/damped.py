@@ -1,0 +1,159 @@
+"""Damped cosines, an offset and a drift fitted to samples: the linear part eliminated.
+
+The model is y(t) = c + d t / T + sum of exp(-sigma t) (a cos w t + b sin w t). For given decay
+rates sigma and damped frequencies w the rest is linear least squares; what is searched are the
+pairs (sigma, w) only (variable projection, with Kaufman's Jacobian).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from denoc_ros.identification.records import Floats
+
+LARGEST_EXPONENT = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Damped:
+    """A fit of m damped cosines.
+
+    Attributes
+    ----------
+    poles : ndarray, shape (m, 2)
+        Decay rate sigma [1/s] and damped angular frequency [rad/s] of each.
+    weights : ndarray, shape (2 m + 2,)
+        a and b of each, then offset and drift over the whole span.
+    residual : ndarray, shape (k,)
+        Measured minus fitted.
+    jacobian : ndarray, shape (k, 2 m)
+        Of the fitted values by the poles, linear part eliminated.
+    span : float
+        What the drift is scaled by [s].
+    """
+
+    poles: Floats
+    weights: Floats
+    residual: Floats
+    jacobian: Floats
+    span: float
+
+    def prediction(self, t: Floats) -> Floats:
+        """Return the fitted values at times t [s]."""
+        return np.asarray(columns(t, self.poles, self.span) @ self.weights)
+
+    @property
+    def rss(self) -> float:
+        """Sum of squared residuals."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def variance(self) -> float:
+        """Variance of the noise."""
+        freedom = self.residual.size - self.weights.size - self.poles.size
+        return self.rss / max(freedom, 1)
+
+    @property
+    def complex_amplitudes(self) -> NDComplex:
+        """A - i b of each, shape (m,): the component is Re of it times exp((i w - sigma) t)."""
+        pairs = self.weights[: 2 * len(self.poles)].reshape(-1, 2)
+        return np.asarray(pairs[:, 0] - 1j * pairs[:, 1])
+
+    def covariance(self) -> Floats:
+        """Return the covariance of the poles (row by row), shape (2 m, 2 m)."""
+        scale = np.linalg.norm(self.jacobian, axis=0)
+        scale[scale == 0.0] = 1.0
+        gram = np.linalg.pinv((self.jacobian / scale).T @ (self.jacobian / scale))
+        return np.asarray(self.variance * gram / np.outer(scale, scale))
+
+
+NDComplex = np.ndarray[tuple[int], np.dtype[np.complex128]]
+
+
+def columns(t: Floats, poles: Floats, span: float) -> Floats:
+    """Return the linear part's columns, shape (k, 2 m + 2)."""
+    m = len(poles)
+    out = np.empty((t.size, 2 * m + 2))
+    for k, (sigma, omega) in enumerate(poles):
+        decay = np.exp(np.clip(-sigma * t, -LARGEST_EXPONENT, LARGEST_EXPONENT))
+        out[:, 2 * k] = decay * np.cos(omega * t)
+        out[:, 2 * k + 1] = decay * np.sin(omega * t)
+    out[:, -2] = 1.0
+    out[:, -1] = t / span
+    return out
+
+
+class _Projection:
+    """Residual and Jacobian at given poles; the last evaluation is kept."""
+
+    def __init__(self, t: Floats, y: Floats, span: float) -> None:
+        self.t, self.y, self.span = t, y, span
+        self.at: Floats | None = None
+
+    def evaluate(self, flat: Floats) -> None:
+        if self.at is not None and np.array_equal(flat, self.at):
+            return
+        self.at = flat.copy()
+        poles = flat.reshape(-1, 2)
+        phi = columns(self.t, poles, self.span)
+        size = np.linalg.norm(phi, axis=0)
+        size[size == 0.0] = 1.0
+        basis, triangle = np.linalg.qr(phi / size)
+        seen = basis.T @ self.y
+        self.weights = np.linalg.lstsq(triangle, seen, rcond=1e-12)[0] / size
+        self.residual = self.y - basis @ seen
+        slopes = np.empty((self.t.size, flat.size))
+        for k in range(len(poles)):
+            a, b = self.weights[2 * k : 2 * k + 2]
+            slopes[:, 2 * k] = -self.t * (a * phi[:, 2 * k] + b * phi[:, 2 * k + 1])
+            slopes[:, 2 * k + 1] = self.t * (b * phi[:, 2 * k] - a * phi[:, 2 * k + 1])
+        self.jacobian = slopes - basis @ (basis.T @ slopes)
+
+    def residuals(self, flat: Floats) -> Floats:
+        self.evaluate(flat)
+        return np.asarray(self.residual)
+
+    def slopes(self, flat: Floats) -> Floats:
+        self.evaluate(flat)
+        return np.asarray(-self.jacobian)
+
+
+def fit_damped(
+    t: Floats, y: Floats, start: Floats, span: float | None = None, rounds: int = 40
+) -> Damped:
+    """Fit damped cosines, an offset and a drift.
+
+    Parameters
+    ----------
+    t, y : ndarray, shape (k,)
+        Times from the start of the decay [s], values.
+    start : ndarray, shape (m, 2)
+        First guess of the poles (sigma [1/s], w [rad/s]).
+    span : float, optional
+        What the drift is scaled by [s]; default the last time.
+    rounds : int
+        Evaluations at most.
+    """
+    span = float(t[-1]) if span is None else span
+    projection = _Projection(t, y, span)
+    flat = np.asarray(start, float).reshape(-1)
+    if flat.size:
+        found = least_squares(
+            projection.residuals,
+            flat,
+            jac=projection.slopes,
+            method='lm',
+            x_scale='jac',
+            xtol=1e-9,
+            ftol=1e-10,
+            gtol=1e-12,
+            max_nfev=rounds,
+        )
+        flat = found.x
+    projection.evaluate(flat)
+    return Damped(
+        flat.reshape(-1, 2), projection.weights, projection.residual, projection.jacobian, span
+    )

@@ -1,0 +1,176 @@
+"""Logarithmic decrement, exact and as printed, and the joint's viscous coefficient from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.signal import find_peaks
+from scipy.stats import t as student
+
+from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.quality import assess
+from denoc_ros.identification.records import Floats, Record
+
+Convention = Literal['exact', 'book']
+
+PROMINENCE = 4.0  # standard deviations of the noise
+FEWEST_CRESTS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Decrement:
+    """Damping ratio from the crests of a decay.
+
+    Attributes
+    ----------
+    decrement : float
+        Logarithm of the ratio of crests one cycle apart.
+    damping_ratio : float
+    interval : ndarray, shape (2,)
+        95 % interval of the damping ratio from the scatter of the crests; nan for two of them.
+    frequency : float
+        Undamped natural frequency [Hz] (book: the damped one).
+    time, height : ndarray, shape (k,)
+        Of the extremes used [s], [record's unit]: distances from the level they decay to.
+    convention : str
+    """
+
+    decrement: float
+    damping_ratio: float
+    interval: Floats
+    frequency: float
+    time: Floats
+    height: Floats
+    convention: Convention
+
+
+def damping_ratio(decrement: float, convention: Convention = 'exact') -> float:
+    """Return the damping ratio of a logarithmic decrement.
+
+    Notes
+    -----
+    Exact: delta / sqrt(4 pi^2 + delta^2). Book, eq. 8.4b: delta / (2 pi), right for small ones.
+    """
+    if convention == 'book':
+        return decrement / (2.0 * np.pi)
+    return decrement / float(np.hypot(2.0 * np.pi, decrement))
+
+
+def log_decrement(record: Record, convention: Convention = 'exact') -> Decrement:
+    """Return the damping ratio of a decay of one mode from its extremes.
+
+    Exact: the slope of the logarithm of all distances between neighbouring extremes (half cycles:
+    no offset enters), least squares. Book, eq. 8.4b: the first and the last crest above the mean
+    of the last cycle.
+
+    Raises
+    ------
+    IdentificationError
+        Fewer than two crests stand out of the noise.
+    """
+    times, values = _extremes(record)
+    if convention == 'book':
+        return _from_crests(record, times, values)
+    heights = np.abs(np.diff(values)) / 2.0
+    middle = 0.5 * (times[1:] + times[:-1])
+    half = float(np.mean(np.diff(times)))
+    cycles = (middle - middle[0]) / (2.0 * half)
+    slope, deviation = _slope(cycles, np.log(heights))
+    zeta = damping_ratio(-slope)
+    spread = student.ppf(0.975, max(cycles.size - 2, 1)) * deviation / (2.0 * np.pi)
+    frequency = 0.5 / half / np.sqrt(1.0 - zeta**2)
+    interval = np.array([zeta - spread, zeta + spread])
+    return Decrement(-slope, zeta, interval, float(frequency), middle, heights, convention)
+
+
+def critical_joint_damping(
+    frequency: float,
+    inertia: float | None = None,
+    mass_per_length: float | None = None,
+    length: float | None = None,
+    convention: Convention = 'exact',
+) -> float:
+    """Return the critical damping of a joint with a link that swings on it.
+
+    Exact: 2 I w [N m s/rad], with the inertia I about the joint [kg m^2]. Book, eq. 8.4c:
+    4 pi rho a eta = 2 m w [kg/s], of the link's mass per length rho [kg/m], its length a [m] and
+    the frequency eta [Hz]; it stands in a torque equation, where a mass has no place.
+
+    Raises
+    ------
+    IdentificationError
+        What the convention asks for is missing.
+    """
+    if convention == 'book':
+        if mass_per_length is None or length is None:
+            raise IdentificationError(
+                'critical_joint_damping: mass_per_length and length must be given for the '
+                f"convention 'book', got {mass_per_length} and {length}"
+            )
+        return 4.0 * np.pi * mass_per_length * length * frequency
+    if inertia is None:
+        raise IdentificationError(
+            'critical_joint_damping: the inertia about the joint must be given, got None'
+        )
+    return 2.0 * inertia * 2.0 * np.pi * frequency
+
+
+def _extremes(record: Record) -> tuple[Floats, Floats]:
+    """Return times and values of alternating crests and troughs that stand out of the noise."""
+    y = record.y - np.mean(record.y)
+    prominence = PROMINENCE * max(assess(record).noise, 1e-6 * float(np.ptp(y)))
+    signed = [(k, 1) for k in find_peaks(y, prominence=prominence)[0]]
+    signed += [(k, -1) for k in find_peaks(-y, prominence=prominence)[0]]
+    kept: list[tuple[int, int]] = []
+    for k, side in sorted(signed):
+        if kept and kept[-1][1] == side:
+            if side * y[k] > side * y[kept[-1][0]]:
+                kept[-1] = (k, side)
+        else:
+            kept.append((k, side))
+    if len(kept) < 2 * FEWEST_CRESTS - 1:
+        raise IdentificationError(
+            f'{record.name}: a decay must have at least {FEWEST_CRESTS} crests above the noise, '
+            f'got {len(kept)} extremes'
+        )
+    points = [_vertex(record, k) for k, _ in kept]
+    return np.array([t for t, _ in points]), np.array([v for _, v in points])
+
+
+def _vertex(record: Record, k: int) -> tuple[float, float]:
+    """Return time and value of the extreme of a parabola through the samples around one."""
+    around = slice(max(0, k - 2), k + 3)
+    t, y = record.t[around] - record.t[k], record.y[around]
+    curve = np.polyfit(t, y, 2)
+    at = -curve[1] / (2.0 * curve[0]) if curve[0] else 0.0
+    at = float(np.clip(at, t[0], t[-1]))
+    return float(record.t[k] + at), float(np.polyval(curve, at))
+
+
+def _slope(x: Floats, y: Floats) -> tuple[float, float]:
+    """Return slope of a line and its standard deviation (nan for two points)."""
+    away = x - x.mean()
+    slope = float(away @ y / (away @ away))
+    if x.size < 3:
+        return slope, np.nan
+    rest = y - y.mean() - slope * away
+    return slope, float(np.sqrt(rest @ rest / (x.size - 2) / (away @ away)))
+
+
+def _from_crests(record: Record, times: Floats, values: Floats) -> Decrement:
+    cycle = 2.0 * float(np.mean(np.diff(times)))
+    level = float(np.mean(record.y[record.t > record.t[-1] - cycle]))
+    crests = values > level
+    time, height = times[crests], values[crests] - level
+    if time.size < FEWEST_CRESTS:
+        raise IdentificationError(
+            f'{record.name}: a decay must have at least {FEWEST_CRESTS} crests above its last '
+            f"cycle's mean, got {time.size}"
+        )
+    count = round((time[-1] - time[0]) / cycle)
+    decrement = float(np.log(height[0] / height[-1]) / count)
+    unknown = np.full(2, np.nan)
+    zeta = damping_ratio(decrement, 'book')
+    return Decrement(decrement, zeta, unknown, 1.0 / cycle, time, height, 'book')

@@ -1,0 +1,146 @@
+"""Modes of a free decay: how many, their frequencies and damping ratios, and how sure that is."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.components import Component, components
+from denoc_ros.identification.damped import Damped
+from denoc_ros.identification.modes import Modes
+from denoc_ros.identification.order import Search, refined_cosines, search_cosines
+from denoc_ros.identification.quality import Mask, Quality, assess
+from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.verdicts import judge
+
+NORMAL_95 = 1.959964
+CLIP_MARGIN = 3.0  # standard deviations of the noise below the limit
+
+
+def identify_modes(t: ArrayLike, y: ArrayLike) -> Modes:
+    """Identify the modes of a free decay.
+
+    The number of modes is found, not asked for. Offset and drift of the signal, uneven and
+    missing stamps and clipped samples are taken as they are.
+
+    Parameters
+    ----------
+    t : array_like, shape (k,)
+        Stamps [s], increasing; the decay is free from the first one on.
+    y : array_like, shape (k,)
+        Measured values.
+
+    Returns
+    -------
+    Modes
+        By rising frequency; none of them where nothing but noise was found.
+
+    Raises
+    ------
+    IdentificationError
+        The record is no record: see Record.
+
+    Notes
+    -----
+    A matrix pencil and the residual's spectrum give first poles; damped cosines, an offset and a
+    drift are fitted to the samples by nonlinear least squares; their number is the one of the
+    least Bayesian information criterion.
+    """
+    return fit_modes(Record(np.asarray(t, float), np.asarray(y, float)))
+
+
+def fit_modes(record: Record) -> Modes:
+    """Identify the modes of a record of a free decay: see identify_modes.
+
+    Parameters
+    ----------
+    record : Record
+
+    Raises
+    ------
+    IdentificationError
+        Fewer than 8 samples are left beside the clipped ones.
+    """
+    quality = assess(record)
+    seen, fit = _fit(record, quality)
+    t = record.t - record.t[0]
+    parts, lines = components(t[seen], fit, record.duration)
+    verdicts = [judge(part, record, quality, fit) for part in parts]
+    base = fit.weights[-2:]
+    return Modes(
+        frequency=_column(parts, 'frequency'),
+        damping_ratio=_column(parts, 'zeta'),
+        amplitude=_column(parts, 'amplitude'),
+        phase=_column(parts, 'phase'),
+        interval=_intervals(parts, 'deviation'),
+        formal_interval=_intervals(parts, 'formal'),
+        window_interval=_intervals(parts, 'windowed'),
+        bound=_column(parts, 'bound'),
+        frequency_deviation=_column(parts, 'frequency_deviation'),
+        snr_db=_column(parts, 'snr_db'),
+        verdict=tuple(word for word, _ in verdicts),
+        reasons=tuple(reasons for _, reasons in verdicts),
+        curves=tuple(part.curve for part in parts),
+        lines=lines,
+        offset=float(base[0]),
+        drift=float(base[1] / record.duration),
+        noise=float(np.sqrt(fit.variance)),
+        start=float(record.t[0]),
+        stop=float(record.t[-1]),
+        remarks=_remarks(quality, seen, parts),
+    )
+
+
+def _fit(record: Record, quality: Quality) -> tuple[Mask, Damped]:
+    """Return which samples were used and the fit to them."""
+    t = record.t - record.t[0]
+    seen = ~quality.clipped
+    fit = search_cosines(_search(record, t, seen))
+    if quality.clipped.any():
+        seen = _inside_limits(record, seen, t, fit)
+        fit = refined_cosines(_search(record, t, seen), fit.poles)
+    return seen, fit
+
+
+def _search(record: Record, t: Floats, seen: Mask) -> Search:
+    if np.count_nonzero(seen) < 8:
+        raise IdentificationError(
+            f'{record.name}: at least 8 samples must lie within the range of the sensor, got '
+            f'{np.count_nonzero(seen)} of {t.size}'
+        )
+    return Search(t[seen], record.y[seen], record.duration)
+
+
+def _inside_limits(record: Record, seen: Mask, t: Floats, fit: Damped) -> Mask:
+    """Leave out what noise alone could have clipped: what is left would lean to the inside."""
+    margin = CLIP_MARGIN * np.sqrt(fit.variance)
+    expected = fit.prediction(t)
+    clipped = record.y[~seen]
+    middle = 0.5 * (record.y.max() + record.y.min())
+    inside = seen.copy()
+    if np.any(clipped > middle):
+        inside &= expected < clipped.max() - margin
+    if np.any(clipped < middle):
+        inside &= expected > clipped.min() + margin
+    return np.asarray(inside)
+
+
+def _column(parts: list[Component], name: str) -> Floats:
+    return np.array([getattr(part, name) for part in parts], float)
+
+
+def _intervals(parts: list[Component], name: str) -> Floats:
+    centre, half = _column(parts, 'zeta'), NORMAL_95 * _column(parts, name)
+    return np.column_stack((centre - half, centre + half))
+
+
+def _remarks(quality: Quality, seen: Mask, parts: list[Component]) -> tuple[str, ...]:
+    remarks = []
+    if not parts:
+        remarks.append('nothing stands out of the noise')
+    if quality.clipped.any():
+        remarks.append(f'{np.count_nonzero(~seen)} clipped samples left out')
+    if quality.gaps:
+        remarks.append(f'{quality.gaps} gaps, the longest {quality.longest_gap:.3g} s')
+    return tuple(remarks)

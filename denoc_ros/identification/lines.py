@@ -1,0 +1,73 @@
+"""Harmonics, sums and differences among the components of a record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from denoc_ros.identification.damped import Damped
+from denoc_ros.identification.modes import Line
+from denoc_ros.identification.records import Floats
+
+HIGHEST_HARMONIC = 5
+WEAKER = 0.3  # than each of its parents at the release
+DEVIATIONS = 3.0
+RESOLUTION = 0.1  # of one over the record's duration
+DECAY_MATCH = 0.3  # of the decay rate that the parents give
+
+
+def find_lines(fit: Damped, span: float) -> dict[int, Line]:
+    """Return the components that are no modes, by their number in the fit.
+
+    A product of damped cosines is one whose frequency and decay rate are sums of its parents'
+    (the n-th harmonic: n times both; a difference: of the frequencies only), and it is weaker.
+    """
+    size = np.abs(fit.complex_amplitudes)
+    variance = np.diag(fit.covariance()).reshape(-1, 2)
+    found: dict[int, Line] = {}
+    for k in np.argsort(size):
+        for multiples, origin in _combinations(fit.poles, int(k)):
+            parents = np.flatnonzero(multiples)
+            if any(p in found for p in parents) or size[k] > WEAKER * size[parents].min():
+                continue
+            if _matches(fit.poles, variance, int(k), multiples, span):
+                sigma, omega = fit.poles[k]
+                frequency = float(omega / (2.0 * np.pi))
+                found[int(k)] = Line(frequency, float(sigma), float(size[k]), origin)
+                break
+    return found
+
+
+def _combinations(poles: Floats, k: int) -> Iterator[tuple[Floats, str]]:
+    hertz = poles[:, 1] / (2.0 * np.pi)
+    others = [i for i in range(len(poles)) if i != k]
+    for i in others:
+        for n in range(2, HIGHEST_HARMONIC + 1):
+            yield _multiples(len(poles), {i: n}), f'{n} x {hertz[i]:.4g} Hz'
+    for i in others:
+        for j in others:
+            if i < j:
+                low, high = sorted((i, j), key=lambda one: hertz[one])
+                pair = f'{hertz[high]:.4g} {{}} {hertz[low]:.4g} Hz'
+                yield _multiples(len(poles), {i: 1, j: 1}), pair.format('+')
+                yield _multiples(len(poles), {high: 1, low: -1}), pair.format('-')
+
+
+def _multiples(count: int, at: dict[int, int]) -> Floats:
+    multiples = np.zeros(count)
+    for index, value in at.items():
+        multiples[index] = value
+    return multiples
+
+
+def _matches(poles: Floats, variance: Floats, k: int, multiples: Floats, span: float) -> bool:
+    decay = float(np.abs(multiples) @ poles[:, 0])
+    spread = np.sqrt(variance[k] + multiples**2 @ variance)
+    off_frequency = abs(poles[k, 1] - abs(float(multiples @ poles[:, 1])))
+    off_decay = abs(poles[k, 0] - decay)
+    near = max(DEVIATIONS * spread[1], 2.0 * np.pi * RESOLUTION / span)
+    return bool(
+        off_frequency < min(near, 2.0 * np.pi / span)
+        and off_decay < DEVIATIONS * spread[0] + DECAY_MATCH * abs(decay)
+    )

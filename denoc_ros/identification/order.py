@@ -1,0 +1,164 @@
+"""How many damped cosines a record holds, and their poles: pencil, residual search, BIC."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from denoc_ros.identification.damped import Damped, fit_damped
+from denoc_ros.identification.pencil import pencil_poles
+from denoc_ros.identification.records import Floats
+
+MOST_COSINES = 12
+PARAMETERS = 4  # of one damped cosine
+DYNAMIC_RANGE = 1e-5  # no component is looked for below this part of the largest value
+HIGHEST = 0.95  # of half the sample rate
+SLOWEST = 0.6  # cycles in the record: less is part of the drift
+DECAYS_PER_OCTAVE = 1.0
+LOCAL_BINS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Samples to be searched.
+
+    Attributes
+    ----------
+    t, y : ndarray, shape (k,)
+        Times from the start of the record [s], values.
+    span : float
+        Duration of the record [s].
+    """
+
+    t: Floats
+    y: Floats
+    span: float
+
+    @property
+    def highest(self) -> float:
+        """Highest frequency looked for [Hz]."""
+        return float(HIGHEST * 0.5 / np.median(np.diff(self.t)))
+
+    @property
+    def floor(self) -> float:
+        """Sum of squares that counts as exact."""
+        peak = float(np.ptp(self.y)) or 1.0
+        return self.t.size * (DYNAMIC_RANGE * peak) ** 2
+
+    def criterion(self, fit: Damped) -> float:
+        """Bayesian information criterion of a fit (less is better)."""
+        k = self.t.size
+        cost = PARAMETERS * len(fit.poles) * np.log(k)
+        return float(k * np.log((fit.rss + self.floor) / k) + cost)
+
+    def fit(self, poles: Floats) -> Damped:
+        """Fit from these poles and keep those that are damped cosines."""
+        fit = fit_damped(self.t, self.y, poles, self.span)
+        sound = self.sound(fit.poles)
+        if sound.all():
+            return fit
+        return self.fit(fit.poles[sound])
+
+    def sound(self, poles: Floats) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Return which poles are cosines within what the record can show, shape (m,)."""
+        sigma, omega = poles[:, 0], poles[:, 1]
+        return np.asarray(
+            (omega > 0.2 / self.span)
+            & (omega < 2.0 * np.pi * self.highest / HIGHEST)
+            & (sigma > -3.0 / self.span)
+            & (sigma < 20.0 * omega)
+        )
+
+
+def search_cosines(search: Search) -> Damped:
+    """Return the fit with the damped cosines that the record holds."""
+    fits = [_grown(search, _pruned(search, start)) for start in _starts(search)]
+    best = min(fits, key=search.criterion)
+    return _pruned(search, best)
+
+
+def refined_cosines(search: Search, poles: Floats) -> Damped:
+    """Return the fit that these poles lead to, with what the samples still ask for."""
+    return _pruned(search, _grown(search, search.fit(poles)))
+
+
+def _starts(search: Search) -> list[Damped]:
+    nothing = fit_damped(search.t, search.y, np.empty((0, 2)), search.span)
+    spectrum = np.abs(np.fft.rfft(_even(search, nothing.residual)))
+    power = np.cumsum(spectrum**2)
+    top = int(np.searchsorted(power, 0.995 * power[-1])) + 1
+    highest = min(search.highest, 1.5 * top / search.span)
+    poles = pencil_poles(search.t, nothing.residual, highest, 6)
+    poles = poles[search.sound(poles)]
+    start = search.fit(poles[np.argsort(poles[:, 0])][:6]) if len(poles) else nothing
+    return [nothing, start]
+
+
+def _grown(search: Search, fit: Damped) -> Damped:
+    """Add what the residual shows, as long as it pays."""
+    while len(fit.poles) < MOST_COSINES:
+        tried = [search.fit(np.vstack((fit.poles, pole))) for pole in _candidates(search, fit)]
+        better = [one for one in tried if search.criterion(one) < search.criterion(fit)]
+        if not better:
+            return fit
+        best = min(better, key=search.criterion)
+        if not _stands_out(search, fit, best):
+            return fit
+        fit = best
+    return fit
+
+
+def _stands_out(search: Search, fit: Damped, larger: Damped) -> bool:
+    """Say whether what was added exceeds the residual around it, not only the mean residual."""
+    gain = fit.rss - larger.rss
+    added = larger.poles[-1]
+    k = search.t.size
+    power = np.abs(np.fft.rfft(_even(search, larger.residual))) ** 2 / k
+    middle = round(added[1] / (2.0 * np.pi) * search.span)
+    width = LOCAL_BINS + int(added[0] / np.pi * search.span)
+    local = float(np.mean(power[max(1, middle - width) : middle + width + 1]))
+    return bool(gain > PARAMETERS * np.log(k) * max(local, search.floor / k))
+
+
+def _candidates(search: Search, fit: Damped) -> list[Floats]:
+    return [_strongest(search, fit.residual)]
+
+
+def _even(search: Search, values: Floats) -> Floats:
+    grid = np.linspace(0.0, search.span, search.t.size)
+    return np.asarray(np.interp(grid, search.t, values))
+
+
+def _strongest(search: Search, residual: Floats) -> Floats:
+    """Return the pole whose damped cosine explains most of the residual."""
+    even = _even(search, residual)
+    count = even.size
+    step = search.span / (count - 1)
+    size = 1 << int(np.ceil(np.log2(2 * count)))
+    frequency = np.fft.rfftfreq(size, step)
+    allowed = (frequency > SLOWEST / search.span) & (frequency < search.highest)
+    octaves = np.log2(search.highest * search.span) * DECAYS_PER_OCTAVE
+    rates = np.append(0.0, np.geomspace(0.3 / search.span, search.highest, int(octaves) + 2))
+    best, found = -1.0, np.zeros(2)
+    for sigma in rates:
+        decay = np.exp(-sigma * step * np.arange(count))
+        power = np.abs(np.fft.rfft(even * decay, size)) ** 2 / (decay @ decay)
+        power[~allowed] = 0.0
+        k = int(np.argmax(power))
+        if power[k] > best:
+            best, found = power[k], np.array([sigma, 2.0 * np.pi * frequency[k]])
+    return found
+
+
+def _pruned(search: Search, fit: Damped) -> Damped:
+    """Leave out what does not pay, the least first."""
+    while len(fit.poles):
+        power = np.abs(fit.complex_amplitudes) ** 2 / np.maximum(
+            fit.poles[:, 0], 1.0 / search.span
+        )
+        smaller = search.fit(np.delete(fit.poles, int(np.argmin(power)), axis=0))
+        if search.criterion(smaller) >= search.criterion(fit):
+            return fit
+        fit = smaller
+    return fit

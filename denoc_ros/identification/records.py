@@ -1,0 +1,102 @@
+"""One measured signal with its stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.errors import IdentificationError
+
+Floats = NDArray[np.float64]
+
+FEWEST_SAMPLES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A signal and its stamps, as they were measured: uneven stamps stay uneven.
+
+    Samples that repeat a stamp are left out (the first stays).
+
+    Parameters
+    ----------
+    t : array_like, shape (k,)
+        Stamps [s], increasing.
+    y : array_like, shape (k,)
+        Values [unit].
+    name, unit : str
+        What messages and reports call it.
+
+    Raises
+    ------
+    IdentificationError
+        Shapes differ, a number is not finite, stamps go back, or fewer than 8 samples are left.
+    """
+
+    t: Floats
+    y: Floats
+    name: str = 'record'
+    unit: str = ''
+
+    def __post_init__(self) -> None:
+        t, y = _one_dimensional(self.name, 't', self.t), _one_dimensional(self.name, 'y', self.y)
+        if t.shape != y.shape:
+            raise IdentificationError(
+                f'{self.name}: t and y must have the same length, got {t.size} and {y.size}'
+            )
+        steps = np.diff(t)
+        if np.any(steps < 0.0):
+            k = int(np.argmax(steps < 0.0))
+            raise IdentificationError(
+                f'{self.name}: stamps must increase, got {t[k + 1]:.9g} s after {t[k]:.9g} s'
+            )
+        first = np.append(True, steps > 0.0)
+        t, y = t[first], y[first]
+        if t.size < FEWEST_SAMPLES:
+            raise IdentificationError(
+                f'{self.name}: must have at least {FEWEST_SAMPLES} samples with stamps of their '
+                f'own, got {t.size}'
+            )
+        for field, values in (('t', t), ('y', y)):
+            values.flags.writeable = False
+            object.__setattr__(self, field, values)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first stamp to the last [s]."""
+        return float(self.t[-1] - self.t[0])
+
+    @property
+    def step(self) -> float:
+        """Typical time between samples [s]: the median."""
+        return float(np.median(np.diff(self.t)))
+
+    def part(self, start: float, stop: float) -> Record:
+        """Return the samples with start <= t <= stop [s].
+
+        Raises
+        ------
+        IdentificationError
+            Fewer than 8 samples lie there.
+        """
+        inside = (self.t >= start) & (self.t <= stop)
+        return Record(self.t[inside], self.y[inside], self.name, self.unit)
+
+
+def _one_dimensional(name: str, field: str, values: ArrayLike | Sequence[float]) -> Floats:
+    array = np.array(values, dtype=float)
+    if array.ndim != 1:
+        raise IdentificationError(
+            f'{name}: {field} must have one dimension, got shape {array.shape}'
+        )
+    bad = np.count_nonzero(~np.isfinite(array))
+    if bad:
+        k = int(np.argmax(~np.isfinite(array)))
+        raise IdentificationError(
+            f'{name}: {field} must be finite, got {bad} values that are not, the first at '
+            f'sample {k}'
+        )
+    return array
