@@ -21,8 +21,8 @@ from denoc_ros.nodes.conversions import InputError
 from denoc_ros.nodes.diagnostics import DiagnosticsPublisher, Status, input_status
 from denoc_ros.nodes.messages import wait_until_delivered
 from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
+from denoc_ros.nodes.realtime import make_thread_timely, settle_garbage
 from denoc_ros.nodes.safety import InputMonitor
-from denoc_ros.nodes.timing import make_thread_timely
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -68,6 +68,8 @@ class DenocNode(LifecycleNode):
         Whether `configure` has what it needs from topics.
     owns_process : bool
         Whether garbage collection is the node's to settle.
+    knobs : dict of str to str
+        What was asked of the system to be on time: `taken: …`, `refused: …` or `off`.
     """
 
     def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
@@ -79,6 +81,7 @@ class DenocNode(LifecycleNode):
         self.starting = False
         self.ready = True
         self.owns_process = False
+        self.knobs: dict[str, str] = {}
         self.monitors: list[InputMonitor] = []
         self._shown: dict[str, Value] = {}
         self._showing = False
@@ -265,16 +268,15 @@ class DenocNode(LifecycleNode):
         """Configure; then settle memory so that no collection interrupts the loop."""
         result = self._transition(self.configure)
         if self.owns_process:
-            gc.collect()
-            gc.freeze()
-            gc.disable()
+            self.knobs.update(settle_garbage())
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate; then serve callbacks, which hold the interpreter, just below the loop."""
         result = self._transition(self.activate)
         if self.owns_process and 'thread_priority' in self.settings:
-            make_thread_timely(self.settings.integer('thread_priority') - 1)
+            knobs = make_thread_timely(self.settings.integer('thread_priority') - 1)
+            self.knobs['callbacks thread_priority'] = knobs['thread_priority']
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

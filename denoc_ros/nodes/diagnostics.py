@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from denoc_ros.nodes.realtime import refusals
 from denoc_ros.nodes.safety import InputMonitor
 from denoc_ros.nodes.timing import HISTOGRAM_EDGES, LoopStatistics
 
@@ -102,4 +103,12 @@ def loop_status(statistics: LoopStatistics, period: float, late_share: float) ->
             WARN,
             f'{100 * statistics.late_share:.1f} % of ticks late by more than half a period',
         )
+    return status
+
+
+def realtime_status(knobs: Mapping[str, str]) -> Status:
+    """Return what was asked of the system to be on time; warns of what was refused."""
+    status = Status('realtime', values=dict(knobs))
+    for refusal in refusals(knobs):
+        status.worsen(WARN, refusal)
     return status

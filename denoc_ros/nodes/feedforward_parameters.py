@@ -99,7 +99,9 @@ TABLE = ParameterTable(
             'what to do while there is no good input',
             choices=STALE_ACTIONS,
         ),
-        Parameter('ramp_time', Kind.DOUBLE, 0.5, 'of ramp_to_gravity', 's', positive=True),
+        Parameter(
+            'ramp_time', Kind.DOUBLE, 0.5, 'of ramp_to_gravity', 's', maximum=30.0, positive=True
+        ),
         Parameter(
             'effort_limits',
             Kind.DOUBLES,

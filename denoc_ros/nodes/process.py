@@ -70,29 +70,31 @@ def run(
     node.owns_process = True
     executor = EventsExecutor()
     executor.add_node(node)
+    watchdog: Watchdog | None = None
     try:
-        return _spin(node, executor, signals, patience)
+        if node.settings.flag('autostart') and not _start(node, executor, signals):
+            return 0 if signals else _fail(node)
+        # started late: on a slow machine the first start compiles for minutes
+        watchdog = Watchdog(node.get_name(), patience, node.save)
+        return _spin(node, executor, signals, watchdog)
     finally:
         node.end()
         executor.remove_node(node)
         node.destroy_node()
         executor.shutdown()
         rclpy.try_shutdown()
+        if watchdog is not None:  # the end must come to an end as well
+            watchdog.stop()
 
 
-def _spin(node: DenocNode, executor: Any, signals: list[int], patience: float) -> int:
-    """Start the node if it starts itself, then serve callbacks until it is to end."""
-    if node.settings.flag('autostart') and not _start(node, executor, signals):
-        return 0 if signals else _fail(node)
-    watchdog = Watchdog(node.get_name(), patience, node.save)
+def _spin(node: DenocNode, executor: Any, signals: list[int], watchdog: Watchdog) -> int:
+    """Serve callbacks until the node is to end."""
     while rclpy.ok() and not signals:
         # .spin() hangs in the wheels of rclpy 7.1.6
         executor.spin_once(0.1)
         watchdog.beat()
         if node.fatal:
-            watchdog.stop()
             return _fail(node)
-    watchdog.stop()
     return 0
 
 

@@ -11,10 +11,11 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.overrides import FAMILIES
 from denoc_ros.nodes.base import LATCHED, DenocNode
-from denoc_ros.nodes.diagnostics import ERROR, WARN, Status, loop_status
+from denoc_ros.nodes.diagnostics import ERROR, Status, loop_status, realtime_status
 from denoc_ros.nodes.live_model import LiveModel
 from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
-from denoc_ros.nodes.timing import Loop, LoopStatistics, lock_memory
+from denoc_ros.nodes.realtime import lock_memory
+from denoc_ros.nodes.timing import Loop, LoopStatistics
 
 
 class RobotNode(DenocNode):
@@ -151,9 +152,7 @@ class RobotNode(DenocNode):
 
     def configure(self) -> None:
         """Load the robot, build all that the loop uses, compile it by using it."""
-        if self.settings.flag('lock_memory'):
-            for warning in lock_memory():
-                self.get_logger().warning(warning)
+        self.knobs.update(lock_memory(self.settings.flag('lock_memory')))
         model = self.read_model(self.settings)
         self.robot = self.changed_robot(self.settings, model)
         self.adopt_model(model, self.settings)
@@ -187,7 +186,7 @@ class RobotNode(DenocNode):
         return 1.0 / self.settings.number('update_rate')
 
     def statuses(self) -> list[Status]:
-        """Return the loop's status; a loop that failed fails the node."""
+        """Return how the loop does and what it asked for; a loop that failed fails the node."""
         loop = self.loop
         if loop is None:
             return [Status('loop', message=self.state)]
@@ -198,13 +197,12 @@ class RobotNode(DenocNode):
             loop.period,
             self.settings.number('diagnostics.threshold.late_share'),
         )
-        for warning in loop.warnings:
-            status.worsen(WARN, warning)
         if loop.failure is not None:
             self.fatal = f'loop failed: {type(loop.failure).__name__}: {loop.failure}'
             status.worsen(ERROR, self.fatal)
         status.values['state'] = self.state
-        return [status]
+        loop_knobs = {f'loop {name}': what for name, what in loop.knobs.items()}
+        return [status, realtime_status({**loop_knobs, **self.knobs})]
 
 
 def is_override(name: str) -> bool:

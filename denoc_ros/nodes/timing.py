@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import os
 import threading
 import time
 from collections.abc import Callable
@@ -12,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-PR_SET_TIMERSLACK = 29
-MCL_CURRENT_AND_FUTURE = 3
+from denoc_ros.nodes.realtime import make_thread_timely
+
 WINDOW = 1 << 15  # ticks kept between two readings of the statistics
 # period over its nominal value: finer around 1, open at both ends
 HISTOGRAM_EDGES = np.concatenate(
@@ -65,6 +63,8 @@ class Loop:
     ----------
     deadline : float
         The moment [s] of `time.perf_counter` that the tick at hand is for.
+    knobs : dict of str to str
+        What the thread asked of the system: `taken: …`, `refused: …` or `off`.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Loop:
     ) -> None:
         self.period = 1.0 / rate
         self.deadline = time.perf_counter()
-        self.warnings: list[str] = []
+        self.knobs: dict[str, str] = {}
         self.failure: BaseException | None = None
         self._tick = tick
         self._priority, self._core = priority, core
@@ -107,7 +107,7 @@ class Loop:
             self._thread.join(timeout)
 
     def _run(self) -> None:
-        self.warnings += make_thread_timely(self._priority, self._core)
+        self.knobs = make_thread_timely(self._priority, self._core)
         try:
             self._loop()
         except BaseException as error:
@@ -184,32 +184,3 @@ class Loop:
             skipped_total=skipped,
             histogram=self._histogram.copy(),
         )
-
-
-def make_thread_timely(priority: int, core: int = -1) -> list[str]:
-    """Set timer slack, priority and core of the calling thread; return what was not allowed."""
-    warnings = []
-    libc = ctypes.CDLL(None, use_errno=True)
-    # the default slack of 50 us would be added to every sleep
-    libc.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
-    if core >= 0:
-        try:
-            os.sched_setaffinity(0, {core})
-        except OSError as error:
-            warnings.append(f'cpu_affinity {core} not set: {error.strerror}')
-    if priority > 0:
-        try:
-            # threads started from here on, DDS's among them, stay ordinary
-            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-            os.sched_setscheduler(0, policy, os.sched_param(priority))
-        except OSError as error:
-            warnings.append(f'thread_priority {priority} not set: {error.strerror}')
-    return warnings
-
-
-def lock_memory() -> list[str]:
-    """Keep all pages of the process in memory; return what was not allowed."""
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mlockall(MCL_CURRENT_AND_FUTURE) != 0:
-        return [f'lock_memory not possible: {os.strerror(ctypes.get_errno())}']
-    return []

@@ -16,6 +16,8 @@ class Watchdog:
     """Ends the process unless :meth:`beat` is called often enough.
 
     It prints where every thread stands, then calls `save`, which must not need the main thread.
+    Where even this thread gets no turn, because the interpreter's lock is held for good, a thread
+    that needs no interpreter prints and ends the process after twice the patience.
 
     Parameters
     ----------
@@ -31,6 +33,7 @@ class Watchdog:
         self._name, self._patience, self._save = name, patience, save
         self._last = time.monotonic()
         self._over = threading.Event()
+        self._arm()
         threading.Thread(target=self._watch, name='watchdog', daemon=True).start()
 
     def beat(self) -> None:
@@ -40,9 +43,14 @@ class Watchdog:
     def stop(self) -> None:
         """Watch no longer."""
         self._over.set()
+        faulthandler.cancel_dump_traceback_later()
+
+    def _arm(self) -> None:
+        faulthandler.dump_traceback_later(2.0 * self._patience, exit=True)
 
     def _watch(self) -> None:
         while not self._over.wait(0.2 * self._patience):
+            self._arm()
             still = time.monotonic() - self._last
             if still > self._patience:
                 print(
@@ -56,3 +64,4 @@ class Watchdog:
                     self._save()
                 finally:
                     os._exit(HUNG)
+        faulthandler.cancel_dump_traceback_later()  # it may have been set after stop cancelled it

@@ -125,6 +125,31 @@ sys.exit(run(Hanging, sys.argv, patience=1.5))
 """
 
 
+LOCKED = """
+import ctypes, sys
+from denoc_ros.nodes.process import run
+from denoc_ros.nodes.recorder import Recorder
+
+class Locked(Recorder):
+    def mark(self):
+        ctypes.PyDLL(None).sleep(1000)  # with the interpreter's lock
+
+sys.exit(run(Locked, sys.argv, patience=1.0))
+"""
+
+
+def test_an_interpreter_that_is_held_for_good_ends_the_process(graph: Any, tmp_path: Path) -> None:
+    command = [sys.executable, '-c', LOCKED, '--ros-args', '-p', f'output:={tmp_path / "run"}']
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        client = graph.probe.create_client(Trigger, '/recorder/mark')
+        assert client.wait_for_service(20.0)
+        client.call_async(Trigger.Request())
+        assert process.wait(20.0) == 1
+        assert process.stderr is not None
+        assert 'Timeout' in process.stderr.read()
+    assert recover(tmp_path / 'run').damaged_chunks == 0
+
+
 def test_a_hanging_executor_leaves_a_whole_bag(graph: Any, tmp_path: Path) -> None:
     command = [sys.executable, '-c', HANGING, '--ros-args', '-p', f'output:={tmp_path / "run"}']
     command += ['-p', 'topics:=[/joint_states]']

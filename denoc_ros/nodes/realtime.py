@@ -1,0 +1,95 @@
+"""What a process asks of the system to be on time, each wish reported as taken or refused.
+
+None of it needs ROS, and none of it fails: a system that does not allow it runs as without.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+from collections.abc import Mapping
+
+PR_SET_TIMERSLACK = 29
+MCL_CURRENT_AND_FUTURE = 3
+OFF = 'off'
+REFUSED = 'refused'
+
+# loaded once: a look-up takes longer than a period
+_LIBC = ctypes.CDLL(None, use_errno=True)
+
+
+def make_thread_timely(priority: int, core: int = -1) -> dict[str, str]:
+    """Set timer slack, priority and core of the calling thread.
+
+    Parameters
+    ----------
+    priority : int
+        SCHED_FIFO priority; 0: none.
+    core : int
+        Core to keep it on; -1: any.
+
+    Returns
+    -------
+    dict of str to str
+        By knob: `taken: …`, `refused: …` or `off`.
+    """
+    return {
+        'timer_slack': _timer_slack(),
+        'cpu_affinity': _affinity(core),
+        'thread_priority': _priority(priority),
+    }
+
+
+def lock_memory(wanted: bool) -> dict[str, str]:
+    """Keep all pages of the process in memory, now and from here on; return as for a thread."""
+    if not wanted:
+        return {'lock_memory': OFF}
+    if _LIBC.mlockall(MCL_CURRENT_AND_FUTURE) != 0:
+        return {'lock_memory': f'{REFUSED}: {os.strerror(ctypes.get_errno())}'}
+    return {'lock_memory': 'taken: mlockall'}
+
+
+def settle_garbage() -> dict[str, str]:
+    """Collect garbage, then leave all that is alive to nobody; return as for a thread.
+
+    From here on nothing is collected by itself.
+    """
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    return {'garbage': f'taken: {gc.get_freeze_count()} objects frozen, collected once a second'}
+
+
+def refusals(knobs: Mapping[str, str]) -> list[str]:
+    """Return a sentence for each knob that was refused."""
+    return [f'{name} {what}' for name, what in knobs.items() if what.startswith(REFUSED)]
+
+
+def _timer_slack() -> str:
+    # the default slack of 50 us would be added to every sleep
+    if _LIBC.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0) != 0:
+        return f'{REFUSED}: {os.strerror(ctypes.get_errno())}'
+    return 'taken: 1 ns'
+
+
+def _affinity(core: int) -> str:
+    if core < 0:
+        return OFF
+    try:
+        os.sched_setaffinity(0, {core})
+    except OSError as error:
+        return f'{REFUSED}: core {core}, {error.strerror}'
+    return f'taken: core {core}'
+
+
+def _priority(priority: int) -> str:
+    if priority <= 0:
+        return OFF
+    try:
+        # threads started from here on, DDS's among them, stay ordinary
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
+    except OSError as error:
+        return f'{REFUSED}: {priority}, {error.strerror}'
+    return f'taken: SCHED_FIFO {priority}'

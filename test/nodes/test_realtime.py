@@ -1,0 +1,104 @@
+"""What is asked of the system to be on time is what the system then says it does."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import re
+import subprocess
+import sys
+import threading
+from typing import Any
+
+import pytest
+from node_robots import GRAVITY, two_links
+
+from denoc_ros.nodes.diagnostics import WARN, realtime_status
+from denoc_ros.nodes.feedforward import FeedforwardNode
+from denoc_ros.nodes.realtime import make_thread_timely, refusals
+
+PR_GET_TIMERSLACK = 30
+
+
+def in_a_thread(priority: int, core: int) -> tuple[dict[str, str], int, set[int], int]:
+    """Return what a thread was told, its priority, cores and timer slack [ns]."""
+    found: list[Any] = []
+
+    def ask() -> None:
+        knobs = make_thread_timely(priority, core)
+        slack = ctypes.CDLL(None).prctl(PR_GET_TIMERSLACK, 0, 0, 0, 0)
+        found.append((knobs, os.sched_getparam(0).sched_priority, os.sched_getaffinity(0), slack))
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    thread.join(5.0)
+    return found[0]  # type: ignore[no-any-return]
+
+
+def test_each_knob_is_reported_as_the_system_has_it() -> None:
+    core = min(os.sched_getaffinity(0))
+    knobs, priority, cores, slack = in_a_thread(7, core)
+    taken = knobs['thread_priority'].startswith('taken')
+    assert priority == (7 if taken else 0)  # refused without CAP_SYS_NICE
+    assert knobs['cpu_affinity'] == f'taken: core {core}'
+    assert cores == {core}
+    # a thread under SCHED_FIFO has none anyway
+    assert slack == (0 if taken else 1) or knobs['timer_slack'].startswith('refused')
+    assert os.sched_getparam(0).sched_priority == 0
+
+
+def test_what_is_off_changes_nothing_and_what_cannot_be_is_refused() -> None:
+    before = os.sched_getaffinity(0)
+    knobs, priority, cores, _ = in_a_thread(0, 1023)
+    assert knobs['thread_priority'] == 'off'
+    assert priority == 0
+    assert knobs['cpu_affinity'] == 'refused: core 1023, Invalid argument'
+    assert cores == before
+    assert refusals(knobs) == ['cpu_affinity refused: core 1023, Invalid argument']
+    status = realtime_status(knobs)
+    assert status.level == WARN
+    assert 'core 1023' in status.message
+
+
+PROBE = """
+from denoc_ros.nodes.realtime import lock_memory, settle_garbage
+print(lock_memory(True)['lock_memory'])
+print(settle_garbage()['garbage'])
+print(open('/proc/self/status').read())
+"""
+
+
+def test_memory_is_locked_where_it_says_so() -> None:
+    done = subprocess.run(
+        [sys.executable, '-c', PROBE], capture_output=True, text=True, timeout=60, check=True
+    )
+    said, settled, *_ = done.stdout.splitlines()
+    locked = re.search(r'VmLck:\s+(\d+) kB', done.stdout)
+    assert locked is not None
+    # an interpreter has some MB
+    assert (int(locked[1]) > 4000) == said.startswith('taken'), said
+    assert int(settled.split()[1]) > 1000
+
+
+@pytest.mark.ros
+def test_diagnostics_say_what_was_taken(graph: Any) -> None:
+    graph.add(
+        FeedforwardNode,
+        start=False,
+        urdf_path='',
+        gravity=GRAVITY,
+        update_rate=50.0,
+        cpu_affinity=1023,
+    )
+    node = graph.nodes[-1]
+    node.description, node.ready = two_links(), True
+    node.trigger_configure()
+    node.trigger_activate()
+    name = 'feedforward: realtime'
+    graph.until(lambda: graph.value(name, 'loop cpu_affinity'))
+    assert graph.value(name, 'loop cpu_affinity') == 'refused: core 1023, Invalid argument'
+    assert graph.value(name, 'lock_memory') == 'off'
+    assert graph.value(name, 'loop thread_priority') == 'off'
+    assert graph.diagnostics[name].level == WARN
+    assert gc.isenabled()  # the process is not the node's
