@@ -6,15 +6,15 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from denoc_ros.cli.text_table import Row, cell_text, text_table
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
     from denoc_ros.model.tree import Beam, Body, Joint
-
-Row = dict[str, Any]
 
 
 def add_parser(subparsers: Any) -> None:
@@ -159,30 +159,9 @@ def _as_text(summary: Mapping[str, Any]) -> str:
     ]
     for title in ('links', 'joints', 'beams', 'sensors', 'loops'):
         if summary[title]:
-            parts.append(f'{title}\n{_table(summary[title])}')
+            parts.append(f'{title}\n{text_table(summary[title])}')
     frequencies = summary['natural_frequencies_hz']
     if frequencies:
-        listed = '  '.join(_text(value) for value in frequencies)
+        listed = '  '.join(cell_text(value) for value in frequencies)
         parts.append(f'natural frequencies [Hz], joints held at zero\n  {listed}')
     return '\n\n'.join(parts)
-
-
-def _table(rows: Sequence[Row]) -> str:
-    """Return rows of equal keys as aligned columns."""
-    cells = [list(rows[0])] + [[_text(value) for value in row.values()] for row in rows]
-    widths = [max(len(line[k]) for line in cells) for k in range(len(cells[0]))]
-    lines = [
-        '  '.join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-        for line in cells
-    ]
-    return '\n'.join(f'  {line}' for line in lines)
-
-
-def _text(value: Any) -> str:
-    if value is None:
-        return '-'
-    if isinstance(value, float):
-        return f'{value:.5g}'
-    if isinstance(value, list):
-        return ' '.join(_text(entry) for entry in value)
-    return str(value) or '-'

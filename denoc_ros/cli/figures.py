@@ -42,9 +42,11 @@ class Curve:
 
     label: str
     colour: str
-    t: Array  # (k,) s
+    t: Array  # (k,) s, or what the panel's x label says
     y: Array  # (k,) in the panel's unit
     dashed: bool = False
+    marker: str = ''  # drawn instead of a line
+    error: Array | None = None  # (k,) half a bar about each value
 
 
 @dataclass(frozen=True)
@@ -54,10 +56,13 @@ class Panel:
     title: str
     unit: str  # SI, scaled by a prefix where the values are small
     curves: Sequence[Curve]
+    x_label: str = 'time [s]'
+    log_x: bool = False
+    log_y: bool = False
 
 
 def line_figure(panels: Sequence[Panel], height: float = 1.9) -> str:
-    """Return panels over time as one SVG, in one or two columns.
+    """Return panels, over time if they say nothing else, as one SVG in one or two columns.
 
     Parameters
     ----------
@@ -74,8 +79,10 @@ def line_figure(panels: Sequence[Panel], height: float = 1.9) -> str:
         _draw_lines(axis, panel)
     for axis in axes.flat[len(panels) :]:
         axis.set_axis_off()
-    for axis in axes.flat[max(0, len(panels) - columns) : len(panels)]:
-        axis.set_xlabel('time [s]')
+    for k, panel in enumerate(panels):
+        below = panels[k + columns] if k + columns < len(panels) else None
+        if below is None or below.x_label != panel.x_label:
+            axes.flat[k].set_xlabel(panel.x_label)
     _shared_legend(figure, list(axes.flat[: len(panels)]))
     return _svg(figure)
 
@@ -127,11 +134,22 @@ def scale_of(values: Sequence[Array]) -> tuple[float, str]:
 def _draw_lines(axis: Axes, panel: Panel) -> None:
     factor, prefix = scale_of([curve.y for curve in panel.curves])
     for curve in panel.curves:
-        t, y = thin(curve.t, curve.y)
+        t, y = (curve.t, curve.y) if curve.marker else thin(curve.t, curve.y)
         style = (0, (4, 2)) if curve.dashed else 'solid'
-        axis.plot(t, y / factor, color=curve.colour, lw=1.1, ls=style, label=curve.label)
+        look = {'ls': 'none', 'marker': curve.marker, 'ms': 4.0} if curve.marker else {'ls': style}
+        if curve.error is not None:
+            bars = curve.error / factor
+            axis.errorbar(
+                t, y / factor, bars, color=curve.colour, lw=1.1, label=curve.label, **look
+            )
+        else:
+            axis.plot(t, y / factor, color=curve.colour, lw=1.1, label=curve.label, **look)
+    if panel.log_x:
+        axis.set_xscale('log')
+    if panel.log_y:
+        axis.set_yscale('log')
     axis.set_title(panel.title, loc='left', fontsize=9.5, color=TRUTH_COLOUR)
-    axis.set_ylabel(f'[{prefix}{panel.unit}]')
+    axis.set_ylabel(f'[{prefix}{panel.unit}]' if panel.unit else '')
     _tidy(axis)
 
 

@@ -135,18 +135,11 @@ def _render(
     warned: dict[str, tuple[int, str]],
     statuses: Sequence[Diagnostic],
 ) -> str:
-    from jinja2 import Environment, PackageLoader
-
     from denoc_ros.cli import sections
+    from denoc_ros.cli.pages import page_template
 
-    environment = Environment(
-        loader=PackageLoader('denoc_ros.cli', '.'),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     begun = datetime.fromtimestamp(recording.origin_ns * 1e-9, tz=timezone.utc)
-    return environment.get_template('report.html.j2').render(
+    return page_template('report.html.j2').render(
         title=session.get('name') or recording.path.resolve().stem,
         begun=begun.strftime('%Y-%m-%d %H:%M:%S UTC'),
         session=session,

@@ -10,6 +10,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
+from denoc_ros.cli.pages import page_template
 from denoc_ros.cli.sections import Card, Section, Table, engineering
 from denoc_ros.cli.versions import versions
 from denoc_ros.simulation.scenario import Scenario
@@ -44,14 +45,6 @@ def page(study: Study, scenario: Scenario, names: Mapping[str, str]) -> str:
     names : mapping
         `robot` and `scenario`, as the page shows them.
     """
-    from jinja2 import Environment, PackageLoader
-
-    environment = Environment(
-        loader=PackageLoader('denoc_ros.cli', '.'),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     session = {
         **names,
         'method': scenario.method,
@@ -59,7 +52,7 @@ def page(study: Study, scenario: Scenario, names: Mapping[str, str]) -> str:
         'step': float(study.times[1] - study.times[0]),
         'versions': versions(),
     }
-    return environment.get_template('stability.html.j2').render(
+    return page_template('stability.html.j2').render(
         title='Numerical stability: recursion and Cholesky',
         session=session,
         duration=float(study.times[-1] - study.times[0]),

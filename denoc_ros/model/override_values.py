@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from denoc_ros.model.overrides import carrying_links
-from denoc_ros.model.tree import Body, Tree
+from denoc_ros.model.tree import Beam, Body, Deformation, Tree
 
 Values = dict[str, float | list[float]]
 
@@ -43,19 +44,28 @@ def _of_joint(body: Body) -> Iterator[tuple[str, float]]:
             yield f'joint.{body.joint.name}.{field}', float(getattr(body.joint, field))
 
 
-def _of_beam(body: Body) -> Iterator[tuple[str, float | list[float]]]:
-    beam = body.beam
-    if beam is None:
-        return
-    for name, part, field, inertia in (
-        ('y', beam.y, 'ei', beam.mass_per_length),
-        ('z', beam.z, 'ei', beam.mass_per_length),
-        ('torsion', beam.torsion, 'gj', beam.polar_inertia),
+def critical_damping(beam: Beam) -> Iterator[tuple[str, Deformation, NDArray[np.float64]]]:
+    """Yield name (y, z, torsion), deformation and 2 sqrt(k m) (modes,) of a beam's deformations.
+
+    At a fixed root, of amplitudes scaled as the shape functions are [N s/m or N m s/rad].
+    """
+    for name, part, inertia in (
+        ('y', beam.y, beam.mass_per_length),
+        ('z', beam.z, beam.mass_per_length),
+        ('torsion', beam.torsion, beam.polar_inertia),
     ):
         if part is not None:
             mass = inertia * np.diag(part.shapes.gram(0))
-            ratio = part.damping / (2.0 * np.sqrt(part.modal_stiffness * mass))
-            yield f'beam.{body.name}.{name}.{field}', float(part.stiffness)
-            yield f'beam.{body.name}.{name}.damping', part.damping.tolist()
-            # rounded: 0.005 in the file is to show as such
-            yield f'beam.{body.name}.{name}.damping_ratio', [float(f'{r:.12g}') for r in ratio]
+            yield name, part, 2.0 * np.sqrt(part.modal_stiffness * mass)
+
+
+def _of_beam(body: Body) -> Iterator[tuple[str, float | list[float]]]:
+    if body.beam is None:
+        return
+    for name, part, critical in critical_damping(body.beam):
+        rigidity = 'gj' if name == 'torsion' else 'ei'
+        yield f'beam.{body.name}.{name}.{rigidity}', float(part.stiffness)
+        yield f'beam.{body.name}.{name}.damping', part.damping.tolist()
+        # rounded: 0.005 in the file is to show as such
+        ratio = part.damping / critical
+        yield f'beam.{body.name}.{name}.damping_ratio', [float(f'{r:.12g}') for r in ratio]

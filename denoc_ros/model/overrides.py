@@ -11,6 +11,7 @@ that the changed robot passes every check of a new one.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -98,6 +99,40 @@ def with_overrides(
         raise ConfigError(WHERE, findings.items)
     tree = _with_payloads(tree_of(root, where, text), payloads)
     return replace(tree, overrides=dict(overrides))
+
+
+def edited_description(
+    source: str | os.PathLike[str], overrides: Mapping[str, Value | Array]
+) -> str:
+    """Return a description's text with numbers of beams and joints changed, the rest as it was.
+
+    Parameters
+    ----------
+    source : str or path
+        A file's path or XML text.
+    overrides : mapping
+        As `with_overrides`, without payloads: a description has no place for them.
+
+    Raises
+    ------
+    ConfigError, ModelError
+        As `with_overrides`.
+    """
+    where, text = read_source(source)
+    root = parse_xml(where, text, whole=True)
+    plain = plain_paths(_damping_names(root), overrides)
+    findings = Findings()
+    for path, value in plain.items():
+        if path.startswith('payload.'):
+            findings.add(f'path {path!r}', 'must be of a beam or a joint, got a payload')
+        else:
+            _apply(root, path, value, {}, findings)
+    if findings.items:
+        raise ConfigError(WHERE, findings.items)
+    edited = etree.tostring(root.getroottree(), encoding='unicode') + '\n'
+    declaration = re.match(r'<\?xml.*?\?>\s*', text, re.DOTALL)
+    tree_of(parse_xml(where, edited), where, edited)
+    return f'{declaration[0] if declaration else ""}{edited}'
 
 
 def damping_names(tree: Tree) -> dict[str, str]:
@@ -216,7 +251,8 @@ def _override_beam(
             name = part.get('direction', 'torsion')
             for field in BEAM_FIELDS.get(name, ()):
                 if rest == f'{beam.get("link")}.{name}.{field}':
-                    expand_section(beam)
+                    if field not in DAMPING:  # all other numbers may come from a section
+                        expand_section(beam)
                     _set(part, field, path, value, findings)
                     return
     _unknown(path, _known_beams(root), findings)

@@ -52,7 +52,7 @@ def read_source(source: str | os.PathLike[str]) -> tuple[str, str]:
         raise ModelError(where, [f'the file must be UTF-8 text, got: {error}']) from error
 
 
-def parse_xml(where: str, text: str) -> Element:
+def parse_xml(where: str, text: str, whole: bool = False) -> Element:
     """Return the root element of a description's text.
 
     Parameters
@@ -61,11 +61,13 @@ def parse_xml(where: str, text: str) -> Element:
         Its name in errors.
     text : str
         The XML.
+    whole : bool
+        Whether comments and processing instructions stay, for a text that is written again.
 
     Returns
     -------
     lxml element
-        `<robot>`, without comments and processing instructions.
+        `<robot>`.
 
     Raises
     ------
@@ -89,8 +91,8 @@ def parse_xml(where: str, text: str) -> Element:
         no_network=True,
         load_dtd=False,
         huge_tree=False,
-        remove_comments=True,
-        remove_pis=True,
+        remove_comments=not whole,
+        remove_pis=not whole,
     )
     try:
         root = etree.fromstring(encoded, parser)

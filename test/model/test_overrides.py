@@ -11,7 +11,7 @@ import pytest
 
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.override_values import override_values
-from denoc_ros.model.overrides import with_overrides
+from denoc_ros.model.overrides import edited_description, with_overrides
 from denoc_ros.model.tree import Beam, Body, Joint, Tree
 from denoc_ros.model.urdf import load_tree
 
@@ -247,3 +247,26 @@ def test_names_may_have_dots(spoiled: Spoil) -> None:
     y = beam_of(tree, 'arm.upper').y
     assert y is not None
     assert y.stiffness == 5.0
+
+
+def test_an_edited_description_is_the_changed_robot_and_keeps_the_rest(arm_text: str) -> None:
+    text = arm_text.replace('<flexibility>', '<flexibility><!-- measured in May -->')
+    changes = {
+        'beam.upper_arm.y.damping_ratio': [0.01, 0.02],
+        'beam.forearm.y.damping_ratio': 0.03,
+        'joint.shoulder.damping': 0.3,
+    }
+    edited = edited_description(text, changes)
+    assert '<!-- measured in May -->' in edited
+    assert override_values(load_tree(edited)) == override_values(with_overrides(text, changes))
+    # the forearm keeps its section: its damping is no number of it
+    assert edited.count('<section') == text.count('<section') > 0
+    again = edited_description(edited, changes)
+    assert again == edited
+
+
+def test_an_edited_description_is_checked(arm_text: str) -> None:
+    with pytest.raises(ConfigError, match='must be of a beam or a joint, got a payload'):
+        edited_description(arm_text, {'payload.upper_arm.mass': 1.0})
+    with pytest.raises(ModelError, match='damping_ratio'):
+        edited_description(arm_text, {'beam.upper_arm.y.damping_ratio': -0.1})
