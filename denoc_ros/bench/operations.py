@@ -172,7 +172,14 @@ class CountingKernels:
         self.shares: dict[str, int] = {}
         self._running: list[int] = []  # operations of what the running kernels have called
         self._model = self._arrays(robot)
-        self._spaces = _plain_kernels(lambda handle: self._model, self._attributed)
+        instead: dict[str, Callable[..., Any]] = {
+            'model_arrays': lambda handle: self._model,
+            'coordinates': lambda handle: robot.n,
+            'beyond': lambda array, count: array[count:],
+            # a check of the result, no part of the algorithm
+            'all_finite': lambda values, count: True,
+        }
+        self._spaces = _plain_kernels(instead, self._attributed)
 
     def count(self, module: str, function: str, *arguments: Any) -> tuple[Operations, Array]:
         """Return the operations of one call and what its last argument holds after it.
@@ -181,9 +188,9 @@ class CountingKernels:
         ----------
         module, function : str
             Where the kernel is, below `denoc_ros.kernels`, and its name.
-        arguments : what follows the handle; arrays are copied and counted.
+        arguments : what follows the handle; arrays are copied, flattened and counted.
         """
-        counted = [self.counted(a) if isinstance(a, np.ndarray) else a for a in arguments]
+        counted = [self.counted(a).ravel() if isinstance(a, np.ndarray) else a for a in arguments]
         self.tally.__init__()  # type: ignore[misc]
         self.shares.clear()
         kernel = self._spaces[f'denoc_ros.kernels.{module}'][function]
@@ -191,7 +198,7 @@ class CountingKernels:
         if status != GOOD:
             raise ValueError(f'{function} must succeed to be counted, got status {status}')
         found = Operations(*self.tally.parts)
-        return found, np.asarray(counted[-1], dtype=np.float64)
+        return found, np.reshape(counted[-1].astype(np.float64), np.shape(arguments[-1]))
 
     def function(self, module: str, name: str) -> Callable[..., Any]:
         """Return a kernel's piece as a plain function, for numbers made by :meth:`counted`."""
@@ -224,11 +231,12 @@ class CountingKernels:
         return out
 
     def _arrays(self, robot: Robot) -> tuple[Any, ...]:
+        """Return what `model_arrays` does, counted, flat where that has pointers."""
         lowered = robot.lowered
         diagonals = np.zeros((DIAGONALS, lowered.n))
         diagonals[: len(lowered.diagonals)] = lowered.diagonals
         return (
-            lowered.ints,
+            lowered.ints.ravel(),
             self.counted(robot.reals),
             self.counted(robot.work),
             self.counted(diagonals),
@@ -237,14 +245,14 @@ class CountingKernels:
 
 
 def _plain_kernels(
-    model_arrays: Callable[[int], Any], attributed: Callable[[FunctionType], Any]
+    instead: dict[str, Callable[..., Any]], attributed: Callable[[FunctionType], Any]
 ) -> dict[str, dict[str, Any]]:
     """Return the kernels' modules as namespaces of plain functions that see each other.
 
     Parameters
     ----------
-    model_arrays : callable
-        In place of the kernels' own: the counted arrays, whatever the handle.
+    instead : {name: callable}
+        What stands for functions that deal with memory.
     attributed : callable
         Wraps every function but products of vectors.
     """
@@ -259,10 +267,7 @@ def _plain_kernels(
             if source is not None:
                 moved = _moved(source, spaces)
                 space[name] = moved if source.__module__ == VECTORS else attributed(moved)
-        if 'model_arrays' in space:
-            space['model_arrays'] = model_arrays
-        if 'all_finite' in space:  # a check of the result, no part of the algorithm
-            space['all_finite'] = lambda values: True
+        space.update({name: function for name, function in instead.items() if name in space})
     return spaces
 
 

@@ -84,9 +84,12 @@ def require_finite(arguments: dict[str, Array]) -> None:
 
 
 def same_rows(arrays: Sequence[Array]) -> list[Array]:
-    """Return the arrays all as (k, n), single states repeated; raise StateError if k differs."""
+    """Return the arrays all as (k, n), single states repeated; raise StateError if k differs.
+
+    Where all are single states, k is 1.
+    """
     counts = {len(array) for array in arrays if array.ndim == 2}
     if len(counts) > 1:
         raise StateError(f'states must have the same number of rows, got {sorted(counts)}')
-    k = counts.pop()
+    k = counts.pop() if counts else 1
     return [array if array.ndim == 2 else np.tile(array, (k, 1)) for array in arrays]

@@ -14,21 +14,16 @@ from denoc_ros.dynamics.borders import as_output, as_rows, as_states, as_vector,
 from denoc_ros.dynamics.held_model import HeldModel, Source
 from denoc_ros.dynamics.section import Section
 from denoc_ros.kernels import articulated, composite, inverse, world
+from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.model.tree import Tree
 from denoc_ros.model.urdf import load_tree
 
 Array = NDArray[np.float64]
 Wrenches = Mapping[str, ArrayLike]
 
 
-# numba takes numbers of the other byte order for its own
-FLOAT64 = np.dtype(np.float64)
-
-
-# a copy of a few zeros is quicker than numpy.empty, a global name quicker than a module's
-inverse_kernel = inverse.inverse_dynamics
-forward_kernel = articulated.forward_dynamics
-inertia_kernel = composite.inertia_matrix
+_empty = np.empty  # a global name is found more quickly than a module's
 
 
 class Verb(NamedTuple):
@@ -58,6 +53,18 @@ class Robot(HeldModel):
     Attributes as in :class:`HeldModel`.
     """
 
+    def __init__(
+        self,
+        tree: Tree,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        geometric_stiffness: bool = True,
+    ) -> None:
+        super().__init__(tree, gravity, geometric_stiffness)
+        self._inverse = entry(inverse.inverse_dynamics)
+        self._forward = entry(articulated.forward_dynamics)
+        self._inertia = entry(composite.inertia_matrix)
+        self._energies = entry(composite.energies)
+
     # dynamics ---------------------------------------------------------------------------------
 
     def inverse_dynamics(
@@ -86,13 +93,8 @@ class Robot(HeldModel):
         StateError
             For a wrong shape or type, or a number that is not finite.
         """
-        result = np.empty(self.n) if out is None else out
-        status = MISFIT
-        try:
-            if q.dtype is qd.dtype is qdd.dtype is result.dtype is FLOAT64:  # type: ignore[union-attr]
-                status = inverse_kernel(self.handle, q, qd, qdd, result)
-        except (TypeError, AttributeError):
-            pass
+        result = _empty(self.n) if out is None else out
+        status = self._inverse(self.handle, q, qd, qdd, result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'qdd': qdd}
             result = self._settle(status, INVERSE, arguments, out, result, check)
@@ -116,13 +118,8 @@ class Robot(HeldModel):
         """
         if wrenches:
             tau = as_rows('tau', tau, self.n) + self._load(as_rows('q', q, self.n), wrenches)
-        result = np.empty(self.n) if out is None else out
-        status = MISFIT
-        try:
-            if q.dtype is qd.dtype is tau.dtype is result.dtype is FLOAT64:  # type: ignore[union-attr]
-                status = forward_kernel(self.handle, q, qd, tau, result)
-        except (TypeError, AttributeError):
-            pass
+        result = _empty(self.n) if out is None else out
+        status = self._forward(self.handle, q, qd, tau, result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'tau': tau}
             result = self._settle(status, FORWARD, arguments, out, result, check)
@@ -178,13 +175,8 @@ class Robot(HeldModel):
 
     def inertia_matrix(self, q: ArrayLike, out: Array | None = None, check: bool = True) -> Array:
         """Return the generalized inertia matrix (n, n) or (k, n, n), armature included."""
-        result = np.empty((self.n, self.n)) if out is None else out
-        status = MISFIT
-        try:
-            if q.dtype is result.dtype is FLOAT64:  # type: ignore[union-attr]
-                status = inertia_kernel(self.handle, q, result)
-        except (TypeError, AttributeError):
-            pass
+        result = _empty((self.n, self.n)) if out is None else out
+        status = self._inertia(self.handle, q, result)
         if status != GOOD:
             result = self._settle(status, INERTIA, {'q': q}, out, result, check)
         return result
@@ -203,12 +195,7 @@ class Robot(HeldModel):
         Potential is gravity, with zero at the base origin, plus strain.
         """
         result = np.empty(2) if out is None else out
-        status = MISFIT
-        try:
-            if q.dtype is qd.dtype is result.dtype is FLOAT64:  # type: ignore[union-attr]
-                status = composite.energies(self.handle, q, qd, result)
-        except (TypeError, AttributeError):
-            pass
+        status = self._energies(self.handle, q, qd, result)
         if status != GOOD:
             result = self._settle(status, ENERGY, {'q': q, 'qd': qd}, out, result, check)
         return result
@@ -348,13 +335,15 @@ class Robot(HeldModel):
         """
         shape = verb.shape(self.n)
         arrays = {name: as_rows(name, value, self.n) for name, value in arguments.items()}
-        if status == MISFIT and all(array.ndim == 1 for array in arrays.values()):
+        single = all(array.ndim == 1 for array in arrays.values())
+        if status == MISFIT and single:
             result = as_output(out, shape)
-            status = verb.kernel(self.handle, *arrays.values(), result)
-        elif status == MISFIT:
+            status = entry(verb.kernel)(self.handle, *arrays.values(), result)
+        if status == MISFIT:
             rows = same_rows(list(arrays.values()))
-            result = as_output(out, (len(rows[0]), *shape))
-            status = run_rows(self, verb.rows, len(rows[0]), rows, (result,))
+            k = len(rows[0])
+            result = as_output(out, shape if single else (k, *shape))
+            status = run_rows(self, verb.rows, k, rows, (result.reshape(k, *shape),))
         self._judge(status, check, **arrays)
         return result
 

@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.kernels import handle, layout
+from denoc_ros.kernels.array_object import FLOAT64, array_type
 from denoc_ros.model.lowering import Lowered
 
 Array = NDArray[np.float64]
+ARRAY_TYPE = array_type()
 
 
 class Workspace:
@@ -40,10 +42,9 @@ class Workspace:
         record[handle.REALS_ADDRESS] = reals.ctypes.data
         record[handle.WORK_ADDRESS] = self.work.ctypes.data
         record[handle.DIAGONALS_ADDRESS] = self._diagonals.ctypes.data
-        record[handle.ROWS] = len(lowered.ints)
-        record[handle.REALS_SIZE] = len(reals)
-        record[handle.WORK_SIZE] = len(self.work)
         record[handle.COORDINATES] = lowered.n
         record[handle.BODIES] = lowered.bodies
+        record[handle.ARRAY_TYPE] = ARRAY_TYPE
+        record[handle.ELEMENT_TYPE] = id(FLOAT64)
         self._record = record
         self.handle = int(record.ctypes.data)

@@ -7,8 +7,11 @@ D = P^T M P + shift = L L^T, W = (rows 1..6 of M P) L^-T and y = L^-1 (tau - P^T
 sees the inertia M - W W^T and the wrench p + W y; on the way out x = L^-T (y - W^T a).
 """
 
+from numba import types
+
+from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, content, is_vector
 from denoc_ros.kernels.body_inertia import block_wrench, body_inertia
-from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel
+from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.flexible_elimination import inward_flexible, outward_flexible
 from denoc_ros.kernels.handle import (
     ARMATURE,
@@ -19,6 +22,9 @@ from denoc_ros.kernels.handle import (
     SINGULAR,
     ZERO,
     at,
+    beyond,
+    coordinates,
+    elements,
     model_arrays,
 )
 from denoc_ros.kernels.internal import internal_force
@@ -49,16 +55,15 @@ def free_joint(ints, held, i):
 @inlined
 def inward_articulated(ints, reals, work, shift, held, bodies, drive):
     """Eliminate every body's free coordinates, from the tips to the base."""
-    block = work.shape[0] - BLOCK
     for i in range(1, bodies + 1):
         body_inertia(ints, reals, work, i)
     for i in range(bodies, 0, -1):
         free = free_joint(ints, held, i)
         m = at(ints, i, MODES)
         if m == 0:
-            good = inward_rigid(ints, reals, work, shift, drive, i, free, block)
+            good = inward_rigid(ints, reals, work, shift, drive, i, free, BLOCK)
         else:
-            good = inward_flexible(ints, reals, work, shift, drive, i, free, m, block)
+            good = inward_flexible(ints, reals, work, shift, drive, i, free, m, BLOCK)
         if not good:
             return False
     return True
@@ -99,30 +104,40 @@ def held_force(ints, reals, work, qdd, i):
 
 
 @inlined
-def solve(ints, reals, work, diagonals, bodies, shift, held, q, qd, given, tau, qdd, torque):
+def solve(n, ints, reals, work, diagonals, bodies, shift, held, q, qd, given, tau, qdd, torque):
     """Write accelerations and torques as :func:`articulated_dynamics` does; return its status."""
-    n = diagonals.shape[1]
     for j in range(n):
         torque[j] = tau[j] - internal_force(reals, diagonals, q, qd, j)
     outward_motion(ints, reals, work, bodies, q, qd, given)
     if not inward_articulated(ints, reals, work, shift, held, bodies, torque):
         return SINGULAR
     outward_accelerations(ints, reals, work, held, bodies, given, qdd)
-    return GOOD if all_finite(qdd) else NOT_FINITE
+    return GOOD if all_finite(qdd, n) else NOT_FINITE
 
 
-@kernel('int64(int64, float64[::1], float64[::1], float64[::1], float64[::1])')
-def forward_dynamics(handle, q, qd, tau, qdd):
+@shared
+def find_acceleration(handle, q, qd, tau, qdd):
     """Write the accelerations (n) under generalized forces tau (n)."""
     ints, reals, work, diagonals, bodies = model_arrays(handle)
-    n = diagonals.shape[1]
-    if q.shape[0] != n or qd.shape[0] != n or tau.shape[0] != n or qdd.shape[0] != n:
-        return MISFIT
     zero = diagonals[ZERO]
     return solve(
-        ints, reals, work, diagonals, bodies, diagonals[ARMATURE],
+        coordinates(handle), ints, reals, work, diagonals, bodies, diagonals[ARMATURE],
         zero, q, qd, zero, tau, qdd, diagonals[SCRATCH],
     )  # fmt: skip
+
+
+@kernel(types.int64(types.int64, array_object, array_object, array_object, array_object))
+def forward_dynamics(handle, q, qd, tau, qdd):
+    """Write the accelerations (n) under generalized forces tau (n)."""
+    n = coordinates(handle)
+    if not (
+        is_vector(handle, q, n, READABLE)
+        and is_vector(handle, qd, n, READABLE)
+        and is_vector(handle, tau, n, READABLE)
+        and is_vector(handle, qdd, n, WRITABLE)
+    ):
+        return MISFIT
+    return find_acceleration(handle, content(q), content(qd), content(tau), content(qdd))
 
 
 @rows_kernel(
@@ -131,25 +146,27 @@ def forward_dynamics(handle, q, qd, tau, qdd):
 )
 def forward_dynamics_rows(handle, q, qd, tau, first, last, qdd):
     """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
+    n = coordinates(handle)
+    a, b, c, d = elements(q), elements(qd), elements(tau), elements(qdd)
     worst = GOOD
-    for k in range(first, last):
-        worst = max(worst, forward_dynamics(handle, q[k], qd[k], tau[k], qdd[k]))
+    for row in range(first, last):
+        k = n * row
+        status = find_acceleration(handle, beyond(a, k), beyond(b, k), beyond(c, k), beyond(d, k))
+        worst = max(worst, status)
     return worst
 
 
-@kernel(
-    'int64(int64, float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], '
-    'float64[::1], float64[::1], float64[::1])'
-)
-def articulated_dynamics(handle, shift, held, q, qd, given, tau, qdd, torque):
+@shared
+def find_articulated(handle, shift, held, q, qd, given, tau, qdd, torque):
     """Write q'' (n) of the free coordinates and the torque (n) of the held joints.
 
     held[j] != 0: joint j has the acceleration given; given is zero elsewhere. shift is what stands
     on the diagonal beside the bodies' inertia: the armature, and more in a time step.
     """
     ints, reals, work, diagonals, bodies = model_arrays(handle)
+    n = coordinates(handle)
     status = solve(
-        ints, reals, work, diagonals, bodies, shift, held, q, qd, given, tau, qdd, torque
+        n, ints, reals, work, diagonals, bodies, shift, held, q, qd, given, tau, qdd, torque
     )
     if status != GOOD:
         return status
@@ -158,10 +175,22 @@ def articulated_dynamics(handle, shift, held, q, qd, given, tau, qdd, torque):
         if at(ints, i, JOINT) == 1 and held[j] != 0.0:
             torque[j] = (
                 held_force(ints, reals, work, qdd, i)
-                + diagonals[ARMATURE, j] * given[j]
+                + diagonals[ARMATURE][j] * given[j]
                 + internal_force(reals, diagonals, q, qd, j)
             )
-    return GOOD if all_finite(torque) else NOT_FINITE
+    return GOOD if all_finite(torque, n) else NOT_FINITE
+
+
+@kernel(
+    'int64(int64, float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], '
+    'float64[::1], float64[::1], float64[::1])'
+)
+def articulated_dynamics(handle, shift, held, q, qd, given, tau, qdd, torque):
+    """Do what :func:`find_articulated` does, with arrays."""
+    return find_articulated(
+        handle, elements(shift), elements(held), elements(q), elements(qd), elements(given),
+        elements(tau), elements(qdd), elements(torque),
+    )  # fmt: skip
 
 
 @rows_kernel(
@@ -171,10 +200,15 @@ def articulated_dynamics(handle, shift, held, q, qd, given, tau, qdd, torque):
 def articulated_dynamics_rows(handle, held, q, qd, given, tau, first, last, qdd, torque):
     """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
     shift = model_arrays(handle)[3][ARMATURE]
+    n = coordinates(handle)
+    a, b, c, d = elements(q), elements(qd), elements(given), elements(tau)
+    e, f, flags = elements(qdd), elements(torque), elements(held)
     worst = GOOD
-    for k in range(first, last):
-        status = articulated_dynamics(
-            handle, shift, held, q[k], qd[k], given[k], tau[k], qdd[k], torque[k]
-        )
+    for row in range(first, last):
+        k = n * row
+        status = find_articulated(
+            handle, shift, flags, beyond(a, k), beyond(b, k), beyond(c, k), beyond(d, k),
+            beyond(e, k), beyond(f, k),
+        )  # fmt: skip
         worst = max(worst, status)
     return worst

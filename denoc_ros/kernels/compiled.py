@@ -18,12 +18,14 @@ _OPTIONS = {
     'fastmath': {'contract', 'nsz', 'reassoc'},
 }
 # every kernel that Python calls, and the one signature it is compiled for
-DECLARED: dict[Any, str] = {}
+DECLARED: dict[Any, Any] = {}
 
 inlined = njit(forceinline=True, **_OPTIONS)
+# the whole of an algorithm, which more than one kernel calls
+shared = njit(**_OPTIONS)
 
 
-def kernel(signature: str) -> Callable[[Callable[..., Any]], Any]:
+def kernel(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     """Declare a function that Python calls with arguments of just these types.
 
     It keeps the interpreter's lock: giving it up and taking it back would cost a control loop more
@@ -37,7 +39,7 @@ def rows_kernel(signature: str) -> Callable[[Callable[..., Any]], Any]:
     return _declared(signature, njit(nogil=True, **_OPTIONS))
 
 
-def _declared(signature: str, compiler: Any) -> Callable[[Callable[..., Any]], Any]:
+def _declared(signature: Any, compiler: Any) -> Callable[[Callable[..., Any]], Any]:
     def declare(function: Callable[..., Any]) -> Any:
         dispatcher = compiler(function)
         DECLARED[dispatcher] = signature
@@ -58,3 +60,14 @@ def ready(*kernels: Any) -> None:
     for dispatcher in missing:
         dispatcher.compile(DECLARED[dispatcher])
         dispatcher.disable_compile()
+
+
+def entry(dispatcher: Any) -> Callable[..., int]:
+    """Return the compiled function of a kernel that is ready, which takes types on trust.
+
+    The dispatcher before it looks at the type of every argument. Only for kernels whose arguments
+    are an address and arrays that they look into by themselves.
+    """
+    (compiled,) = dispatcher.overloads.values()
+    function: Callable[..., int] = compiled.entry_point
+    return function

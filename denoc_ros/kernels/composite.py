@@ -1,7 +1,17 @@
 """The generalized inertia matrix by composite bodies (section 3.2), and the energies."""
 
+from numba import types
+
+from denoc_ros.kernels.array_object import (
+    READABLE,
+    WRITABLE,
+    array_object,
+    content,
+    is_matrix,
+    is_vector,
+)
 from denoc_ros.kernels.body_inertia import flexible_inertia
-from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel
+from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.handle import (
     ARMATURE,
     GOOD,
@@ -10,6 +20,9 @@ from denoc_ros.kernels.handle import (
     STIFFNESS,
     ZERO,
     at,
+    beyond,
+    coordinates,
+    elements,
     model_arrays,
 )
 from denoc_ros.kernels.inverse import outward_motion
@@ -141,12 +154,11 @@ def transmit_composite(ints, work, i):
     spin = shifted_spin(turned_spin(work, o, k + 4), mass, moment, r)
     moment = add(moment, scale(mass, r))
     if at(ints, i, SECTION) > 0:
-        block = work.shape[0] - BLOCK
-        work[block] = mass
-        store(work, block + 1, moment)
-        store(work, block + 4, (spin[0], spin[1], spin[2]))
-        store(work, block + 7, (spin[3], spin[4], spin[5]))
-        modal_entries(ints, work, i, block)
+        work[BLOCK] = mass
+        store(work, BLOCK + 1, moment)
+        store(work, BLOCK + 4, (spin[0], spin[1], spin[2]))
+        store(work, BLOCK + 7, (spin[3], spin[4], spin[5]))
+        modal_entries(ints, work, i, BLOCK)
         r = load(work, at(ints, i, SECTION_WORK) + PLACE)
         spin = shifted_spin(spin, mass, moment, r)
         moment = add(moment, scale(mass, r))
@@ -158,8 +170,11 @@ def transmit_composite(ints, work, i):
 
 
 @inlined
-def carrier_entries(ints, reals, work, i, f, n, c, out):
-    """Write the entries between coordinate c and those of all bodies that carry body i."""
+def carrier_entries(ints, reals, work, i, f, n, c, size, out):
+    """Write the entries between coordinate c and those of all bodies that carry body i.
+
+    out is the (size, size) matrix, row by row.
+    """
     p = at(ints, i, PARENT)
     while p > 0:
         o = at(ints, i, WORK)
@@ -172,94 +187,103 @@ def carrier_entries(ints, reals, work, i, f, n, c, out):
             d = j + at(ints, p, JOINT)
             for k in range(d, d + at(ints, p, MODES)):
                 x = dot(load(work, u), f) + dot(load(work, u + 3), n)
-                out[k, c] = x
-                out[c, k] = x
+                out[size * k + c] = x
+                out[size * c + k] = x
                 u += 6
             n = add(n, cross(load(work, s + PLACE), f))
         if at(ints, p, MOTION) == TURN:
-            out[j, c] = n[2]
-            out[c, j] = n[2]
+            out[size * j + c] = n[2]
+            out[size * c + j] = n[2]
         elif at(ints, p, JOINT) == 1:
             s = at(ints, p, REAL) + AXIS
             x = dot(load(reals, s), f) + dot(load(reals, s + 3), n)
-            out[j, c] = x
-            out[c, j] = x
+            out[size * j + c] = x
+            out[size * c + j] = x
         i = p
         p = at(ints, i, PARENT)
 
 
 @inlined
-def joint_column(ints, reals, work, i, out):
+def joint_column(ints, reals, work, i, size, out):
     """Write the column of body i's joint."""
     k = at(ints, i, WORK) + COMPOSITE
     j = at(ints, i, COORDINATE)
     if at(ints, i, MOTION) == TURN:
         f = (-work[k + 2], work[k + 1], 0.0)
         n = (work[k + 6], work[k + 8], work[k + 9])
-        out[j, j] = n[2]
+        out[(size + 1) * j] = n[2]
     else:
         s = at(ints, i, REAL) + AXIS
         slide = load(reals, s)
         turn = load(reals, s + 3)
         f, n = rigid_wrench(work, k, slide, turn)
-        out[j, j] = dot(slide, f) + dot(turn, n)
-    carrier_entries(ints, reals, work, i, f, n, j, out)
+        out[(size + 1) * j] = dot(slide, f) + dot(turn, n)
+    carrier_entries(ints, reals, work, i, f, n, j, size, out)
 
 
 @inlined
-def modal_column(ints, reals, work, i, column, out):
+def modal_column(ints, reals, work, i, column, size, out):
     """Write the column of one of body i's modes."""
-    size = 6 + at(ints, i, MODES)
+    own = 6 + at(ints, i, MODES)
     o = at(ints, i, INERTIA_WORK)
     j = at(ints, i, COORDINATE) + at(ints, i, JOINT)
+    c = j + column
     u = o + 6 + column
-    f = (work[u], work[u + size], work[u + 2 * size])
-    n = (work[u + 3 * size], work[u + 4 * size], work[u + 5 * size])
+    f = (work[u], work[u + own], work[u + 2 * own])
+    n = (work[u + 3 * own], work[u + 4 * own], work[u + 5 * own])
     if at(ints, i, JOINT) == 1:
         s = at(ints, i, REAL) + AXIS
         x = dot(load(reals, s), f) + dot(load(reals, s + 3), n)
-        out[j - 1, j + column] = x
-        out[j + column, j - 1] = x
+        out[size * (j - 1) + c] = x
+        out[size * c + j - 1] = x
     for k in range(column + 1):
-        x = work[o + size * (6 + k) + 6 + column]
-        out[j + k, j + column] = x
-        out[j + column, j + k] = x
-    carrier_entries(ints, reals, work, i, f, n, j + column, out)
+        x = work[o + own * (6 + k) + 6 + column]
+        out[size * (j + k) + c] = x
+        out[size * c + j + k] = x
+    carrier_entries(ints, reals, work, i, f, n, c, size, out)
 
 
-@kernel('int64(int64, float64[::1], float64[:, ::1])')
-def inertia_matrix(handle, q, out):
+@shared
+def find_inertia(handle, q, out):
     """Write the (n, n) generalized inertia matrix."""
     ints, reals, work, diagonals, bodies = model_arrays(handle)
-    n = diagonals.shape[1]
-    if q.shape[0] != n or out.shape[0] != n or out.shape[1] != n:
-        return MISFIT
+    n = coordinates(handle)
     for i in range(1, bodies + 1):
         place_body(ints, reals, work, q, i)
         if at(ints, i, POINTS) > 0:
             place_beam(ints, reals, work, q, i)
         own_composite(ints, reals, work, i)
-    out[:, :] = 0.0
+    for j in range(n * n):
+        out[j] = 0.0
     for i in range(bodies, 0, -1):
         if at(ints, i, JOINT) == 1:
-            joint_column(ints, reals, work, i, out)
+            joint_column(ints, reals, work, i, n, out)
         for column in range(at(ints, i, MODES)):
-            modal_column(ints, reals, work, i, column, out)
+            modal_column(ints, reals, work, i, column, n, out)
         if at(ints, i, PARENT) > 0:
             transmit_composite(ints, work, i)
-    finite = True
     for j in range(n):
-        out[j, j] += diagonals[ARMATURE, j]
-        finite &= all_finite(out[j])
-    return GOOD if finite else NOT_FINITE
+        out[(n + 1) * j] += diagonals[ARMATURE][j]
+    return GOOD if all_finite(out, n * n) else NOT_FINITE
+
+
+@kernel(types.int64(types.int64, array_object, array_object))
+def inertia_matrix(handle, q, out):
+    """Write the (n, n) generalized inertia matrix."""
+    n = coordinates(handle)
+    if not (is_vector(handle, q, n, READABLE) and is_matrix(handle, out, n, WRITABLE)):
+        return MISFIT
+    return find_inertia(handle, content(q), content(out))
 
 
 @rows_kernel('int64(int64, float64[:, ::1], int64, int64, float64[:, :, ::1])')
 def inertia_matrix_rows(handle, q, first, last, out):
     """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
+    n = coordinates(handle)
+    a, b = elements(q), elements(out)
     worst = GOOD
     for k in range(first, last):
-        worst = max(worst, inertia_matrix(handle, q[k], out[k]))
+        worst = max(worst, find_inertia(handle, beyond(a, n * k), beyond(b, n * n * k)))
     return worst
 
 
@@ -298,13 +322,11 @@ def body_gravity(ints, reals, work, i):
     return -work[k] * dot(g, position) - dot(g, moment)
 
 
-@kernel('int64(int64, float64[::1], float64[::1], float64[::1])')
-def energies(handle, q, qd, out):
+@shared
+def find_energies(handle, q, qd, out):
     """Write kinetic and potential energy (gravity and strain)."""
     ints, reals, work, diagonals, bodies = model_arrays(handle)
-    n = diagonals.shape[1]
-    if q.shape[0] != n or qd.shape[0] != n or out.shape[0] != 2:
-        return MISFIT
+    n = coordinates(handle)
     outward_motion(ints, reals, work, bodies, q, qd, diagonals[ZERO])
     kinetic = 0.0
     potential = 0.0
@@ -315,17 +337,33 @@ def energies(handle, q, qd, out):
         kinetic += body_kinetic(ints, work, qd, i)
         potential += body_gravity(ints, reals, work, i)
     for j in range(n):
-        kinetic += 0.5 * diagonals[ARMATURE, j] * qd[j] * qd[j]
-        potential += 0.5 * diagonals[STIFFNESS, j] * q[j] * q[j]
+        kinetic += 0.5 * diagonals[ARMATURE][j] * qd[j] * qd[j]
+        potential += 0.5 * diagonals[STIFFNESS][j] * q[j] * q[j]
     out[0] = kinetic
     out[1] = potential
-    return GOOD if all_finite(out) else NOT_FINITE
+    return GOOD if all_finite(out, 2) else NOT_FINITE
+
+
+@kernel(types.int64(types.int64, array_object, array_object, array_object))
+def energies(handle, q, qd, out):
+    """Write kinetic and potential energy (gravity and strain)."""
+    n = coordinates(handle)
+    if not (
+        is_vector(handle, q, n, READABLE)
+        and is_vector(handle, qd, n, READABLE)
+        and is_vector(handle, out, 2, WRITABLE)
+    ):
+        return MISFIT
+    return find_energies(handle, content(q), content(qd), content(out))
 
 
 @rows_kernel('int64(int64, float64[:, ::1], float64[:, ::1], int64, int64, float64[:, ::1])')
 def energies_rows(handle, q, qd, first, last, out):
     """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
+    n = coordinates(handle)
+    a, b, c = elements(q), elements(qd), elements(out)
     worst = GOOD
     for k in range(first, last):
-        worst = max(worst, energies(handle, q[k], qd[k], out[k]))
+        status = find_energies(handle, beyond(a, n * k), beyond(b, n * k), beyond(c, 2 * k))
+        worst = max(worst, status)
     return worst

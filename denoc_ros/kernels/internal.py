@@ -10,7 +10,7 @@ from denoc_ros.kernels.layout import SLIP_RATE
 @inlined
 def internal_force(reals, diagonals, q, qd, j):
     """Return k q + c q' + f tanh(q' / v_s) of coordinate j."""
-    force = diagonals[STIFFNESS, j] * q[j] + diagonals[DAMPING, j] * qd[j]
-    if diagonals[FRICTION, j] != 0.0:
-        force += diagonals[FRICTION, j] * np.tanh(qd[j] / reals[SLIP_RATE])
+    force = diagonals[STIFFNESS][j] * q[j] + diagonals[DAMPING][j] * qd[j]
+    if diagonals[FRICTION][j] != 0.0:
+        force += diagonals[FRICTION][j] * np.tanh(qd[j] / reals[SLIP_RATE])
     return force

@@ -1,7 +1,20 @@
 """Inverse dynamics: outward motion, inward wrenches, O(n) (book, section 3.2)."""
 
-from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel
-from denoc_ros.kernels.handle import ARMATURE, GOOD, MISFIT, NOT_FINITE, at, model_arrays
+from numba import types
+
+from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, content, is_vector
+from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.handle import (
+    ARMATURE,
+    GOOD,
+    MISFIT,
+    NOT_FINITE,
+    at,
+    beyond,
+    coordinates,
+    elements,
+    model_arrays,
+)
 from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.layout import (
     AXIS,
@@ -60,19 +73,31 @@ def inward_wrenches(ints, reals, work, bodies, out):
         transmit_wrench(ints, work, i, load(work, o + FORCE), load(work, o + TORQUE))
 
 
-@kernel('int64(int64, float64[::1], float64[::1], float64[::1], float64[::1])')
-def inverse_dynamics(handle, q, qd, qdd, out):
+@shared
+def find_torque(handle, q, qd, qdd, out):
     """Write I q'' + h(q, q') (n)."""
     ints, reals, work, diagonals, bodies = model_arrays(handle)
-    n = diagonals.shape[1]
-    if q.shape[0] != n or qd.shape[0] != n or qdd.shape[0] != n or out.shape[0] != n:
-        return MISFIT
+    n = coordinates(handle)
     outward_motion(ints, reals, work, bodies, q, qd, qdd)
     # element by element before out is summed up: out may be one of the arguments
     for j in range(n):
-        out[j] = diagonals[ARMATURE, j] * qdd[j] + internal_force(reals, diagonals, q, qd, j)
+        out[j] = diagonals[ARMATURE][j] * qdd[j] + internal_force(reals, diagonals, q, qd, j)
     inward_wrenches(ints, reals, work, bodies, out)
-    return GOOD if all_finite(out) else NOT_FINITE
+    return GOOD if all_finite(out, n) else NOT_FINITE
+
+
+@kernel(types.int64(types.int64, array_object, array_object, array_object, array_object))
+def inverse_dynamics(handle, q, qd, qdd, out):
+    """Write I q'' + h(q, q') (n)."""
+    n = coordinates(handle)
+    if not (
+        is_vector(handle, q, n, READABLE)
+        and is_vector(handle, qd, n, READABLE)
+        and is_vector(handle, qdd, n, READABLE)
+        and is_vector(handle, out, n, WRITABLE)
+    ):
+        return MISFIT
+    return find_torque(handle, content(q), content(qd), content(qdd), content(out))
 
 
 @rows_kernel(
@@ -81,7 +106,11 @@ def inverse_dynamics(handle, q, qd, qdd, out):
 )
 def inverse_dynamics_rows(handle, q, qd, qdd, first, last, out):
     """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
+    n = coordinates(handle)
+    a, b, c, d = elements(q), elements(qd), elements(qdd), elements(out)
     worst = GOOD
-    for k in range(first, last):
-        worst = max(worst, inverse_dynamics(handle, q[k], qd[k], qdd[k], out[k]))
+    for row in range(first, last):
+        k = n * row
+        status = find_torque(handle, beyond(a, k), beyond(b, k), beyond(c, k), beyond(d, k))
+        worst = max(worst, status)
     return worst

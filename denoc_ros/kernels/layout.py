@@ -53,9 +53,6 @@ BODY_REALS = 52
 # reals: a section, from SECTION:
 # station, s_y (NY), s_z (NZ), s_y' (NY), s_z' (NZ), s_t (NT), H_y (NY NY), H_z (NZ NZ)
 
-# work: its last elements, a six-row block (see body_inertia)
-BLOCK = 27
-
 # work: a body, from WORK
 ROTATION = 0  # (9) body axes to carrier axes
 ARM = 9  # (3) section (or carrier origin, where rigid) to body origin, carrier axes
@@ -70,6 +67,10 @@ WORLD_ROTATION = 36  # (9) body axes to base axes
 WORLD_POSITION = 45  # (3)
 COMPOSITE = 48  # mass, moment (3), spin (6) of the body, or of it and all it carries
 BODY_WORK = 58
+
+# work: after the base's, a six-row block in passing (see body_inertia)
+BLOCK = BODY_WORK
+BLOCK_SIZE = 27
 
 # work: a beam, from BEAM_WORK:
 # modal force (MODES), then per point: position (3), H_y d_y (NY), H_z d_z (NZ)

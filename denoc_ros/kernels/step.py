@@ -9,7 +9,7 @@ shift on its diagonal, so a mode much faster than the step costs nothing and sta
 
 import numpy as np
 
-from denoc_ros.kernels.articulated import articulated_dynamics
+from denoc_ros.kernels.articulated import find_articulated
 from denoc_ros.kernels.compiled import inlined, kernel
 from denoc_ros.kernels.handle import (
     ARMATURE,
@@ -19,6 +19,9 @@ from denoc_ros.kernels.handle import (
     MISFIT,
     STIFFNESS,
     at,
+    beyond,
+    coordinates,
+    elements,
     model_arrays,
 )
 from denoc_ros.kernels.layout import COORDINATE, JOINT, SLIP_RATE
@@ -46,38 +49,33 @@ def hold(ints, bodies, held, source, target):
             target[j] = source[j]
 
 
-@kernel(
-    'int64(int64, float64[:, ::1], float64[::1], float64, float64[::1], float64[::1], '
-    'float64[::1], float64[::1])'
-)
-def advance(handle, steps, held, dt, q, qd, given, tau):
+@inlined
+def take_step(handle, steps, held, dt, q, qd, given, tau):
     """Advance q and q' by dt in place; held joints have the acceleration given throughout.
 
     Returns the status of the forward dynamics; the state is left as it was unless that is good.
     """
     ints, reals, _work, diagonals, bodies = model_arrays(handle)
-    n = diagonals.shape[1]
-    if q.shape[0] != n or qd.shape[0] != n or given.shape[0] != n or tau.shape[0] != n:
-        return MISFIT
+    n = coordinates(handle)
     g = GAMMA * dt
-    shift = steps[SHIFT]
-    drive = steps[DRIVE]
-    k1 = steps[RATE]
-    w = steps[STAGE_RATE]
-    stage_q = steps[STAGE_Q]
-    stage_qd = steps[STAGE_QD]
+    shift = beyond(steps, SHIFT * n)
+    drive = beyond(steps, DRIVE * n)
+    k1 = beyond(steps, RATE * n)
+    w = beyond(steps, STAGE_RATE * n)
+    stage_q = beyond(steps, STAGE_Q * n)
+    stage_qd = beyond(steps, STAGE_QD * n)
+    torque = beyond(steps, TORQUE * n)
+    wanted = beyond(steps, GIVEN * n)
     for j in range(n):
-        c = diagonals[DAMPING, j]
-        if diagonals[FRICTION, j] != 0.0:
+        c = diagonals[DAMPING][j]
+        if diagonals[FRICTION][j] != 0.0:
             t = np.tanh(qd[j] / reals[SLIP_RATE])
-            c += diagonals[FRICTION, j] / reals[SLIP_RATE] * (1.0 - t * t)
-        shift[j] = diagonals[ARMATURE, j] + g * c + g * g * diagonals[STIFFNESS, j]
-        steps[GIVEN, j] = 0.0
-        drive[j] = tau[j] - g * diagonals[STIFFNESS, j] * qd[j]
-    hold(ints, bodies, held, given, steps[GIVEN])
-    status = articulated_dynamics(
-        handle, shift, held, q, qd, steps[GIVEN], drive, k1, steps[TORQUE]
-    )
+            c += diagonals[FRICTION][j] / reals[SLIP_RATE] * (1.0 - t * t)
+        shift[j] = diagonals[ARMATURE][j] + g * c + g * g * diagonals[STIFFNESS][j]
+        wanted[j] = 0.0
+        drive[j] = tau[j] - g * diagonals[STIFFNESS][j] * qd[j]
+    hold(ints, bodies, held, given, wanted)
+    status = find_articulated(handle, shift, held, q, qd, wanted, drive, k1, torque)
     if status != GOOD:
         return status
     for j in range(n):
@@ -87,11 +85,9 @@ def advance(handle, steps, held, dt, q, qd, given, tau):
         if held[j] != 0.0:
             stage_q[j] = q[j] + dt * (qd[j] + 0.5 * dt * given[j])
         residual = stage_qd[j] - 2.0 * k1q
-        implicit = shift[j] - diagonals[ARMATURE, j]
-        drive[j] = tau[j] - g * diagonals[STIFFNESS, j] * residual + 2.0 * implicit * k1[j]
-    status = articulated_dynamics(
-        handle, shift, held, stage_q, stage_qd, steps[GIVEN], drive, w, steps[TORQUE]
-    )
+        implicit = shift[j] - diagonals[ARMATURE][j]
+        drive[j] = tau[j] - g * diagonals[STIFFNESS][j] * residual + 2.0 * implicit * k1[j]
+    status = find_articulated(handle, shift, held, stage_q, stage_qd, wanted, drive, w, torque)
     if status != GOOD:
         return status
     for j in range(n):
@@ -103,3 +99,18 @@ def advance(handle, steps, held, dt, q, qd, given, tau):
     hold(ints, bodies, held, stage_q, q)
     hold(ints, bodies, held, stage_qd, qd)
     return GOOD
+
+
+@kernel(
+    'int64(int64, float64[:, ::1], float64[::1], float64, float64[::1], float64[::1], '
+    'float64[::1], float64[::1])'
+)
+def advance(handle, steps, held, dt, q, qd, given, tau):
+    """Do what :func:`take_step` does, with arrays of fitting sizes."""
+    n = coordinates(handle)
+    if q.shape[0] != n or qd.shape[0] != n or given.shape[0] != n or tau.shape[0] != n:
+        return MISFIT
+    return take_step(
+        handle, elements(steps), elements(held), dt, elements(q), elements(qd),
+        elements(given), elements(tau),
+    )  # fmt: skip

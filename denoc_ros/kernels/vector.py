@@ -84,9 +84,9 @@ def symmetric(a, o, v):
 
 
 @inlined
-def all_finite(a):
-    """Say whether every element of a vector is finite (inf - inf and 0 * inf are not a number)."""
+def all_finite(a, n):
+    """Say whether all n elements of a are finite (inf - inf and 0 * inf are not a number)."""
     s = 0.0
-    for k in range(a.shape[0]):
+    for k in range(n):
         s += a[k] * 0.0
     return s == 0.0

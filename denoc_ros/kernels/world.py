@@ -1,7 +1,7 @@
 """Poses, Jacobians and twists of frames in the base frame."""
 
-from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel
-from denoc_ros.kernels.handle import GOOD, at, model_arrays
+from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.handle import GOOD, at, beyond, coordinates, elements, model_arrays
 from denoc_ros.kernels.layout import (
     ARM,
     AXIS,
@@ -53,8 +53,8 @@ def place_world(ints, reals, work, bodies, q):
         world_pose(ints, work, i)
 
 
-@kernel('int64(int64, float64[::1], int64, float64[:, ::1])')
-def frame_pose(handle, q, i, out):
+@shared
+def find_pose(handle, q, i, out):
     """Write the (4, 4) pose of row i in the base frame."""
     ints, reals, work, _diagonals, bodies = model_arrays(handle)
     place_world(ints, reals, work, bodies, q)
@@ -64,18 +64,25 @@ def frame_pose(handle, q, i, out):
     o = at(ints, i, WORK)
     for r in range(3):
         for c in range(3):
-            out[r, c] = work[o + WORLD_ROTATION + 3 * r + c]
-        out[r, 3] = work[o + WORLD_POSITION + r]
-        out[3, r] = 0.0
-    out[3, 3] = 1.0
+            out[4 * r + c] = work[o + WORLD_ROTATION + 3 * r + c]
+        out[4 * r + 3] = work[o + WORLD_POSITION + r]
+        out[12 + r] = 0.0
+    out[15] = 1.0
+
+
+@kernel('int64(int64, float64[::1], int64, float64[:, ::1])')
+def frame_pose(handle, q, i, out):
+    """Write the (4, 4) pose of row i in the base frame."""
+    find_pose(handle, elements(q), i, elements(out))
     return GOOD
 
 
 @rows_kernel('int64(int64, float64[:, ::1], int64, int64, int64, float64[:, :, ::1])')
 def frame_pose_rows(handle, q, i, first, last, out):
     """Do the same for rows first .. last - 1 of (k, n) states."""
+    n = coordinates(handle)
     for k in range(first, last):
-        frame_pose(handle, q[k], i, out[k])
+        find_pose(handle, beyond(elements(q), n * k), i, beyond(elements(out), 16 * k))
     return GOOD
 
 
@@ -83,27 +90,29 @@ def frame_pose_rows(handle, q, i, first, last, out):
 def place_bodies(handle, q):
     """Place every body in the base frame, all in the workspace."""
     ints, reals, work, _diagonals, bodies = model_arrays(handle)
-    place_world(ints, reals, work, bodies, q)
+    place_world(ints, reals, work, bodies, elements(q))
     return GOOD
 
 
 @inlined
-def write_column(out, j, linear, angular):
+def write_column(out, n, j, linear, angular):
     """Write column j of a (6, n) Jacobian."""
     for k in range(3):
-        out[k, j] = linear[k]
-        out[3 + k, j] = angular[k]
+        out[n * k + j] = linear[k]
+        out[n * (3 + k) + j] = angular[k]
 
 
-@kernel('int64(int64, float64[::1], int64, float64[:, ::1])')
-def frame_jacobian(handle, q, i, out):
+@shared
+def find_jacobian(handle, q, i, out):
     """Write the (6, n) Jacobian of row i, linear first, base axes, at its origin."""
     ints, reals, work, _diagonals, bodies = model_arrays(handle)
     place_world(ints, reals, work, bodies, q)
     if i > bodies:
         place_body(ints, reals, work, q, i)
         world_pose(ints, work, i)
-    out[:, :] = 0.0
+    n = coordinates(handle)
+    for k in range(6 * n):
+        out[k] = 0.0
     point = load(work, at(ints, i, WORK) + WORLD_POSITION)
     while i > 0:
         o = at(ints, i, WORK)
@@ -113,7 +122,7 @@ def frame_jacobian(handle, q, i, out):
             arm = add(point, scale(-1.0, load(work, o + WORLD_POSITION)))
             turn = rotate(work, o + WORLD_ROTATION, load(reals, s + 3))
             slide = rotate(work, o + WORLD_ROTATION, load(reals, s))
-            write_column(out, j, add(slide, cross(turn, arm)), turn)
+            write_column(out, n, j, add(slide, cross(turn, arm)), turn)
         p = at(ints, i, PARENT)
         if at(ints, i, SECTION) > 0:
             u = at(ints, p, WORK) + WORLD_ROTATION
@@ -123,15 +132,22 @@ def frame_jacobian(handle, q, i, out):
             for k in range(j, j + at(ints, p, MODES)):
                 turn = rotate(work, u, load(work, c + 3))
                 slide = rotate(work, u, load(work, c))
-                write_column(out, k, add(slide, cross(turn, arm)), turn)
+                write_column(out, n, k, add(slide, cross(turn, arm)), turn)
                 c += 6
         i = p
+
+
+@kernel('int64(int64, float64[::1], int64, float64[:, ::1])')
+def frame_jacobian(handle, q, i, out):
+    """Write the (6, n) Jacobian of row i, linear first, base axes, at its origin."""
+    find_jacobian(handle, elements(q), i, elements(out))
     return GOOD
 
 
 @rows_kernel('int64(int64, float64[:, ::1], int64, int64, int64, float64[:, :, ::1])')
 def frame_jacobian_rows(handle, q, i, first, last, out):
     """Do the same for rows first .. last - 1 of (k, n) states."""
+    n = coordinates(handle)
     for k in range(first, last):
-        frame_jacobian(handle, q[k], i, out[k])
+        find_jacobian(handle, beyond(elements(q), n * k), i, beyond(elements(out), 6 * n * k))
     return GOOD

@@ -214,7 +214,7 @@ class _Lowering:
         self.geometric = geometric
         self.constants: list[Array] = [gravity, np.array([SLIP_RATE])]
         self.real_size = layout.HEADER
-        self.work_size = layout.BODY_WORK  # the base's
+        self.work_size = layout.BLOCK + layout.BLOCK_SIZE  # the base's
         self.coordinate = 0
         self.axes: list[Array] = []
         self.rows = [np.zeros(layout.INTS, dtype=np.int64)]
@@ -272,7 +272,7 @@ class _Lowering:
             self.beam(row, body)
         modes = int(row[layout.MODES])
         eliminated = int(row[layout.JOINT]) + modes
-        row[layout.INERTIA_WORK] = self.reserve((6 + modes) ** 2 if modes else layout.BLOCK)
+        row[layout.INERTIA_WORK] = self.reserve((6 + modes) ** 2 if modes else layout.BLOCK_SIZE)
         row[layout.ELIMINATED] = self.reserve(eliminated * (6 + eliminated + 1))
         self.coordinate += eliminated
         self.rows.append(row)
@@ -351,7 +351,7 @@ def lower(tree: Tree, gravity: Array, geometric_stiffness: bool) -> Lowered:
         reals=np.concatenate(lowering.constants),
         diagonals=_diagonals(tree),
         bodies=len(tree.bodies),
-        work_size=lowering.work_size + layout.BLOCK,
+        work_size=lowering.work_size,
         frame_rows={name: 1 + len(tree.bodies) + k for k, name in enumerate(tree.frames)},
         axes=tuple(lowering.axes),
         coordinate_names=tuple(names),
