@@ -50,13 +50,15 @@ class Stepper:
         """
         self._advance(self._zero, q, qd, self._zero, tau)
 
-    def driven(self, q: Array, qd: Array, qdd_joints: Array) -> None:
+    def driven(self, q: Array, qd: Array, qdd_joints: Array, tau: Array | None = None) -> None:
         """Advance q and qd (n,) in place with the joints' accelerations (joints,) given.
 
-        Joints move with constant acceleration over the step, amplitudes by their dynamics.
+        Joints move with constant acceleration over the step, amplitudes by their dynamics, under
+        generalized forces tau (n,) if given, of which those of joints do not matter.
         """
         self._given[self.robot.joint_indices] = qdd_joints
-        self._advance(self._held, q, qd, self._given, self._zero)
+        force = self._zero if tau is None else tau
+        self._advance(self._held, q, qd, self._given, force)
 
     def _advance(self, held: Array, q: Array, qd: Array, given: Array, tau: Array) -> None:
         try:

@@ -91,12 +91,12 @@ class TiedStepper(Stepper):
         q[:] = ties @ z + self._offset
         qd[:] = ties @ zd
 
-    def driven(self, q: Array, qd: Array, qdd_joints: Array) -> None:
+    def driven(self, q: Array, qd: Array, qdd_joints: Array, tau: Array | None = None) -> None:
         """Advance q and qd (n,) in place with the joints' accelerations (joints,) given.
 
         As :meth:`Stepper.driven`; followers are placed by their leaders, whatever is given.
         """
-        super().driven(q, qd, qdd_joints)
+        super().driven(q, qd, qdd_joints, tau)
         q[:] = self._ties @ q[self._places] + self._offset
         qd[:] = self._ties @ qd[self._places]
 

@@ -1,4 +1,4 @@
-"""The observer of deflections from measured joints, without ROS: the core of the predictor."""
+"""The observer of deflections from measured joints and strain, without ROS."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.tied_stepper import stepper_of
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.estimation.fusion import FusionSettings, StrainFusion
 from denoc_ros.estimation.tracking import TrackingFilter
 
 Array = NDArray[np.float64]
@@ -49,6 +50,8 @@ class ObserverSettings:
     max_age : float
         Measurements older than this [s] are refused, and the estimate goes no further than this
         beyond the last one.
+    fusion : FusionSettings or None
+        How the robot's sensors correct the amplitudes; None: they do not.
 
     Raises
     ------
@@ -63,6 +66,7 @@ class ObserverSettings:
     horizon: float = 0.0
     horizon_steps: int = 10
     max_age: float = 0.05
+    fusion: FusionSettings | None = None
 
     def __post_init__(self) -> None:
         if self.source not in SOURCES:
@@ -80,7 +84,7 @@ class ObserverSettings:
 
 
 class Observer:
-    """Estimates the amplitudes of a flexible robot from measurements of its joints.
+    """Estimates the amplitudes of a flexible robot from what its joints and sensors measure.
 
     A state at the time of the last measurement has been driven by what was measured up to there,
     however late that came; from it the state now, and `horizon` ahead, is predicted anew.
@@ -103,13 +107,22 @@ class Observer:
     late, repeated, restarts, unsettled : int
         Measurements refused as too old, and as not newer than the last one; gaps that were not
         integrated over; starts undeformed for want of an equilibrium.
+    robot : Robot
+        The observer's own.
     deflections : TipDeflections
         The tips' displacements from amplitudes.
+    fusion : StrainFusion or None
+        What takes the sensors' values in, if they are fused.
+
+    Raises
+    ------
+    StateError
+        Sensors are to be fused, but there are none or one has no noise.
     """
 
     def __init__(self, robot: Robot, settings: ObserverSettings) -> None:
         self.settings = settings
-        self._robot = robot.copy()
+        self.robot = robot.copy()
         self._stepper = stepper_of(robot.copy(), settings.step)
         self._joints = np.asarray(robot.joint_indices, dtype=np.intp)
         self._flexible = np.setdiff1d(np.arange(robot.n), self._joints)
@@ -117,7 +130,17 @@ class Observer:
         self._filter = TrackingFilter(len(self._joints), settings.cutoff)
         self.deflections = TipDeflections(robot)
         self.q, self.qd, self.q_ahead, self.qd_ahead = np.zeros((4, robot.n))
-        self._q, self._qd, self._tau = np.zeros((3, robot.n))  # at the last measurement
+        self._q, self._qd = np.zeros((2, robot.n))  # at the last measurement
+        self._tau = np.zeros(robot.n)  # efforts, and loads that sensors show
+        self.fusion: StrainFusion | None = None
+        if settings.fusion is not None:
+            self.fusion = StrainFusion(
+                robot,
+                settings.step,
+                settings.fusion,
+                settings.max_age,
+                settings.source == 'joints',
+            )
         self.late = self.repeated = self.restarts = self.unsettled = 0
         self.reset()
 
@@ -170,10 +193,37 @@ class Observer:
             return False
         interval = stamp - self._stamp
         self._filter.update(q, qd, interval)
-        self._stamp = stamp
         self._drive(interval)
+        self._stamp = stamp
+        self._fuse()
         self.take_effort(effort)
         return True
+
+    def sense(self, place: int, stamp: float, value: float) -> bool:
+        """Take a sensor's value in; it counts once joints measured as late are known.
+
+        Parameters
+        ----------
+        place : int
+            Of the sensor among the robot's.
+        stamp : float
+            When it was measured [s], on the clock of `tick`.
+        value : float
+            Calibrated.
+
+        Returns
+        -------
+        bool
+            False if it was refused, or sensors are not fused, or nothing has started.
+        """
+        if self.fusion is None or not self.started:
+            return False
+        return self.fusion.sense(place, stamp, value)
+
+    def _fuse(self) -> None:
+        if self.fusion is not None:
+            self.fusion.correct(self._q, self._qd)
+            self._tau[self._flexible] = self.fusion.loads
 
     def take_effort(self, effort: Array | None) -> None:
         """Take efforts (joints,) [N m, N] in, from a measurement or another way; None: none."""
@@ -194,6 +244,8 @@ class Observer:
         ):
             mine[:] = theirs
         self.time, self._stamp = other.time, other._stamp
+        if self.fusion is not None and other.fusion is not None:
+            self.fusion.adopt(other.fusion)
         self.late, self.repeated = other.late, other.repeated
         self.restarts, self.unsettled = other.restarts, other.unsettled
 
@@ -203,25 +255,29 @@ class Observer:
         self._q[:] = 0.0
         self._q[self._joints] = q
         try:
-            self._q[:] = self._robot.static_deflection(q)
+            self._q[:] = self.robot.static_deflection(q)
         except SolverError:
             # no equilibrium at this posture (buckled): nothing is known of the amplitudes
             self.unsettled += 1
         self._qd[:] = 0.0
         self._qd[self._joints] = self._filter.qd
         self.q[:], self.qd[:] = self._q, self._qd
+        if self.fusion is not None:
+            self.fusion.reset(stamp, self._q, self._qd)
 
     def _drive(self, interval: float) -> None:
         """Bring the state from the measurement before over an interval [s] to this one."""
         joints, measured = self._joints, self._filter
         if interval > LONGEST_GAP:
             self.restarts += 1
+            if self.fusion is not None:
+                self.fusion.restart(self._stamp + interval, self._q, self._qd)
         elif self.settings.source == 'torque':
-            self._go(self._q, self._qd, interval, None)
+            self._go(self._q, self._qd, interval, None, self._follow)
             self._correct(interval)
             return
         else:
-            self._go(self._q, self._qd, interval, self._between(interval))
+            self._go(self._q, self._qd, interval, self._between(interval), self._follow)
         self._q[joints] = measured.q
         self._qd[joints] = measured.qd
 
@@ -251,7 +307,7 @@ class Observer:
         self._q[joints] += gain * (self._filter.q - self._q[joints])
         jump = gain * (self._filter.qd - self._qd[joints])
         if len(flexible):
-            inertia = self._robot.inertia_matrix(self._q, out=self._inertia, check=False)
+            inertia = self.robot.inertia_matrix(self._q, out=self._inertia, check=False)
             rows = inertia[flexible]
             self._qd[flexible] -= np.linalg.solve(rows[:, flexible], rows[:, joints] @ jump)
         self._qd[joints] += jump
@@ -262,9 +318,13 @@ class Observer:
         qd: Array,
         duration: float,
         acceleration: Callable[[float], Array] | None,
+        follow: Callable[[float], None] | None = None,
         most: int = MOST_STEPS,
     ) -> None:
-        """Advance a state in place, the joints by an acceleration of time or by the effort."""
+        """Advance a state in place, the joints by an acceleration of time or by the effort.
+
+        After each step `follow` hears how far it has gone [s].
+        """
         steps = min(most, max(1, math.ceil(duration / self.settings.step - 1e-6)))
         step = duration / steps
         self._stepper.step = step
@@ -272,7 +332,15 @@ class Observer:
             if acceleration is None:
                 self._stepper.free(q, qd, self._tau)
             else:
-                self._stepper.driven(q, qd, acceleration((index + 0.5) * step))
+                self._stepper.driven(q, qd, acceleration((index + 0.5) * step), self._tau)
+            if follow is not None:
+                follow((index + 1) * step)
+
+    def _follow(self, gone: float) -> None:
+        """Let the fusion know the state so long after the last measurement."""
+        if self.fusion is not None:
+            self.fusion.follow(self._stamp + gone, self._q, self._qd)
+            self._tau[self._flexible] = self.fusion.loads
 
     def tick(self, now: float) -> None:
         """Bring the estimate to a time [s]; nothing before the first measurement.
@@ -282,12 +350,13 @@ class Observer:
         """
         if not self.started:
             return
+        self._fuse()
         self.time = max(now, self._stamp)
         self.q[:], self.qd[:] = self._q, self._qd
         lead = min(self.time - self._stamp, self.settings.max_age)
         if lead > 0.0:
             most = self.settings.horizon_steps
-            self._go(self.q, self.qd, lead, lambda _: self._filter.qdd, most)
+            self._go(self.q, self.qd, lead, lambda _: self._filter.qdd, most=most)
 
     def predict(self, reference: Reference | None = None) -> tuple[Array, Array]:
         """Predict the state `horizon` ahead.
@@ -307,7 +376,8 @@ class Observer:
         horizon = self.settings.horizon
         if horizon > 0.0:
             most = self.settings.horizon_steps
-            self._go(self.q_ahead, self.qd_ahead, horizon, self._expected(reference), most)
+            expected = self._expected(reference)
+            self._go(self.q_ahead, self.qd_ahead, horizon, expected, most=most)
         return self.q_ahead, self.qd_ahead
 
     def _expected(self, reference: Reference | None) -> Callable[[float], Array]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.model.overrides import carrying_links
+from denoc_ros.model.overrides import SENSOR_FIELDS, carrying_links
 from denoc_ros.model.tree import Beam, Body, Deformation, Tree
 
 Values = dict[str, float | list[float]]
@@ -24,13 +24,16 @@ def override_values(tree: Tree) -> Values:
     Returns
     -------
     dict of str to float or list of float
-        Stiffness and damping ratios of beams, damping, friction and armature of joints, and no
-        payload on each link that can carry one.
+        Stiffness and damping ratios of beams, damping, friction and armature of joints, gain,
+        offset and noise of sensors, and no payload on each link that can carry one.
     """
     values: Values = {}
     for body in tree.bodies:
         values.update(_of_joint(body))
         values.update(_of_beam(body))
+    for sensor in tree.sensors:
+        for field in SENSOR_FIELDS:
+            values[f'sensor.{sensor.name}.{field}'] = float(getattr(sensor, field))
     for link in carrying_links(tree):
         values[f'payload.{link}.mass'] = 0.0
         values[f'payload.{link}.com'] = [0.0] * 3

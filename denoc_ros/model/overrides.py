@@ -2,7 +2,8 @@
 
 `beam.<link>.<y|z>.<ei|modes|damping_ratio|damping>`,
 `beam.<link>.torsion.<gj|polar_inertia|modes|damping_ratio|damping>`,
-`joint.<name>.<damping|friction|armature>` and `payload.<link>.<mass|com|inertia>`;
+`joint.<name>.<damping|friction|armature>`, `sensor.<name>.<gain|offset|noise>` and
+`payload.<link>.<mass|com|inertia>`;
 `damping.<joint>` is another name for `joint.<joint>.damping`, `damping.<link>.<y|z|torsion>` for
 `beam.<link>.<y|z|torsion>.damping_ratio`. Beams and joints are changed in the description, so
 that the changed robot passes every check of a new one.
@@ -33,7 +34,7 @@ Array = NDArray[np.float64]
 Value = float | int | str | Sequence[float]
 Given = TypeVar('Given')
 
-FAMILIES = ('beam', 'joint', 'payload', 'damping')
+FAMILIES = ('beam', 'joint', 'payload', 'sensor', 'damping')
 DAMPING = ('damping_ratio', 'damping')
 BEAM_FIELDS = {
     'y': ('ei', 'modes', *DAMPING),
@@ -41,6 +42,7 @@ BEAM_FIELDS = {
     'torsion': ('gj', 'polar_inertia', 'modes', *DAMPING),
 }
 JOINT_FIELDS = ('damping', 'friction', 'armature')
+SENSOR_FIELDS = ('gain', 'offset', 'noise')
 PAYLOAD_SIZES = {'mass': (1,), 'com': (3,), 'inertia': (6, 9)}
 WHERE = 'overrides'
 
@@ -219,13 +221,15 @@ def _apply(
         _override_beam(root, path, rest, value, findings)
     elif kind == 'joint':
         _override_joint(root, path, rest, value, findings)
+    elif kind == 'sensor':
+        _override_sensor(root, path, rest, value, findings)
     elif kind == 'payload':
         children = {end.get('link') or '' for end in root.iterfind('joint/child')}
         _override_payload(children, path, rest, value, payloads, findings)
     elif kind == 'damping':
         _unknown(path, list(_damping_names(root)), findings)
     else:
-        rule = 'start with beam., joint., payload. or damping.'
+        rule = 'start with beam., joint., payload., sensor. or damping.'
         findings.add(f'path {path!r}', f'must {rule}, got {kind!r}')
 
 
@@ -312,6 +316,19 @@ def _override_joint(
     else:
         element = _child(found[0], 'dynamics')
     _set(element, field, path, value, findings)
+
+
+def _override_sensor(
+    root: Element, path: str, rest: str, value: Value | Array, findings: Findings
+) -> None:
+    name, _, field = rest.rpartition('.')
+    sensors = root.findall('flexibility/sensor')
+    found = [sensor for sensor in sensors if sensor.get('name') == name]
+    if not found or field not in SENSOR_FIELDS:
+        fields = '|'.join(SENSOR_FIELDS)
+        _unknown(path, [f'sensor.{sensor.get("name")}.<{fields}>' for sensor in sensors], findings)
+        return
+    _set(found[0], field, path, value, findings)
 
 
 def _child(element: Element, tag: str) -> Element:

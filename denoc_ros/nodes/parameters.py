@@ -319,6 +319,7 @@ def robot_parameters() -> tuple[Parameter, ...]:
                 ('beam', 'beam.upper_arm.y.damping_ratio'),
                 ('joint', 'joint.j2.damping'),
                 ('payload', 'payload.tool.mass'),
+                ('sensor', 'sensor.gauge.gain'),
                 ('damping', 'damping.j2` (of a joint) or `damping.upper_arm.y'),
             )
         ),

@@ -56,11 +56,11 @@ def test_the_dotted_paths_of_the_reference_work() -> None:
         'inertia': '1 0 0 1 0 1',
     }
     paths = [path.replace('\\|', '|') for path in re.findall(r'\| `([a-z]+\.<[^`]*)`', TEXT)]
-    assert len(paths) == 6
+    assert len(paths) == 7
     for path in paths:
         stem, fields = path.rsplit('.', 1)
         stem = stem.replace('<y|z>', 'y').replace('<link>', 'upper_arm')
-        stem = stem.replace('<name>', 'shoulder')
+        stem = stem.replace('sensor.<name>', 'sensor.upper_arm_root').replace('<name>', 'shoulder')
         fields = fields.replace('<joint>', 'shoulder').strip('<>')
         for field in fields.split('|'):
             with_overrides(EXAMPLE, {f'{stem}.{field}': odd.get(field, 0.01)})

@@ -59,6 +59,17 @@ def test_damping_replaces_the_damping_ratio_and_back(arm_text: str, value: Any) 
     np.testing.assert_array_equal(y.damping, [0.0, 0.0])
 
 
+def test_a_sensor_is_calibrated_anew(arm_text: str) -> None:
+    tree = load_tree(arm_text)
+    name = tree.sensors[0].name
+    paths = {f'sensor.{name}.gain': 3.0, f'sensor.{name}.offset': -1.0, f'sensor.{name}.noise': 2}
+    sensor = with_overrides(tree, paths).sensors[0]
+    assert (sensor.gain, sensor.offset, sensor.noise) == (3.0, -1.0, 2.0)
+    np.testing.assert_array_equal(sensor.row, tree.sensors[0].row)
+    with pytest.raises(ModelError, match='gain must not be zero'):
+        with_overrides(tree, {f'sensor.{name}.gain': 0.0})
+
+
 def test_damping_is_another_name(arm_text: str) -> None:
     by_name = with_overrides(arm_text, {'damping.shoulder': 3.0, 'damping.upper_arm.z': 0.04})
     paths = {'joint.shoulder.damping': 3.0, 'beam.upper_arm.z.damping_ratio': 0.04}
@@ -192,7 +203,7 @@ def test_the_source_is_not_changed(arm_text: str, tmp_path: Path) -> None:
         (
             'foo',
             1,
-            r"path 'foo': must start with beam\., joint\., payload\. or damping\., got 'foo'",
+            r"path 'foo': must start with beam\., .* sensor\. or damping\., got 'foo'",
         ),
         ('beam.arm.y.ei', 1, r'must be one that the robot has \(beam\.upper_arm\.y\.<ei\|'),
         ('beam.forearm.z.ei', 1, r'beam\.forearm\.y\.<ei\|modes'),
@@ -201,6 +212,7 @@ def test_the_source_is_not_changed(arm_text: str, tmp_path: Path) -> None:
         ('joint.grip.damping', 1, r'joint\.shoulder\.<damping\|friction\|armature>'),
         ('joint.elbow.limit', 1, 'must be one that the robot has'),
         ('damping.grip', 1, r'damping\.upper_arm\.y, .*damping\.shoulder'),
+        ('sensor.nowhere.gain', 1, r'must be one that the robot has \(sensor\.'),
         ('payload.base.mass', 1, r'payload\.forearm\.<mass\|com\|inertia>'),
         ('payload.tool.size', 1, 'must be one that the robot has'),
         ('payload.tool.mass', -1, 'value must be >= 0 kg, got -1'),

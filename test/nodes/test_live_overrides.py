@@ -178,7 +178,7 @@ def test_the_predictor_takes_a_payload_beside_a_change_of_a_beam(graph: Any, urd
     graph.until(lambda: node._pending is None)
     expected = load_robot(urdf, gravity=GRAVITY).with_overrides({'beam.one.y.ei': 600.0})
     expected.set_payload('two', 2.0)
-    sag = node.observer._robot.static_deflection([0.0, 0.0])
+    sag = node.observer.robot.static_deflection([0.0, 0.0])
     np.testing.assert_allclose(sag, expected.static_deflection([0.0, 0.0]), rtol=1e-12)
 
 

@@ -1,0 +1,225 @@
+"""Covariance and gains of the Kalman filter on amplitudes, rates and loads the model leaves out.
+
+The mean is not here: the nonlinear model moves it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.correction import take_values
+from denoc_ros.kernels.handle import DAMPING, STIFFNESS
+from denoc_ros.kernels.step import GAMMA
+from denoc_ros.model.lowering import is_flexible
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+
+TWIST = 3
+TIP = (1, 2, TWIST)  # u_y, u_z and the twist among a section's six displacements
+TURN = 0.02  # rad or m that a joint may move before the linearization is made anew
+SPREAD = 0.1  # deviation of a load in each mode alone, as a share of that of the tip's load
+
+
+class AmplitudeFilter:
+    """Covariance (3 m, 3 m) of x = [d; d'; f], f generalized forces that the model leaves out.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its workspace is used: do not share it with another thread.
+    step : float
+        Time of one prediction [s].
+    model_error : float
+        Standard deviation of the loads as a share of the elastic forces at the time.
+    initial_deflection : float
+        Share of a beam's length by which its tip may be off at the start.
+    joints_held : bool
+        Whether the joints' motion is given; else they are free.
+
+    Attributes
+    ----------
+    covariance : (3 m, 3 m) array
+    decay : float
+        Factor of the loads' mean over one step.
+
+    Notes
+    -----
+    M d'' + C d' + K d = f + ..., with M the amplitudes' block of the inertia matrix (joints
+    held), or the inverse of that block of its inverse (joints free), K and C the diagonals of
+    elasticity and damping. x' = J x is stepped as the model is (:mod:`denoc_ros.kernels.step`),
+    by R(h J) with
+
+        R(z) = (1 + (1 - 2 gamma) z) / (1 - gamma z)^2.
+
+    The loads are Gauss-Markov with correlation time 1 / omega, omega the lowest natural
+    frequency: what is slower is a load, what is faster vibration. Per deformation of a beam they
+    have covariance sigma^2 (b b^T + spread^2 1): a load at the tip, b = s(tip), and a little in
+    each mode, which sensors at several stations can tell apart. sigma is `model_error` times the
+    force that the first mode carries at its present amplitude of vibration; at least what moves
+    a sensor by its noise. At the start energy is shared equally: that of a first mode off by
+    `initial_deflection`.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        step: float,
+        model_error: float,
+        initial_deflection: float,
+        joints_held: bool = True,
+    ) -> None:
+        ready(take_values)
+        self._robot, self._step = robot, step
+        self._error, self._held = model_error, joints_held
+        self._flexible = robot.flexible_indices
+        diagonals = robot.lowered.diagonals
+        self.stiffness: Array = diagonals[STIFFNESS][self._flexible]
+        self._damping = diagonals[DAMPING][self._flexible]
+        self._m = m = len(self._flexible)
+        self._shape, self._first, lengths = _loads(robot)
+        force = self.stiffness[self._first] * initial_deflection * lengths
+        self._start_force: Array = force
+        self._floor = np.zeros(m)
+        self._inertia = np.zeros((robot.n, robot.n))
+        self.covariance, self._scratch = np.zeros((2, 3 * m, 3 * m))
+        self._transition: Array = np.eye(3 * m)
+        self._gain = np.zeros(3 * m)
+        self._mobility: Array = np.zeros((m, m))
+        self._posture: Array = np.full(len(robot.joint_indices), np.inf)
+        self._omega, self.decay = 1.0, 1.0
+
+    def set_floor(self, rows: Array, noise: Array) -> None:
+        """Take the least deviation of the loads from sensors, rows (k, m) and their noise (k,)."""
+        tips = self._shape * (self._first[:, None] == self._first)
+        reaction = np.abs(rows @ (tips / self.stiffness[:, None]))
+        moved = np.divide(
+            noise[:, None], reaction, out=np.full_like(reaction, np.inf), where=reaction > 0.0
+        )
+        least = moved.min(axis=0, initial=np.inf)
+        self._floor = np.where(np.isfinite(least), least, 0.0)
+
+    def linearize(self, q: Array) -> None:
+        """Linearize the model at coordinates q (n,), unless its joints stand as the last time."""
+        posture = q[self._robot.joint_indices]
+        if len(posture) and np.abs(posture - self._posture).max() < TURN:
+            return
+        self._posture = posture
+        m, h = self._m, self._step
+        self._mobility = mobility = self._find_mobility(q)
+        root = np.sqrt(self.stiffness)
+        squares = np.linalg.eigvalsh(root[:, None] * mobility * root)
+        self._omega = omega = math.sqrt(squares[0])
+        jacobian = np.zeros((3 * m, 3 * m))
+        jacobian[:m, m : 2 * m] = np.eye(m)
+        jacobian[m : 2 * m, :m] = -mobility * self.stiffness
+        jacobian[m : 2 * m, m : 2 * m] = -mobility * self._damping
+        jacobian[m : 2 * m, 2 * m :] = mobility
+        jacobian[2 * m :, 2 * m :] = -omega * np.eye(m)
+        implicit = np.eye(3 * m) - GAMMA * h * jacobian
+        explicit = np.eye(3 * m) + (1.0 - 2.0 * GAMMA) * h * jacobian
+        self._transition = np.linalg.solve(implicit, np.linalg.solve(implicit, explicit))
+        self.decay = float(self._transition[-1, -1])
+
+    def _find_mobility(self, q: Array) -> Array:
+        """Return the accelerations (m, m) of the amplitudes by unit forces on them."""
+        inertia = self._robot.inertia_matrix(q, out=self._inertia, check=False)
+        block = np.ix_(self._flexible, self._flexible)
+        if self._held:
+            return np.asarray(np.linalg.inv(inertia[block]))
+        return np.asarray(np.linalg.inv(inertia)[block])
+
+    def reset(self, q: Array) -> None:
+        """Start at coordinates q (n,), nothing known but how far beams may be off."""
+        self._posture[:] = np.inf
+        self.linearize(q)
+        m, force = self._m, self._start_force
+        energy = force * force / self.stiffness[self._first]
+        self.covariance[:] = 0.0
+        self.covariance[:m, :m] = np.diag(energy / self.stiffness)
+        shared = np.sqrt(energy)
+        self.covariance[m : 2 * m, m : 2 * m] = shared[:, None] * self._mobility * shared
+        self.covariance[2 * m :, 2 * m :] = self._load_covariance(force)
+
+    def _load_covariance(self, force: Array) -> Array:
+        deviation = np.hypot(self._error * force, self._floor)
+        return np.asarray(deviation[:, None] * self._shape * deviation)
+
+    def predict(self, amplitudes: Array, rates: Array, steps: int = 1) -> None:
+        """Let the covariance go on by some steps at amplitudes and rates (m,)."""
+        first = self._first
+        force = self.stiffness[first] * np.hypot(amplitudes[first], rates[first] / self._omega)
+        added = self._load_covariance(force)
+        added *= 1.0 - self.decay**2
+        loads = self.covariance[2 * self._m :, 2 * self._m :]
+        for _ in range(steps):
+            np.matmul(self._transition, self.covariance, out=self._scratch)
+            np.matmul(self._scratch, self._transition.T, out=self.covariance)
+            loads += added
+
+    def correct(
+        self, rows: Array, noise: Array, values: Array, gate: float, state: Array, lag: float
+    ) -> Array:
+        """Take values of one time in, one after another; correct the state (3 m,) in place.
+
+        Parameters
+        ----------
+        rows : (k, m) array
+            The values' derivatives by the amplitudes.
+        noise, values : (k,) arrays
+            Standard deviations, and what was measured.
+        gate : float
+            Standard deviations of an innovation beyond which a value is refused.
+        state : (3 m,) array
+            Expected.
+        lag : float
+            How long before the state's time the values were measured [s].
+
+        Returns
+        -------
+        (k,) array of bool
+            Which were not refused.
+        """
+        taken = np.zeros(len(values))
+        take_values(self.covariance, rows, noise, values, gate, lag, state, self._gain, taken)
+        return np.asarray(taken > 0.0)
+
+    def carry(self, correction: Array) -> Array:
+        """Return what a correction (3 m,) of x has become one step later."""
+        return self._transition @ correction
+
+    def adopt(self, other: AmplitudeFilter) -> None:
+        """Go on from another filter's covariance of as many amplitudes."""
+        self.covariance[:] = other.covariance
+        self._posture[:] = np.inf
+
+
+def _loads(robot: Robot) -> tuple[Array, NDArray[np.intp], Array]:
+    """Return the loads' covariance (m, m) at unit deviation, and per amplitude two more arrays.
+
+    The first amplitude of its deformation, and the length [m] of its beam, for twist 1 rad.
+    """
+    flexible = robot.flexible_indices
+    m = len(flexible)
+    shape, first, lengths = np.zeros((m, m)), np.zeros(m, dtype=np.intp), np.zeros(m)
+    for body in robot.tree.bodies:
+        if not is_flexible(body):
+            continue
+        assert body.beam is not None
+        section, own = robot.section(body.name)
+        base, start = int(np.searchsorted(flexible, own.start)), 0
+        for count, component in zip(body.beam.modes, TIP, strict=True):
+            part = slice(base + start, base + start + count)
+            tip = section.linear[component, start : start + count]
+            shape[part, part] = np.outer(tip, tip) + SPREAD**2 * np.eye(count)
+            first[part] = part.start
+            lengths[part] = 1.0 if component == TWIST else body.beam.length
+            start += count
+    return shape, first, lengths

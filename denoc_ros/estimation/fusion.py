@@ -1,0 +1,289 @@
+"""Fusion of strain gauges, load cells and deflection sensors with the model's amplitudes."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.errors import StateError
+from denoc_ros.estimation.amplitude_filter import AmplitudeFilter
+from denoc_ros.estimation.trail import Trail
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.model.tree import Sensor
+
+Array = NDArray[np.float64]
+Value = tuple[float, int, float]  # stamp, place, value
+
+WAITING = 1024  # values at most that wait for the joints' motion up to their stamps
+MOST_STEPS = 250  # a covariance older than this is started anew
+CAUSES = ('late', 'outlier', 'not_finite', 'repeated', 'overflow')
+
+
+@dataclass(frozen=True)
+class FusionSettings:
+    """How sensors are fused.
+
+    Attributes
+    ----------
+    model_error : float
+        How far the model's forces on the amplitudes may be off, as a share of the elastic forces.
+    initial_deflection : float
+        How far a tip may be off at the start, as a share of the beam's length.
+    gate : float
+        Standard deviations of an innovation beyond which a value is an outlier.
+    patience : float
+        A sensor whose values are outliers for this long [s] is believed again.
+
+    Raises
+    ------
+    StateError
+        If a value is out of range.
+    """
+
+    model_error: float = 0.2
+    initial_deflection: float = 0.01
+    gate: float = 5.0
+    patience: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name in ('model_error', 'initial_deflection', 'gate', 'patience'):
+            value = getattr(self, name)
+            if not value > 0.0:
+                raise StateError(f'fusion: {name} must be > 0, got {value}')
+
+
+class StrainFusion:
+    """Corrects amplitudes and rates by sensors' values as they come, at any rate, in any order.
+
+    A value is compared with the amplitudes at its own stamp; the correction there is carried on
+    to the newest state. One from before the last one taken in corrects the covariance of then.
+
+    Parameters
+    ----------
+    robot : Robot
+        The model; worked on as a copy.
+    step : float
+        Step of the covariance [s].
+    settings : FusionSettings
+    max_age : float
+        Values older than this against the joints' motion [s] are refused.
+    joints_held : bool
+        Whether the joints' motion is given to the model.
+
+    Attributes
+    ----------
+    loads : (m,) array
+        Generalized forces on the amplitudes that the model leaves out.
+    counts : list of Counter
+        Per sensor of the robot: accepted, refused by cause, and how often believed again.
+    heard : (sensors,) array
+        Stamps of the newest values [s], NaN where none came.
+
+    Raises
+    ------
+    StateError
+        The robot has no sensor, or one has no noise.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        step: float,
+        settings: FusionSettings,
+        max_age: float,
+        joints_held: bool = True,
+    ) -> None:
+        sensors = robot.tree.sensors
+        _require_noise(robot.tree.name, sensors)
+        self._settings, self._step = settings, step
+        self._flexible = robot.flexible_indices
+        self._m = m = len(self._flexible)
+        self._rows = sensor_rows(robot)[:, self._flexible]
+        self._noise = np.array([sensor.noise for sensor in sensors])
+        self.filter = AmplitudeFilter(
+            robot.copy(),
+            step,
+            settings.model_error,
+            settings.initial_deflection,
+            joints_held,
+        )
+        self.filter.set_floor(self._rows, self._noise)
+        self._trail = Trail(math.ceil(max_age / step) + 2, 2 * m)
+        self._max_age = max_age
+        self._waiting: list[Value] = []
+        self.loads = np.zeros(m)
+        self.counts: list[Counter[str]] = [Counter() for _ in sensors]
+        self.heard = np.full(len(sensors), np.nan)
+        self._refused_since = np.full(len(sensors), np.nan)
+        self._time = math.nan  # of the covariance
+
+    def reset(self, time: float, q: Array, qd: Array) -> None:
+        """Start at a time [s] from coordinates and rates (n,)."""
+        self.loads[:] = 0.0
+        self.restart(time, q, qd)
+
+    def restart(self, time: float, q: Array, qd: Array) -> None:
+        """Go on after a gap: the loads stay."""
+        self._waiting.clear()
+        self._trail.clear()
+        self._refused_since[:] = np.nan
+        self.filter.reset(q)
+        self._time = time
+        self._note(time, q, qd)
+
+    def _note(self, time: float, q: Array, qd: Array) -> None:
+        state = self._trail.push(time)
+        state[: self._m] = q[self._flexible]
+        state[self._m :] = qd[self._flexible]
+
+    def follow(self, time: float, q: Array, qd: Array) -> None:
+        """Take the next state (n,) of the model at a time [s], one step or so later."""
+        self._note(time, q, qd)
+        self.loads *= self.filter.decay
+
+    def sense(self, place: int, stamp: float, value: float) -> bool:
+        """Take a value in, to be used when the joints' motion has come to its stamp.
+
+        Parameters
+        ----------
+        place : int
+            Of the sensor among the robot's.
+        stamp : float
+            When it was measured [s].
+        value : float
+            In the unit of the sensor's value.
+
+        Returns
+        -------
+        bool
+            False if it was refused; `counts` say why.
+        """
+        counts = self.counts[place]
+        if not (math.isfinite(value) and math.isfinite(stamp)):
+            counts['not_finite'] += 1
+            return False
+        if stamp == self.heard[place]:
+            counts['repeated'] += 1
+            return False
+        if len(self._waiting) == WAITING:
+            oldest = self._waiting.pop(0)
+            self.counts[oldest[1]]['overflow'] += 1
+        bisect.insort(self._waiting, (stamp, place, value))
+        self.heard[place] = np.fmax(self.heard[place], stamp)
+        return True
+
+    def correct(self, q: Array, qd: Array) -> None:
+        """Correct the newest state (n,) in place by the values that it has come up to."""
+        waiting, trail, near = self._waiting, self._trail, 0.5 * self._step
+        if not waiting or waiting[0][0] > trail.last + near:
+            return
+        self.filter.linearize(q)
+        while waiting and waiting[0][0] <= trail.last + near:
+            # those of one instant together: their clocks need not agree to the last digit
+            first = waiting[0][0]
+            count = bisect.bisect_right(waiting, (first + near, len(self._rows), 0.0))
+            group, waiting[:count] = waiting[:count], []
+            if trail.last - first > self._max_age or first < trail.first - near:
+                for _, place, _ in group:
+                    self.counts[place]['late'] += 1
+            else:
+                self._take(group, q)
+        newest = trail.since(trail.last)[1][0]
+        q[self._flexible] = newest[: self._m]
+        qd[self._flexible] = newest[self._m :]
+
+    def unexplained(self) -> Array:
+        """Return what part of the sensors' values the loads make, taken as slow (sensors,).
+
+        The rest is what the model alone explains.
+        """
+        values: Array = self._rows @ (self.loads / self.filter.stiffness)
+        return values
+
+    def _take(self, group: list[Value], q: Array) -> None:
+        """Correct the trail from the values' stamp on, and the loads."""
+        stamp, places = group[0][0], [place for _, place, _ in group]
+        expected = np.concatenate((self._trail.at(stamp), self.loads))
+        self._go_on(stamp, expected, q)
+        lag = self._time - stamp
+        lag = lag if lag > 0.5 * self._step else 0.0
+        if lag:
+            # the covariance is of later: the amplitudes of then are led there by their rates
+            expected[: self._m] += lag * expected[self._m : 2 * self._m]
+        values = np.array([value for _, _, value in group])
+        state = expected.copy()
+        rows, noise = self._rows[places], self._noise[places]
+        taken = self.filter.correct(rows, noise, values, self._settings.gate, state, lag)
+        for place, good in zip(places, taken.tolist(), strict=True):
+            self._judge(place, stamp, good, q)
+        self._spread(state - expected, max(stamp, self._time))
+
+    def _go_on(self, stamp: float, state: Array, q: Array) -> None:
+        """Bring the covariance to a stamp, unless it is there."""
+        steps = math.floor((stamp - self._time) / self._step + 0.5)
+        if steps > MOST_STEPS:
+            self.filter.reset(q)
+            self._time = stamp
+        elif steps > 0:
+            self.filter.predict(state[: self._m], state[self._m : 2 * self._m], steps)
+            self._time += steps * self._step
+
+    def _judge(self, place: int, stamp: float, good: bool, q: Array) -> None:
+        """Count a value; open the gate for a sensor that has been beyond it for long."""
+        counts, since = self.counts[place], self._refused_since[place]
+        counts['accepted' if good else 'outlier'] += 1
+        if good:
+            self._refused_since[place] = math.nan
+        elif math.isnan(since):
+            self._refused_since[place] = stamp
+        elif stamp - since >= self._settings.patience:
+            # it is what was known before that is wrong
+            counts['believed'] += 1
+            self._refused_since[place] = math.nan
+            self.filter.reset(q)
+
+    def _spread(self, change: Array, time: float) -> None:
+        """Add a correction (3 m,) at a time [s] to the trail from there on, and to the loads."""
+        m, near = self._m, 0.5 * self._step
+        times, states = self._trail.since(time - near)
+        for at, state in zip(times.tolist(), states, strict=True):
+            while at - time > near:
+                change = self.filter.carry(change)
+                time += self._step
+            state += change[: 2 * m]
+        self.loads += change[2 * m :]
+
+    def adopt(self, other: StrainFusion) -> None:
+        """Go on from another's state; the robots have the same coordinates and sensors."""
+        self.filter.adopt(other.filter)
+        self._trail.adopt(other._trail)
+        self._waiting = other._waiting
+        self.loads[:], self._refused_since[:] = other.loads, other._refused_since
+        self.heard, self.counts, self._time = other.heard, other.counts, other._time
+
+
+def sensor_rows(robot: Robot) -> Array:
+    """Return the derivative (sensors, n) of all sensors' values by the coordinates."""
+    rows = np.zeros((len(robot.tree.sensors), robot.n))
+    for row, sensor in zip(rows, robot.tree.sensors, strict=True):
+        row[robot.amplitudes(sensor.link)] = sensor.row
+    return rows
+
+
+def _require_noise(name: str, sensors: tuple[Sensor, ...]) -> None:
+    if not sensors:
+        raise StateError(f'{name}: a robot whose sensors are fused must have one, got none')
+    silent = [sensor.name for sensor in sensors if not sensor.noise > 0.0]
+    if silent:
+        raise StateError(
+            f'{name}: sensors that are fused must have noise > 0 (their standard deviation, in '
+            f'the unit of the value), got 0 for {", ".join(silent)}'
+        )

@@ -1,0 +1,79 @@
+"""Where amplitudes have been lately: for sensors' values that come late."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Trail:
+    """The last states of a motion with their times, oldest first; allocates nothing per state.
+
+    Parameters
+    ----------
+    length : int
+        How many at least are kept.
+    size : int
+        Of a state.
+    """
+
+    def __init__(self, length: int, size: int) -> None:
+        self._length = length
+        self._times: Array = np.zeros(2 * length)
+        self._states: Array = np.zeros((2 * length, size))
+        self._end = 0
+
+    def __len__(self) -> int:
+        return self._end
+
+    @property
+    def first(self) -> float:
+        """Oldest time [s]."""
+        return float(self._times[0])
+
+    @property
+    def last(self) -> float:
+        """Newest time [s]."""
+        return float(self._times[self._end - 1])
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._end = 0
+
+    def push(self, time: float) -> Array:
+        """Return the place (size,) of the next state, at a later time [s]."""
+        if self._end == len(self._times):
+            self._times[: self._length] = self._times[self._length :]
+            self._states[: self._length] = self._states[self._length :]
+            self._end = self._length
+        self._times[self._end] = time
+        self._end += 1
+        place: Array = self._states[self._end - 1]
+        return place
+
+    def at(self, time: float) -> Array:
+        """Return the state at a time, on the line through the two about it."""
+        if self._end == 1:
+            only: Array = self._states[0]
+            return only
+        after = int(np.searchsorted(self._times[: self._end], time))
+        after = min(max(after, 1), self._end - 1)
+        begin, end = self._times[after - 1], self._times[after]
+        share = (time - begin) / (end - begin)
+        before: Array = self._states[after - 1]
+        state: Array = before + share * (self._states[after] - before)
+        return state
+
+    def since(self, time: float) -> tuple[Array, Array]:
+        """Return views of the times (k,) and states (k, size) from a time [s] on."""
+        begin = int(np.searchsorted(self._times[: self._end], time))
+        return self._times[begin : self._end], self._states[begin : self._end]
+
+    def adopt(self, other: Trail) -> None:
+        """Go on from another one of states of the same size."""
+        times, states = other.since(-np.inf)
+        kept = min(len(times), self._length)
+        self._times[:kept], self._states[:kept] = times[-kept:], states[-kept:]
+        self._end = kept

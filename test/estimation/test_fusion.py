@@ -1,0 +1,373 @@
+"""Gauges fused with the model, on robots that simulation knows better than the observer."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from lxml import etree
+from numpy.typing import NDArray
+
+import denoc_ros as dn
+from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.estimation.fusion import WAITING, FusionSettings, sensor_rows
+from denoc_ros.estimation.observer import Observer, ObserverSettings
+from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.trajectories import BookTrajectory
+
+Array = NDArray[np.float64]
+
+ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
+STEP = 1e-3
+END = 4.0
+PAYLOAD = 100.0  # kg at the tool, as the observer knows it
+SEED = 11
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What happened, and what gauges with noise of 1 % of their peaks say of it."""
+
+    run: Run
+    gauges: Array  # (k, sensors)
+    noise: Array  # (sensors,)
+    deflection: Array  # (k, 6 links), the truth
+
+
+def load(name: str) -> dn.Robot:
+    return dn.load_robot(ROBOTS / f'{name}_gauges.urdf', gravity=(0, 0, 0))
+
+
+def motion(name: str, joints: int) -> BookTrajectory:
+    """The book's motions: eq. 3.56, section 4.2."""
+    if name == 'canadarm':
+        rate, period = np.array([0.075, 0.05, 0.1]), np.array([10.0, 5.0, 5.0])
+        return BookTrajectory(np.zeros(3), rate, period, 'half', 10.0)
+    return BookTrajectory(np.zeros(joints), np.full(joints, 0.05), np.full(joints, 10.0))
+
+
+def reference(name: str, joints: int) -> Callable[[float], tuple[Array, Array, Array]]:
+    trajectory = motion(name, joints)
+
+    def at(t: float) -> tuple[Array, Array, Array]:
+        q, qd, qdd = np.zeros((3, joints))
+        trajectory.sample(t, q, qd, qdd)
+        return q, qd, qdd
+
+    return at
+
+
+def softer(robot: dn.Robot) -> dict[str, float]:
+    """Overrides: every EI less by 10 %."""
+    found = {}
+    for body in robot.tree.bodies:
+        beam = body.beam
+        for direction, part in (('y', beam and beam.y), ('z', beam and beam.z)):
+            if part:
+                found[f'beam.{body.name}.{direction}.ei'] = 0.9 * part.stiffness
+    return found
+
+
+@cache
+def record(name: str, known: bool) -> Recording:
+    """The arm along its motion; not `known`: 20 % more payload, 10 % less EI."""
+    robot = load(name)
+    if not known:
+        robot = robot.with_overrides(softer(robot))
+    robot.set_payload('tool', PAYLOAD if known else 1.2 * PAYLOAD)
+    joints = len(robot.joint_names)
+    wanted = reference(name, joints)
+
+    def of(index: int) -> Callable[[float], tuple[float, float, float]]:
+        def law(t: float) -> tuple[float, float, float]:
+            q, qd, qdd = wanted(t)
+            return float(q[index]), float(qd[index]), float(qdd[index])
+
+        return law
+
+    laws = {joint: of(k) for k, joint in enumerate(robot.joint_names)}
+    times = np.arange(0.0, END, STEP)
+    zero = np.zeros(robot.n)
+    run = dn.simulate(robot, zero, zero, times, prescribed=laws, rtol=1e-6, atol=1e-8)
+    strain = run.q @ sensor_rows(robot).T
+    noise = 0.01 * np.abs(strain).max(axis=0)
+    gauges = strain + noise * np.random.default_rng(SEED).standard_normal(strain.shape)
+    tips = TipDeflections(robot)
+    truth = [tips.evaluate(q, qd)[0].copy() for q, qd in zip(run.q, run.qd, strict=True)]
+    return Recording(run, gauges, noise, np.array(truth))
+
+
+def observer(name: str, data: Recording, fuse: bool = True, **settings: object) -> Observer:
+    robot = load(name)
+    noise = {
+        f'sensor.{sensor.name}.noise': value
+        for sensor, value in zip(robot.tree.sensors, data.noise.tolist(), strict=True)
+    }
+    robot = robot.with_overrides(noise)
+    robot.set_payload('tool', PAYLOAD)
+    how = {'step': STEP, 'fusion': FusionSettings() if fuse else None, **settings}
+    return Observer(robot, ObserverSettings(**how))  # type: ignore[arg-type]
+
+
+def joints_of(found: Observer) -> NDArray[np.int64]:
+    return np.asarray(found.robot.joint_indices)
+
+
+Spoil = Callable[[int, int, float], float | None]
+
+
+def replay(
+    found: Observer,
+    data: Recording,
+    late: int = 0,
+    every: int = 1,
+    spoil: Spoil = lambda _row, _place, value: value,
+    ticks: int = 10**9,
+) -> Array:
+    """Estimated deflections (k, 6 links); gauges come `late` ticks after the joints."""
+    joints = joints_of(found)
+    run, estimated = data.run, []
+    for k, t in enumerate(run.t[:ticks]):
+        found.measure(t, run.q[k, joints], run.qd[k, joints], run.torque[k, joints])
+        m = k - late
+        if m >= 0 and m % every == 0:
+            for place, value in enumerate(data.gauges[m]):
+                shown = spoil(m, place, float(value))
+                if shown is not None:
+                    found.sense(place, run.t[m], shown)
+        found.tick(t)
+        estimated.append(found.deflections.evaluate(found.q, found.qd)[0].copy())
+    return np.array(estimated)
+
+
+def errors(found: Observer, estimated: Array, true: Array) -> Array:
+    """Rms errors of the tips' u_y and u_z that move, as shares of their peaks."""
+    peak = np.abs(true).max(axis=0)
+    moves = np.array([name.endswith(('uy', 'uz')) for name in found.deflections.names])
+    moves &= peak > 1e-3
+    rms = np.sqrt(np.mean((estimated - true[: len(estimated)]) ** 2, axis=0))
+    return np.asarray(rms[moves] / peak[moves])
+
+
+@pytest.mark.parametrize('name', ['canadarm', 'ssrms'])
+def test_right_model_with_gauges_errs_by_less_than_a_hundredth(name: str) -> None:
+    data = record(name, True)
+    found = observer(name, data)
+    assert errors(found, replay(found, data), data.deflection).max() < 0.01
+    counts = sum(found.fusion.counts, Counter()) if found.fusion else Counter()
+    # beyond five deviations comes one value in two million
+    assert counts == {'accepted': data.gauges.size}
+
+
+@pytest.mark.parametrize('name', ['canadarm', 'ssrms'])
+def test_gauges_mend_a_wrong_model(name: str) -> None:
+    data = record(name, False)
+    fused, ignoring = observer(name, data), observer(name, data, fuse=False)
+    with_gauges = errors(fused, replay(fused, data), data.deflection)
+    without = errors(ignoring, replay(ignoring, data), data.deflection)
+    assert with_gauges.max() < 0.05
+    assert (without / with_gauges).min() > 5.0
+    # the residual tells of the load: what the model alone shows is off by the wrong share
+    assert fused.fusion is not None
+    left = fused.fusion.unexplained()
+    shown = sensor_rows(load(name)) @ data.run.q[-1]
+    large = np.abs(shown) > 0.3 * np.abs(data.gauges).max(axis=0)
+    assert large.any()
+    assert (left[large] / shown[large] > 0.02).all()
+
+
+@pytest.mark.parametrize('known', [True, False])
+@pytest.mark.parametrize('name', ['canadarm', 'ssrms'])
+def test_horizon_along_the_reference(name: str, known: bool) -> None:
+    data, ahead = record(name, known), 50
+    found = observer(name, data, horizon=ahead * STEP)
+    joints = joints_of(found)
+    wanted, predicted, rows = reference(name, len(joints)), [], []
+    for k, t in enumerate(data.run.t[:-ahead]):
+        found.measure(t, data.run.q[k, joints], data.run.qd[k, joints])
+        for place, value in enumerate(data.gauges[k]):
+            found.sense(place, t, float(value))
+        found.tick(t)
+        if k % 50 == 0 and k > 0:
+            later = found.predict(wanted)
+            predicted.append(found.deflections.evaluate(*later)[0].copy())
+            rows.append(k + ahead)
+    true = data.deflection
+    peak = np.abs(true).max(axis=0)
+    gap = np.sqrt(np.mean((np.array(predicted) - true[rows]) ** 2, axis=0))
+    assert (gap[peak > 1e-3] / peak[peak > 1e-3]).max() < 0.05
+
+
+@pytest.mark.parametrize('name', ['canadarm', 'ssrms'])
+def test_robot_with_gauges_is_the_robot(name: str) -> None:
+    gauges = etree.parse(ROBOTS / f'{name}_gauges.urdf').getroot()
+    plain = etree.parse(ROBOTS / f'{name}.urdf').getroot()
+    for sensor in gauges.findall('flexibility/sensor'):
+        sensor.getparent().remove(sensor)
+    for root in (gauges, plain):
+        etree.strip_tags(root, etree.Comment)
+    assert text_of(gauges) == text_of(plain)
+
+
+def text_of(root: Any) -> str:
+    """XML without what spaces stand between elements."""
+    return ''.join(etree.tostring(root, encoding='unicode').split())
+
+
+@pytest.mark.parametrize(
+    ('late', 'every', 'source', 'bound'),
+    [(15, 1, 'joints', 0.01), (0, 1, 'torque', 0.01), (7, 20, 'joints', 0.03)],
+)
+def test_late_and_slow_gauges_still_mend_the_model(
+    late: int, every: int, source: str, bound: float
+) -> None:
+    data = record('canadarm', False)
+    found = observer('canadarm', data, source=source)
+    estimated = replay(found, data, late=late, every=every)
+    assert errors(found, estimated, data.deflection).max() < bound
+
+
+def test_order_of_arrival_hardly_matters() -> None:
+    data, ticks = record('canadarm', False), 1000
+    prompt, mixed = observer('canadarm', data), observer('canadarm', data)
+    once = replay(prompt, data, ticks=ticks)[-1]
+    joints = joints_of(mixed)
+    run = data.run
+    for begin in range(0, ticks, 5):
+        rows = range(begin, begin + 5)
+        for k in rows:
+            mixed.measure(run.t[k], run.q[k, joints], run.qd[k, joints])
+        # sensor by sensor, the newest first
+        for place in range(data.gauges.shape[1]):
+            for k in reversed(rows):
+                mixed.sense(place, run.t[k], float(data.gauges[k, place]))
+        mixed.tick(run.t[begin + 4])
+    assert mixed.fusion is not None
+    again = mixed.deflections.evaluate(mixed.q, mixed.qd)[0]
+    # corrections are carried over 4 ms linearly; the model is not quite: 1e-7 of 14 mm
+    np.testing.assert_allclose(again, once, atol=1e-8)
+    # gauge by gauge: one is 5 ms behind the other, and corrects the covariance of then
+    behind = observer('canadarm', data)
+    for k in range(ticks):
+        behind.measure(run.t[k], run.q[k, joints], run.qd[k, joints])
+        for place, row in enumerate((k - 5, k, k - 5, k)):
+            if row >= 0:
+                behind.sense(place, run.t[row], float(data.gauges[row, place]))
+        behind.tick(run.t[k])
+    again = behind.deflections.evaluate(behind.q, behind.qd)[0]
+    # what is fused less well is worth less than half the noise, 1 % of the peaks
+    peak = np.abs(data.deflection).max(axis=0)
+    assert (np.abs(again - once)[[1, 7]] / peak[[1, 7]]).max() < 0.005
+
+
+def test_missing_and_wild_values_are_survived_and_counted() -> None:
+    data, rng = record('canadarm', False), np.random.default_rng(3)
+
+    def spoil(row: int, place: int, value: float) -> float | None:
+        if rng.random() < 0.3:
+            return None
+        if rng.random() < 0.05:
+            return value + 60.0 * float(data.noise[place])
+        return float('nan') if row == 500 else value
+
+    found = observer('canadarm', data)
+    estimated = replay(found, data, spoil=spoil)
+    assert errors(found, estimated, data.deflection).max() < 0.01
+    assert found.fusion is not None
+    counts = sum(found.fusion.counts, Counter())
+    sent = 0.7 * data.gauges.size
+    assert counts['outlier'] == pytest.approx(0.05 * sent, rel=0.15)
+    assert counts['accepted'] == pytest.approx(0.95 * sent, rel=0.02)
+    assert 0 < counts['not_finite'] <= 4
+    assert counts['believed'] == 0
+
+
+def test_lasting_jump_is_believed_after_patience() -> None:
+    data = record('canadarm', True)
+
+    def spoil(row: int, place: int, value: float) -> float | None:
+        return value + 100.0 * float(data.noise[place]) if row >= 500 else value
+
+    found = observer('canadarm', data)
+    replay(found, data, spoil=spoil, ticks=690)
+    assert found.fusion is not None
+    assert sum(found.fusion.counts, Counter())['believed'] == 0
+    assert sum(found.fusion.counts, Counter())['outlier'] == 4 * 190
+    found = observer('canadarm', data)
+    replay(found, data, spoil=spoil, ticks=1000)
+    assert found.fusion is not None
+    counts = sum(found.fusion.counts, Counter())
+    assert counts['believed'] > 0
+    shown = sensor_rows(load('canadarm')) @ found.q
+    np.testing.assert_allclose(shown, data.gauges[999] + 100 * data.noise, atol=20 * data.noise[0])
+
+
+def test_late_repeated_and_early_values_are_counted() -> None:
+    data = record('canadarm', True)
+    found = observer('canadarm', data, max_age=0.02)
+    assert not found.sense(0, 0.0, 0.0)
+    replay(found, data, spoil=lambda *_: None, ticks=100)
+    assert found.fusion is not None
+    counts = found.fusion.counts[0]
+    assert found.sense(0, 0.099, float(data.gauges[99, 0]))
+    assert not found.sense(0, 0.099, float(data.gauges[99, 0]))
+    assert found.sense(0, 0.05, float(data.gauges[50, 0]))
+    found.tick(0.099)
+    assert counts == {'accepted': 1, 'repeated': 1, 'late': 1}
+    # one that is ahead of the joints waits for them
+    assert found.sense(0, 0.1, float(data.gauges[100, 0]))
+    found.tick(0.1)
+    assert counts['accepted'] == 1
+    joints = joints_of(found)
+    found.measure(0.1, data.run.q[100, joints], data.run.qd[100, joints])
+    assert counts['accepted'] == 2
+
+
+def test_waiting_values_are_bounded() -> None:
+    data = record('canadarm', True)
+    found = observer('canadarm', data)
+    replay(found, data, spoil=lambda *_: None, ticks=2)
+    for k in range(WAITING + 10):
+        found.sense(1, 1.0 + k * STEP, 0.0)
+    assert found.fusion is not None
+    assert found.fusion.counts[1]['overflow'] == 10
+
+
+def test_an_observer_goes_on_where_another_was() -> None:
+    data = record('canadarm', False)
+    first, second = observer('canadarm', data), observer('canadarm', data)
+    replay(first, data, ticks=300)
+    second.adopt(first)
+    joints = joints_of(first)
+    for found in (first, second):
+        if found is second:
+            second.adopt(first)
+        found.measure(0.3, data.run.q[300, joints], data.run.qd[300, joints])
+    np.testing.assert_array_equal(first._q, second._q)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('', 'a robot whose sensors are fused must have one, got none'),
+        ('noise="0"', r'must have noise > 0 .* got 0 for link_1_y_root'),
+    ],
+)
+def test_robot_that_cannot_be_fused_is_refused(text: str, message: str) -> None:
+    robot = load('canadarm').with_overrides({'sensor.link_1_y_root.noise': 0.0})
+    if not text:
+        robot = dn.load_robot(ROBOTS / 'canadarm.urdf')
+    with pytest.raises(dn.StateError, match=message):
+        Observer(robot, ObserverSettings(step=STEP, fusion=FusionSettings()))
+
+
+@pytest.mark.parametrize('name', ['model_error', 'initial_deflection', 'gate', 'patience'])
+def test_bad_fusion_settings_are_refused(name: str) -> None:
+    with pytest.raises(dn.StateError, match=f'fusion: {name} must be > 0, got -1'):
+        FusionSettings(**{name: -1.0})
