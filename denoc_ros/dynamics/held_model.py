@@ -14,7 +14,7 @@ from denoc_ros.dynamics.borders import as_vector, require_finite
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.workspace import Workspace
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels import articulated, composite, inverse, step, world
+from denoc_ros.kernels import articulated, closure, composite, inverse, step, world
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.handle import GOOD, NOT_FINITE, SINGULAR
 from denoc_ros.kernels.layout import MASS, PARENT, REAL
@@ -35,6 +35,7 @@ KERNELS = (
     world.place_bodies,
     step.advance,
 )
+TIE_KERNELS = (closure.closure, closure.closure_jacobian)
 Held = TypeVar('Held', bound='HeldModel')
 
 
@@ -66,6 +67,8 @@ class HeldModel:
         self._payloads: dict[str, Array] = {}
 
     def _adopt(self, lowered: Lowered) -> None:
+        if lowered.tie_names:
+            ready(*TIE_KERNELS)
         self.lowered = lowered
         self.n = lowered.n
         self.joint_names = lowered.joint_names
@@ -181,6 +184,10 @@ class HeldModel:
             known = ', '.join(self.lowered.frame_rows)
             raise StateError(f'frame must be one of {known}, got {frame!r}')
         return row
+
+    def judge(self, status: int, **arguments: Array) -> None:
+        """Raise what a kernel's status says about its arguments."""
+        self._judge(status, True, **arguments)
 
     def _judge(self, status: int, check: bool, **arguments: Array) -> None:
         if status == GOOD or (status == NOT_FINITE and not check):

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics import constraints, linearization, structure
+from denoc_ros.dynamics import linearization, structure
 from denoc_ros.dynamics.batch import each_row, run_rows
 from denoc_ros.dynamics.borders import as_output, as_rows, as_states, as_vector, same_rows
-from denoc_ros.dynamics.held_model import HeldModel, Source
+from denoc_ros.dynamics.constrained_model import ConstrainedModel
+from denoc_ros.dynamics.held_model import Source
 from denoc_ros.dynamics.section import Section
 from denoc_ros.kernels import articulated, composite, inverse, world
 from denoc_ros.kernels.compiled import entry
@@ -42,7 +43,7 @@ FRAME_POSE = Verb(world.frame_pose, world.frame_pose_rows, lambda n: (4, 4))
 FRAME_JACOBIAN = Verb(world.frame_jacobian, world.frame_jacobian_rows, lambda n: (6, n))
 
 
-class Robot(HeldModel):
+class Robot(ConstrainedModel):
     """A robot with rigid and flexible links (see :func:`load_robot`).
 
     States are vectors (n,) in the order of `coordinate_names`; every verb also takes rows (k, n)
@@ -50,7 +51,7 @@ class Robot(HeldModel):
     wanted, `check=False` skips the test that arguments are finite. A robot holds one workspace and
     so is not to be used by two threads at once: give each its own :meth:`copy`.
 
-    Attributes as in :class:`HeldModel`.
+    Loops and mimic joints: :class:`ConstrainedModel`. Attributes as in :class:`HeldModel`.
     """
 
     def __init__(
@@ -288,25 +289,6 @@ class Robot(HeldModel):
         q = as_states('q', q, self.n)
         modes = each_row(lambda row: tuple(linearization.natural_modes(self, row, held)), q)
         return linearization.NaturalModes(*modes)
-
-    # constraints and payload ------------------------------------------------------------------
-
-    def constrained_forward_dynamics(
-        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike
-    ) -> tuple[Array, Array]:
-        """Return accelerations (n,) and multipliers with every mimic joint tied to its leader.
-
-        Raises
-        ------
-        SolverError
-            The robot has loops, which are not solved yet.
-        """
-        n = self.n
-        states = (as_states('q', q, n), as_states('qd', qd, n), as_states('tau', tau, n))
-        qdd, multipliers = each_row(
-            lambda *row: constraints.constrained_forward_dynamics(self, *row), *states
-        )
-        return qdd, multipliers
 
     def _of_frame(self, verb: Verb, frame: str, q: ArrayLike, out: Array | None) -> Array:
         """Return a pose or Jacobian of a frame, at one state or many."""

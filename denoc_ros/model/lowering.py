@@ -14,8 +14,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from denoc_ros.kernels import layout
+from denoc_ros.kernels import layout, tie_layout
 from denoc_ros.model.shapes import ShapeFunctions, gauss_rule
+from denoc_ros.model.ties import lower_ties
 from denoc_ros.model.tree import (
     Array,
     Attachment,
@@ -35,7 +36,7 @@ SLIP_RATE = 1e-3  # rad/s or m/s, of Coulomb friction (design.md, section 1)
 class Lowered:
     """A robot as flat arrays; see :mod:`denoc_ros.kernels.layout` for what stands where."""
 
-    ints: NDArray[np.uint32]  # (1 + bodies + frames, INTS), row 0 the base
+    ints: NDArray[np.uint32]  # (1 + bodies + frames + ties, INTS), row 0 the base
     reals: Array  # constants
     diagonals: Array  # (4, n) stiffness, damping, friction, armature
     bodies: int
@@ -45,6 +46,7 @@ class Lowered:
     coordinate_names: tuple[str, ...]
     joint_names: tuple[str, ...]
     joint_indices: NDArray[np.int64]
+    tie_names: tuple[str, ...]  # per multiplier, of its loop or mimic joint
 
     @property
     def n(self) -> int:
@@ -296,6 +298,20 @@ class _Lowering:
         row[layout.WORK] = self.reserve(layout.BODY_WORK)
         self.rows.append(row)
 
+    def ties(self, frame_rows: dict[str, int]) -> tuple[str, ...]:
+        """Lower loops and mimic joints; return each row's name."""
+        made = lower_ties(self.tree, self.rows, frame_rows, self.real_size)
+        self.append(*made.constants)
+        base = self.rows[0]
+        base[tie_layout.TIES] = len(made.ints)
+        base[tie_layout.ROWS] = made.rows
+        base[tie_layout.AXIS_ROWS] = made.axis_rows
+        base[tie_layout.TIES_WORK] = self.reserve(
+            tie_layout.work_size(made.rows, made.axis_rows, self.coordinate)
+        )
+        self.rows += made.ints
+        return made.names
+
 
 def _diagonals(tree: Tree) -> Array:
     """Return stiffness, damping, friction and armature (4, n) of the coordinates."""
@@ -345,6 +361,8 @@ def lower(tree: Tree, gravity: Array, geometric_stiffness: bool) -> Lowered:
         lowering.body(body)
     for attachment in tree.frames.values():
         lowering.frame(attachment)
+    frame_rows = {name: 1 + len(tree.bodies) + k for k, name in enumerate(tree.frames)}
+    tie_names = lowering.ties(frame_rows)
     names, joints, indices = _names(tree)
     return Lowered(
         ints=np.array(lowering.rows, dtype=np.uint32),
@@ -352,9 +370,10 @@ def lower(tree: Tree, gravity: Array, geometric_stiffness: bool) -> Lowered:
         diagonals=_diagonals(tree),
         bodies=len(tree.bodies),
         work_size=lowering.work_size,
-        frame_rows={name: 1 + len(tree.bodies) + k for k, name in enumerate(tree.frames)},
+        frame_rows=frame_rows,
         axes=tuple(lowering.axes),
         coordinate_names=tuple(names),
         joint_names=tuple(joints),
         joint_indices=np.array(indices, dtype=np.int64),
+        tie_names=tie_names,
     )

@@ -1,0 +1,89 @@
+"""Closed configurations and rates near a guess."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
+from denoc_ros.errors import SolverError, StateError
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.held_model import HeldModel
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+CLOSED = 1e-10  # m or rad; rounding leaves 1e-15 of the robot's size
+POLISH = 3  # Gauss-Newton steps at the end: each squares the error
+
+
+def assemble(robot: HeldModel, guess: Array, fixed: Sequence[str]) -> Array:
+    """Return closed coordinates (n,) near a guess (see ConstrainedModel)."""
+    for free in _choices(robot, fixed):
+        q = _closed(robot, guess, free)
+        error = closure_rows(robot, q, np.zeros(robot.n))[0]
+        if np.abs(error).max(initial=0.0) <= CLOSED:
+            return q
+    raise _failure(robot, error, 'm or rad')
+
+
+def assemble_rates(robot: HeldModel, q: Array, guess: Array, fixed: Sequence[str]) -> Array:
+    """Return rates (n,) near a guess that keep the loops closed."""
+    rows, _ = jacobian(robot, q)
+    for free in _choices(robot, fixed):
+        qd: Array = guess.copy()
+        for _ in range(POLISH):
+            qd[free] -= _least_step(rows[:, free], rows @ qd)
+        if np.abs(rows @ qd).max(initial=0.0) <= CLOSED * max(1.0, float(np.abs(qd).max())):
+            return qd
+    raise _failure(robot, rows @ qd, 'm/s or rad/s')
+
+
+def _choices(robot: HeldModel, fixed: Sequence[str]) -> list[Int]:
+    """Return which coordinates may move: the joints, and if these cannot do it, all."""
+    unknown = [name for name in fixed if name not in robot.coordinate_names]
+    if unknown:
+        raise StateError(f'fixed must be some of {robot.coordinate_names}, got {unknown}')
+    kept = [robot.coordinate_names.index(name) for name in fixed]
+    joints = np.setdiff1d(robot.joint_indices, kept)
+    everything = np.setdiff1d(np.arange(robot.n), kept)
+    return [joints, everything] if len(everything) > len(joints) else [joints]
+
+
+def _closed(robot: HeldModel, guess: Array, free: Int) -> Array:
+    """Return the coordinates of least closure error that a search from the guess finds."""
+    q: Array = guess.copy()
+    zero = np.zeros(robot.n)
+
+    def errors(x: Array) -> Array:
+        q[free] = x
+        return np.asarray(closure_rows(robot, q, zero)[0])
+
+    def slopes(x: Array) -> Array:
+        q[free] = x
+        return np.asarray(jacobian(robot, q)[0][:, free])
+
+    if not len(free) or not len(robot.lowered.tie_names):
+        return q
+    found = least_squares(errors, guess[free], slopes, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    q[free] = found.x
+    for _ in range(POLISH):
+        q[free] -= _least_step(jacobian(robot, q)[0][:, free], closure_rows(robot, q, zero)[0])
+    return q
+
+
+def _least_step(matrix: Array, error: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(matrix, error, rcond=RANK)[0])
+
+
+def _failure(robot: HeldModel, error: Array, unit: str) -> SolverError:
+    worst = int(np.argmax(np.abs(error)))
+    return SolverError(
+        f'{robot.tree.name}: loop {robot.lowered.tie_names[worst]!r} must close to {CLOSED:g} '
+        f'{unit}, got {abs(error[worst]):.3g} at best'
+    )

@@ -1,0 +1,174 @@
+"""The verbs of loops and mimic joints; :class:`denoc_ros.dynamics.robot.Robot` adds the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.dynamics import assembling, constraints
+from denoc_ros.dynamics.batch import each_row
+from denoc_ros.dynamics.borders import as_states
+from denoc_ros.dynamics.held_model import HeldModel
+
+Array = NDArray[np.float64]
+
+
+class ConstrainedModel(HeldModel):
+    """What a robot does with its loops closed and its mimic joints on their leaders.
+
+    Rows are loops in file order, then mimic joints in that of their coordinates. A loop's rows are
+    the constrained components of the motion of its child's loop frame in its parent's, linear
+    first; its multipliers are those of the wrench that the parent exerts on the child at the
+    child's frame, in the parent's axes (docs/loops.md).
+    """
+
+    def closure(self, q: ArrayLike) -> Array:
+        """Return the errors (rows,) or (k, rows) of the loops and mimic joints [m, rad]."""
+        q = as_states('q', q, self.n)
+        zero = np.zeros(self.n)
+        errors: Array = each_row(lambda row: constraints.closure_rows(self, row, zero)[0], q)
+        return errors
+
+    def closure_jacobian(self, q: ArrayLike) -> Array:
+        """Return J (rows, n) or (k, rows, n), the derivative of :meth:`closure`."""
+        q = as_states('q', q, self.n)
+        rows: Array = each_row(lambda row: constraints.jacobian(self, row)[0], q)
+        return rows
+
+    def closure_bias(self, q: ArrayLike, qd: ArrayLike) -> Array:
+        """Return J' q' (rows,) or (k, rows): what accelerations J q'' must make up for."""
+        states = as_states('q', q, self.n), as_states('qd', qd, self.n)
+        bias: Array = each_row(lambda q, qd: constraints.closure_rows(self, q, qd)[2], *states)
+        return bias
+
+    def assemble(self, q_guess: ArrayLike, fixed: Sequence[str] = ()) -> Array:
+        """Return a closed configuration (n,) or (k, n) near a guess.
+
+        Parameters
+        ----------
+        q_guess : (n,) or (k, n)
+        fixed : coordinate names, optional
+            What stays as it is. Amplitudes stay too unless the joints alone cannot close.
+
+        Raises
+        ------
+        SolverError
+            None was found; names the loop and the error reached.
+        """
+        guess = as_states('q_guess', q_guess, self.n)
+        q: Array = each_row(lambda row: assembling.assemble(self, row, fixed), guess)
+        return q
+
+    def assemble_rates(
+        self, q: ArrayLike, qd_guess: ArrayLike, fixed: Sequence[str] = ()
+    ) -> Array:
+        """Return rates (n,) or (k, n) near a guess that keep the loops closed.
+
+        As :meth:`assemble`; the change is the smallest there is.
+        """
+        q, guess = as_states('q', q, self.n), as_states('qd_guess', qd_guess, self.n)
+        qd: Array = each_row(lambda q, qd: assembling.assemble_rates(self, q, qd, fixed), q, guess)
+        return qd
+
+    def constrained_forward_dynamics(
+        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike
+    ) -> tuple[Array, Array]:
+        """Return accelerations (n,) and multipliers (rows,), or rows of them.
+
+        Parameters
+        ----------
+        q, qd, tau : (n,) or (k, n)
+            A state that is closed (see :meth:`assemble`) and the generalized forces.
+
+        Raises
+        ------
+        SolverError
+            A singular configuration in which no accelerations keep the loops closed.
+        """
+        n = self.n
+        states = (as_states('q', q, n), as_states('qd', qd, n), as_states('tau', tau, n))
+        qdd, multipliers = each_row(
+            lambda q, qd, tau: constraints.forward(self, q, qd, tau), *states
+        )
+        return qdd, multipliers
+
+    def constrained_inverse_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        actuated: Sequence[str] | None = None,
+    ) -> tuple[Array, Array]:
+        """Return the torques of actuated joints and the multipliers, both of least norm.
+
+        Parameters
+        ----------
+        q, qd, qdd : (n,) or (k, n)
+            Motion that keeps the loops closed.
+        actuated : joint names, optional
+            Any joints of the tree; default all that mimic none. With more than there are degrees
+            of freedom the torques are those of least norm.
+
+        Returns
+        -------
+        tau_actuated : (actuated,) or (k, actuated) [N m, N]
+        multipliers : (rows,) or (k, rows)
+
+        Raises
+        ------
+        StateError
+            The accelerations open a loop, or are none that these joints can give; with the
+            residual.
+        """
+        index, n = self._actuated(actuated), self.n
+        states = (as_states('q', q, n), as_states('qd', qd, n), as_states('qdd', qdd, n))
+        torque, multipliers = each_row(
+            lambda q, qd, qdd: constraints.inverse_torques(self, q, qd, qdd, index), *states
+        )
+        return torque, multipliers
+
+    def constrained_hybrid_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd_actuated: ArrayLike,
+        actuated: Sequence[str] | None = None,
+    ) -> tuple[Array, Array, Array]:
+        """Return torques, accelerations and multipliers for given actuated accelerations.
+
+        The other coordinates, passive joints and amplitudes, move freely in the loops.
+
+        Parameters
+        ----------
+        q, qd : (n,) or (k, n)
+        qdd_actuated : (actuated,) or (k, actuated)
+        actuated : joint names, optional
+            As in :meth:`constrained_inverse_dynamics`.
+
+        Returns
+        -------
+        tau_actuated : (actuated,) or (k, actuated) [N m, N]
+        qdd : (n,) or (k, n)
+        multipliers : (rows,) or (k, rows)
+
+        Raises
+        ------
+        SolverError
+            The given accelerations contradict the loops.
+        """
+        index, n = self._actuated(actuated), self.n
+        states = (as_states('q', q, n), as_states('qd', qd, n))
+        given = as_states('qdd_actuated', qdd_actuated, len(index))
+        torque, qdd, multipliers = each_row(
+            lambda q, qd, qdd: constraints.hybrid(self, q, qd, qdd, index), *states, given
+        )
+        return torque, qdd, multipliers
+
+    def _actuated(self, names: Sequence[str] | None) -> NDArray[np.int64]:
+        if names is None:
+            joints = [body.joint for body in self.tree.bodies if body.joint is not None]
+            followers = {joint.name for joint in joints if joint.mimic is not None}
+            names = [name for name in self.joint_names if name not in followers]
+        return self._indices(names)

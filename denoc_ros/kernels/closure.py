@@ -1,0 +1,156 @@
+"""Closure of loops and mimic joints: errors, Jacobian and acceleration bias."""
+
+from denoc_ros.kernels.compiled import inlined, kernel
+from denoc_ros.kernels.handle import GOOD, MISFIT, NOT_FINITE, ZERO, at, model_arrays
+from denoc_ros.kernels.layout import COORDINATE
+from denoc_ros.kernels.loop_motion import loop_rows
+from denoc_ros.kernels.motion import linear_velocity, move_body
+from denoc_ros.kernels.placement import place_body
+from denoc_ros.kernels.tie_columns import SIDE, load_sides, project_side
+from denoc_ros.kernels.tie_layout import (
+    ANGULAR,
+    AXIS_ROW,
+    AXIS_ROWS,
+    BIAS,
+    CHILD,
+    CONSTANTS,
+    ERROR,
+    KIND,
+    LINEAR,
+    LOADS,
+    MEETING,
+    MIMIC,
+    MULTIPLIER,
+    OFFSET,
+    OTHER,
+    RATE,
+    ROW,
+    ROWS,
+    TIES,
+    TIES_WORK,
+    VECTORS,
+)
+from denoc_ros.kernels.vector import all_finite
+
+
+@inlined
+def first_tie(ints):
+    """Return the row of ints of the first tie."""
+    return ints.shape[0] - at(ints, 0, TIES)
+
+
+@inlined
+def all_rows(ints):
+    """Return the number of rows, those of free axes included."""
+    return at(ints, 0, ROWS) + at(ints, 0, AXIS_ROWS)
+
+
+@inlined
+def move_frame(ints, reals, work, q, qd, zero, i):
+    """Place and move frame i on its carrier, which stands and moves already."""
+    place_body(ints, reals, work, q, i)
+    move_body(ints, reals, work, qd, zero, i)
+    linear_velocity(ints, reals, work, qd, i)
+
+
+@inlined
+def mimic_row(ints, reals, work, q, qd, given, tie, t, rows):
+    """Write the row q_mimic - multiplier q_leader - offset of a mimic joint."""
+    j = at(ints, at(ints, tie, CHILD), COORDINATE)
+    leader = at(ints, at(ints, tie, OTHER), COORDINATE)
+    c = at(ints, tie, CONSTANTS)
+    k = t + VECTORS + at(ints, tie, ROW)
+    factor = reals[c + MULTIPLIER]
+    work[k + ERROR * rows] = q[j] - factor * q[leader] - reals[c + OFFSET]
+    work[k + RATE * rows] = qd[j] - factor * qd[leader]
+    work[k + BIAS * rows] = given[j] - factor * given[leader]
+
+
+@inlined
+def tie_rows(ints, reals, work, q, qd, given, zero, tie, t, rows):
+    """Write the rows of one tie, for bodies placed and moved with the accelerations given.
+
+    zero stands for the amplitudes' accelerations, which the frames on sections do not have yet.
+    """
+    if at(ints, tie, KIND) == MIMIC:
+        mimic_row(ints, reals, work, q, qd, given, tie, t, rows)
+    else:
+        move_frame(ints, reals, work, q, qd, zero, at(ints, tie, CHILD))
+        move_frame(ints, reals, work, q, qd, zero, at(ints, tie, OTHER))
+        loop_rows(ints, reals, work, tie, t, rows)
+
+
+@inlined
+def move_bodies(ints, reals, work, bodies, q, qd, zero):
+    """Place and move all bodies, accelerations of coordinates zero."""
+    for i in range(1, bodies + 1):
+        place_body(ints, reals, work, q, i)
+        move_body(ints, reals, work, qd, zero, i)
+        linear_velocity(ints, reals, work, qd, i)
+
+
+@inlined
+def project_loop(ints, reals, work, tie, t, rows, first, count, out, n):
+    """Add the rows first .. first + count - 1 of a loop to its Jacobian."""
+    load_sides(ints, work, tie, t, rows, first, count)
+    meeting = at(ints, tie, MEETING)
+    loads = t + LOADS
+    child = at(ints, tie, CHILD)
+    other = at(ints, tie, OTHER)
+    project_side(ints, reals, work, child, meeting, loads, count, out, n * first, n)
+    project_side(ints, reals, work, other, meeting, loads + SIDE, count, out, n * first, n)
+
+
+@inlined
+def tie_jacobian(ints, reals, work, tie, t, rows, out, n):
+    """Add the rows of a tie, which stand in the workspace, to the Jacobian out (rows * n)."""
+    first = at(ints, tie, ROW)
+    if at(ints, tie, KIND) == MIMIC:
+        out[n * first + at(ints, at(ints, tie, CHILD), COORDINATE)] += 1.0
+        factor = reals[at(ints, tie, CONSTANTS) + MULTIPLIER]
+        out[n * first + at(ints, at(ints, tie, OTHER), COORDINATE)] -= factor
+        return
+    count = at(ints, tie, LINEAR) + at(ints, tie, ANGULAR)
+    project_loop(ints, reals, work, tie, t, rows, first, count, out, n)
+    if at(ints, tie, AXIS_ROW) > 0:
+        project_loop(ints, reals, work, tie, t, rows, at(ints, tie, AXIS_ROW), 1, out, n)
+
+
+@kernel('int64(int64, float64[::1], float64[::1], float64[:, ::1])')
+def closure(handle, q, qd, out):
+    """Write errors, their rates and the acceleration bias J' q' (3, rows)."""
+    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    n = diagonals.shape[1]
+    rows = at(ints, 0, ROWS)
+    if q.shape[0] != n or qd.shape[0] != n or out.shape[0] != 3 or out.shape[1] != rows:
+        return MISFIT
+    zero = diagonals[ZERO]
+    move_bodies(ints, reals, work, bodies, q, qd, zero)
+    t = at(ints, 0, TIES_WORK)
+    for tie in range(first_tie(ints), ints.shape[0]):
+        tie_rows(ints, reals, work, q, qd, zero, zero, tie, t, all_rows(ints))
+    o = t + VECTORS
+    for k in range(rows):
+        out[0, k] = work[o + ERROR * all_rows(ints) + k]
+        out[1, k] = work[o + RATE * all_rows(ints) + k]
+        out[2, k] = work[o + BIAS * all_rows(ints) + k]
+    return GOOD if all_finite(out.reshape(out.size)) else NOT_FINITE
+
+
+@kernel('int64(int64, float64[::1], float64[:, ::1])')
+def closure_jacobian(handle, q, out):
+    """Write J (all rows, n): rates of the errors, then of the free axes, by those of q."""
+    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    n = diagonals.shape[1]
+    rows = all_rows(ints)
+    if q.shape[0] != n or out.shape[0] != rows or out.shape[1] != n:
+        return MISFIT
+    zero = diagonals[ZERO]
+    move_bodies(ints, reals, work, bodies, q, zero, zero)
+    flat = out.reshape(out.size)
+    flat[:] = 0.0
+    t = at(ints, 0, TIES_WORK)
+    for tie in range(first_tie(ints), ints.shape[0]):
+        tie_rows(ints, reals, work, q, zero, zero, zero, tie, t, rows)
+        tie_jacobian(ints, reals, work, tie, t, rows, flat, n)
+    return GOOD if all_finite(flat) else NOT_FINITE

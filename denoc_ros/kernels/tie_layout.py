@@ -1,0 +1,70 @@
+"""Where loops and mimic joints stand in the flat arrays: both tie coordinates, row by row.
+
+The last rows of `ints` are the ties, loops in file order and then mimic joints. Every tie has rows
+of its own among the multipliers; loops with damping or friction have one more row each, of their
+free axis, after all of these.
+"""
+
+# ints, row 0, in columns that mean nothing to the base
+TIES = 2  # number of ties
+ROWS = 3  # number of multipliers
+AXIS_ROWS = 4  # number of free axes with damping or friction
+TIES_WORK = 13  # offset of the ties' workspace
+
+# columns of ints, a tie's row
+KIND = 0  # of its angular rows
+CHILD = 1  # row of the child's loop frame, or of the body of the mimic joint
+OTHER = 2  # row of the parent's loop frame, or of the body of the leader
+MEETING = 3  # row of the body, or the base, that carries both
+ROW = 4  # its first row
+LINEAR = 5  # number of linear rows
+ANGULAR = 6  # number of angular rows
+REFERENCES = 7  # number of directions that must agree on both sides
+CONSTANTS = 8  # offset of its constants in reals
+AXIS_ROW = 9  # row of its free axis, 0: none
+
+POINT = 0  # no angular rows
+ALIGNED = 1  # one axis is the same on both sides
+ORIENTED = 2  # all axes are
+CROSSED = 3  # axis and axis2 are perpendicular
+MIMIC = 4
+
+# reals: a loop, from CONSTANTS; then directions (3) of its linear and angular rows and references
+FREE_AXIS = 0  # (3) parent's loop frame
+SECOND_AXIS = 3  # (3) child's loop frame
+DAMPING = 6
+FRICTION = 7
+SLIDES = 8  # 1: the free axis is a translation
+DIRECTIONS = 9
+
+# reals: a mimic joint
+MULTIPLIER = 0
+OFFSET = 1
+
+# work: the ties, from TIES_WORK: scratch, then what grows with the number of rows
+SIDES = 0  # (2 of 12) rotation and position of both frames on the meeting body
+RELATIVE = 24  # (9) rotation: child seen from parent
+REACH = 33  # (3) from the parent's to the child's origin, parent's axes
+LOADS = 36  # (2 of 7 of 6) wrenches on their way inward
+RANK = 120  # of the rows, as the last solve found it
+WORST = 121  # the row that contradicts the others most, and by how much [m/s^2, rad/s^2]
+EXCESS = 122
+VECTORS = 123  # vectors over all rows, those of free axes included
+ERROR = 0
+RATE = 1
+BIAS = 2
+MULTIPLIERS = 3
+WANTED = 4
+SCALE = 5
+ORDER = 6
+LEFT = 7
+PART = 8
+TIE_VECTORS = 9
+# then the wrenches (6 per row) in the parent's loop frame, at the child's origin; the columns
+# y (rows, n) of U^-1 J^T; their products (rows, rows); two factors (rows, rows)
+
+
+def work_size(rows: int, axis_rows: int, n: int) -> int:
+    """Return the size of the ties' workspace for n coordinates."""
+    total = rows + axis_rows
+    return VECTORS + total * (TIE_VECTORS + 6 + n + 3 * total)

@@ -1,0 +1,150 @@
+"""Lowering of what ties coordinates together: loops in file order, then mimic joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.kernels import layout, tie_layout
+from denoc_ros.model.tree import Body, Loop, Tree
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+NONE = np.zeros((0, 3))
+ALL = np.eye(3)
+
+
+@dataclass(frozen=True)
+class TieRows:
+    """Ties as the kernels want them; see :mod:`denoc_ros.kernels.tie_layout`."""
+
+    ints: list[Int]  # (INTS,) each
+    constants: list[Array]
+    rows: int  # of multipliers
+    axis_rows: int  # of free axes with damping or friction
+    names: tuple[str, ...]  # per multiplier, of its loop or mimic joint
+
+
+def across(axis: Array) -> Array:
+    """Return two unit vectors (2, 3) perpendicular to an axis.
+
+    They are the two coordinate axes farthest from it, in order, made perpendicular to it and to
+    each other: (x, y) for z, (x, z) for y, (y, z) for x.
+    """
+    first, second = np.sort(np.argsort(np.abs(axis), kind='stable')[:2])
+    one = ALL[first] - axis * axis[first]
+    one /= np.linalg.norm(one)
+    two = ALL[second] - axis * axis[second]
+    two -= one * (one @ two)
+    return np.array([one, two / np.linalg.norm(two)])
+
+
+def directions(loop: Loop) -> tuple[int, Array, Array, Array]:
+    """Return the kind of a loop's angular rows, and its linear, angular and reference directions.
+
+    Linear and angular rows are components along these in the parent's loop frame; references are
+    the directions that must be the same on both sides.
+    """
+    if loop.type == 'spherical':
+        return tie_layout.POINT, ALL, NONE, NONE
+    if loop.type == 'fixed':
+        return tie_layout.ORIENTED, ALL, ALL, ALL
+    assert loop.axis is not None
+    if loop.type == 'prismatic':
+        return tie_layout.ORIENTED, across(loop.axis), ALL, ALL
+    if loop.type == 'revolute':
+        return tie_layout.ALIGNED, ALL, across(loop.axis), loop.axis[None]
+    # the row of a universal joint is about axis x axis2, which turns: it has no fixed direction
+    return tie_layout.CROSSED, ALL, np.zeros((1, 3)), NONE
+
+
+def _meeting(ints: Sequence[Int], one: int, other: int) -> int:
+    """Return the body, or the base, that carries two rows, itself or what hangs on it."""
+    carriers = {0}
+    while one > 0:
+        carriers.add(one)
+        one = int(ints[one][layout.PARENT])
+    while other not in carriers:
+        other = int(ints[other][layout.PARENT])
+    return other
+
+
+def _axis(axis: Array | None) -> Array:
+    return np.zeros(3) if axis is None else axis
+
+
+class _Ties:
+    """One pass over loops and mimic joints."""
+
+    def __init__(self, ints: Sequence[Int], start: int) -> None:
+        self.ints = ints
+        self.start = start  # of the next constants in reals
+        self.made: list[Int] = []
+        self.constants: list[Array] = []
+        self.names: list[str] = []
+
+    def _append(self, name: str, kind: int, child: int, other: int, constants: Array) -> Int:
+        row = np.zeros(layout.INTS, dtype=np.int64)
+        row[tie_layout.KIND], row[tie_layout.CHILD], row[tie_layout.OTHER] = kind, child, other
+        row[tie_layout.ROW] = len(self.names)
+        row[tie_layout.CONSTANTS] = self.start
+        self.start += len(constants)
+        self.constants.append(constants)
+        self.made.append(row)
+        return row
+
+    def loop(self, loop: Loop, frame_rows: Mapping[str, int]) -> None:
+        """Add a loop."""
+        kind, linear, angular, references = directions(loop)
+        header = np.array([loop.damping, loop.friction, float(loop.type == 'prismatic')])
+        vectors = np.concatenate([linear, angular, references]).ravel()
+        constants = np.concatenate([_axis(loop.axis), _axis(loop.axis2), header, vectors])
+        child, parent = frame_rows[loop.child.frame], frame_rows[loop.parent.frame]
+        row = self._append(loop.name, kind, child, parent, constants)
+        row[tie_layout.LINEAR] = len(linear)
+        row[tie_layout.ANGULAR] = len(angular)
+        row[tie_layout.REFERENCES] = len(references)
+        carriers = [int(self.ints[k][layout.PARENT]) for k in (child, parent)]
+        row[tie_layout.MEETING] = _meeting(self.ints, *carriers)
+        self.names += [loop.name] * (len(linear) + len(angular))
+
+    def mimic(self, body: Body, child: int, leader: int) -> None:
+        """Add a mimic joint: rows of ints of its body and of its leader's."""
+        assert body.joint is not None
+        assert body.joint.mimic is not None
+        constants = np.array([body.joint.mimic.multiplier, body.joint.mimic.offset])
+        row = self._append(body.joint.name, tie_layout.MIMIC, child, leader, constants)
+        row[tie_layout.MEETING] = _meeting(self.ints, child, leader)
+        self.names.append(body.joint.name)
+
+
+def lower_ties(
+    tree: Tree, ints: Sequence[Int], frame_rows: Mapping[str, int], start: int
+) -> TieRows:
+    """Lower a tree's loops and mimic joints.
+
+    Parameters
+    ----------
+    tree : Tree
+    ints : rows of the bodies and frames
+    frame_rows : mapping of str to int
+    start : int
+        Where their constants start in reals.
+    """
+    ties = _Ties(ints, start)
+    for loop in tree.loops:
+        ties.loop(loop, frame_rows)
+    bodies = {body.joint.name: 1 + k for k, body in enumerate(tree.bodies) if body.joint}
+    for body in tree.bodies:
+        if body.joint is not None and body.joint.mimic is not None:
+            ties.mimic(body, bodies[body.joint.name], bodies[body.joint.mimic.leader])
+    rows = axis = len(ties.names)
+    for loop, row in zip(tree.loops, ties.made, strict=False):
+        if loop.damping > 0.0 or loop.friction > 0.0:
+            row[tie_layout.AXIS_ROW] = axis
+            axis += 1
+    return TieRows(ties.made, ties.constants, rows, axis - rows, tuple(ties.names))
