@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels import closure, composite, inverse
+from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.layout import SLIP_RATE
 from denoc_ros.kernels.tie_layout import AXIS_ROWS
 
@@ -49,7 +50,8 @@ def jacobian(robot: HeldModel, q: Array) -> tuple[Array, Array]:
 def required_force(robot: HeldModel, q: Array, qd: Array, qdd: Array, axes: Array) -> Array:
     """Return I q'' + h (n,) with the damping and friction of the loops' own joints."""
     force = np.empty(robot.n)
-    robot.judge(inverse.inverse_dynamics(robot.handle, q, qd, qdd, force), q=q, qd=qd, qdd=qdd)
+    kernel = entry(inverse.inverse_dynamics)
+    robot.judge(kernel(robot.handle, q, qd, qdd, force), q=q, qd=qd, qdd=qdd)
     resisting = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
     for loop, axis in zip(resisting, axes, strict=True):
         rate = float(axis @ qd)
@@ -61,7 +63,7 @@ def required_force(robot: HeldModel, q: Array, qd: Array, qdd: Array, axes: Arra
 def inertia(robot: HeldModel, q: Array) -> Array:
     """Return the inertia matrix (n, n)."""
     out = np.empty((robot.n, robot.n))
-    robot.judge(composite.inertia_matrix(robot.handle, q, out), q=q)
+    robot.judge(entry(composite.inertia_matrix)(robot.handle, q, out), q=q)
     return out
 
 

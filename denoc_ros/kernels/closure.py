@@ -1,7 +1,16 @@
 """Closure of loops and mimic joints: errors, Jacobian and acceleration bias."""
 
 from denoc_ros.kernels.compiled import inlined, kernel
-from denoc_ros.kernels.handle import GOOD, MISFIT, NOT_FINITE, ZERO, at, model_arrays
+from denoc_ros.kernels.handle import (
+    GOOD,
+    MISFIT,
+    NOT_FINITE,
+    ZERO,
+    at,
+    coordinates,
+    elements,
+    model_arrays,
+)
 from denoc_ros.kernels.layout import COORDINATE
 from denoc_ros.kernels.loop_motion import loop_rows
 from denoc_ros.kernels.motion import linear_velocity, move_body
@@ -15,6 +24,7 @@ from denoc_ros.kernels.tie_layout import (
     CHILD,
     CONSTANTS,
     ERROR,
+    FIRST_TIE,
     KIND,
     LINEAR,
     LOADS,
@@ -34,9 +44,10 @@ from denoc_ros.kernels.vector import all_finite
 
 
 @inlined
-def first_tie(ints):
-    """Return the row of ints of the first tie."""
-    return ints.shape[0] - at(ints, 0, TIES)
+def ties(ints):
+    """Return the rows of ints that are ties."""
+    first = at(ints, 0, FIRST_TIE)
+    return range(first, first + at(ints, 0, TIES))
 
 
 @inlined
@@ -120,37 +131,39 @@ def tie_jacobian(ints, reals, work, tie, t, rows, out, n):
 def closure(handle, q, qd, out):
     """Write errors, their rates and the acceleration bias J' q' (3, rows)."""
     ints, reals, work, diagonals, bodies = model_arrays(handle)
-    n = diagonals.shape[1]
+    n = coordinates(handle)
     rows = at(ints, 0, ROWS)
     if q.shape[0] != n or qd.shape[0] != n or out.shape[0] != 3 or out.shape[1] != rows:
         return MISFIT
     zero = diagonals[ZERO]
-    move_bodies(ints, reals, work, bodies, q, qd, zero)
+    here, rates, result = elements(q), elements(qd), elements(out)
+    move_bodies(ints, reals, work, bodies, here, rates, zero)
     t = at(ints, 0, TIES_WORK)
-    for tie in range(first_tie(ints), ints.shape[0]):
-        tie_rows(ints, reals, work, q, qd, zero, zero, tie, t, all_rows(ints))
+    for tie in ties(ints):
+        tie_rows(ints, reals, work, here, rates, zero, zero, tie, t, all_rows(ints))
     o = t + VECTORS
     for k in range(rows):
-        out[0, k] = work[o + ERROR * all_rows(ints) + k]
-        out[1, k] = work[o + RATE * all_rows(ints) + k]
-        out[2, k] = work[o + BIAS * all_rows(ints) + k]
-    return GOOD if all_finite(out.reshape(out.size)) else NOT_FINITE
+        result[k] = work[o + ERROR * all_rows(ints) + k]
+        result[rows + k] = work[o + RATE * all_rows(ints) + k]
+        result[2 * rows + k] = work[o + BIAS * all_rows(ints) + k]
+    return GOOD if all_finite(result, 3 * rows) else NOT_FINITE
 
 
 @kernel('int64(int64, float64[::1], float64[:, ::1])')
 def closure_jacobian(handle, q, out):
     """Write J (all rows, n): rates of the errors, then of the free axes, by those of q."""
     ints, reals, work, diagonals, bodies = model_arrays(handle)
-    n = diagonals.shape[1]
+    n = coordinates(handle)
     rows = all_rows(ints)
     if q.shape[0] != n or out.shape[0] != rows or out.shape[1] != n:
         return MISFIT
     zero = diagonals[ZERO]
-    move_bodies(ints, reals, work, bodies, q, zero, zero)
-    flat = out.reshape(out.size)
-    flat[:] = 0.0
+    here, result = elements(q), elements(out)
+    move_bodies(ints, reals, work, bodies, here, zero, zero)
+    for k in range(rows * n):
+        result[k] = 0.0
     t = at(ints, 0, TIES_WORK)
-    for tie in range(first_tie(ints), ints.shape[0]):
-        tie_rows(ints, reals, work, q, zero, zero, zero, tie, t, rows)
-        tie_jacobian(ints, reals, work, tie, t, rows, flat, n)
-    return GOOD if all_finite(flat) else NOT_FINITE
+    for tie in ties(ints):
+        tie_rows(ints, reals, work, here, zero, zero, zero, tie, t, rows)
+        tie_jacobian(ints, reals, work, tie, t, rows, result, n)
+    return GOOD if all_finite(result, rows * n) else NOT_FINITE

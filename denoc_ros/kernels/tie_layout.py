@@ -8,6 +8,7 @@ free axis, after all of these.
 # ints, row 0, in columns that mean nothing to the base
 TIES = 2  # number of ties
 ROWS = 3  # number of multipliers
+FIRST_TIE = 5  # the row of the first tie
 AXIS_ROWS = 4  # number of free axes with damping or friction
 TIES_WORK = 13  # offset of the ties' workspace
 

@@ -303,7 +303,7 @@ class _Lowering:
         made = lower_ties(self.tree, self.rows, frame_rows, self.real_size)
         self.append(*made.constants)
         base = self.rows[0]
-        base[tie_layout.TIES] = len(made.ints)
+        base[tie_layout.TIES], base[tie_layout.FIRST_TIE] = len(made.ints), len(self.rows)
         base[tie_layout.ROWS] = made.rows
         base[tie_layout.AXIS_ROWS] = made.axis_rows
         base[tie_layout.TIES_WORK] = self.reserve(
