@@ -116,14 +116,8 @@ def _inside_limits(record: Record, seen: Mask, t: Floats, fit: Damped) -> Mask:
     """Leave out what noise alone could have clipped: what is left would lean to the inside."""
     margin = CLIP_MARGIN * np.sqrt(fit.variance)
     expected = fit.prediction(t)
-    clipped = record.y[~seen]
-    middle = 0.5 * (record.y.max() + record.y.min())
-    inside = seen.copy()
-    if np.any(clipped > middle):
-        inside &= expected < clipped.max() - margin
-    if np.any(clipped < middle):
-        inside &= expected > clipped.min() + margin
-    return np.asarray(inside)
+    low, high = record.y.min() + margin, record.y.max() - margin
+    return np.asarray(seen & (expected > low) & (expected < high))
 
 
 def _column(parts: list[Component], name: str) -> Floats:

@@ -11,7 +11,7 @@ from denoc_ros.identification.pencil import pencil_poles
 from denoc_ros.identification.records import Floats
 
 MOST_COSINES = 12
-PARAMETERS = 4  # of one damped cosine
+COST = 5.0  # of one damped cosine, in log(samples): four parameters and the search for them
 DYNAMIC_RANGE = 1e-5  # no component is looked for below this part of the largest value
 HIGHEST = 0.95  # of half the sample rate
 SLOWEST = 0.6  # cycles in the record: less is part of the drift
@@ -49,7 +49,7 @@ class Search:
     def criterion(self, fit: Damped) -> float:
         """Bayesian information criterion of a fit (less is better)."""
         k = self.t.size
-        cost = PARAMETERS * len(fit.poles) * np.log(k)
+        cost = COST * len(fit.poles) * np.log(k)
         return float(k * np.log((fit.rss + self.floor) / k) + cost)
 
     def fit(self, poles: Floats) -> Damped:
@@ -118,7 +118,7 @@ def _stands_out(search: Search, fit: Damped, larger: Damped) -> bool:
     middle = round(added[1] / (2.0 * np.pi) * search.span)
     width = LOCAL_BINS + int(added[0] / np.pi * search.span)
     local = float(np.mean(power[max(1, middle - width) : middle + width + 1]))
-    return bool(gain > PARAMETERS * np.log(k) * max(local, search.floor / k))
+    return bool(gain > COST * np.log(k) * max(local, search.floor / k))
 
 
 def _candidates(search: Search, fit: Damped) -> list[Floats]:

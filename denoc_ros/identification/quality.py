@@ -13,8 +13,8 @@ Mask = NDArray[np.bool_]
 
 GAP = 1.5  # typical steps
 LONGEST_CLIPPED_RUN = 0.1  # of the record: longer at one value is rest
-FEWEST_CLIPPED = 5
-PILED_UP = 4.0  # times as many as one level further in; a sine's crest has 2.4 times
+FEWEST_CLIPPED = 3
+PILED_UP = 2.6  # times as many as one level further in; a sine's crest has up to 2.4 times
 GAUSSIAN_MAD = 1.4826
 THIRD_DIFFERENCE = np.sqrt(20.0)  # norm of 1, -3, 3, -1
 FEWEST_REPEATS = 4  # samples per value from which on the values are levels
@@ -122,7 +122,7 @@ def clipped_samples(y: Floats, resolution: float) -> Mask:
         at_top = height >= top - slack
         next_in = np.count_nonzero((height < top - slack) & (height >= top - 1.5 * width))
         count = np.count_nonzero(at_top)
-        if count < FEWEST_CLIPPED or count <= PILED_UP * (next_in + 1):
+        if count < FEWEST_CLIPPED + PILED_UP * next_in:
             continue
         if _longest_run(at_top) <= LONGEST_CLIPPED_RUN * y.size:
             clipped |= at_top
