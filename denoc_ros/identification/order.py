@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from denoc_ros.identification.damped import Damped, fit_damped
+from denoc_ros.identification.damped import Damped, columns, fit_damped
 from denoc_ros.identification.pencil import pencil_poles
+from denoc_ros.identification.quality import Mask
 from denoc_ros.identification.records import Floats
 
 MOST_COSINES = 12
@@ -17,6 +18,8 @@ HIGHEST = 0.95  # of half the sample rate
 SLOWEST = 0.6  # cycles in the record: less is part of the drift
 DECAYS_PER_OCTAVE = 1.0
 LOCAL_BINS = 16
+FEWEST_SAMPLES = 8.0  # that carry a component: fewer are a spike
+LARGEST = 20.0  # component at the start, in ranges of the record: more is extrapolated
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +63,7 @@ class Search:
             return fit
         return self.fit(fit.poles[sound])
 
-    def sound(self, poles: Floats) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    def sound(self, poles: Floats) -> Mask:
         """Return which poles are cosines within what the record can show, shape (m,)."""
         sigma, omega = poles[:, 0], poles[:, 1]
         return np.asarray(
@@ -103,7 +106,7 @@ def _grown(search: Search, fit: Damped) -> Damped:
         if not better:
             return fit
         best = min(better, key=search.criterion)
-        if not _stands_out(search, fit, best):
+        if not (_lasting(search, best).all() and _stands_out(search, fit, best)):
             return fit
         fit = best
     return fit
@@ -119,6 +122,16 @@ def _stands_out(search: Search, fit: Damped, larger: Damped) -> bool:
     width = LOCAL_BINS + int(added[0] / np.pi * search.span)
     local = float(np.mean(power[max(1, middle - width) : middle + width + 1]))
     return bool(gain > COST * np.log(k) * max(local, search.floor / k))
+
+
+def _lasting(search: Search, fit: Damped) -> Mask:
+    """Say which components are more than a few samples, and no larger than the record."""
+    phi = columns(search.t, fit.poles, search.span)[:, :-2] * fit.weights[:-2]
+    values = phi[:, ::2] + phi[:, 1::2]
+    power = np.maximum(np.sum(values**2, axis=0), 1e-300)
+    samples = power**2 / np.maximum(np.sum(values**4, axis=0), 1e-300)
+    size = np.abs(fit.complex_amplitudes)
+    return np.asarray((samples > FEWEST_SAMPLES) & (size < LARGEST * np.ptp(search.y)))
 
 
 def _candidates(search: Search, fit: Damped) -> list[Floats]:
@@ -152,7 +165,9 @@ def _strongest(search: Search, residual: Floats) -> Floats:
 
 
 def _pruned(search: Search, fit: Damped) -> Damped:
-    """Leave out what does not pay, the least first."""
+    """Leave out what is no decay or does not pay, the least first."""
+    while not (lasting := _lasting(search, fit)).all():
+        fit = search.fit(fit.poles[lasting])
     while len(fit.poles):
         power = np.abs(fit.complex_amplitudes) ** 2 / np.maximum(
             fit.poles[:, 0], 1.0 / search.span

@@ -1,0 +1,332 @@
+"""Evolving spectra (waterfall method): amplitude of each mode in windows moved along a decay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import find_peaks
+from scipy.stats import t as student
+
+from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.quality import sample_noise
+from denoc_ros.identification.records import Floats, Record
+
+Method = Literal['weighted', 'book']
+
+OVERLAP = 0.9
+MOST_WINDOWS = 200
+FEWEST_WINDOWS = 3
+FEWEST_SAMPLES = 8
+SHORTEST = 3.0  # window times the distance to the next frequency
+LONG_ENOUGH = 12.0  # the same, where leakage is no more
+ROUNDS = 2  # of window, reading and time constant
+LONGEST = 2.0  # window over the mode's time constant
+CLEAR = 30.0  # times the leakage and the noise that a peak must be
+FEWEST_FOLDS = 0.7  # e-folds that the mode must fall over the windows
+PEAK = 0.02  # of the highest, for frequencies that are looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Waterfall:
+    """Spectra of windows moved along a record (the book's fig. 8.5b).
+
+    Attributes
+    ----------
+    time : ndarray, shape (w,)
+        Middle of each window [s].
+    frequency : ndarray, shape (f,)
+        [Hz]
+    magnitude : ndarray, shape (w, f)
+        Amplitude of a steady cosine that would read the same [record's unit].
+    """
+
+    time: Floats
+    frequency: Floats
+    magnitude: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralDecay:
+    """One mode's decay through the windows (the book's fig. 8.5c) and the damping it gives.
+
+    Attributes
+    ----------
+    frequency : float
+        Undamped natural frequency [Hz] (book: the one that was given).
+    damping_ratio : float
+        nan where the method does not hold.
+    interval : ndarray, shape (2,)
+        95 % interval of the damping ratio.
+    reading : float
+        What the slope says, whether the method holds or not.
+    window : float
+        [s]
+    time, magnitude, floor : ndarray, shape (w,)
+        Middle of each window [s]; the mode's amplitude there; leakage of the others and noise.
+    used : ndarray of bool, shape (w,)
+        The windows that the slope is of.
+    reasons : tuple of str
+        Why the method does not hold; empty where it does.
+    """
+
+    frequency: float
+    damping_ratio: float
+    interval: Floats
+    reading: float
+    window: float
+    time: Floats
+    magnitude: Floats
+    floor: Floats
+    used: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    reasons: tuple[str, ...]
+
+
+def waterfall(record: Record, window: float, overlap: float = OVERLAP) -> Waterfall:
+    """Return the spectra of Hann windows moved along a record.
+
+    Parameters
+    ----------
+    record : Record
+    window : float
+        Length of the windows [s].
+    overlap : float
+        Part of a window that the next one shares, 0 to below 1.
+    """
+    count = max(int(window / record.step), FEWEST_SAMPLES)
+    even = even_record(record)
+    grid, values = even.t, even.y
+    hop = max(1, round(count * (1.0 - overlap)))
+    starts = np.arange(0, grid.size - count + 1, hop)
+    shape = np.hanning(count)
+    rows = values[starts[:, None] + np.arange(count)]
+    rows = (rows - rows.mean(axis=1, keepdims=True)) * shape
+    magnitude = np.abs(np.fft.rfft(rows, 4 * count, axis=1)) * 2.0 / shape.sum()
+    frequency = np.asarray(np.fft.rfftfreq(4 * count, record.step))
+    magnitude = np.asarray(magnitude, float)
+    return Waterfall(grid[starts] + 0.5 * window, frequency, magnitude)
+
+
+def even_record(record: Record) -> Record:
+    """Return the record at even stamps (cubic between its samples).
+
+    A sum over a window with samples missing leaks by chance: more than a window's shape does.
+    """
+    count = round(record.duration / record.step) + 1
+    t = np.linspace(record.t[0], record.t[-1], count)
+    return Record(t, CubicSpline(record.t, record.y)(t), record.name, record.unit)
+
+
+def evolving_spectra(
+    record: Record,
+    frequencies: Floats | None = None,
+    window: float | None = None,
+    method: Method = 'weighted',
+) -> tuple[SpectralDecay, ...]:
+    """Return the damping of each mode from the slope of its amplitude over moved windows.
+
+    Parameters
+    ----------
+    record : Record
+        A free decay.
+    frequencies : ndarray, optional
+        Of the modes, damped [Hz], known in advance; default: peaks of the record's spectrum.
+    window : float, optional
+        [s]; default: what suits each mode, inside the limits of the method.
+    method : {'weighted', 'book'}
+        Hann windows, 90 % overlap, slope weighted by the signal's power; or the book's (sec.
+        8.2.2.1, eq. 8.6c): rectangular, side by side, unweighted, small damping.
+
+    Raises
+    ------
+    IdentificationError
+        No frequency stands out, or one is not positive.
+
+    Notes
+    -----
+    Holds where 3/df <= window <= 2 tau, df the distance to the next frequency (0, the offset's,
+    is one), tau the mode's time constant, and the peak is 30 times its neighbours' leakage in
+    at least three windows. Outside the method refuses: damping_ratio is nan, reasons say why.
+    """
+    found = spectrum_peaks(record) if frequencies is None else np.sort(np.asarray(frequencies))
+    if found.size == 0 or found.min() <= 0.0:
+        raise IdentificationError(
+            f'{record.name}: evolving spectra need frequencies > 0 Hz, got {found.tolist()}'
+        )
+    even = even_record(record)
+    return tuple(_decay(even, found, k, window, method) for k in range(found.size))
+
+
+def spectrum_peaks(record: Record) -> Floats:
+    """Return the frequencies of the peaks of a record's spectrum [Hz]."""
+    even = even_record(record)
+    grid, values = even.t, even.y
+    tail = values[-max(values.size // 5, 2) :].mean()
+    size = 4 * values.size
+    magnitude = np.abs(np.fft.rfft(values - tail, size))
+    frequency = np.fft.rfftfreq(size, grid[1] - grid[0])
+    magnitude[frequency < 1.5 / record.duration] = 0.0
+    smooth = np.convolve(magnitude, np.hanning(9) / np.hanning(9).sum(), 'same')
+    peaks = find_peaks(smooth, height=PEAK * smooth.max(), prominence=0.5 * PEAK * smooth.max())[0]
+    noise = sample_noise(record.y) * np.sqrt(values.size)
+    strong = peaks[smooth[peaks] > CLEAR * noise]
+    return np.asarray(frequency[strong[_apart(frequency[strong], smooth[strong], record)]])
+
+
+def _apart(frequency: Floats, height: Floats, record: Record) -> list[int]:
+    """Keep the highest of peaks that are closer than the resolution."""
+    kept: list[int] = []
+    for k in np.argsort(-height):
+        if all(abs(frequency[k] - frequency[j]) > 2.0 / record.duration for j in kept):
+            kept.append(int(k))
+    return sorted(kept)
+
+
+def _decay(
+    record: Record, frequencies: Floats, k: int, window: float | None, method: Method
+) -> SpectralDecay:
+    apart = np.append(np.abs(np.delete(frequencies, k) - frequencies[k]), frequencies[k]).min()
+    shortest = SHORTEST / apart
+    if window is not None:
+        return _in_windows(record, frequencies, k, window, method, shortest)
+    reading = _in_windows(record, frequencies, k, shortest, method, shortest)
+    suited = shortest
+    for _ in range(ROUNDS):
+        longest = min(LONGEST * _time_constant(reading), 0.5 * record.duration)
+        suited = max(min(LONG_ENOUGH / SHORTEST * shortest, longest), shortest)
+        reading = _in_windows(record, frequencies, k, suited, method, shortest)
+    return reading
+
+
+def _time_constant(decay: SpectralDecay) -> float:
+    rate = 2.0 * np.pi * decay.frequency * decay.reading
+    return float(1.0 / rate) if rate > 0.0 else np.inf
+
+
+def _in_windows(
+    record: Record, frequencies: Floats, k: int, window: float, method: Method, shortest: float
+) -> SpectralDecay:
+    starts = _window_starts(record, window, method)
+    amplitudes = np.array(
+        [[_amplitude(record, s, window, f, method) for f in frequencies] for s in starts]
+    ).reshape(starts.size, frequencies.size)
+    magnitude = np.abs(amplitudes[:, k])
+    floor = _floor(record, np.abs(amplitudes), frequencies, k, window, method)
+    used = np.logical_and.accumulate(magnitude > CLEAR * floor)
+    decay = SpectralDecay(
+        frequency=float(frequencies[k]),
+        damping_ratio=np.nan,
+        interval=np.full(2, np.nan),
+        reading=np.nan,
+        window=window,
+        time=starts + 0.5 * window,
+        magnitude=magnitude,
+        floor=floor,
+        used=used,
+        reasons=(),
+    )
+    fitted = used if method == 'weighted' else magnitude > 0.0
+    if np.count_nonzero(fitted) >= 2:
+        decay = _slope(decay, amplitudes[:, k], fitted, method)
+    return _checked(decay, shortest)
+
+
+def _window_starts(record: Record, window: float, method: Method) -> Floats:
+    last = record.t[-1] - window
+    hop = window if method == 'book' else window * (1.0 - OVERLAP)
+    hop = max(hop, (last - record.t[0]) / MOST_WINDOWS, record.step)
+    return np.asarray(np.arange(record.t[0], last + 1e-9, hop))
+
+
+def _amplitude(record: Record, start: float, window: float, f: float, method: Method) -> complex:
+    """Return the amplitude of e^{i 2 pi f t} in one window; 0 where it has too few samples.
+
+    Hann: weighted least squares with an offset. Book: the FFT's.
+    """
+    inside = (record.t >= start) & (record.t < start + window)
+    if np.count_nonzero(inside) < FEWEST_SAMPLES:
+        return 0.0
+    t, y = record.t[inside], record.y[inside]
+    turn = np.exp(-2j * np.pi * f * (t - record.t[0]))
+    if method == 'book':
+        return complex(2.0 * np.mean((y - y.mean()) * turn))
+    root = np.sin(np.pi * (t - start) / window)
+    phi = np.column_stack((turn.real, -turn.imag, np.ones(t.size))) * root[:, None]
+    a, b, _ = np.linalg.lstsq(phi, y * root, rcond=None)[0]
+    return complex(a, -b)
+
+
+def _floor(
+    record: Record, magnitude: Floats, frequencies: Floats, k: int, window: float, method: Method
+) -> Floats:
+    """Return what leakage of the other modes and noise can put at mode k's frequency."""
+    samples = max(window / record.step, 1.0)
+    floor = np.full(len(magnitude), sample_noise(record.y) * np.sqrt(3.0 / samples))
+    for j in range(frequencies.size):
+        if j != k:
+            bins = abs(frequencies[j] - frequencies[k]) * window
+            hann = 1.0 / (np.pi * bins * abs(bins**2 - 1.0)) if bins > 1.5 else 1.0
+            side = 1.0 / (np.pi * bins) if method == 'book' and bins > 1.0 else hann
+            floor = floor + magnitude[:, j] * side
+    return np.asarray(floor)
+
+
+def _slope(
+    decay: SpectralDecay, amplitudes: Floats, used: Floats, method: Method
+) -> SpectralDecay:
+    time, height = decay.time[used], np.log(np.abs(amplitudes[used]))
+    weight = decay.magnitude[used] ** 2 if method == 'weighted' else np.ones(time.size)
+    slope, deviation = _line(time, height, weight, decay.window)
+    omega = 2.0 * np.pi * decay.frequency
+    if method == 'book':
+        zeta, rate, factor = -slope / omega, omega, 1.0 / omega
+    else:
+        turn, _ = _line(time, np.unwrap(np.angle(amplitudes[used])), weight, decay.window)
+        rate = float(np.hypot(omega + turn, slope))
+        zeta, factor = -slope / rate, 1.0 / rate
+    half = deviation * factor
+    interval = np.array([zeta - half, zeta + half])
+    return replace(decay, frequency=rate / (2.0 * np.pi), reading=zeta, interval=interval)
+
+
+def _line(x: Floats, y: Floats, weight: Floats, window: float) -> tuple[float, float]:
+    """Return weighted slope and the half width of its 95 % interval, overlap considered."""
+    middle = weight @ x / weight.sum()
+    away = x - middle
+    slope = float(weight @ (away * y) / (weight @ away**2))
+    rest = y - weight @ y / weight.sum() - slope * away
+    independent = min(float(x.size), (x[-1] - x[0]) / (0.5 * window) + 1.0)
+    freedom = max(independent - 2.0, 1.0)
+    spread = weight @ rest**2 / weight.sum() * independent / freedom
+    variance = spread / independent / (weight @ away**2 / weight.sum())
+    return slope, float(student.ppf(0.975, freedom) * np.sqrt(variance))
+
+
+def _checked(decay: SpectralDecay, shortest: float) -> SpectralDecay:
+    reasons = []
+    cycles = decay.window * decay.frequency
+    if decay.window < shortest * (1.0 - 1e-9):
+        reasons.append(
+            f'window must be at least 3/df = {shortest:.3g} s, got {decay.window:.3g} s '
+            f'({cycles:.2g} cycles)'
+        )
+    tau = _time_constant(decay)
+    if not decay.window <= LONGEST * tau:
+        reasons.append(
+            f'window must be at most 2 tau = {LONGEST * tau:.3g} s, got {decay.window:.3g} s'
+        )
+    clear = int(np.count_nonzero(decay.used))
+    if clear < FEWEST_WINDOWS:
+        reasons.append(
+            f'peak must be {CLEAR:.0f} times leakage and noise in at least {FEWEST_WINDOWS} '
+            f'windows, got {clear}'
+        )
+    elif np.ptp(decay.time[decay.used]) < FEWEST_FOLDS * tau:
+        reasons.append(
+            f'clear windows must span {FEWEST_FOLDS} tau = {FEWEST_FOLDS * tau:.3g} s, got '
+            f'{np.ptp(decay.time[decay.used]):.3g} s'
+        )
+    zeta = np.nan if reasons or not np.isfinite(decay.reading) else decay.reading
+    return replace(decay, damping_ratio=zeta, reasons=tuple(reasons))
