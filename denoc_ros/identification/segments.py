@@ -1,0 +1,143 @@
+"""Where a record decays freely, steps, and rests."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.signal import find_peaks
+
+from denoc_ros.identification.quality import Mask, assess
+from denoc_ros.identification.records import Floats, Record
+
+Kind = Literal['decay', 'step', 'rest']
+
+AT_REST = 5.0  # standard deviations of the noise: half of the swing of noise alone
+SMALLEST = 0.02  # of the largest swing: less is rest
+JUMP = 0.1  # of the largest swing, from one cycle to the next, that an event must have
+RATIO = 1.5  # of the swing after an event to that before
+STRONG = 0.3  # of the strongest, that a slower motion must be to set the cycle
+SLOWEST = 3.0  # cycles in the record of the motion that sets the cycle
+FEWEST_CYCLES = 1.0  # of a decay
+FEWEST_FOLDS = 0.1  # that a decay must fall
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A part of a record.
+
+    Attributes
+    ----------
+    kind : {'decay', 'step', 'rest'}
+        A decay starts at a release; a step goes from one level to another.
+    start, stop : float
+        [s], on the record's clock.
+    amplitude : float
+        Decay: half the swing at its start; step: change of level; rest: half the swing [unit].
+    level : float
+        Mean at the end [unit].
+    frequency : float
+        Of the swing at the start of a decay [Hz]; 0 for the others.
+    """
+
+    kind: Kind
+    start: float
+    stop: float
+    amplitude: float
+    level: float
+    frequency: float = 0.0
+
+
+def find_segments(record: Record) -> list[Segment]:
+    """Return the free decays, steps and rests of a record, by start.
+
+    Swing is half of largest minus smallest value in a cycle. An event is where the swing of the
+    cycle that follows is much larger than that of the cycle before. A decay begins at the turning
+    point where the swing after an event is largest, and ends where the noise begins or the next
+    event is.
+    """
+    t = np.linspace(record.t[0], record.t[-1], record.t.size)
+    y = np.interp(t, record.t, record.y)
+    quality = assess(record)
+    size = min(max(round(_cycle(t, y) / (t[1] - t[0])), 4), y.size // 3)
+    ahead, behind = _swings(y, size)
+    quiet = max(AT_REST * quality.noise, quality.resolution, SMALLEST * float(ahead.max()))
+    found = _rests(t, y, np.maximum(ahead, behind) <= quiet, size)
+    edges = [0, *_events(ahead, behind, quiet), y.size - 1]
+    for first, last in pairwise(edges):
+        found += _after_event(t, y, ahead, quiet, first, last, size)
+    return sorted(found, key=lambda segment: segment.start)
+
+
+def _cycle(t: Floats, y: Floats) -> float:
+    """Return the length of a cycle of the slowest strong motion [s]."""
+    speed = np.diff(y) * np.hanning(y.size - 1)
+    frequency = np.fft.rfftfreq(4 * speed.size, t[1] - t[0])[1:]
+    size = np.abs(np.fft.rfft(speed, 4 * speed.size))[1:] / frequency
+    size[frequency < SLOWEST / float(t[-1] - t[0])] = 0.0
+    peaks = find_peaks(size, height=STRONG * size.max())[0]
+    return float(1.0 / frequency[peaks[0] if peaks.size else int(np.argmax(size))])
+
+
+def _swings(y: Floats, size: int) -> tuple[Floats, Floats]:
+    """Return the swing in the cycle that begins, and in the one that ends, at each sample."""
+    half = size // 2
+    middle = 0.5 * (maximum_filter1d(y, size) - minimum_filter1d(y, size))
+    ahead = np.append(middle[half:], np.full(half, middle[-1]))
+    behind = np.append(np.full(half, middle[0]), middle[: middle.size - half])
+    return ahead, behind
+
+
+def _runs(mask: Mask) -> list[tuple[int, int]]:
+    """Return first and last index of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(int), [0]))))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _rests(t: Floats, y: Floats, still: Mask, size: int) -> list[Segment]:
+    return [
+        Segment(
+            'rest',
+            float(t[first]),
+            float(t[last]),
+            0.5 * float(np.ptp(y[first : last + 1])),
+            float(y[first : last + 1].mean()),
+        )
+        for first, last in _runs(still)
+        if last - first >= size
+    ]
+
+
+def _events(ahead: Floats, behind: Floats, quiet: float) -> list[int]:
+    jump = ahead - behind
+    sudden = (jump > max(JUMP * float(ahead.max()), 2.0 * quiet)) & (ahead > RATIO * behind)
+    return [first + int(np.argmax(jump[first : last + 1])) for first, last in _runs(sudden)]
+
+
+def _after_event(
+    t: Floats, y: Floats, ahead: Floats, quiet: float, first: int, last: int, size: int
+) -> list[Segment]:
+    if last - first < size:
+        return []
+    stop = last if last == y.size - 1 else max(last - size, first)
+    loud = np.flatnonzero(ahead[first : stop + 1] > quiet)
+    if loud.size == 0:
+        return []
+    stop = min(first + int(loud[-1]) + size // 2, stop)
+    level = float(y[max(stop - size, first) : stop + 1].mean())
+    largest = first + int(np.argmax(ahead[first : stop + 1]))
+    around = slice(largest, min(largest + size, stop) + 1)
+    start = largest + int(np.argmax(np.abs(y[around] - level)))
+    found = []
+    before = float(y[max(first - size, 0) : first + 1].mean())
+    if first > 0 and abs(level - before) > 2.0 * quiet:
+        found.append(Segment('step', float(t[first]), float(t[start]), level - before, level))
+    height = 0.5 * float(np.ptp(y[start : start + size]))
+    left = 0.5 * float(np.ptp(y[max(stop - size, start) : stop + 1]))
+    if stop - start >= FEWEST_CYCLES * size and height > np.exp(FEWEST_FOLDS) * left:
+        frequency = 1.0 / float(size * (t[1] - t[0]))
+        found.append(Segment('decay', float(t[start]), float(t[stop]), height, level, frequency))
+    return found
