@@ -135,6 +135,7 @@ class ConstrainedModel(HeldModel):
         qd: ArrayLike,
         qdd_actuated: ArrayLike,
         actuated: Sequence[str] | None = None,
+        tau: ArrayLike | None = None,
     ) -> tuple[Array, Array, Array]:
         """Return torques, accelerations and multipliers for given actuated accelerations.
 
@@ -146,6 +147,8 @@ class ConstrainedModel(HeldModel):
         qdd_actuated : (actuated,) or (k, actuated)
         actuated : joint names, optional
             As in :meth:`constrained_inverse_dynamics`.
+        tau : (n,) or (k, n), optional
+            Generalized forces of the other coordinates; default zero.
 
         Returns
         -------
@@ -161,8 +164,12 @@ class ConstrainedModel(HeldModel):
         index, n = self._actuated(actuated), self.n
         states = (as_states('q', q, n), as_states('qd', qd, n))
         given = as_states('qdd_actuated', qdd_actuated, len(index))
+        loads = as_states('tau', np.zeros(n) if tau is None else tau, n)
         torque, qdd, multipliers = each_row(
-            lambda q, qd, qdd: constraints.hybrid(self, q, qd, qdd, index), *states, given
+            lambda q, qd, qdd, tau: constraints.hybrid(self, q, qd, qdd, index, tau),
+            *states,
+            given,
+            loads,
         )
         return torque, qdd, multipliers
 

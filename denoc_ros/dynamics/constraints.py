@@ -108,9 +108,11 @@ def _accelerations(
 
 
 def inverse_torques(
-    robot: HeldModel, q: Array, qd: Array, qdd: Array, actuated: Int
+    robot: HeldModel, q: Array, qd: Array, qdd: Array, actuated: Int, tau: Array | None = None
 ) -> tuple[Array, Array]:
     """Return torques of the actuated coordinates and multipliers, both of least norm.
+
+    tau (n,) are generalized forces of the other coordinates, zero at the actuated ones.
 
     The multipliers come from the equations of the coordinates without an actuator (section 5.1.2);
     what these leave open goes to make the torques small.
@@ -118,6 +120,8 @@ def inverse_torques(
     rows, axes = jacobian(robot, q)
     require_closed_accelerations(robot, rows, closure_rows(robot, q, qd)[2], qdd)
     need = required_force(robot, q, qd, qdd, axes)
+    if tau is not None:
+        need -= tau
     passive = np.setdiff1d(np.arange(robot.n), actuated)
     multipliers, residual, _ = least_solution(rows[:, passive].T, need[passive])
     if np.abs(residual).max(initial=0.0) > AGREEMENT * (1.0 + np.abs(need).max(initial=0.0)):
@@ -135,11 +139,13 @@ def inverse_torques(
 
 
 def hybrid(
-    robot: HeldModel, q: Array, qd: Array, qdd_actuated: Array, actuated: Int
+    robot: HeldModel, q: Array, qd: Array, qdd_actuated: Array, actuated: Int, tau: Array
 ) -> tuple[Array, Array, Array]:
     """Return torques of the actuated coordinates, all accelerations and multipliers."""
-    qdd, _ = _accelerations(robot, q, qd, np.zeros(robot.n), actuated, qdd_actuated)
-    torque, multipliers = inverse_torques(robot, q, qd, qdd, actuated)
+    loads = tau.copy()
+    loads[actuated] = 0.0
+    qdd, _ = _accelerations(robot, q, qd, loads, actuated, qdd_actuated)
+    torque, multipliers = inverse_torques(robot, q, qd, qdd, actuated, loads)
     return torque, qdd, multipliers
 
 

@@ -114,10 +114,10 @@ def test_forward_dynamics_returns_what_hybrid_dynamics_gave(
     c = closed(seed, kind)
     robot, names = c.robot, c.robot.joint_names[:2]
     given = np.array([0.7, -1.1])
-    torque, qdd, multipliers = robot.constrained_hybrid_dynamics(c.q, c.qd, given, names)
+    tau = np.random.default_rng(seed).normal(size=robot.n)
+    torque, qdd, multipliers = robot.constrained_hybrid_dynamics(c.q, c.qd, given, names, tau)
     index = robot.joint_indices[:2]
     np.testing.assert_allclose(qdd[index], given, atol=1e-9)
-    tau = np.zeros(robot.n)
     tau[index] = torque
     again, reaction = robot.constrained_forward_dynamics(c.q, c.qd, tau)
     close(again, qdd, 1e-7)
