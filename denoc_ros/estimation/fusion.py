@@ -80,6 +80,8 @@ class StrainFusion:
 
     Attributes
     ----------
+    names : tuple of str
+        Of the sensors.
     loads : (m,) array
         Generalized forces on the amplitudes that the model leaves out.
     counts : list of Counter
@@ -103,6 +105,7 @@ class StrainFusion:
     ) -> None:
         sensors = robot.tree.sensors
         _require_noise(robot.tree.name, sensors)
+        self.names = tuple(sensor.name for sensor in sensors)
         self._settings, self._step = settings, step
         self._flexible = robot.flexible_indices
         self._m = m = len(self._flexible)
@@ -261,13 +264,16 @@ class StrainFusion:
             state += change[: 2 * m]
         self.loads += change[2 * m :]
 
-    def adopt(self, other: StrainFusion) -> None:
-        """Go on from another's state; the robots have the same coordinates and sensors."""
+    def adopt(self, other: StrainFusion | None) -> bool:
+        """Go on from another's state; not if that has other sensors, or is None: then False."""
+        if other is None or other.names != self.names:
+            return False
         self.filter.adopt(other.filter)
         self._trail.adopt(other._trail)
         self._waiting = other._waiting
         self.loads[:], self._refused_since[:] = other.loads, other._refused_since
         self.heard, self.counts, self._time = other.heard, other.counts, other._time
+        return True
 
 
 def sensor_rows(robot: Robot) -> Array:

@@ -244,8 +244,8 @@ class Observer:
         ):
             mine[:] = theirs
         self.time, self._stamp = other.time, other._stamp
-        if self.fusion is not None and other.fusion is not None:
-            self.fusion.adopt(other.fusion)
+        if self.fusion is not None and not self.fusion.adopt(other.fusion) and self.started:
+            self.fusion.reset(self._stamp, self._q, self._qd)
         self.late, self.repeated = other.late, other.repeated
         self.restarts, self.unsettled = other.restarts, other.unsettled
 

@@ -6,6 +6,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from visualization_msgs.msg import MarkerArray
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError, StateError
 from denoc_ros.estimation.clock import StampClock
+from denoc_ros.estimation.fusion import FusionSettings, StrainFusion
 from denoc_ros.estimation.observer import Observer, ObserverSettings
 from denoc_ros.nodes.base import NEWEST, STATE
 from denoc_ros.nodes.conversions import JointStateReader, read_trajectory
@@ -35,6 +37,7 @@ from denoc_ros.nodes.stamps import StampOf
 Array = NDArray[np.float64]
 Measurement = tuple[float, Array, Array | None, Array | None]
 QUEUE = 64  # measurements kept for a late tick
+SILENT = 0.5  # s without a value after which a fused sensor counts as missing
 SEARCH_PERIOD = 0.5  # s between looks for the sensors' topics
 OBSERVER_SETTINGS = (
     'horizon',
@@ -43,6 +46,7 @@ OBSERVER_SETTINGS = (
     'correction_cutoff',
     'joint_state_timeout',
 )
+FUSION_SETTINGS = tuple(field.name for field in fields(FusionSettings))
 
 
 class PredictorNode(RobotNode):
@@ -62,14 +66,6 @@ class PredictorNode(RobotNode):
         """Build observer, inputs and messages; run everything of the tick once."""
         settings, robot = self.settings, self.robot
         name = self.get_fully_qualified_name()
-        if settings.text('strain') == 'fuse':
-            raise ConfigError(
-                name,
-                [
-                    "parameter 'strain' must be 'ignore' (fusing strain comes in a later "
-                    "version), got 'fuse'"
-                ],
-            )
         self.joints = driven_joints(robot, settings.texts('joints'), name)
         self.ties = JointTies(robot, self.joints)
         frames = list(robot.tree.frames)
@@ -104,6 +100,7 @@ class PredictorNode(RobotNode):
         self._connect()
 
     def _build(self, robot: Robot, settings: Settings) -> Observer:
+        fuse = settings.text('strain') == 'fuse'
         observer = Observer(
             robot,
             ObserverSettings(
@@ -114,12 +111,14 @@ class PredictorNode(RobotNode):
                 horizon=settings.number('horizon'),
                 horizon_steps=settings.integer('horizon_steps'),
                 max_age=settings.number('joint_state_timeout'),
+                fusion=FusionSettings(**_fusion(settings)) if fuse else None,
             ),
         )
         count = len(robot.joint_names)
         still = np.zeros(count)
         observer.measure(0.0, still, still, still)
         observer.measure(self.period, still, still, still)
+        observer.sense(0, self.period, 0.0)
         observer.tick(2.0 * self.period)
         observer.predict()
         observer.reset()
@@ -192,6 +191,7 @@ class PredictorNode(RobotNode):
     def begin(self) -> None:
         """Start anew from the next measurement."""
         self._queue.clear()
+        self.sensors.queue.clear()
         self._stamps.reset()
         self.observer.reset()
         self._now = time.perf_counter()
@@ -204,6 +204,8 @@ class PredictorNode(RobotNode):
         try:
             while self._queue:
                 observer.measure(*self._queue.popleft())
+            while self.sensors.queue:
+                observer.sense(*self.sensors.queue.popleft())
             observer.tick(self._now)
             if observer.started and not observer.stale:
                 self._publish(observer)
@@ -225,8 +227,14 @@ class PredictorNode(RobotNode):
             outputs.send_ahead(ahead_ns, q_ahead, qd_ahead, observer.deflections)
         if self.sensors.fresh:
             self.sensors.fresh = False
-            predicted = self.robot.sensor_values(q, qd)[self.sensors.places]
-            outputs.send_residual(stamp_ns, self.sensors, predicted)
+            outputs.send_residual(stamp_ns, self.sensors, self._explained(self.robot, observer))
+
+    def _explained(self, robot: Robot, observer: Observer) -> Array:
+        """Return what the model says the sensors with a topic show, loads not in it left out."""
+        values = robot.sensor_values(observer.q)
+        if observer.fusion is not None:
+            values -= observer.fusion.unexplained()
+        return np.asarray(values[self.sensors.places])
 
     def _follows(self, now: float) -> bool:
         """Say whether there is a reference that the joints are on."""
@@ -274,10 +282,12 @@ class PredictorNode(RobotNode):
         """Take what the sensors show beyond the prediction for their offset."""
         if self.state != 'active' or not self.observer.started:
             raise ConfigError(self.get_name(), ['the node must have joint states to tare by'])
-        predicted = self.robot.copy().sensor_values(self.observer.q.copy())
-        names = self.sensors.tare(predicted[self.sensors.places])
+        names = self.sensors.tare(self._explained(self.robot.copy(), self.observer))
         if not names:
             raise ConfigError(self.get_name(), ['a sensor must have been heard to be tared'])
+        # what was fused so far had the offsets in it
+        self.sensors.queue.clear()
+        self._reset_wanted = self.observer.fusion is not None
         return f'tared: {", ".join(names)}'
 
     def _reload(self) -> str:
@@ -292,7 +302,7 @@ class PredictorNode(RobotNode):
         """Take changes of the model and of the observer over between two ticks."""
         if self.state not in ('active', 'inactive'):
             return
-        if any(is_override(name) or name in OBSERVER_SETTINGS for name in changes):
+        if any(is_override(name) or is_observers(name) for name in changes):
             self._replace(self.changed_robot(settings), settings)
 
     def _replace(self, robot: Robot, settings: Settings) -> None:
@@ -321,7 +331,33 @@ class PredictorNode(RobotNode):
             status.worsen(WARN, 'no joint_states yet')
         elif observer.stale:
             status.worsen(WARN, 'stale joint_states: nothing is published')
-        return [*found, status]
+        fused = [] if observer.fusion is None else [_fusion_status(observer.fusion, self._now)]
+        return [*found, status, *fused]
+
+
+def is_observers(name: str) -> bool:
+    """Say whether a live parameter is one of the observer's."""
+    return name in OBSERVER_SETTINGS or name.startswith('fusion.')
+
+
+def _fusion(settings: Settings) -> dict[str, float]:
+    return {name: settings.number(f'fusion.{name}') for name in FUSION_SETTINGS}
+
+
+def _fusion_status(fusion: StrainFusion, now: float) -> Status:
+    """Return what became of each sensor's values."""
+    status = Status('fusion', message='fusing')
+    silent = []
+    for name, counts, heard in zip(fusion.names, fusion.counts, fusion.heard, strict=True):
+        age = now - heard
+        status.values[f'{name} age_s'] = 'never' if np.isnan(age) else float(age)
+        for cause, count in sorted(counts.items()):
+            status.values[f'{name} {cause}'] = count
+        if not age < SILENT:
+            silent.append(name)
+    if silent:
+        status.worsen(WARN, f'no value of late from {", ".join(silent)}: the model goes on alone')
+    return status
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

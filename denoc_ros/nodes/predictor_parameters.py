@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import SOURCES
 from denoc_ros.nodes.parameters import (
     Kind,
@@ -12,6 +13,8 @@ from denoc_ros.nodes.parameters import (
     loop_parameters,
     robot_parameters,
 )
+
+FUSION = FusionSettings()
 
 TABLE = ParameterTable(
     [
@@ -56,8 +59,41 @@ TABLE = ParameterTable(
             'strain',
             Kind.STRING,
             'ignore',
-            'ignore: sensors only show in `~/sensor_residual`; fuse: refused, a later version',
+            'ignore: sensors only show in `~/sensor_residual`; fuse: they correct the amplitudes',
             choices=('ignore', 'fuse'),
+        ),
+        Parameter(
+            'fusion.model_error',
+            Kind.DOUBLE,
+            FUSION.model_error,
+            "how far the model's forces may be off, as a share of the elastic ones",
+            positive=True,
+            live=True,
+        ),
+        Parameter(
+            'fusion.initial_deflection',
+            Kind.DOUBLE,
+            FUSION.initial_deflection,
+            "how far a tip may be off at the start, as a share of the beam's length",
+            positive=True,
+            live=True,
+        ),
+        Parameter(
+            'fusion.gate',
+            Kind.DOUBLE,
+            FUSION.gate,
+            'standard deviations off the prediction beyond which a value is an outlier',
+            positive=True,
+            live=True,
+        ),
+        Parameter(
+            'fusion.patience',
+            Kind.DOUBLE,
+            FUSION.patience,
+            'a sensor with outliers alone for this long is believed again; inf: never',
+            's',
+            positive=True,
+            live=True,
         ),
         Parameter(
             'horizon',

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
+from denoc_ros.estimation.clock import StampClock
 from denoc_ros.model.tree import Sensor, Tree
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.conversions import CdrReader, InputError
@@ -19,6 +21,7 @@ from denoc_ros.nodes.safety import InputMonitor
 
 Array = NDArray[np.float64]
 
+QUEUE = 1024  # values kept for a late tick
 WRENCH_FIELDS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
 
 
@@ -115,6 +118,9 @@ class SensorInputs:
         Newest calibrated values, tare taken off; NaN where none came yet.
     fresh : bool
         Whether a value has come since the reader last set this to False.
+    queue : deque of (place, time, value)
+        The values of late: of which of all the robot's sensors, when it was measured on the
+        steady clock [s], and calibrated.
     """
 
     def __init__(self, node: DenocNode) -> None:
@@ -123,6 +129,7 @@ class SensorInputs:
         self.places = np.zeros(0, dtype=np.intp)
         self.values: Array = np.zeros(0)
         self.fresh = False
+        self.queue: deque[tuple[int, float, float]] = deque(maxlen=QUEUE)
         self._tare = np.zeros(0)
         self._members: dict[str, list[Member]] = {}
         self._subscribed: set[str] = set()
@@ -139,6 +146,7 @@ class SensorInputs:
         self.sensors = tuple(tree.sensors[k] for k in chosen)
         if [(s.name, s.topic, s.gain, s.offset) for s in self.sensors] != before:
             self.fresh = False
+            self.queue.clear()
             self.values, self._tare = np.full(len(chosen), np.nan), np.zeros(len(chosen))
         members: dict[str, list[Member]] = {}
         for place, sensor in enumerate(self.sensors):
@@ -174,20 +182,30 @@ class SensorInputs:
         self._subscribed.add(topic)
         message_type, reader = READERS[type_name]
         watch: list[InputMonitor] = []
+        clock = StampClock()
 
         def handle(raw: bytes) -> None:
-            self._take(raw, reader, self._members.get(topic, []), watch[0])
+            self._take(raw, reader, self._members.get(topic, []), watch[0], clock)
 
         watch.append(self._node.listen(message_type, topic, handle))
 
     def _take(
-        self, raw: bytes, reader: Reader, members: Sequence[Member], monitor: InputMonitor
+        self,
+        raw: bytes,
+        reader: Reader,
+        members: Sequence[Member],
+        monitor: InputMonitor,
+        clock: StampClock,
     ) -> None:
         read = [reader(raw, sensor, field) for _, sensor, field in members]
         for (_, sensor, _), (_, value) in zip(members, read, strict=True):
             if not math.isfinite(value):
                 raise InputError('non_finite', f'{sensor.name} must be finite, got {value}')
-        monitor.accept(read[0][0] if read else 0, time.perf_counter())
-        for (place, sensor, _), (_, value) in zip(members, read, strict=True):
-            self.values[place] = sensor.gain * value + sensor.offset - self._tare[place]
+        stamp_ns, now = read[0][0] if read else 0, time.perf_counter()
+        monitor.accept(stamp_ns, now)
+        taken = clock.taken_at(1e-9 * stamp_ns, now, 1e-9 * self._node.stamp_ns())
+        for (place, sensor, _), (_, raw_value) in zip(members, read, strict=True):
+            value = sensor.gain * raw_value + sensor.offset - self._tare[place]
+            self.values[place] = value
+            self.queue.append((int(self.places[place]), taken, value))
         self.fresh = True

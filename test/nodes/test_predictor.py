@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -91,13 +92,20 @@ def add(graph: Any, robot_file: Path, **parameters: Any) -> Any:
     )
 
 
-def replay(graph: Any, run: Run, effort: bool = False, rows: int = 301) -> int:
+def replay(
+    graph: Any,
+    run: Run,
+    effort: bool = False,
+    rows: int = 301,
+    beside: Callable[[int], None] = lambda _row: None,
+) -> int:
     """Publish the joint states in real time; return the stamp of the run's start [ns]."""
     publisher = graph.publisher(JointState, 'joint_states')
     start_ns, start = time.time_ns(), time.perf_counter()
     for row in range(rows):
         graph.until(lambda due=start + run.t[row]: time.perf_counter() >= due)
         publisher.publish(joint_state(run, row, start_ns + round(run.t[row] * 1e9), effort))
+        beside(row)
     graph.spin(0.05)
     return start_ns
 
@@ -224,6 +232,35 @@ def test_residual_of_a_sensor_is_measured_minus_predicted_and_can_be_tared(
     assert abs(residuals[-1].position[0]) < 1e-7
 
 
+@pytest.mark.parametrize(('strain', 'least', 'most'), [('fuse', 0.0, 0.05), ('ignore', 0.2, 0.5)])
+def test_a_gauge_mends_a_model_that_is_too_soft(
+    graph: Any, robot_file: Path, run: Run, strain: str, least: float, most: float
+) -> None:
+    soft = {'beam.link_1.y.ei': 45.0, 'sensor.root.noise': 2e-6}
+    node = add(graph, robot_file, strain=strain, parameters=soft)
+    now = graph.collect(JointState, 'predictor/tip_deflection')
+    residuals = graph.collect(JointState, 'predictor/sensor_residual')
+    gauge = graph.probe.create_publisher(Float64, '/strain/root', 10)
+    graph.until(lambda: gauge.get_subscription_count() > 0)
+    robot = dn.load_robot(robot_file, gravity=DOWN)
+    strains = robot.sensor_values(run.q)[:, 0]
+
+    def show(row: int) -> None:
+        gauge.publish(Float64(data=(strains[row] - 1e-5) / 2e-6))
+
+    start_ns = replay(graph, run, beside=show)
+    times, values = column(now, 'link_1/uy', start_ns)
+    assert least < gap(times, values, run, true_deflection(robot_file, run)) < most
+    # the model alone says at least a third too much, whether the gauge mends that or not
+    excess = np.median([message.position[0] for message in residuals[-20:]])
+    assert excess / np.median(strains[-20:]) < -0.15
+    if strain == 'fuse':
+        assert node.observer.fusion.counts[0]['accepted'] > 150
+        graph.until(lambda: 'predictor: fusion' in graph.diagnostics)
+        status = graph.diagnostics['predictor: fusion']
+        assert 'root accepted' in {pair.key for pair in status.values}
+
+
 def test_markers_show_the_deflected_centre_lines(graph: Any, robot_file: Path, run: Run) -> None:
     add(graph, robot_file, marker_rate=20.0)
     markers = graph.collect(MarkerArray, 'predictor/markers')
@@ -305,11 +342,12 @@ def test_model_may_change_live_and_bad_values_are_refused(
     assert 'must be set before the node starts' in refused.reason
 
 
-def test_fusing_strain_is_refused_with_a_clear_message(graph: Any, robot_file: Path) -> None:
+def test_fusing_a_gauge_of_unknown_noise_is_refused(graph: Any, robot_file: Path) -> None:
     node = graph.add(PredictorNode, start=False, urdf_path=str(robot_file), strain='fuse')
     node.trigger_configure()
     assert node.state == 'unconfigured'
-    assert "'strain' must be 'ignore' (fusing strain comes in a later version)" in node.failure
+    assert 'sensors that are fused must have noise > 0' in node.failure
+    assert 'got 0 for root' in node.failure
 
 
 def test_unknown_tip_frame_is_refused(graph: Any, robot_file: Path) -> None:
