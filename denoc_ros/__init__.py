@@ -20,12 +20,14 @@ if TYPE_CHECKING:
     from denoc_ros.errors import SolverError as SolverError
     from denoc_ros.errors import StateError as StateError
     from denoc_ros.identification.fit import identify_modes as identify_modes
+    from denoc_ros.replay.bag import replay_bag as replay_bag
     from denoc_ros.simulation.simulate import simulate as simulate
 
 _HOME = {
     'Robot': 'dynamics.robot',
     'load_robot': 'dynamics.robot',
     'Stepper': 'dynamics.stepper',
+    'replay_bag': 'replay.bag',
     'simulate': 'simulation.simulate',
     'identify_modes': 'identification.fit',
     'BagError': 'errors',

@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from simulated_bags import SimulatedBag, make_simulated_bag
 
 SOURCES = (
     'LICENSE',
@@ -34,6 +35,12 @@ def shared(repository: Path) -> Path:
     folder = repository.parent / 'shared'
     assert folder.is_dir(), f'shared data must be beside the repository, got no {folder.name}/'
     return folder
+
+
+@pytest.fixture(scope='session')
+def simulated_bag(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> SimulatedBag:
+    """Two flexible links, simulated once for all tests that read the run back."""
+    return make_simulated_bag(repository, tmp_path_factory.mktemp('simulated'))
 
 
 @pytest.fixture(scope='session')

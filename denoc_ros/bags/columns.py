@@ -1,15 +1,19 @@
-"""Joint states of one topic in bulk: the bytes are laid out once, then only sliced."""
+"""Joint states of one topic in bulk: bytes are laid out once, then only sliced or filled in."""
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from denoc_ros.bags.definitions import encode
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.errors import BagError
 
+JOINT_STATE = 'sensor_msgs/msg/JointState'
 FIELDS = ('position', 'velocity', 'effort')
 _ENCAPSULATION = 4
 _EMPTY = (b'',) * len(FIELDS)
@@ -39,6 +43,41 @@ class _Layout:
                 for at, block in zip(self.counts, self.blocks, strict=True)
             )
         )
+
+
+class JointStateEncoder:
+    """Writes JointState messages of the same joints: only stamp and numbers change.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The joints.
+    fields : sequence of str
+        Which of `FIELDS` its messages have; the others stay empty.
+    """
+
+    def __init__(self, names: Sequence[str], fields: Sequence[str]) -> None:
+        zero = np.zeros(len(names))
+        message = encode(JOINT_STATE, 0, {'name': list(names), **dict.fromkeys(fields, zero)})
+        self._bytes = bytearray(message)
+        places = dict(zip(FIELDS, _layout(message).blocks, strict=True))
+        self._starts = [places[field][0] for field in fields]
+
+    def encode(self, stamp_ns: int, *values: NDArray[np.float64]) -> bytes:
+        """Return the CDR bytes of a message.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Goes into the header [ns].
+        *values : (joints,) arrays
+            One for each field, in their order.
+        """
+        message = self._bytes
+        _STAMP.pack_into(message, _ENCAPSULATION, *divmod(stamp_ns, 1_000_000_000))
+        for start, numbers in zip(self._starts, values, strict=True):
+            message[start : start + 8 * len(numbers)] = numbers.astype('<f8').tobytes()
+        return bytes(message)
 
 
 class JointStateColumns:

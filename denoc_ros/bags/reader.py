@@ -10,13 +10,17 @@ from typing import Any, Literal
 
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import MessageDefinitionFormat
 
 from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.ending import MAGIC
-from denoc_ros.bags.metadata import METADATA_NAME
+from denoc_ros.bags.metadata import METADATA_NAME, Qos
 from denoc_ros.errors import BagError
 
 Stamp = Literal['header', 'log']
+
+DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
+DESCRIPTION_TOPIC = 'robot_description'
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,39 @@ class BagMessage:
     message: Any
 
 
+@dataclass(frozen=True)
+class RecordedTopic:
+    """A topic as a bag holds it.
+
+    Attributes
+    ----------
+    name, type : str
+        The topic and its message type, `package/msg/Name`.
+    messages : int
+        How many.
+    definition : str
+        ros2msg text with all dependencies, '' where the bag does not carry it.
+    qos : tuple of Qos
+        What its publishers offered.
+    """
+
+    name: str
+    type: str
+    messages: int
+    definition: str
+    qos: tuple[Qos, ...]
+
+
+@dataclass(frozen=True)
+class BagContents:
+    """What a bag holds: topics, number of messages, first and last log time [ns]."""
+
+    topics: tuple[RecordedTopic, ...]
+    messages: int
+    start_ns: int
+    end_ns: int
+
+
 def read_bag(
     path: str | Path, topics: Collection[str] | None = None, stamp: Stamp = 'header'
 ) -> Iterator[BagMessage]:
@@ -70,14 +107,36 @@ def read_bag(
     return _messages(Path(path), topics, stamp)
 
 
-def read_raw(path: str | Path) -> Iterator[tuple[str, str, int, bytes]]:
-    """Iterate over (topic, type, log time [ns], CDR bytes) of all messages, by log time.
+def read_raw(
+    path: str | Path, topics: Collection[str] | None = None
+) -> Iterator[tuple[str, str, int, bytes]]:
+    """Iterate over (topic, type, log time [ns], CDR bytes) of the messages, by log time.
 
-    For those who take all of a long bag in one go: nothing is decoded. Errors as `read_bag`.
+    For those who take all of a long bag, or all of some topics, in one go: nothing is decoded.
+    Arguments and errors as `read_bag`.
     """
     with _open(Path(path)) as reader:
-        for connection, log_ns, raw in reader.messages():
+        chosen = _connections(Path(path), reader, topics)
+        if not chosen:
+            return
+        for connection, log_ns, raw in reader.messages(chosen):
             yield connection.topic, connection.msgtype, log_ns, raw
+
+
+def bag_contents(path: str | Path) -> BagContents:
+    """Return what a bag holds, without reading its messages; errors as `read_bag`."""
+    with _open(Path(path)) as reader:
+        topics: dict[str, RecordedTopic] = {}
+        for connection in reader.connections:
+            known = topics.get(connection.topic)
+            topics[connection.topic] = _recorded(connection, known.messages if known else 0)
+        spans = reader.message_count > 0
+        return BagContents(
+            tuple(topics.values()),
+            reader.message_count,
+            reader.start_time if spans else 0,
+            reader.end_time if spans else 0,
+        )
 
 
 def bag_topics(path: str | Path) -> dict[str, str]:
@@ -107,6 +166,19 @@ def read_attachment(path: str | Path, name: str) -> bytes:
     )
 
 
+def read_description(path: str | Path) -> str:
+    """Return the robot's URDF as attached or as published last, '' if the bag has none.
+
+    Errors as `read_bag`.
+    """
+    try:
+        return read_attachment(path, DESCRIPTION_ATTACHMENT).decode()
+    except BagError:
+        topics = [topic for topic in bag_topics(path) if topic.endswith(DESCRIPTION_TOPIC)]
+        published = [str(item.message.data) for item in read_bag(path, topics) if topics]
+        return published[-1] if published else ''
+
+
 def _messages(path: Path, topics: Collection[str] | None, stamp: Stamp) -> Iterator[BagMessage]:
     with _open(path) as reader:
         chosen = _connections(path, reader, topics)
@@ -124,6 +196,27 @@ def header_stamp_ns(message: Any) -> int:
     """Return the time in a message's header [ns], 0 when it has none."""
     stamp = getattr(getattr(message, 'header', None), 'stamp', None)
     return 0 if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def _recorded(connection: Any, before: int) -> RecordedTopic:
+    text = connection.msgdef
+    profiles = [
+        Qos(
+            profile.history.value,
+            profile.depth,
+            profile.reliability.value,
+            profile.durability.value,
+            profile.liveliness.value,
+        )
+        for profile in connection.ext.offered_qos_profiles
+    ]
+    return RecordedTopic(
+        connection.topic,
+        connection.msgtype,
+        before + connection.msgcount,
+        text.data if text.format is MessageDefinitionFormat.MSG else '',
+        tuple(profiles),
+    )
 
 
 def _connections(path: Path, reader: Any, topics: Collection[str] | None) -> list[Any]:

@@ -307,17 +307,26 @@ class _Checker:
         )
 
 
-def _apply_setting(raw: dict[str, Any], setting: str, findings: list[str]) -> None:
-    """Put one `path=value` into the mapping; model paths go to the plant and to `model`."""
+def parse_setting(setting: str, findings: list[str]) -> tuple[list[str], Any] | None:
+    """Return the names and the value of `path=value`; None, with a finding, for another text."""
     path, equals, text = setting.partition('=')
     names = path.split('.')
     if not equals or not all(names):
         findings.append(f'--set must be path=value with a dotted path, got {setting!r}')
-        return
+        return None
     try:
-        value = load_yaml(text)
+        return names, load_yaml(text)
     except yaml.YAMLError:
-        value = text
+        return names, text
+
+
+def _apply_setting(raw: dict[str, Any], setting: str, findings: list[str]) -> None:
+    """Put one `path=value` into the mapping; model paths go to the plant and to `model`."""
+    parsed = parse_setting(setting, findings)
+    if parsed is None:
+        return
+    names, value = parsed
+    path = '.'.join(names)
     targets = [['model', path], ['plant', path]] if names[0] in FAMILIES else [names]
     for target in targets:
         _set(raw, target, value, findings, setting)

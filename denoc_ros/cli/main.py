@@ -12,7 +12,7 @@ from typing import NoReturn
 
 from denoc_ros.errors import DenocError
 
-VERBS = ('check', 'simulate', 'up', 'report', 'recover', 'dh', 'stability', 'bench')
+VERBS = ('check', 'simulate', 'up', 'report', 'replay', 'recover', 'dh', 'stability', 'bench')
 BAD_INPUT = 1
 INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 

@@ -10,16 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.bags.columns import JointStateColumns
+from denoc_ros.bags.columns import JOINT_STATE, JointStateColumns
 from denoc_ros.bags.definitions import decode, message_types
-from denoc_ros.bags.reader import bag_topics, header_stamp_ns, read_attachment, read_raw
+from denoc_ros.bags.reader import bag_topics, header_stamp_ns, read_raw
 from denoc_ros.bags.series import Diagnostic, JointSeries
 from denoc_ros.errors import BagError
 
 Array = NDArray[np.float64]
-JOINT_STATE = 'sensor_msgs/msg/JointState'
 PHASE_TOPIC = '/up/phase'
-DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 # Types of which whole messages are kept; there are few of each.
 KEPT = ('std_msgs/msg/String', 'trajectory_msgs/msg/JointTrajectory', DIAGNOSTICS)
@@ -195,14 +193,6 @@ class Recording:
 
     def _seconds(self, stamp_ns: int) -> float:
         return (stamp_ns - self.origin_ns) * 1e-9
-
-    def description(self) -> str:
-        """Return the robot's URDF as attached or as published, '' if the bag has none."""
-        try:
-            return read_attachment(self.path, DESCRIPTION_ATTACHMENT).decode()
-        except BagError:
-            published = self.messages('robot_description')
-            return str(published[-1].message.data) if published else ''
 
     def _intervals(self) -> Iterator[Interval]:
         """Yield the phases: each message names what begins then, '' that a phase has ended."""

@@ -75,7 +75,7 @@ def make_report(run_path: Path) -> tuple[str, dict[str, Any]]:
     from denoc_ros.cli.recording import Recording
 
     bag = find_bag(run_path)
-    session = _session(run_path)
+    session = read_session(run_path)
     recording = Recording(bag)
     robot, tip = _robot(recording, session)
     phases = measure(recording, robot, tip)
@@ -103,14 +103,17 @@ def find_bag(run_path: Path) -> Path:
     return inside if inside.is_dir() else run_path
 
 
-def _session(run_path: Path) -> dict[str, Any]:
+def read_session(run_path: Path) -> dict[str, Any]:
+    """Return what a run's directory says of it; nothing for a bare bag."""
     file = run_path / SESSION_FILE
     return dict(json.loads(file.read_text(encoding='utf-8'))) if file.is_file() else {}
 
 
 def _robot(recording: Recording, session: dict[str, Any]) -> tuple[Robot | None, str]:
     """Return the recorded robot and its tip, for the tip's error; None where it is not known."""
-    text = recording.description()
+    from denoc_ros.bags.reader import read_description
+
+    text = read_description(recording.path)
     if not text or 'plant/true_modal_state' not in ' '.join(recording.topics):
         return None, ''
     from denoc_ros.dynamics.robot import load_robot

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.bags.columns import JOINT_STATE
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
@@ -19,7 +20,6 @@ from denoc_ros.simulation.trajectories import Trajectory
 
 Array = NDArray[np.float64]
 
-JOINT_STATE = 'sensor_msgs/msg/JointState'
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 REFERENCE_STEP = 0.01  # s between the points of the recorded reference
 TOPICS = {

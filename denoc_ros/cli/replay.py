@@ -1,0 +1,247 @@
+"""`denoc replay BAG`: torque and deflection computed anew beside what was recorded."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from denoc_ros.cli.overrides import add_overrides, overrides_of
+from denoc_ros.cli.text_table import Row, text_table
+from denoc_ros.errors import BagError, ConfigError
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.replay.bag import Replay
+
+DOUBTFUL = 2
+EARTH = (0.0, 0.0, -9.81)
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        'replay',
+        help='recompute torque and deflection on a recorded run, beside what was measured',
+        description='Read the joint states of a bag (MCAP or db3), compute the torque of the '
+        'rigid and of the flexible model and the deflection along them, and write a new bag with '
+        'these beside all that was recorded, a table and one HTML page. Exit status 2: something '
+        'speaks against the numbers.',
+    )
+    parser.add_argument('bag', metavar='BAG', type=Path, help='a bag, or the directory of a run')
+    parser.add_argument(
+        '--robot',
+        help='the URDF file, here or where the package is installed; default: the one in the bag',
+    )
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=Path,
+        metavar='BAG',
+        help='the new bag, a folder or a .mcap file (default: BAG_replay here, or replay in the '
+        "run's directory)",
+    )
+    parser.add_argument(
+        '--no-output', action='store_true', help='write no bag, only table and page'
+    )
+    parser.add_argument(
+        '--report', type=Path, metavar='FILE', help="the page (default: the new bag's name .html)"
+    )
+    _add_ways(parser)
+    add_overrides(parser)
+    parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
+
+
+def _add_ways(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        '--gravity',
+        nargs=3,
+        type=float,
+        metavar=('X', 'Y', 'Z'),
+        help="in the base frame [m/s^2], default the run's, else 0 0 -9.81",
+    )
+    parser.add_argument('--topic', default='', help='of the joint states (default: found)')
+    parser.add_argument(
+        '--effort', default='', metavar='TOPIC', help='take the measured effort from this topic'
+    )
+    parser.add_argument(
+        '--rename',
+        action='append',
+        default=[],
+        metavar='OLD=NEW',
+        help='beginning of joint names in the bag, and what the robot has there; repeatable',
+    )
+    parser.add_argument(
+        '--derivative',
+        choices=('filter', 'kalman'),
+        default='filter',
+        help='how accelerations come about: local polynomials, or a Kalman smoother',
+    )
+    parser.add_argument(
+        '--cutoff', type=float, default=20.0, metavar='HZ', help='of that, default 20'
+    )
+    parser.add_argument(
+        '--stamp',
+        choices=('header', 'log'),
+        default='header',
+        help='time of a joint state: its own stamp (default) or when it was recorded',
+    )
+    parser.add_argument(
+        '--fit-friction',
+        action='store_true',
+        help='fit viscous and Coulomb friction and an offset per joint to the measured effort',
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb and return the exit status; errors are raised."""
+    from tqdm import tqdm
+
+    from denoc_ros.cli.replay_page import page
+    from denoc_ros.cli.report import find_bag, read_session
+    from denoc_ros.replay.bag import replay_bag
+    from denoc_ros.replay.settings import ReplaySettings
+    from denoc_ros.replay.summary import summarize
+
+    settings = ReplaySettings(
+        topic=args.topic,
+        effort=args.effort,
+        rename=_renames(args.rename),
+        derivative=args.derivative,
+        cutoff=args.cutoff,
+        stamp=args.stamp,
+        fit_friction=args.fit_friction,
+    )
+    bag = find_bag(args.bag)
+    output = args.output or _default_output(args.bag, bag)
+    report = args.report or output.with_suffix('.html')
+    if not args.no_output and output.exists():
+        raise BagError(f'{output}: output must not exist yet, got an existing one')
+    robot = _robot(args, bag, read_session(args.bag))
+    with tqdm(
+        total=1.0,
+        disable=True if args.json else None,
+        leave=False,
+        bar_format='{l_bar}{bar}| [{elapsed}<{remaining}]',
+    ) as bar:
+        replay = replay_bag(bag, robot, None if args.no_output else output, settings, bar.update)
+    summary = {'output': None if args.no_output else str(output), **summarize(replay)}
+    report.write_text(page(replay, summary, robot), encoding='utf-8')
+    if args.json:
+        print(json.dumps({**summary, 'report': str(report)}, indent=2, allow_nan=False))
+    else:
+        print('\n'.join(lines(replay, summary)))
+        print(f'report  {report}')
+    return DOUBTFUL if summary['doubts'] else 0
+
+
+def _default_output(run: Path, bag: Path) -> Path:
+    return Path(f'{run.resolve().stem}_replay') if run == bag else run / 'replay'
+
+
+def _renames(texts: list[str]) -> dict[str, str]:
+    bad = [f'--rename must be OLD=NEW, got {t!r}' for t in texts if t.find('=') < 1]
+    if bad:
+        raise ConfigError('command line', bad)
+    return dict(text.split('=', 1) for text in texts)
+
+
+def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robot:
+    """Return the robot that was asked for, or the recorded one, with what is to be changed."""
+    from denoc_ros.bags.reader import read_description
+    from denoc_ros.cli.config import find_file
+    from denoc_ros.dynamics.robot import load_robot
+
+    overrides = overrides_of(args.set, args.payload)
+    if args.robot is None:
+        source: str | Path = read_description(bag)
+        if not source:
+            raise BagError(f'{bag}: bag must hold the robot where --robot is not given, got none')
+    else:
+        source = find_file(Path(args.robot), Path()) or args.robot
+    robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
+    return robot.with_overrides(overrides) if overrides else robot
+
+
+def lines(replay: Replay, summary: dict[str, Any]) -> Iterator[str]:
+    """Yield a replay's numbers as lines of text for the terminal."""
+    yield (
+        f'{summary["bag"]}: {summary["samples"]} joint states in {summary["duration_s"]:.4g} s, '
+        f'{summary["derivative"]} {summary["cutoff_hz"]:.3g} Hz'
+    )
+    for what in ('held_joints', 'ignored_joints'):
+        if summary[what]:
+            yield f'  {what.replace("_", " ")}: {", ".join(summary[what])}'
+    if summary['torque']:
+        yield 'torque: measured, and measured minus computed [N m, N]'
+        yield text_table(_torque_rows(summary))
+    of = 'measured effort' if summary['torque'] else 'computed torque (no effort was measured)'
+    yield f'shares of the {of}, mean square [%]'
+    yield text_table(_share_rows(summary))
+    if summary['friction']:
+        yield 'friction, fitted (SI units; standard errors by windows of a second)'
+        yield text_table(_friction_rows(summary['friction']))
+    if rows := _deflection_rows(summary):
+        yield 'deflection (m or rad)'
+        yield text_table(rows)
+    if summary['output']:
+        yield f'bag     {summary["output"]}'
+    for doubt in summary['doubts']:
+        yield f'doubtful: {doubt}'
+
+
+def _torque_rows(summary: dict[str, Any]) -> list[Row]:
+    rows = []
+    for joint in summary['joints']:
+        row: Row = {'joint': joint}
+        for model, joints in summary['torque'].items():
+            one = joints.get(joint, {})
+            lag = one.get('lag')
+            row['effort rms'] = one.get('measured_rms')
+            row |= {f'{model} {what}': one.get(what) for what in ('rms', 'bias')}
+            row[f'{model} lag [ms]'] = None if lag is None else 1e3 * lag
+        rows.append(row)
+    return rows
+
+
+def _share_rows(summary: dict[str, Any]) -> list[Row]:
+    return [
+        {
+            'joint': joint,
+            **{
+                name: None if share[joint] is None else f'{100.0 * share[joint]:.1f}'
+                for name, share in summary['shares'].items()
+            },
+        }
+        for joint in summary['joints']
+    ]
+
+
+def _friction_rows(friction: dict[str, Any]) -> list[Row]:
+    rows = []
+    for joint, fit in friction.items():
+        row: Row = {'joint': joint}
+        for term in ('viscous', 'coulomb', 'offset'):
+            row[term] = fit[term]
+            row['± ' + term] = fit['standard_error_by_window'][term]
+        row |= {'rms before': fit['rms_before'], 'rms after': fit['rms_after']}
+        row['explained %'] = round(100.0 * fit['explained'], 1)
+        rows.append(row)
+    return rows
+
+
+def _deflection_rows(summary: dict[str, Any]) -> list[Row]:
+    return [
+        {
+            'deflection': name,
+            'of': topic,
+            'peak': one['measured_peak'],
+            'replay off by, rms': one['rms'],
+            '% of peak': 100.0 * one['rms'] / one['measured_peak'],
+        }
+        for topic, agreements in summary['deflection'].items()
+        for name, one in agreements.items()
+        if one['measured_peak']
+    ]

@@ -1,0 +1,251 @@
+"""The page of `denoc replay`: computed beside measured, and what explains it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from markupsafe import Markup
+
+from denoc_ros.cli.figures import (
+    DIFFERENCE_COLOUR,
+    PHASE_COLOURS,
+    TRUTH_COLOUR,
+    Curve,
+    Panel,
+    line_figure,
+)
+from denoc_ros.cli.pages import page_template
+from denoc_ros.cli.sections import Card, Section, Table, engineering
+from denoc_ros.cli.versions import versions
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.model.tree import JointKind
+from denoc_ros.replay.bag import MEASURED, Replay
+from denoc_ros.replay.friction import TERMS
+
+Look = tuple[str, bool]  # colour, dashed
+Summary = Mapping[str, Any]
+
+LOOKS: Mapping[str, Look] = {
+    MEASURED: (DIFFERENCE_COLOUR, False),
+    'rigid': (PHASE_COLOURS[0], False),
+    'flexible': (PHASE_COLOURS[1], True),
+}
+DEFLECTION_LOOKS = ((TRUTH_COLOUR, False), (PHASE_COLOURS[2], False), (PHASE_COLOURS[1], True))
+UNKNOWN = '–'
+SMALL = 1e-3  # of the largest deflection of its kind: not drawn
+
+
+def page(replay: Replay, summary: Summary, robot: Robot) -> str:
+    """Return the HTML page of a replay.
+
+    Parameters
+    ----------
+    replay : Replay
+        What was found.
+    summary : mapping
+        Its numbers, as `denoc_ros.replay.summary.summarize` gives them.
+    robot : Robot
+        What it was replayed on.
+    """
+    units = _units(robot)
+    sections = (
+        _torque(replay, summary, units),
+        _shares(summary),
+        _friction(summary, units),
+        _deflection(replay, summary),
+        _doubts(summary),
+        _what(summary, robot),
+    )
+    text: str = page_template('replay.html.j2').render(
+        title=f'Replay of {replay.plan.source.path.resolve().stem}',
+        session={
+            'bag': summary['bag'],
+            'robot': robot.tree.name,
+            'way': f'{summary["derivative"]}, {summary["cutoff_hz"]:.3g} Hz',
+            'versions': versions(),
+        },
+        duration=replay.duration,
+        cards=_cards(summary),
+        sections=[section for section in sections if section is not None],
+    )
+    return text
+
+
+def _units(robot: Robot) -> dict[str, str]:
+    joints = [body.joint for body in robot.tree.bodies if body.joint is not None]
+    return {j.name: 'N' if j.kind is JointKind.PRISMATIC else 'N m' for j in joints}
+
+
+def _cards(summary: Summary) -> list[Card]:
+    cards = [Card('Joint states', f'{summary["samples"]}', summary['joint_states'])]
+    for model, joints in summary['torque'].items():
+        if joints:
+            square = sum(one['rms'] ** 2 for one in joints.values())
+            whole = sum(one['measured_rms'] ** 2 for one in joints.values())
+            share = 100.0 * (square / whole) ** 0.5 if whole else float('nan')
+            cards.append(Card(f'Off by, {model}', f'{share:.3g} %', 'of the effort, rms'))
+    for topic, agreements in summary['deflection'].items():
+        percents = [
+            (100.0 * one['rms'] / one['measured_peak'], name)
+            for name, one in agreements.items()
+            if one['measured_peak'] and name.rpartition('/')[2] in ('uy', 'uz')
+        ]
+        if percents:
+            worst, name = max(percents)
+            cards.append(Card('Deflection, worst', f'{worst:.2g} %', f'{name} over {topic}'))
+    return cards
+
+
+def _torque(replay: Replay, summary: Summary, units: Mapping[str, str]) -> Section:
+    panels = [
+        Panel(
+            joint,
+            units[joint],
+            [
+                Curve(name, LOOKS[name][0], *traces.curve(joint), LOOKS[name][1])
+                for name, traces in replay.torque_traces.items()
+                if name != MEASURED or replay.torque
+            ],
+        )
+        for joint in replay.plan.joints
+    ]
+    head = ['joint', 'effort rms']
+    head += [f'{m}: {what}' for m in summary['torque'] for what in ('rms', 'bias', 'lag')]
+    rows = []
+    for joint in replay.plan.joints:
+        models = [model[joint] for model in summary['torque'].values() if joint in model]
+        row = [joint]
+        for k, one in enumerate(models):
+            row += [engineering(one['measured_rms'], units[joint])] if k == 0 else []
+            row += [
+                engineering(one['rms'], units[joint]),
+                engineering(one['bias'], units[joint]),
+                UNKNOWN if one['lag'] is None else engineering(one['lag'], 's'),
+            ]
+        rows.append(row)
+    return Section(
+        'Torque',
+        'Measured effort and what the models give for the recorded motion. rms and bias are of '
+        'measured minus computed; a positive lag means that the measured one comes later, a dash '
+        'that they are not alike enough to say.',
+        [Markup(line_figure(panels))],
+        [Table(head, rows)] if summary['torque'] else [],
+    )
+
+
+def _shares(summary: Summary) -> Section:
+    shares = summary['shares']
+    rows = [
+        [joint, *(_percent(share[joint]) for share in shares.values())]
+        for joint in summary['joints']
+    ]
+    of = 'measured effort' if summary['torque'] else 'computed torque'
+    return Section(
+        'What explains it',
+        f'Share of the {of}, mean square, that each term of the best model explains; a term that '
+        'works against it has a negative share. With the unexplained rest they add up to 100 %.',
+        [],
+        [Table(['joint', *shares], rows)],
+    )
+
+
+def _friction(summary: Summary, units: Mapping[str, str]) -> Section | None:
+    if summary['friction'] is None:
+        return None
+    head = ('joint', *TERMS, 'rms before', 'rms after', 'explained')
+    rows = []
+    for joint, fit in summary['friction'].items():
+        cells = []
+        for term in TERMS:
+            formal, spread = (
+                fit[f'standard_error_{kind}'][term] for kind in ('formal', 'by_window')
+            )
+            known = formal is not None and spread is not None
+            errors = f' ± {spread:.2g} (formally {formal:.2g})' if known else ''
+            cells.append(f'{fit[term]:.4g}{errors}')
+        rms = [engineering(fit[f'rms_{when}'], units[joint]) for when in ('before', 'after')]
+        rows.append([joint, *cells, *rms, _percent(fit['explained'])])
+    return Section(
+        'Friction, fitted',
+        'viscous · rate + coulomb · tanh(rate / 1e-3) + offset, SI units, fitted to what the '
+        'model without joint friction leaves of the measured effort, and used here. Standard '
+        'errors with residuals of one second hanging together; in brackets as if all samples were '
+        'independent, which they are not.',
+        [],
+        [Table(head, rows)],
+    )
+
+
+def _deflection(replay: Replay, summary: Summary) -> Section | None:
+    shown = _shown(replay)
+    if not shown:
+        return None
+    panels = [
+        Panel(
+            name,
+            _unit(name),
+            [
+                Curve(topic.strip('/'), colour, *replay.deflection_traces[topic].curve(name), dash)
+                for topic, (colour, dash) in zip(_topics(replay), DEFLECTION_LOOKS, strict=False)
+            ],
+        )
+        for name in shown
+    ]
+    rows = [
+        [topic, name, *(engineering(one[key], _unit(name)) for key in ('measured_peak', 'rms'))]
+        for topic, agreements in summary['deflection'].items()
+        for name, one in agreements.items()
+        if name in shown
+    ]
+    return Section(
+        'Deflection of the flexible links',
+        'Tip deflection in the beam frame along the recorded joint motion, beside what the bag '
+        'has of it.',
+        [Markup(line_figure(panels))],
+        [Table(('topic', 'deflection', 'peak', 'replay off by, rms'), rows)] if rows else [],
+    )
+
+
+def _topics(replay: Replay) -> list[str]:
+    """Return the topics of deflections, the replay's own last: it is drawn on top."""
+    return [*(topic for topic in replay.deflection_traces if topic != 'replay'), 'replay']
+
+
+def _shown(replay: Replay) -> list[str]:
+    """Return the deflections that matter, by their largest value among those of a kind."""
+    traces = replay.deflection_traces['replay']
+    names = [name for name in traces.names if name.rpartition('/')[2] in ('uy', 'uz', 'rx')]
+    peaks = {name: float(abs(traces.curve(name)[1]).max(initial=0.0)) for name in names}
+    largest = {
+        kind: max((peaks[n] for n in names if _unit(n) == kind), default=0.0)
+        for kind in ('m', 'rad')
+    }
+    return [name for name in names if peaks[name] > SMALL * largest[_unit(name)]]
+
+
+def _unit(name: str) -> str:
+    return 'rad' if name.rpartition('/')[2].startswith('r') else 'm'
+
+
+def _doubts(summary: Summary) -> Section | None:
+    if not summary['doubts']:
+        return None
+    return Section(
+        'Doubtful', '', [], [Table(('what',), [[doubt] for doubt in summary['doubts']])]
+    )
+
+
+def _what(summary: Summary, robot: Robot) -> Section:
+    keys = ('joint_states', 'effort', 'samples', 'incomplete', 'repeated', 'motions', 'period_s')
+    rows = [[key.replace('_', ' '), f'{summary[key]}'] for key in keys]
+    for key in ('joints', 'held_joints', 'ignored_joints'):
+        rows.append([key.replace('_', ' '), ', '.join(summary[key]) or UNKNOWN])
+    rows += [[path, f'{value}'] for path, value in robot.tree.overrides.items()]
+    return Section(
+        'What was replayed', 'And what was changed of the robot.', [], [Table((), rows)]
+    )
+
+
+def _percent(share: float | None) -> str:
+    return UNKNOWN if share is None else f'{100.0 * share:.1f} %'

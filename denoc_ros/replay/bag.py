@@ -1,0 +1,336 @@
+"""A recorded run replayed through a model: the bag with computed topics, and what they explain."""
+
+from __future__ import annotations
+
+import heapq
+import shutil
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.bags.columns import JOINT_STATE, JointStateEncoder
+from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, read_raw
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import BagError
+from denoc_ros.replay.friction import FrictionFit, FrictionFitter
+from denoc_ros.replay.measures import Agreement, Comparison, Shares
+from denoc_ros.replay.settings import PREFIX, Plan, ReplaySettings, plan_replay
+from denoc_ros.replay.stream import Block, JointStream
+from denoc_ros.replay.torques import TorqueReplay, Torques
+from denoc_ros.replay.traces import Traces
+
+Array = NDArray[np.float64]
+Message = tuple[int, str, bytes]  # log time, topic, CDR
+Progress = Callable[[float], object]
+
+MEASURED = 'measured'
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a replay found.
+
+    Attributes
+    ----------
+    plan : Plan
+        What of the bag it went by.
+    settings : ReplaySettings
+        How it was made.
+    duration : float
+        From the first to the last joint state [s].
+    samples, incomplete, repeated, motions : int
+        Joint states replayed; left out for want of a joint; left out as not later than one before;
+        stretches of motion without a gap or jump.
+    period, cutoff : float
+        Usual time between joint states [s], and the cutoff as used [Hz].
+    torque : dict of str to Agreement
+        The measured effort over that of each model, by joint; empty where none was measured.
+    commanded : Agreement or None
+        The feedforward's effort over the best model's.
+    shares : dict of str to (joints,) array
+        What each term explains of the measured effort (of the computed one where none was
+        measured).
+    friction : FrictionFit or None
+        Where it was asked for.
+    deflection_names : tuple of str
+        `link/ux` ... `link/rz`.
+    deflection : dict of str to Agreement
+        By topic that has deflections: over the predicted ones.
+    torque_traces : dict of str to Traces
+        measured and each model: by joint.
+    deflection_traces : dict of str to Traces
+        replay and each topic that has deflections.
+    """
+
+    plan: Plan
+    settings: ReplaySettings
+    duration: float
+    samples: int
+    incomplete: int
+    repeated: int
+    motions: int
+    period: float
+    cutoff: float
+    torque: dict[str, Agreement]
+    commanded: Agreement | None
+    shares: dict[str, Array]
+    friction: FrictionFit | None
+    deflection_names: tuple[str, ...]
+    deflection: dict[str, Agreement]
+    torque_traces: dict[str, Traces]
+    deflection_traces: dict[str, Traces]
+
+
+def replay_bag(
+    bag: str | Path,
+    robot: Robot,
+    output: str | Path | None = None,
+    settings: ReplaySettings | None = None,
+    progress: Progress | None = None,
+) -> Replay:
+    """Recompute torque and deflection along the motion that a bag has.
+
+    Parameters
+    ----------
+    bag : str or Path
+        A rosbag2 folder, a bare `.mcap` or a bare `.db3` file.
+    robot : Robot
+        The model; joints are matched by name.
+    output : str or Path, optional
+        A new bag: all that was recorded, byte by byte, with the topics `/replay/rigid/effort`
+        and, for flexible robots, `/replay/flexible/effort`, `/replay/tip_deflection` and
+        `/replay/modal_state` beside it. None: nothing is written.
+    settings : ReplaySettings, optional
+        How.
+    progress : callable, optional
+        Called with the share of the work that was done since the last call.
+
+    Raises
+    ------
+    BagError
+        The bag cannot be read or has no joint states of the robot; the output exists or cannot be
+        written.
+    ModelError
+        The robot has loops.
+    """
+    settings = settings or ReplaySettings()
+    work = _Work(Path(bag), robot, settings, progress)
+    if output is None:
+        for _ in work.messages():
+            pass
+    else:
+        _write(work, robot, Path(bag), Path(output))
+    return work.result()
+
+
+def _write(work: _Work, robot: Robot, bag: Path, output: Path) -> None:
+    with BagWriter(output) as writer:
+        try:
+            writer.attach(DESCRIPTION_ATTACHMENT, robot.tree.source)
+            for topic in work.plan.contents.topics:
+                if not topic.name.startswith(PREFIX):
+                    writer.add_topic(topic.name, topic.type, topic.qos, topic.definition)
+            for name in work.topics:
+                writer.add_topic(name, JOINT_STATE)
+            for log_ns, topic_name, raw in heapq.merge(
+                _recorded(bag), work.messages(), key=lambda message: message[0]
+            ):
+                writer.write(topic_name, log_ns, raw)
+        except BaseException:
+            # half a bag would pass for a whole one
+            _remove(writer, output)
+            raise
+
+
+def _remove(writer: BagWriter, output: Path) -> None:
+    writer.close()
+    if output.is_dir():
+        shutil.rmtree(output)
+    else:
+        output.unlink()
+
+
+def _recorded(bag: Path) -> Iterator[Message]:
+    """Yield what was recorded; an older replay makes way for this one."""
+    for topic, _, log_ns, raw in read_raw(bag):
+        if not topic.startswith(PREFIX):
+            yield log_ns, topic, raw
+
+
+class _Work:
+    """One replay under way."""
+
+    def __init__(
+        self, bag: Path, robot: Robot, settings: ReplaySettings, progress: Progress | None
+    ) -> None:
+        self.plan = plan_replay(bag, robot, settings)
+        self._settings = settings
+        self._progress = progress
+        self._passes = 2 if settings.fit_friction else 1
+        self._stream = JointStream(self.plan.source, settings.derivative, settings.cutoff)
+        self._held = dict.fromkeys(self.plan.held, 0.0)
+        self._robot = robot
+        self._origin_ns = -1
+        self._samples = self._motions = 0
+        self._duration = 0.0
+        self._fit = self._fitted() if settings.fit_friction else None
+        friction = None if self._fit is None else self._fit.friction
+        self._model = TorqueReplay(robot, self.plan.joints, self._held, friction)
+        self._names = self._model.deflections.names
+        joints = self.plan.joints
+        measured = (MEASURED, *self._model.models)
+        self._torque: dict[str, Comparison] = {}
+        self._commanded: Comparison | None = None
+        self._deflection: dict[str, Comparison] = {}
+        self._shares, self._shares_computed = Shares(len(joints)), Shares(len(joints))
+        self._torque_traces = {name: Traces(joints) for name in measured}
+        self._deflection_traces = {
+            name: Traces(self._names) for name in ('replay', *self.plan.deflections)
+        }
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """What is written beside the recorded topics."""
+        efforts = [f'{PREFIX}{model}/effort' for model in self._model.models]
+        further = [f'{PREFIX}tip_deflection', f'{PREFIX}modal_state'] if self._names else []
+        return (*efforts, *further)
+
+    def messages(self) -> Iterator[Message]:
+        """Go through the bag; yield what is computed for each joint state, by log time."""
+        self._samples = self._motions = 0
+        encoders = self._encoders()
+        for block in self._stream:
+            t = self._times(block)
+            torques = self._model.torques(t, block.motion, block.starts)
+            self._judge(t, block, torques)
+            self._samples += len(t)
+            self._motions += int(np.count_nonzero(block.starts))
+            self._duration = float(t[-1])
+            yield from _encoded(block, torques, encoders)
+            self._advance(block)
+
+    def result(self) -> Replay:
+        """Return what was found."""
+        measured = {name: one.result() for name, one in self._torque.items()}
+        known = any(one.samples.any() for one in measured.values())
+        return Replay(
+            plan=self.plan,
+            settings=self._settings,
+            duration=self._duration,
+            samples=self._samples,
+            incomplete=self._stream.incomplete,
+            repeated=self._stream.repeated,
+            motions=self._motions,
+            period=self._stream.period,
+            cutoff=self._stream.cutoff,
+            torque=measured if known else {},
+            commanded=None if self._commanded is None else self._commanded.result(),
+            shares=(self._shares if known else self._shares_computed).result(),
+            friction=self._fit,
+            deflection_names=self._names,
+            deflection={topic: one.result() for topic, one in self._deflection.items()},
+            torque_traces=self._torque_traces,
+            deflection_traces=self._deflection_traces,
+        )
+
+    def _fitted(self) -> FrictionFit:
+        """Go through the bag once for the friction alone."""
+        model = TorqueReplay(self._robot, self.plan.joints, self._held)
+        fitter = FrictionFitter(len(self.plan.joints))
+        samples = 0
+        for block in self._stream:
+            t = self._times(block)
+            torques = model.torques(t, block.motion, block.starts)
+            effort = self._effort(block)
+            samples += int(np.count_nonzero(np.isfinite(effort)))
+            fitter.add(t, block.motion.qd, effort - model.without_friction(torques))
+            self._advance(block)
+        if not samples:
+            raise BagError(
+                f'{self.plan.source.path}: {self.plan.effort or self.plan.source.topic} must have '
+                'measured effort to fit friction to, got none'
+            )
+        return fitter.fit()
+
+    def _times(self, block: Block) -> Array:
+        if self._origin_ns < 0:
+            self._origin_ns = int(block.stamp_ns[0])
+        since = block.stamp_ns - self._origin_ns
+        return np.asarray(since * 1e-9, dtype=np.float64)
+
+    def _advance(self, block: Block) -> None:
+        if self._progress is not None:
+            self._progress(len(block.stamp_ns) / (self.plan.messages * self._passes))
+
+    def _effort(self, block: Block) -> Array:
+        if self.plan.effort:
+            return self._of_topic(block, self.plan.effort, self.plan.joints)
+        return block.effort
+
+    def _of_topic(self, block: Block, topic: str, names: Iterable[str]) -> Array:
+        """Return the columns with these names, NaN where the topic has none."""
+        found = block.beside[topic]
+        missing = np.full(len(block.stamp_ns), np.nan)
+        columns = [
+            found.values[:, found.names.index(name)] if name in found.names else missing
+            for name in names
+        ]
+        return np.column_stack(columns)
+
+    def _judge(self, t: Array, block: Block, torques: Torques) -> None:
+        effort = self._effort(block)
+        self._torque_traces[MEASURED].add(t, effort)
+        for name, computed in torques.models.items():
+            self._torque_traces[name].add(t, computed)
+            comparison = self._torque.setdefault(name, self._comparison(effort.shape[1]))
+            comparison.add(t, effort, computed, block.starts)
+        self._shares.add(effort, torques.parts)
+        self._shares_computed.add(torques.best, torques.parts)
+        if self.plan.commanded:
+            commanded = self._of_topic(block, self.plan.commanded, self.plan.joints)
+            self._commanded = self._commanded or self._comparison(commanded.shape[1])
+            self._commanded.add(t, commanded, torques.best, block.starts)
+        if torques.deflection is None:
+            return
+        self._deflection_traces['replay'].add(t, torques.deflection[0])
+        for topic in self.plan.deflections:
+            other = self._of_topic(block, topic, self._names)
+            self._deflection_traces[topic].add(t, other)
+            comparison = self._deflection.setdefault(topic, self._comparison(other.shape[1]))
+            comparison.add(t, other, torques.deflection[0], block.starts)
+
+    def _comparison(self, columns: int) -> Comparison:
+        return Comparison(columns, self._stream.period)
+
+    def _encoders(self) -> dict[str, JointStateEncoder]:
+        motion, full = ('position', 'velocity'), ('position', 'velocity', 'effort')
+        names = {
+            f'{PREFIX}tip_deflection': (self._names, motion),
+            f'{PREFIX}modal_state': (self._robot.coordinate_names, motion),
+        }
+        return {
+            topic: JointStateEncoder(*names.get(topic, (self.plan.joints, full)))
+            for topic in self.topics
+        }
+
+
+def _encoded(
+    block: Block, torques: Torques, encoders: dict[str, JointStateEncoder]
+) -> Iterator[Message]:
+    """Yield a block's messages, row by row."""
+    motion = (block.motion.q, block.motion.qd)
+    values: dict[str, tuple[Array, ...]] = {
+        f'{PREFIX}{model}/effort': (*motion, torque) for model, torque in torques.models.items()
+    }
+    if torques.deflection is not None and torques.amplitudes is not None:
+        values[f'{PREFIX}tip_deflection'] = tuple(torques.deflection)
+        values[f'{PREFIX}modal_state'] = tuple(torques.amplitudes)
+    for k, (stamp_ns, log_ns) in enumerate(
+        zip(block.stamp_ns.tolist(), block.log_ns.tolist(), strict=True)
+    ):
+        for topic, encoder in encoders.items():
+            yield log_ns, topic, encoder.encode(stamp_ns, *(part[k] for part in values[topic]))

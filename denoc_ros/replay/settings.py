@@ -1,0 +1,184 @@
+"""How a replay is made, and what of a bag it goes by."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from denoc_ros.bags.columns import JOINT_STATE, JointStateColumns
+from denoc_ros.bags.reader import BagContents, Stamp, bag_contents, read_raw
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import BagError, ConfigError
+from denoc_ros.replay.motion import METHODS
+from denoc_ros.replay.stream import Source
+
+PREFIX = '/replay/'
+COMMANDED = 'feedforward/effort'
+DEFLECTIONS = ('plant/true_deflection', 'predictor/tip_deflection')
+LOOKED_AT = 200  # messages from which the joints' names are taken
+
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    """How a replay is made.
+
+    Attributes
+    ----------
+    topic : str
+        Of the joint states; '': the first of `joint_states` or with such an ending.
+    effort : str
+        Topic of JointState whose effort counts as measured; '': that of the joint states.
+    rename : mapping of str to str
+        Beginnings of joint names in the bag and what they are in the robot.
+    derivative : {'filter', 'kalman'}
+        How rates and accelerations come about, see `denoc_ros.replay.motion.smooth`.
+    cutoff : float
+        Of that [Hz].
+    stamp : {'header', 'log'}
+        What counts as the time of a joint state.
+    fit_friction : bool
+        Fit viscous and Coulomb friction and an offset per joint to the measured effort, and use
+        them in place of the robot's.
+
+    Raises
+    ------
+    ConfigError
+        With every value that is out of range.
+    """
+
+    topic: str = ''
+    effort: str = ''
+    rename: Mapping[str, str] = field(default_factory=dict)
+    derivative: str = 'filter'
+    cutoff: float = 20.0
+    stamp: Stamp = 'header'
+    fit_friction: bool = False
+
+    def __post_init__(self) -> None:
+        findings = []
+        if self.derivative not in METHODS:
+            findings.append(
+                f'derivative must be one of {", ".join(METHODS)}, got {self.derivative!r}'
+            )
+        if not (math.isfinite(self.cutoff) and self.cutoff > 0.0):
+            findings.append(f'cutoff must be > 0 Hz, got {self.cutoff}')
+        if self.stamp not in ('header', 'log'):
+            findings.append(f'stamp must be header or log, got {self.stamp!r}')
+        if findings:
+            raise ConfigError('replay', findings)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What of a bag a replay goes by.
+
+    Attributes
+    ----------
+    contents : BagContents
+        All that is in the bag.
+    source : Source
+        What is read for the motion, and beside it.
+    joints : tuple of str
+        The driven joints, as the robot calls them.
+    held : tuple of str
+        Joints of the robot that the bag does not have: they stand at 0.
+    ignored : tuple of str
+        Joints of the bag that the robot does not have, or that follow another.
+    effort, commanded : str
+        Topics of the measured effort and of a feedforward's; '' for none.
+    deflections : tuple of str
+        Topics with deflections to compare with.
+    """
+
+    contents: BagContents
+    source: Source
+    joints: tuple[str, ...]
+    held: tuple[str, ...]
+    ignored: tuple[str, ...]
+    effort: str
+    commanded: str
+    deflections: tuple[str, ...]
+
+    @property
+    def messages(self) -> int:
+        """Number of joint states."""
+        return next(t.messages for t in self.contents.topics if t.name == self.source.topic)
+
+
+def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> Plan:
+    """Return what of a bag a replay goes by.
+
+    Raises
+    ------
+    BagError
+        The bag cannot be read, or has no joint states of the robot.
+    """
+    contents = bag_contents(path)
+    series = [topic.name for topic in contents.topics if topic.type == JOINT_STATE]
+    present = [t.name for t in contents.topics if t.type == JOINT_STATE and t.messages]
+    topic = settings.topic or _ending(present, 'joint_states')
+    if topic not in present:
+        raise BagError(
+            f'{path}: bag must have messages of {JOINT_STATE} on '
+            f'{settings.topic or "a topic such as joint_states"}, got '
+            f'{_listed(f"{t.name} ({t.messages} of {t.type})" for t in contents.topics)}'
+        )
+    if settings.effort and settings.effort not in series:
+        raise BagError(
+            f'{path}: effort must come from a topic of {JOINT_STATE} ({_listed(series)}), '
+            f'got {settings.effort!r}'
+        )
+    found = _renamed(_joint_names(path, topic), settings.rename)
+    driven = [b.joint.name for b in robot.tree.bodies if b.joint and b.joint.mimic is None]
+    joints = tuple(name for name in driven if name in found)
+    if not joints:
+        raise BagError(
+            f'{path}: joints on {topic} must be among those of {robot.tree.name} '
+            f'({_listed(driven)}), got {_listed(found)}; a beginning that differs can be renamed'
+        )
+    commanded = _ending(present, COMMANDED)
+    deflections = [_ending(present, ending) for ending in DEFLECTIONS]
+    deflections = [name for name in deflections if name and len(robot.flexible_indices)]
+    efforts = dict.fromkeys([settings.effort, commanded], 'effort')
+    beside = {**efforts, **dict.fromkeys(deflections, 'position')}
+    names = tuple(found[name] for name in joints)
+    return Plan(
+        contents,
+        Source(path, topic, names, {t: f for t, f in beside.items() if t}, settings.stamp),
+        joints,
+        tuple(name for name in driven if name not in found),
+        tuple(name for name in found if name not in joints),
+        settings.effort,
+        commanded,
+        tuple(deflections),
+    )
+
+
+def _ending(topics: list[str], ending: str) -> str:
+    """Return the topic with this name or, failing that, ending; '' if there is none."""
+    exact = [name for name in topics if name.lstrip('/') == ending]
+    ending = f'/{ending}'
+    return next(iter(exact + sorted(name for name in topics if name.endswith(ending))), '')
+
+
+def _joint_names(path: Path, topic: str) -> tuple[str, ...]:
+    columns = JointStateColumns(topic)
+    for _, _, log_ns, raw in itertools.islice(read_raw(path, [topic]), LOOKED_AT):
+        columns.append(raw, log_ns)
+    return columns.series().names
+
+
+def _renamed(names: tuple[str, ...], rename: Mapping[str, str]) -> dict[str, str]:
+    """Return the names in the bag by what the robot calls them."""
+    found = {}
+    for name in names:
+        start = max((s for s in rename if name.startswith(s)), key=len, default='')
+        found[rename.get(start, '') + name[len(start) :]] = name
+    return found
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ', '.join(names) or '(none)'
