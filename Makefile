@@ -15,7 +15,7 @@ ifdef AMENT_PREFIX_PATH
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 endif
 
-.PHONY: demo test check lint bench rates readme venv clean
+.PHONY: demo test check lint bench rates soak readme venv clean
 
 venv: $(STAMP)
 
@@ -52,6 +52,10 @@ bench: $(STAMP)
 # seven minutes: the demo's nodes at 1000 and at 500 Hz beside bare ones
 rates: $(STAMP)
 	PYTHONPATH=test $(BIN)/python -m bench.rates
+
+# ten minutes of faults: what must never move a robot wrongly, hang a node or need cleaning up
+soak: $(STAMP)
+	PYTHONPATH=test $(BIN)/python -m campaign.run --minutes 10
 
 clean:
 	rm -rf $(VENV) build install log runs

@@ -85,7 +85,7 @@ class FeedforwardNode(RobotNode):
         self._pending: TorqueFeedforward | None = None
         self._cause = 'waiting'
         self._message_time: int | None = None
-        self._clamped_reported = 0
+        self._clamped_reported = self._failures_reported = 0
         self._model_failures = 0
         self._takeovers = 0
         self._reset_wanted = False
@@ -386,8 +386,10 @@ class FeedforwardNode(RobotNode):
         self._clamped_reported = clamped
         if self._cause.startswith('stale'):
             status.worsen(WARN, self._cause)
-        if limiter.non_finite or self._model_failures:
+        failures = limiter.non_finite + self._model_failures
+        if failures > self._failures_reported:
             status.worsen(ERROR, 'torque of the model not finite')
+        self._failures_reported = failures
         return [*found, status]
 
 

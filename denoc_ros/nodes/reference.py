@@ -86,7 +86,9 @@ class ReferenceFollower:
 
     def age(self, now: float) -> float:
         """Return how long ago [s] the last streamed point came; 0 for a trajectory."""
-        return now - self._point_time if self._point is not None else 0.0
+        with self._lock:
+            self._take_due(now)
+            return now - self._point_time if self._point is not None else 0.0
 
     def finished(self, now: float) -> bool:
         """Say whether a trajectory is at its end and holds."""
@@ -164,10 +166,14 @@ class ReferenceFollower:
     def sample(self, now: float, q: Array, qd: Array, qdd: Array) -> bool:
         """Write the motion wanted at steady `now` into (n,) arrays; say whether there is one."""
         with self._lock:
-            while self._coming and (now >= self._coming[0][1] or not self._has_current()):
-                self._now, self._now_start = self._coming.pop(0)
-                self._point = None
+            self._take_due(now)
             return self._evaluate(now, q, qd, qdd)
+
+    def _take_due(self, now: float) -> None:
+        """Let a trajectory that has begun, or the first one there is, take over."""
+        while self._coming and (now >= self._coming[0][1] or not self._has_current()):
+            self._now, self._now_start = self._coming.pop(0)
+            self._point = None
 
     def _has_current(self) -> bool:
         return self._now is not None or self._point is not None

@@ -58,14 +58,18 @@ class InputMonitor:
         Raises
         ------
         InputError
-            Cause `backwards_stamp`: it is older than the one before.
+            Cause `backwards_stamp`: it is older than the one before; `duplicate`: it says again
+            what was true then (stamp 0 is none).
         """
         last = self._last_stamp
         if last is not None and stamp_ns is not None and stamp_ns < last:
             raise InputError(
                 'backwards_stamp',
-                f'{self.topic} stamp must not go back, got {stamp_ns} ns after {last} ns',
+                f'{self.topic} stamp must not go back, got {stamp_ns} ns after {last} ns; '
+                'a reset forgets the last one',
             )
+        if stamp_ns and stamp_ns == last:
+            raise InputError('duplicate', f'{self.topic} stamp must be new, got {last} ns again')
         self._last_stamp = last if stamp_ns is None else stamp_ns
         self._last_time = now
         self.accepted += 1

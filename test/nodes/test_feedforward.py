@@ -232,6 +232,9 @@ def test_motions_out_of_reach_are_not_answered(bench: Any) -> None:
         arm.until(lambda count=second: arm.node.reference_input.accepted == count)
     arm.until(lambda: len(arm.effort) == 2)
     assert arm.node._model_failures == 1
+    # an error when it happens, not for ever after
+    arm.until(lambda: arm.graph.value('feedforward: torque', 'model_failures') == '1')
+    arm.until(lambda: arm.graph.diagnostics['feedforward: torque'].level == b'\x00')
 
 
 def test_a_backwards_joint_state_is_no_posture_to_carry(bench: Any) -> None:

@@ -39,6 +39,17 @@ def test_a_new_trajectory_takes_over_at_its_start_not_before() -> None:
     assert follower.age(13.01) == 0.0
 
 
+def test_a_trajectory_takes_over_from_a_stream_that_has_gone_stale() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    follower.offer(point(1.0, 0.0, 0.0), 10.0, NOW_NS)
+    assert follower.age(11.0) == 1.0
+    follower.offer(trajectory([0.0, 1.0], [5.0, 5.0], start_s=1.0), 11.0, NOW_NS)
+    assert follower.age(11.5) == 1.5
+    # a node that looks at the age first would never sample it
+    assert follower.age(12.0) == 0.0
+    assert at(follower, 12.0)[0] == 5.0
+
+
 def test_a_trajectory_from_the_past_starts_part_way_and_ends_holding() -> None:
     follower = ReferenceFollower(1, 0.2)
     follower.offer(trajectory([0.0, 2.0], [0.0, 1.0], start_s=-1.0), 10.0, NOW_NS)

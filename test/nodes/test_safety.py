@@ -76,8 +76,11 @@ def test_stop_publishing_is_silent() -> None:
 
 def test_a_stamp_that_goes_back_is_refused_until_reset() -> None:
     monitor = InputMonitor('joint_states')
-    monitor.accept(100, now=1.0)
+    monitor.accept(99, now=1.0)
     monitor.accept(100, now=1.1)
+    with pytest.raises(InputError, match='must be new') as repeated:
+        monitor.accept(100, now=1.15)
+    assert repeated.value.cause == 'duplicate'
     with pytest.raises(InputError, match='must not go back') as caught:
         monitor.accept(99, now=1.2)
     assert caught.value.cause == 'backwards_stamp'
