@@ -52,12 +52,17 @@ def required_force(robot: HeldModel, q: Array, qd: Array, qdd: Array, axes: Arra
     force = np.empty(robot.n)
     kernel = entry(inverse.inverse_dynamics)
     robot.judge(kernel(robot.handle, q, qd, qdd, force), q=q, qd=qd, qdd=qdd)
+    add_loop_friction(robot, qd, axes, force)
+    return force
+
+
+def add_loop_friction(robot: HeldModel, qd: Array, axes: Array, force: Array) -> None:
+    """Add damping and friction of the loops' own joints to a force (n,) in place."""
     resisting = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
     for loop, axis in zip(resisting, axes, strict=True):
         rate = float(axis @ qd)
         slip = np.tanh(rate / robot.lowered.reals[SLIP_RATE])
         force += axis * (loop.damping * rate + loop.friction * slip)
-    return force
 
 
 def inertia(robot: HeldModel, q: Array) -> Array:

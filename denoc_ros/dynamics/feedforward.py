@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.joint_ties import joint_ties
-from denoc_ros.dynamics.linearization import stiffness
+from denoc_ros.dynamics.driven_motion import driven_motion
+from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels.articulated import articulated_dynamics
-from denoc_ros.kernels.handle import ARMATURE, DAMPING, FRICTION, GOOD
+from denoc_ros.kernels.handle import DAMPING, FRICTION
 from denoc_ros.model.lowering import SLIP_RATE
 
 if TYPE_CHECKING:
@@ -25,9 +24,6 @@ Array = NDArray[np.float64]
 MODELS = ('rigid', 'flexible', 'quasi_static')
 LONGEST_GAP = 0.5  # s between two updates after which the amplitudes start anew from equilibrium
 SUBSTEPS = 200  # at most, per update
-FOLLOW_ITERATIONS = 3  # of the static deflection, per update
-SETTLED = 1e-12  # relative change that ends the iteration
-FOLLOWED = 1e-7  # relative change above which the tangent no longer serves
 
 
 @dataclass(frozen=True)
@@ -69,7 +65,8 @@ class TorqueFeedforward:
         Its workspace is used: do not share it with another thread.
     joints : sequence of str, optional
         The joints that are driven, in the order of all arrays here; default all that are not
-        mimics. Mimic joints follow their leaders, the others stay at `held`.
+        mimics. Mimic joints follow their leaders, the loops give the joints they bind, the others
+        stay at `held`.
     model : {'rigid', 'flexible', 'quasi_static'}
         rigid: the book's, links taken as rigid; flexible: the joints move as desired while the
         amplitudes move freely (hybrid dynamics, integrated alongside); quasi_static: the
@@ -79,6 +76,8 @@ class TorqueFeedforward:
         Longest step of the integration alongside [s].
     held : mapping of str to float, optional
         Positions of joints that are not driven [rad or m]; default 0.
+    posture : (n,) array, optional
+        Coordinates near which loops are closed; default 0.
 
     Attributes
     ----------
@@ -88,7 +87,9 @@ class TorqueFeedforward:
     Raises
     ------
     StateError
-        An unknown model or joint.
+        An unknown model or joint; driven joints that do not determine the motion of the loops.
+    SolverError
+        Loops that do not close near the posture.
     """
 
     def __init__(
@@ -99,6 +100,7 @@ class TorqueFeedforward:
         terms: Terms | None = None,
         step: float = 1e-3,
         held: Mapping[str, float] | None = None,
+        posture: Array | None = None,
     ) -> None:
         if model not in MODELS:
             raise StateError(f'model must be one of {MODELS}, got {model!r}')
@@ -106,29 +108,34 @@ class TorqueFeedforward:
         self.model = model
         self.terms = Terms() if terms is None else terms
         self.step = step
-        self.ties, self.offsets, self.joints = joint_ties(robot, joints, held or {})
+        flexible = np.ascontiguousarray(robot.flexible_indices)
+        bends = model != 'rigid' and self.terms.elastic and len(flexible) > 0
+        self._moves = model == 'flexible' and bends
+        self._sags = model == 'quasi_static' and bends
+        self.motion = driven_motion(robot, joints, held, posture, bends)
+        self.joints = self.motion.joints
         n = robot.n
         self.q, self.qd, self.qdd = np.zeros((3, n))
-        self._flexible = np.ascontiguousarray(robot.flexible_indices)
+        self._flexible = flexible
         self._index = robot.joint_indices
-        self._moves = model == 'flexible' and self.terms.elastic and len(self._flexible) > 0
-        self._sags = model == 'quasi_static' and self.terms.elastic and len(self._flexible) > 0
+        self._equilibrium = Equilibrium(robot, np.union1d(flexible, self.motion.bound))
         self._stepper = Stepper(robot, step)
-        self._held = robot.held(robot.joint_indices)
         self._zero = np.zeros(n)
-        self._drive, self._given, self._full, self._part, self._torque = np.zeros((5, n))
-        self._acceleration = np.zeros(len(self._index))
+        self._state, self._full, self._part = np.zeros((3, n))
         self._result = np.zeros(len(self.joints))
         diagonals = robot.lowered.diagonals
         self._damping = diagonals[DAMPING][self._index].copy()
         self._friction = diagonals[FRICTION][self._index].copy()
-        self._armature = diagonals[ARMATURE].copy()
-        self._compliance: Array = np.zeros((len(self._flexible), len(self._flexible)))
+        self._given = self.motion.given_accelerations(self._result)
+        self.q[:] = self.motion.posture
         self._settled = False
 
     def reset(self) -> None:
         """Forget the amplitudes: the next update starts from equilibrium."""
         self._settled = False
+        self._equilibrium.forget()
+        if not (np.isfinite(self.q).all() and np.isfinite(self.qd).all()):
+            self.q[:], self.qd[:] = self.motion.posture, 0.0
 
     def adopt(self, other: TorqueFeedforward) -> None:
         """Go on from another's amplitudes, if they are as many (a changed model of one robot)."""
@@ -158,8 +165,9 @@ class TorqueFeedforward:
         else:
             self._place(q, qd, qdd)
             self._start()
+            self._given = self.motion.given_accelerations(qdd)
         if self._moves:
-            self._free_accelerations()
+            self._stepper.accelerations(self.q, self.qd, self._given, out=self.qdd)
         return self._joint_torque()
 
     def gravity(self, q: Array) -> Array:
@@ -171,80 +179,49 @@ class TorqueFeedforward:
         if not self.terms.gravity:
             self._result[:] = 0.0
             return self._result
-        state = self._given
-        state[:] = self.q if self.terms.elastic else 0.0
-        state[self._index] = self.ties @ q + self.offsets
+        state = self._state
+        state[:] = self.q
+        if not self.terms.elastic:
+            state[self._flexible] = 0.0
+        self.motion.positions(state, q)
         self.robot.inverse_dynamics(state, self._zero, self._zero, out=self._full, check=False)
-        return self._reduce(self._full)
+        return self.motion.reduce(self._full, self._result)
 
     def _place(self, q: Array, qd: Array, qdd: Array) -> None:
         """Put the desired motion into the state's joints."""
-        index, ties = self._index, self.ties
-        self.q[index] = ties @ q + self.offsets
-        self.qd[index] = ties @ qd
-        self.qdd[index] = ties @ qdd
+        self.motion.positions(self.q, q)
+        self.motion.rates(self.qd, qd)
+        self.motion.accelerations(self.q, self.qd, self.qdd, qdd)
 
     def _integrate(self, qdd: Array, elapsed: float) -> None:
         """Move the amplitudes over `elapsed`, the joints' acceleration going to `qdd`."""
+        before, after = self._given, self.motion.given_accelerations(qdd)
+        self._given = after
         if elapsed == 0.0:
             return
-        before = self.qdd[self._index]
-        after = self.ties @ qdd
         count = min(SUBSTEPS, max(1, round(elapsed / self.step)))
         self._stepper.step = elapsed / count
         for k in range(count):
-            np.multiply(after - before, (k + 0.5) / count, out=self._acceleration)
-            self._acceleration += before
-            self._stepper.driven(self.q, self.qd, self._acceleration)
+            share = (k + 0.5) / count
+            self._stepper.driven(self.q, self.qd, before + share * (after - before))
 
     def _start(self) -> None:
         """Put the amplitudes where they stand still (or keep them zero)."""
         if self._moves or self._sags:
             self.qd[self._flexible] = 0.0
             self.qdd[self._flexible] = 0.0
-            if not (self._settled and self._sags and self._follow_equilibrium()):
+            if not (self._sags and self._equilibrium.follow(self.q)):
                 self._find_equilibrium()
             self._settled = True
 
     def _find_equilibrium(self) -> None:
-        """Put the amplitudes into equilibrium from scratch and keep the tangent there."""
+        """Put the amplitudes into equilibrium from scratch."""
         self._settled = False
         try:
-            start = self.q if np.isfinite(self.q).all() else None
-            self.q[:] = self.robot.static_deflection(self.q[self._index], start=start)
-            flexible = np.ix_(self._flexible, self._flexible)
-            tangent = stiffness(self.robot, self.q)[flexible]
-            self._compliance = np.linalg.inv(tangent).astype(np.float64, copy=False)
+            self._equilibrium.find(self.q)
         except SolverError as error:
-            self.q[self._flexible] = 0.0
+            self.q[:] = self.motion.posture
             raise StateError(str(error)) from error
-
-    def _follow_equilibrium(self) -> bool:
-        """Move the amplitudes to the equilibrium nearby by the tangent kept; say if it did."""
-        flexible = self._flexible
-        for _ in range(FOLLOW_ITERATIONS):
-            self.robot.inverse_dynamics(
-                self.q, self._zero, self._zero, out=self._part, check=False
-            )
-            change = self._compliance @ self._part[flexible]
-            self.q[flexible] -= change
-            share = float(np.abs(change).max() / (1e-3 + np.abs(self.q[flexible]).max()))
-            if share <= SETTLED:
-                break
-        return share <= FOLLOWED
-
-    def _free_accelerations(self) -> None:
-        """Write the amplitudes' accelerations into `qdd`."""
-        self._given[:] = 0.0
-        self._given[self._index] = self.qdd[self._index]
-        status = articulated_dynamics(
-            self.robot.handle, self._armature, self._held, self.q, self.qd,
-            self._given, self._drive, self.qdd, self._torque,
-        )  # fmt: skip
-        if status != GOOD:
-            self._settled = False
-            raise StateError('desired motion must be finite, got one that is not')
-        self.qdd[self._index] = self._given[self._index]
 
     def _joint_torque(self) -> Array:
         """Return the wanted terms of the torque at the state."""
@@ -261,12 +238,10 @@ class TorqueFeedforward:
         if terms.friction != terms.coriolis:
             friction = self._joint_friction(qd[self._index])
             full[self._index] += -friction if terms.coriolis else friction
-        return self._reduce(full)
+        if terms.friction:
+            self.motion.add_friction(qd, full)
+        return self.motion.reduce(full, self._result)
 
     def _joint_friction(self, rate: Array) -> Array:
         friction: Array = self._damping * rate + self._friction * np.tanh(rate / SLIP_RATE)
         return friction
-
-    def _reduce(self, force: Array) -> Array:
-        """Return the driven joints' share: a leader carries its mimics."""
-        return np.dot(force[self._index], self.ties, out=self._result)

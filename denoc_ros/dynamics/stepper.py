@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels.handle import GOOD, MISFIT, SINGULAR
+from denoc_ros.kernels.articulated import articulated_dynamics
+from denoc_ros.kernels.handle import ARMATURE, GOOD, MISFIT, SINGULAR
 from denoc_ros.kernels.step import STEP_ROWS, advance
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ class Stepper:
         self._zero = np.zeros(robot.n)
         self._given = np.zeros(robot.n)
         self._held = robot.held(robot.joint_indices)
+        self._armature = robot.lowered.diagonals[ARMATURE].copy()
+        self._torque = np.zeros(robot.n)
 
     def free(self, q: Array, qd: Array, tau: Array) -> None:
         """Advance q and qd (n,) in place under generalized forces tau (n,), held over the step.
@@ -60,18 +63,37 @@ class Stepper:
         force = self._zero if tau is None else tau
         self._advance(self._held, q, qd, self._given, force)
 
+    def accelerations(self, q: Array, qd: Array, qdd_joints: Array, out: Array) -> None:
+        """Write the accelerations (n,) at a state with those of the joints given.
+
+        Raises
+        ------
+        StateError
+            A number is not finite.
+        """
+        self._given[self.robot.joint_indices] = qdd_joints
+        status = articulated_dynamics(
+            self.robot.handle, self._armature, self._held, q, qd,
+            self._given, self._zero, out, self._torque,
+        )  # fmt: skip
+        self._judge(status, q, qd, out)
+        out[self.robot.joint_indices] = qdd_joints
+
     def _advance(self, held: Array, q: Array, qd: Array, given: Array, tau: Array) -> None:
         try:
             status = advance(self.robot.handle, self._steps, held, self.step, q, qd, given, tau)
         except TypeError:
             status = MISFIT
+        self._judge(status, q, qd, tau)
+
+    def _judge(self, status: int, *arrays: Array) -> None:
         if status == GOOD:
             return
         if status == SINGULAR:
             raise SolverError(f'{self.robot.tree.name}: the inertia must be positive definite')
         if status == MISFIT:
             raise StateError(
-                f'q, qd and tau must be writable float64 arrays of shape ({self.robot.n},), got '
-                + ', '.join(str(np.shape(array)) for array in (q, qd, tau))
+                f'states and forces must be float64 arrays of shape ({self.robot.n},), got '
+                + ', '.join(str(np.shape(array)) for array in arrays)
             )
         raise StateError('state, acceleration and torque must be finite, got one that is not')

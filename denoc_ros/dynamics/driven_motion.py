@@ -1,0 +1,240 @@
+"""Motion of all joints from that of the driven ones: mimic joints and loops give the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.constraints import RANK, add_loop_friction, closure_rows, jacobian
+from denoc_ros.dynamics.joint_ties import joint_ties
+from denoc_ros.errors import SolverError, StateError
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+ITERATIONS = 20
+REACH = 0.2  # rad or m of the driven joints at once, so that the loops stay on their branch
+NEARLY_CLOSED = 1e-8  # m or rad; Newton's next step squares it
+
+
+class DrivenMotion:
+    """Joints of a tree: mimic joints follow their leaders, the rest stand still.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its workspace is used: do not share it with another thread.
+    joints : sequence of str, optional
+        The driven joints; default all that are not mimics.
+    held : mapping of str to float, optional
+        Positions of joints that are neither driven nor follow [rad or m]; default 0.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        The driven joints, in the order of all arrays of driven joints here.
+    index : (driven,) int array
+        Their coordinates.
+    posture : (n,) array
+        Closed coordinates to start from.
+    given : tuple of str
+        Joints whose motion so is given: the driven ones, those that stand still, mimics of trees.
+    bound : int array
+        Coordinates that are found from the loops.
+
+    Raises
+    ------
+    StateError
+        A driven joint is unknown, repeated or a mimic.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        joints: Sequence[str] | None = None,
+        held: Mapping[str, float] | None = None,
+    ) -> None:
+        self.robot = robot
+        self._ties, self._offsets, self.joints = joint_ties(robot, joints, held or {})
+        self._all = robot.joint_indices
+        names = list(robot.joint_names)
+        self.index: Int = self._all[[names.index(name) for name in self.joints]]
+        self.given = robot.joint_names
+        self.posture: Array = np.zeros(robot.n)
+        self.bound: Int = np.zeros(0, dtype=np.int64)
+
+    def positions(self, q: Array, driven: Array) -> None:
+        """Put positions (driven,) into q (n,) and with them those of the joints they give."""
+        q[self._all] = self._ties @ driven + self._offsets
+
+    def rates(self, qd: Array, driven: Array) -> None:
+        """Put rates (driven,) into qd (n,) and with them those they give at the last positions."""
+        qd[self._all] = self._ties @ driven
+
+    def accelerations(self, q: Array, qd: Array, qdd: Array, driven: Array) -> None:
+        """Put accelerations (driven,) into qdd (n,) and with them those they give."""
+        qdd[self._all] = self._ties @ driven
+
+    def given_accelerations(self, driven: Array) -> Array:
+        """Return the accelerations of the joints `given` by those of the driven ones."""
+        return np.asarray(self._ties @ driven)
+
+    def reduce(self, force: Array, out: Array) -> Array:
+        """Return what generalized forces (n,) ask of the driven joints, at the last positions."""
+        return np.dot(force[self._all], self._ties, out=out)
+
+    def add_friction(self, qd: Array, force: Array) -> None:
+        """Add viscous and Coulomb friction of the loops' own joints to a force (n,) in place."""
+
+
+class LoopedMotion(DrivenMotion):
+    """Joints of a mechanism: the loops give those that are not driven.
+
+    Parameters
+    ----------
+    robot, joints, held
+        As of :class:`DrivenMotion`; joints outside of loops that are not driven are held.
+    posture : (n,) array, optional
+        Coordinates near which the loops are closed; default 0.
+    flexible : bool
+        Whether amplitudes may help to close the loops where the joints alone cannot.
+
+    Notes
+    -----
+    With B the bound coordinates and P the pseudoinverse of their columns of J: positions by
+    Newton's steps -P e, rates by one step -P J q', accelerations by -P (J q'' + J' q'), and the
+    multipliers of forces on B are P^T f_B (book, section 5.1.2).
+
+    Raises
+    ------
+    StateError
+        The driven joints leave the mechanism free, or cannot move apart from each other.
+    SolverError
+        The loops do not close near the posture.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        joints: Sequence[str] | None = None,
+        held: Mapping[str, float] | None = None,
+        posture: Array | None = None,
+        flexible: bool = True,
+    ) -> None:
+        super().__init__(robot, joints, held)
+        self.posture = robot.assemble(np.zeros(robot.n) if posture is None else posture)
+        self._zero = np.zeros(robot.n)
+        self._rows, self._axes = jacobian(robot, self.posture)
+        self.bound = self._find_bound(flexible)
+        names = zip(robot.joint_names, robot.joint_indices, strict=True)
+        self.given = tuple(name for name, place in names if place not in self.bound)
+        self._picked = [robot.joint_names.index(name) for name in self.given]
+        self._least: Array = np.zeros((len(self.bound), len(self._rows)))
+        self._linearize(self.posture)
+
+    def _find_bound(self, flexible: bool) -> Int:
+        """Return the coordinates that the loops determine; check that they do."""
+        rows, robot = self._rows, self.robot
+        moving = np.abs(rows).max(axis=0) > RANK * np.abs(rows).max()
+        free = np.setdiff1d(robot.joint_indices[moving[robot.joint_indices]], self.index)
+        rank = _rank(rows[:, free])
+        if rank < len(free):
+            names = [robot.coordinate_names[k].removeprefix('joint ') for k in free]
+            raise StateError(
+                f'{robot.tree.name}: the driven joints {list(self.joints)} must leave nothing '
+                f'else free, got {len(free) - rank} free motion(s) of {names}'
+            )
+        if _rank(rows[:, np.union1d(free, self.index)]) > rank:
+            raise StateError(
+                f'{robot.tree.name}: the driven joints must move independently of each other, '
+                f'got {list(self.joints)}, which the loops tie together'
+            )
+        everything = np.union1d(free, robot.flexible_indices)
+        return everything if flexible and _rank(rows[:, everything]) > rank else free
+
+    def _linearize(self, q: Array) -> None:
+        self._rows, self._axes = jacobian(self.robot, q)
+        least = np.linalg.pinv(self._rows[:, self.bound], rcond=RANK)
+        self._least = np.asarray(least, dtype=np.float64)
+
+    def positions(self, q: Array, driven: Array) -> None:
+        """Put positions (driven,) into q (n,) and close the loops from where q is.
+
+        Raises
+        ------
+        SolverError
+            They do not close there; q is then as it was.
+        """
+        start, found = q[self.index], q.copy()
+        parts = max(1, int(np.ceil(np.abs(driven - start).max(initial=0.0) / REACH)))
+        for part in range(1, parts + 1):
+            self._close(found, start + (part / parts) * (driven - start))
+        q[:] = found
+
+    def _close(self, q: Array, driven: Array) -> None:
+        before = q.copy()
+        super().positions(q, driven)
+        q[self.bound] = before[self.bound]
+        q[self.bound] -= self._least @ (self._rows @ (q - before))
+        for _ in range(ITERATIONS):
+            self._linearize(q)
+            error = closure_rows(self.robot, q, self._zero)[0]
+            q[self.bound] -= self._least @ error
+            if np.abs(error).max() <= NEARLY_CLOSED:
+                return
+        raise SolverError(
+            f'{self.robot.tree.name}: the driven joints must be where the loops close, got '
+            f'{np.round(driven, 6).tolist()} with {np.abs(error).max():.3g} m or rad left open'
+        )
+
+    def rates(self, qd: Array, driven: Array) -> None:
+        """Put rates (driven,) into qd (n,) and with them those they give at the last positions."""
+        bound = qd[self.bound]
+        super().rates(qd, driven)
+        qd[self.bound] = bound
+        qd[self.bound] -= self._least @ (self._rows @ qd)
+
+    def accelerations(self, q: Array, qd: Array, qdd: Array, driven: Array) -> None:
+        """Put accelerations (driven,) into qdd (n,) and with them those they give."""
+        bound = qdd[self.bound]
+        super().accelerations(q, qd, qdd, driven)
+        qdd[self.bound] = bound
+        bias = closure_rows(self.robot, q, qd)[2]
+        qdd[self.bound] -= self._least @ (self._rows @ qdd + bias)
+
+    def given_accelerations(self, driven: Array) -> Array:
+        """Return the accelerations of the joints `given` by those of the driven ones."""
+        return np.asarray(self._ties[self._picked] @ driven)
+
+    def reduce(self, force: Array, out: Array) -> Array:
+        """Return what generalized forces (n,) ask of the driven joints, at the last positions."""
+        multipliers = force[self.bound] @ self._least
+        out[:] = force[self.index] - multipliers @ self._rows[:, self.index]
+        return out
+
+    def add_friction(self, qd: Array, force: Array) -> None:
+        """Add viscous and Coulomb friction of the loops' own joints to a force (n,) in place."""
+        add_loop_friction(self.robot, qd, self._axes, force)
+
+
+def _rank(matrix: Array) -> int:
+    return int(np.linalg.matrix_rank(matrix, RANK * np.abs(matrix).max(initial=1e-300)))
+
+
+def driven_motion(
+    robot: Robot,
+    joints: Sequence[str] | None = None,
+    held: Mapping[str, float] | None = None,
+    posture: Array | None = None,
+    flexible: bool = True,
+) -> DrivenMotion:
+    """Return the motion of a robot's joints, with its loops if it has any; arguments as there."""
+    if robot.tree.loops:
+        return LoopedMotion(robot, joints, held, posture, flexible)
+    return DrivenMotion(robot, joints, held)

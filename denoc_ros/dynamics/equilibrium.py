@@ -1,0 +1,118 @@
+"""Equilibrium of what is not driven, found once and then followed along a motion."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
+from denoc_ros.dynamics.linearization import stiffness
+from denoc_ros.errors import SolverError
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+ITERATIONS = 50
+FOLLOW_ITERATIONS = 3
+SETTLED = 1e-12  # relative change that ends the iteration
+FOLLOWED = 1e-7  # relative change above which the tangent no longer serves
+
+
+class Equilibrium:
+    """Coordinates at rest under gravity and elasticity, the others and the loops given.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its workspace is used: do not share it with another thread.
+    free : (f,) int array
+        The coordinates that settle: amplitudes, and joints that the loops bind.
+
+    Notes
+    -----
+    Newton's iteration for f_F - J_F^T lambda = 0, e = 0 with the tangent [K_FF, -J_F^T; J_F, 0]
+    without the change of J, which matters little where links are stiff.
+    """
+
+    def __init__(self, robot: Robot, free: Int) -> None:
+        self.robot = robot
+        self.free = np.ascontiguousarray(free)
+        self._force, self._zero = np.zeros((2, robot.n))
+        self._multipliers = np.zeros(len(robot.lowered.tie_names))
+        size = len(free) + len(self._multipliers)
+        self._inverse: Array = np.zeros((size, size))
+        self._found = False
+
+    def forget(self) -> None:
+        """Forget the tangent: what was followed is no longer nearby."""
+        self._found = False
+
+    def find(self, q: Array) -> None:
+        """Put the free coordinates of q (n,) into equilibrium, from where they are.
+
+        Raises
+        ------
+        SolverError
+            None was found nearby (a load beyond buckling).
+        """
+        self._found = False
+        self._multipliers[:] = 0.0
+        share = np.inf
+        for _ in range(ITERATIONS):
+            self._linearize(q)
+            last, share = share, self._step(q)
+            if share <= SETTLED or (share <= FOLLOWED and share >= 0.5 * last):
+                self._found = True
+                return
+            if not np.isfinite(share):
+                break
+        raise SolverError(
+            f'{self.robot.tree.name}: what is not driven must have an equilibrium near its '
+            f'start, got a relative change of {share:.3g} after {ITERATIONS} Newton steps '
+            '(buckling?)'
+        )
+
+    def follow(self, q: Array) -> bool:
+        """Move the free coordinates of q to the equilibrium nearby by the tangent kept.
+
+        Says whether it did: not where none was found yet, or the tangent no longer serves.
+        """
+        if not self._found:
+            return False
+        for _ in range(FOLLOW_ITERATIONS):
+            share = self._step(q)
+            if share <= SETTLED:
+                break
+        self._found = share <= FOLLOWED
+        return self._found
+
+    def _linearize(self, q: Array) -> None:
+        free, count = self.free, len(self.free)
+        rows = jacobian(self.robot, q)[0][:, free]
+        tangent = np.zeros_like(self._inverse)
+        tangent[:count, :count] = stiffness(self.robot, q)[np.ix_(free, free)]
+        tangent[:count, count:] = -rows.T
+        tangent[count:, :count] = rows
+        # links are up to 1e12 times stiffer than rows are large
+        scale = np.sqrt(1.0 / np.maximum(np.abs(tangent).max(axis=1), 1e-300))
+        scaled = np.linalg.pinv(tangent * scale * scale[:, None], rcond=RANK**2)
+        self._inverse = scaled * scale * scale[:, None]
+
+    def _step(self, q: Array) -> float:
+        """Take one step; return the change as a share of the free coordinates' size."""
+        robot, free, count = self.robot, self.free, len(self.free)
+        robot.inverse_dynamics(q, self._zero, self._zero, out=self._force, check=False)
+        residual = np.concatenate([self._force[free], np.zeros(len(self._multipliers))])
+        if len(self._multipliers):
+            rows = jacobian(robot, q)[0][:, free]
+            residual[:count] -= self._multipliers @ rows
+            residual[count:] = closure_rows(robot, q, self._zero)[0]
+        change = self._inverse @ residual
+        q[free] -= change[:count]
+        self._multipliers -= change[count:]
+        return float(np.abs(change[:count]).max() / (1e-3 + np.abs(q[free]).max()))

@@ -1,0 +1,111 @@
+"""Mechanisms from their driven joints: the loops stay closed and torques are the multipliers'."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.driven_motion import LoopedMotion
+from denoc_ros.dynamics.feedforward import TorqueFeedforward
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.errors import SolverError, StateError
+
+ROBOTS = Path(__file__).parents[2] / 'config' / 'robots'
+Array = NDArray[np.float64]
+DRIVEN = ('joint_1', 'joint_3')
+START = np.radians([108.0, -72.0, 72.0, 72.0])
+
+
+def five_bar(kind: str) -> tuple[Robot, Array]:
+    robot = load_robot(ROBOTS / f'five_bar_{kind}.urdf', gravity=(0, -9.81, 0))
+    posture = np.zeros(robot.n)
+    posture[robot.joint_indices] = START
+    return robot, robot.assemble(posture)
+
+
+def looped(kind: str = 'rrrr') -> LoopedMotion:
+    robot, posture = five_bar(kind)
+    return LoopedMotion(robot, DRIVEN, posture=posture)
+
+
+def test_the_loops_stay_closed_along_the_driven_motion() -> None:
+    motion = looped()
+    q, before = motion.posture.copy(), motion.posture.copy()
+    for driven in ([2.0, 1.2], [1.0, 0.9], [1.9, 1.1]):
+        motion.positions(q, np.array(driven))
+        np.testing.assert_array_equal(q[motion.index], driven)
+        np.testing.assert_allclose(motion.robot.closure(q), 0.0, atol=1e-14)
+        # the branch of the start: both elbows stay on their sides
+        np.testing.assert_array_equal(np.sign(q[[1, 3]]), np.sign(before[[1, 3]]))
+
+
+def test_rates_and_accelerations_are_derivatives_of_positions() -> None:
+    motion, step = looped(), 1e-4
+
+    def at(t: float) -> Array:
+        q = motion.posture.copy()
+        motion.positions(q, q[motion.index] + np.array([0.5 * t - t * t, 0.3 * t + 2.0 * t * t]))
+        return q
+
+    before, after, q = at(-step), at(step), at(0.0)
+    qd, qdd = np.zeros((2, motion.robot.n))
+    motion.rates(qd, np.array([0.5, 0.3]))
+    motion.accelerations(q, qd, qdd, np.array([-2.0, 4.0]))
+    # central differences: 1e-8 of truncation, 1e-16 / 1e-8 of rounding
+    np.testing.assert_allclose(qd, (after - before) / (2 * step), atol=1e-6)
+    np.testing.assert_allclose(qdd, (after - 2 * q + before) / step**2, atol=1e-5)
+
+
+@pytest.mark.parametrize('kind', ['rrrr', 'ffff'])
+def test_rigid_torque_is_constrained_inverse_dynamics(kind: str) -> None:
+    robot, posture = five_bar(kind)
+    feedforward = TorqueFeedforward(robot, DRIVEN, 'rigid', posture=posture)
+    torque = feedforward.update(
+        posture[[0, robot.joint_indices[2]]] + 0.1, np.array([0.4, -0.7]), np.array([2.0, 3.0]), 0
+    )
+    # a rigid link has no equation of its amplitudes: they count as driven, and only they
+    held = load_robot(ROBOTS / 'five_bar_rrrr.urdf', gravity=(0, -9.81, 0))
+    index = robot.joint_indices
+    expected, _ = held.constrained_inverse_dynamics(
+        feedforward.q[index], feedforward.qd[index], feedforward.qdd[index], DRIVEN
+    )
+    np.testing.assert_allclose(torque, expected, rtol=1e-9)
+
+
+def test_flexible_torque_starts_from_the_equilibrium_of_the_closed_mechanism() -> None:
+    robot, posture = five_bar('ffff')
+    feedforward = TorqueFeedforward(robot, DRIVEN, 'quasi_static', posture=posture)
+    angles = posture[feedforward.motion.index]
+    for shift in (0.0, 1e-3, 2e-3):  # found, then followed
+        feedforward.update(angles + shift, np.zeros(2), np.zeros(2), 1e-3)
+    q, zero = feedforward.q, np.zeros(robot.n)
+    np.testing.assert_allclose(robot.closure(q), 0.0, atol=1e-12)
+    assert np.abs(q[robot.flexible_indices]).max() > 1e-5
+    torque, qdd, _ = robot.constrained_hybrid_dynamics(q, zero, np.zeros(2), DRIVEN)
+    # the links' lowest frequency is 40 rad/s or more: 1e-6 rad/s^2 are 1e-9 of the amplitudes
+    np.testing.assert_allclose(qdd, 0.0, atol=1e-6)
+    np.testing.assert_allclose(torque, feedforward.update(angles + 2e-3, zero[:2], zero[:2], 0))
+
+
+@pytest.mark.parametrize(
+    ('joints', 'match'),
+    [
+        (('joint_1',), 'must leave nothing else free, got 1 free motion'),
+        (('joint_1', 'joint_2', 'joint_3'), 'must move independently of each other'),
+    ],
+)
+def test_driven_joints_must_determine_the_mechanism(joints: tuple[str, ...], match: str) -> None:
+    robot, posture = five_bar('rrrr')
+    with pytest.raises(StateError, match=match):
+        LoopedMotion(robot, joints, posture=posture)
+
+
+def test_positions_out_of_reach_are_refused_and_change_nothing() -> None:
+    motion = looped()
+    q = motion.posture.copy()
+    with pytest.raises(SolverError, match='must be where the loops close'):
+        motion.positions(q, np.array([3.1, 0.0]))
+    np.testing.assert_array_equal(q, motion.posture)
