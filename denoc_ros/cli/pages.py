@@ -1,12 +1,12 @@
-"""Templates of the HTML pages."""
+"""The HTML pages' templates."""
 
 from __future__ import annotations
 
 from typing import Any
 
 
-def page_template(name: str) -> Any:
-    """Return one of the package's Jinja templates, with HTML escaped."""
+def render_page(template: str, **values: Any) -> str:
+    """Return one of the package's Jinja templates filled in, with HTML escaped."""
     from jinja2 import Environment, PackageLoader
 
     environment = Environment(
@@ -15,4 +15,4 @@ def page_template(name: str) -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template(name)
+    return str(environment.get_template(template).render(**values))

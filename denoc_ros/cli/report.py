@@ -139,10 +139,11 @@ def _render(
     statuses: Sequence[Diagnostic],
 ) -> str:
     from denoc_ros.cli import sections
-    from denoc_ros.cli.pages import page_template
+    from denoc_ros.cli.pages import render_page
 
     begun = datetime.fromtimestamp(recording.origin_ns * 1e-9, tz=timezone.utc)
-    return page_template('report.html.j2').render(
+    return render_page(
+        'report.html.j2',
         title=session.get('name') or recording.path.resolve().stem,
         begun=begun.strftime('%Y-%m-%d %H:%M:%S UTC'),
         session=session,

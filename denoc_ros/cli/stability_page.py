@@ -10,7 +10,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
-from denoc_ros.cli.pages import page_template
+from denoc_ros.cli.pages import render_page
 from denoc_ros.cli.sections import Card, Section, Table, engineering
 from denoc_ros.cli.versions import versions
 from denoc_ros.simulation.scenario import Scenario
@@ -52,7 +52,8 @@ def page(study: Study, scenario: Scenario, names: Mapping[str, str]) -> str:
         'step': float(study.times[1] - study.times[0]),
         'versions': versions(),
     }
-    return page_template('stability.html.j2').render(
+    return render_page(
+        'stability.html.j2',
         title='Numerical stability: recursion and Cholesky',
         session=session,
         duration=float(study.times[-1] - study.times[0]),
