@@ -132,7 +132,7 @@ def scale_of(values: Sequence[Array]) -> tuple[float, str]:
 
 
 def _draw_lines(axis: Axes, panel: Panel) -> None:
-    factor, prefix = scale_of([curve.y for curve in panel.curves])
+    factor, prefix = scale_of([curve.y for curve in panel.curves]) if panel.unit else SCALES[0]
     for curve in panel.curves:
         t, y = (curve.t, curve.y) if curve.marker else thin(curve.t, curve.y)
         style = (0, (4, 2)) if curve.dashed else 'solid'

@@ -12,7 +12,18 @@ from typing import NoReturn
 
 from denoc_ros.errors import DenocError
 
-VERBS = ('check', 'simulate', 'up', 'report', 'replay', 'recover', 'dh', 'stability', 'bench')
+VERBS = (
+    'check',
+    'simulate',
+    'up',
+    'replay',
+    'identify',
+    'report',
+    'recover',
+    'dh',
+    'stability',
+    'bench',
+)
 BAD_INPUT = 1
 INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 
@@ -51,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 good, 1 bad input (message on stderr), 2 doubtful result, 3 not identifiable,
         130 interrupted.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    arguments = _with_action(list(sys.argv[1:] if argv is None else argv))
     try:
         args = build_parser(arguments).parse_args(arguments)
     except SystemExit as stop:
@@ -87,6 +98,16 @@ def build_parser(arguments: Sequence[str] = ()) -> Parser:
         module.add_parser(subparsers)
         subparsers.choices[verb].set_defaults(execute=module.run)
     return parser
+
+
+def _with_action(arguments: list[str]) -> list[str]:
+    """Put a verb's default action in where a verb that has actions is given none."""
+    if len(arguments) < 2 or arguments[0] != 'identify' or arguments[1].startswith('-'):
+        return arguments
+    from denoc_ros.cli.identify import ACTIONS, DEFAULT_ACTION
+
+    given = [] if arguments[1] in ACTIONS else [DEFAULT_ACTION]
+    return [arguments[0], *given, *arguments[1:]]
 
 
 def _verb_module(verb: str) -> ModuleType:

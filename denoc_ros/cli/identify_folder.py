@@ -1,0 +1,121 @@
+"""`denoc identify modal` on many recordings: one row each."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from denoc_ros.cli.batch import FAILURE, Crew, Row, RowStore, run_batch
+from denoc_ros.cli.text_table import text_table
+from denoc_ros.errors import BagError
+
+COLUMNS: dict[str, type] = {
+    'file': str,
+    'verdict': str,
+    'modes': int,
+    'frequency_hz': list,
+    'damping_ratio': list,
+    'interval_low': list,
+    'interval_high': list,
+    'bound': list,
+    'amplitude': list,
+    'snr_db': list,
+    'begin_s': float,
+    'end_s': float,
+    'reasons': str,
+    'seconds': float,
+}
+OF_MODES = ('frequency_hz', 'damping_ratio', 'bound', 'amplitude', 'snr_db')
+# what does not change a row
+APART = ('paths', 'output', 'json', 'workers', 'scheduler', 'verb', 'action', 'act', 'execute')
+DOUBTFUL = 2
+
+
+def run_folder(args: argparse.Namespace, paths: Sequence[Path], crew: Crew) -> int:
+    """Identify each recording; exit status 0 all good, 2 some not, 1 none could be read."""
+    rows = identify_all(args, paths, crew, progress=not args.json)
+    good = [row for row in rows if not row[FAILURE]]
+    if args.json:
+        print(json.dumps({'output': str(args.output or ''), 'rows': rows}, indent=2))
+    else:
+        if good:
+            print(text_table([_shown(row) for row in good]))
+        for row in rows:
+            if row[FAILURE]:
+                print(f'  skipped: {row[FAILURE]}')
+        print(f'{len(good)} of {len(rows)} recordings', f'in {args.output}' if args.output else '')
+    if not good:
+        raise BagError(f'none of {len(rows)} recordings could be read')
+    return 0 if all(row.get('verdict') == 'good' for row in rows) else DOUBTFUL
+
+
+def identify_all(
+    args: argparse.Namespace, paths: Sequence[Path], crew: Crew, progress: bool = False
+) -> list[Row]:
+    """Return a row of modes for each recording, as `denoc_ros.cli.batch.run_batch` does.
+
+    Parameters
+    ----------
+    args : Namespace
+        Of `denoc identify modal`: the signal, the robot, `output`.
+    paths : sequence of Path
+        The recordings; the workers must see them under the same paths.
+    crew : Crew
+        Who works.
+    progress : bool
+        Whether there is a progress bar, on a terminal.
+    """
+    options = argparse.Namespace(
+        **{name: value for name, value in vars(args).items() if name not in APART}
+    )
+    asked = hashlib.sha256(repr(sorted(vars(options).items())).encode()).hexdigest()[:12]
+    store = RowStore(args.output, COLUMNS) if args.output else None
+    items = {f'{asked}/{_state_of(path)}': (options, path.resolve()) for path in paths}
+    return run_batch(modal_row, items, store, crew, 'recordings', progress)
+
+
+def modal_row(item: tuple[argparse.Namespace, Path]) -> Row:
+    """Return one recording's row."""
+    from denoc_ros.cli.identify_modal import identify
+
+    options, path = item
+    began = time.perf_counter()
+    document, _ = identify(options, path)
+    modes = document['modes']
+    row: Row = {
+        'file': str(path),
+        'verdict': document['verdict'],
+        'modes': len(modes),
+        'begin_s': document['window']['begin_s'],
+        'end_s': document['window']['end_s'],
+        'reasons': '; '.join(document['reasons']),
+        'seconds': time.perf_counter() - began,
+    }
+    row |= {name: [mode[name] for mode in modes] for name in OF_MODES}
+    for k, name in enumerate(('interval_low', 'interval_high')):
+        row[name] = [mode['interval'][k] for mode in modes]
+    return row
+
+
+def _state_of(path: Path) -> str:
+    """Return a recording's path, size and time of change: a changed one is another."""
+    try:
+        files = sorted(path.iterdir()) if path.is_dir() else [path]
+        state = [(file.stat().st_size, file.stat().st_mtime_ns) for file in files]
+    except OSError:
+        state = []
+    digest = hashlib.sha256(repr(state).encode()).hexdigest()[:12]
+    return f'{path.resolve()}/{digest}'
+
+
+def _shown(row: Row) -> Row:
+    return {
+        'file': Path(row['file']).name,
+        'verdict': row['verdict'],
+        'f [Hz]': ' '.join(f'{value:.4g}' for value in row['frequency_hz']) or '-',
+        'zeta': ' '.join(f'{value:.4g}' for value in row['damping_ratio']) or '-',
+    }

@@ -1,0 +1,161 @@
+"""What the verbs of `denoc identify` share: which signal, which robot, in what words."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from denoc_ros.errors import BagError, ConfigError
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.identification.channel import Channel
+
+DESCRIPTION = 'robot_description.urdf'
+
+
+def add_channel_options(parser: argparse.ArgumentParser, window: bool = True) -> None:
+    """Declare the options that say where in a file a signal stands."""
+    group = parser.add_argument_group('the signal')
+    group.add_argument('--topic', default='', help='of a bag, such as /predictor/tip_deflection')
+    group.add_argument(
+        '--field',
+        default='',
+        help='name in a JointState (arm/uy), label of an array, dotted path in another message '
+        '(wrench.force.x), or column of a table',
+    )
+    group.add_argument(
+        '--quantity',
+        choices=('position', 'velocity', 'effort'),
+        default='position',
+        help='of a JointState; default: position',
+    )
+    group.add_argument(
+        '--stamp',
+        choices=('header', 'log'),
+        default='header',
+        help="a bag's times: header stamps (default) or when it was recorded",
+    )
+    group.add_argument('--time', metavar='COLUMN', default='', help="a table's times [s]")
+    group.add_argument(
+        '--rate', metavar='HZ', type=float, default=0.0, help='of a table without times'
+    )
+    group.add_argument('--gain', type=float, default=1.0, help='value = gain * raw + offset')
+    group.add_argument('--offset', type=float, default=0.0, help='in the unit of the value')
+    group.add_argument('--unit', default='', help='of the value')
+    if window:
+        group.add_argument(
+            '--begin', metavar='S', type=float, default=0.0, help='since the first sample [s]'
+        )
+        group.add_argument(
+            '--end', metavar='S', type=float, default=math.inf, help='since the first sample [s]'
+        )
+
+
+def channel_of(args: argparse.Namespace) -> Channel:
+    """Return the channel that the options give; ConfigError where they make no sense."""
+    from denoc_ros.identification.channel import Channel
+
+    findings = [
+        f'{name} must be a finite number, got {value}'
+        for name, value in (('--gain', args.gain), ('--offset', args.offset))
+        if not math.isfinite(value)
+    ]
+    if args.gain == 0.0:
+        findings.append('--gain must not be 0, got 0')
+    if not (math.isfinite(args.rate) and args.rate >= 0.0):
+        findings.append(f'--rate must be > 0 Hz, got {args.rate}')
+    begin, end = getattr(args, 'begin', 0.0), getattr(args, 'end', math.inf)
+    if not begin < end:
+        findings.append(f'--begin must be before --end, got {begin} and {end} s')
+    if findings:
+        raise ConfigError('identify', findings)
+    return Channel(
+        topic=args.topic,
+        field=args.field,
+        quantity=args.quantity,
+        stamp=args.stamp,
+        time=args.time,
+        rate=args.rate,
+        gain=args.gain,
+        offset=args.offset,
+        unit=args.unit,
+        begin=begin,
+        end=end,
+    )
+
+
+def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> None:
+    """Declare the options that say of which robot, where its joints stood, and whether held."""
+    group = parser.add_argument_group('the robot')
+    if robot:
+        group.add_argument(
+            '--robot',
+            metavar='URDF',
+            default='',
+            help='whose coefficients are wanted; default: the one attached to the bag',
+        )
+    group.add_argument(
+        '--at',
+        metavar='JOINT=VALUE',
+        action='append',
+        default=[],
+        help="a joint's position [rad, m]; default: the bag's /joint_states, else 0; repeatable",
+    )
+    group.add_argument(
+        '--joints',
+        choices=('held', 'free'),
+        default='held',
+        help='whether the joints were locked while it rang; default: held',
+    )
+    group.add_argument(
+        '--gravity',
+        metavar='M/S2',
+        nargs=3,
+        type=float,
+        default=(0.0, 0.0, -9.81),
+        help='in the base frame; default: 0 0 -9.81',
+    )
+
+
+def load_named_robot(path: str, gravity: Sequence[float]) -> Robot:
+    """Return the robot of a file; one that is not here is looked for among the installed."""
+    from denoc_ros.cli.config import find_file
+    from denoc_ros.dynamics.robot import load_robot
+
+    found = find_file(Path(path), Path())
+    if found is None:
+        raise ConfigError(path, ['the robot must be a file, got none of this name'])
+    return load_robot(found, gravity=tuple(gravity))
+
+
+def attached_robot(path: Path, gravity: Sequence[float]) -> Robot | None:
+    """Return the robot that a bag came with, None where it came with none."""
+    from denoc_ros.bags.reader import read_attachment
+    from denoc_ros.dynamics.robot import load_robot
+    from denoc_ros.identification.channel import is_table
+
+    if is_table(path) or path.suffix == '.db3':
+        return None
+    try:
+        text = read_attachment(path, DESCRIPTION).decode('utf-8')
+    except BagError:
+        return None
+    return load_robot(text, gravity=tuple(gravity))
+
+
+def joint_values(settings: Sequence[str]) -> dict[str, float]:
+    """Return JOINT=VALUE settings as a mapping; ConfigError with every finding."""
+    values, findings = {}, []
+    for setting in settings:
+        name, _, text = setting.partition('=')
+        try:
+            values[name] = float(text)
+        except ValueError:
+            findings.append(f'it must be JOINT=VALUE, got {setting!r}')
+    if findings:
+        raise ConfigError('--at', findings)
+    return values

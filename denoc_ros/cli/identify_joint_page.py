@@ -1,0 +1,126 @@
+"""The page of `denoc identify joint`: the swing, its fit, and which friction matters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from denoc_ros.cli.figures import (
+    DIFFERENCE_COLOUR,
+    PHASE_COLOURS,
+    TRUTH_COLOUR,
+    Curve,
+    Panel,
+    line_figure,
+)
+from denoc_ros.cli.identify_page import about
+from denoc_ros.cli.pages import render_page
+from denoc_ros.cli.sections import Card, Section, Table, engineering
+from denoc_ros.cli.text_table import cell_text
+from denoc_ros.identification.joint import FrictionModel, JointFit
+from denoc_ros.identification.records import Record
+from denoc_ros.identification.swing import swing_angles
+
+ROW = 2.3  # inches
+
+
+def joint_page(document: Mapping[str, Any], record: Record, fit: JointFit) -> str:
+    """Return the HTML page of one joint's friction.
+
+    Parameters
+    ----------
+    document : mapping
+        The result, as in result.yaml.
+    record : Record
+        The swing.
+    fit : JointFit
+        What was found.
+    """
+    source = document['source']
+    return render_page(
+        'identify.html.j2',
+        title=f'Friction of {record.name}',
+        session={'versions': document['versions']},
+        subtitle=f'{source["file"]} · {document["method"]}',
+        cards=_cards(document),
+        sections=[_swing(record, fit), _models(record, fit), _decrement(document), about(document)],
+    )
+
+
+def _cards(document: Mapping[str, Any]) -> list[Card]:
+    cards = [Card('Verdict', document['verdict'], '; '.join(document['reasons'][:1]))]
+    for name, one in document['terms'].items():
+        low, high = one['interval']
+        note = f'95 %: {low:.4g} … {high:.4g}'
+        cards.append(Card(f'{name} friction', f'{one["value"]:.4g} {one["unit"]}', note))
+    return cards
+
+
+def _swing(record: Record, fit: JointFit) -> Section:
+    fitted = fit.prediction(record.t)
+    panels = [
+        Panel(
+            'angle',
+            'rad',
+            [
+                Curve('measured', TRUTH_COLOUR, record.t, record.y),
+                Curve('simulated', PHASE_COLOURS[0], record.t, fitted, True),
+            ],
+        ),
+        Panel(
+            'measured minus simulated',
+            'rad',
+            [Curve('difference', DIFFERENCE_COLOUR, record.t, record.y - fitted)],
+        ),
+    ]
+    return Section(
+        'Measured and simulated',
+        'The equation of motion with the friction that was found. What is left is '
+        f'{engineering(fit.residual, "rad")} rms while the joint moves.',
+        [Markup(line_figure(panels, ROW))],
+    )
+
+
+def _models(record: Record, fit: JointFit) -> Section:
+    def angles(model: FrictionModel) -> Curve:
+        shown = swing_angles(model.swing, record.t - fit.start, fit.large)
+        colour = PHASE_COLOURS[fit.models.index(model) % len(PHASE_COLOURS)]
+        difference = np.asarray(record.y - shown)
+        return Curve(' + '.join(model.terms), colour, record.t, difference)
+
+    panel = Panel('measured minus simulated', 'rad', [angles(model) for model in fit.models])
+    rows = [
+        [' + '.join(model.terms), engineering(model.residual, 'rad'), model.rejected or 'chosen']
+        for model in fit.models
+    ]
+    return Section(
+        'Which terms matter',
+        'Each set of terms fitted to the same swing.',
+        [Markup(line_figure([panel], ROW))],
+        [Table(['terms', 'residual, rms', ''], rows)],
+    )
+
+
+def _decrement(document: Mapping[str, Any]) -> Section:
+    rows = [
+        [
+            one['convention'],
+            cell_text(one['damping_ratio']),
+            cell_text(one['frequency_hz']),
+            cell_text(one['critical']),
+            cell_text(one['coefficient']),
+            one['unit'],
+            one['reason'],
+        ]
+        for one in document['decrement']
+    ]
+    head = ['convention', 'ζ', 'f [Hz]', 'critical', 'coefficient', 'unit', '']
+    return Section(
+        'Logarithmic decrement',
+        'Exact: ζ = δ/√(4π² + δ²) and a critical damping of 2Iω. Book: ζ = δ/2π and 4πρaη, whose '
+        'unit is none of a torque. Either takes viscous friction and small angles for granted.',
+        tables=[Table(head, rows)],
+    )

@@ -1,0 +1,225 @@
+"""`denoc identify modal`: modes of free decays, of one recording or of whole folders."""
+
+from __future__ import annotations
+
+import argparse
+import glob
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from denoc_ros.cli.batch import Crew, add_crew_options, crew_of
+from denoc_ros.cli.identify_inputs import (
+    add_channel_options,
+    add_robot_options,
+    attached_robot,
+    channel_of,
+    joint_values,
+    load_named_robot,
+)
+from denoc_ros.cli.text_table import text_table
+from denoc_ros.errors import BagError, DenocError
+
+if TYPE_CHECKING:
+    from denoc_ros.identification.analysis import DecayAnalysis
+    from denoc_ros.identification.channel import Reading
+    from denoc_ros.identification.damping import Assigned
+
+Document = dict[str, Any]
+
+RECORDINGS = ('.mcap', '.db3', '.csv', '.mat', '.json')
+
+
+def add_actions(actions: Any) -> None:
+    """Declare the action's arguments."""
+    parser = actions.add_parser(
+        'modal',
+        help='modes and damping ratios of a free decay, or of a folder of them',
+        description='Identify the modes of a free decay: how many there are is found. Several '
+        'recordings, a folder or a quoted pattern give one row each.',
+    )
+    parser.add_argument(
+        'paths', metavar='BAG', nargs='+', help="bags, tables, folders, or 'bags/**/*.mcap'"
+    )
+    parser.add_argument(
+        '-o',
+        '--output',
+        metavar='FOLDER',
+        type=Path,
+        help='result.yaml, modes.csv and report.html of one recording; Parquet files of several, '
+        'added to',
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    add_channel_options(parser)
+    add_robot_options(parser)
+    add_crew_options(parser)
+    parser.set_defaults(act=run_modal)
+
+
+def run_modal(args: argparse.Namespace) -> int:
+    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
+    from denoc_ros.identification.result import exit_status
+
+    paths, crew = recordings(args.paths), crew_of(args)
+    if len(paths) > 1 or str(paths[0]) not in args.paths or crew != Crew():
+        from denoc_ros.cli.identify_folder import run_folder
+
+        return run_folder(args, paths, crew)
+    document, analysis = identify(args, paths[0])
+    if args.output:
+        from denoc_ros.cli.identify_page import decay_page
+        from denoc_ros.identification.result import write_result
+
+        write_result(args.output, document)
+        page = decay_page(document, analysis)
+        (args.output / 'report.html').write_text(page, encoding='utf-8')
+    print(json.dumps(document, indent=2) if args.json else as_text(document))
+    return exit_status(document['verdict'])
+
+
+def recordings(names: Sequence[str]) -> list[Path]:
+    """Return the recordings that paths, folders and patterns stand for, each once.
+
+    Raises
+    ------
+    BagError
+        When one of them stands for none.
+    """
+    found: dict[Path, None] = {}
+    for name in names:
+        paths = [Path(name)]
+        if glob.has_magic(name) and not paths[0].exists():
+            paths = [Path(match) for match in sorted(glob.glob(name, recursive=True))]
+        elif paths[0].is_dir() and not _is_bag_folder(paths[0]):
+            paths = sorted(_inside(paths[0]))
+        if not paths:
+            raise BagError(f'{name}: path must be that of a bag, or of some, got none there')
+        found |= dict.fromkeys(paths)
+    return list(found)
+
+
+def identify(args: argparse.Namespace, path: Path) -> tuple[Document, DecayAnalysis]:
+    """Return the result for one recording, ready for a file, and the analysis it is from."""
+    import math
+
+    from denoc_ros.cli.versions import versions
+    from denoc_ros.identification.analysis import analyse_decay
+    from denoc_ros.identification.channel import read_record
+    from denoc_ros.identification.result import modal_result
+
+    channel = channel_of(args)
+    reading = read_record(path, channel)
+    given = channel.begin > 0.0 or math.isfinite(channel.end)
+    analysis = analyse_decay(reading.record, given)
+    coefficients, model = _of_model(args, reading, analysis)
+    return modal_result(reading, analysis, coefficients, versions(), model), analysis
+
+
+def as_text(document: Mapping[str, Any]) -> str:
+    """Return a result's lines for a terminal."""
+    source, window, quality = document['source'], document['window'], document['quality']
+    signal = ' '.join(filter(None, (source['topic'], source['field'], source['quantity'])))
+    lines = [
+        f'{source["file"]}: {signal}',
+        f'  {window["begin_s"]:.4g} … {window["end_s"]:.4g} s ({window["by"]}), '
+        f'{quality["samples"]} samples at {quality["rate"]:.4g} Hz',
+    ]
+    rows = [
+        {
+            'f [Hz]': mode['frequency_hz'],
+            'zeta': mode['damping_ratio'],
+            '95 %': '{:.4g} … {:.4g}'.format(*mode['interval']),
+            'bound': f'{100.0 * mode["bound"]:.2g} %' if mode['bound'] is not None else '-',
+            'SNR [dB]': mode['snr_db'],
+            'verdict': mode['verdict'],
+        }
+        for mode in document['modes']
+    ]
+    if rows:
+        lines.append(text_table(rows))
+    for mode in document['modes']:
+        lines += [f'  {mode["frequency_hz"]:.4g} Hz: {reason}' for reason in mode['reasons']]
+        lines += [
+            f'  {mode["frequency_hz"]:.4g} Hz, {check["method"]}: {_check_text(check)}'
+            for check in mode['checks']
+        ]
+        if one := mode.get('coefficient'):
+            lines.append(
+                f'  {mode["frequency_hz"]:.4g} Hz: {one["value"]:.4g} {one["unit"]} of '
+                f'{one["of"]} ({one["scaling"]}), {one["path"]} '
+                f'{one["damping_ratio_at_fixed_root"]:.4g}'
+            )
+    lines += [
+        f'  no mode: {line["frequency"]:.4g} Hz, {line["origin"]}' for line in document['lines']
+    ]
+    lines += [f'  {remark}' for remark in document['remarks']]
+    if note := document.get('model', {}).get('left_out'):
+        lines.append(f'  coefficients left out: {note}')
+    return '\n'.join([*lines, f'verdict: {document["verdict"]}'])
+
+
+def _check_text(check: Mapping[str, Any]) -> str:
+    found = [] if check['damping_ratio'] is None else [f'zeta {check["damping_ratio"]:.4g}']
+    return ', '.join([*found, *filter(None, [check['reason']])])
+
+
+def _of_model(
+    args: argparse.Namespace, reading: Reading, analysis: DecayAnalysis
+) -> tuple[dict[int, Assigned], Document]:
+    """Return the amplitudes of the model that the good modes determine, and which model it is."""
+    from denoc_ros.identification.apply import USABLE, configuration
+    from denoc_ros.identification.channel import joint_positions
+    from denoc_ros.identification.damping import assign_damping
+
+    robot = (
+        load_named_robot(args.robot, args.gravity)
+        if args.robot
+        else attached_robot(reading.path, args.gravity)
+    )
+    if robot is None:
+        return {}, {}
+    modes = analysis.modes
+    measured = joint_positions(reading, modes.start, modes.stop)
+    joints = {name: measured[name] for name in robot.joint_names if name in measured}
+    joints |= joint_values(args.at)
+    model: Document = {
+        'robot': robot.tree.name,
+        'file': args.robot or 'attached to the bag',
+        'joints': joints,
+        'held': args.joints == 'held',
+        'gravity': list(args.gravity),
+    }
+    usable = [k for k, verdict in enumerate(modes.verdict) if verdict in USABLE]
+    if not usable:
+        return {}, model
+    try:
+        assigned = assign_damping(
+            robot,
+            configuration(robot, joints),
+            modes.frequency[usable],
+            modes.damping_ratio[usable],
+            args.joints == 'held',
+            modes.amplitude[usable],
+        )
+    except DenocError as error:
+        if args.robot:
+            print(f'denoc identify: coefficients left out: {error}', file=sys.stderr)
+        return {}, {**model, 'left_out': str(error)}
+    return {usable[one.mode]: one for one in assigned}, model
+
+
+def _is_bag_folder(folder: Path) -> bool:
+    files = [file for file in folder.iterdir() if file.suffix in ('.mcap', '.db3')]
+    return (folder / 'metadata.yaml').is_file() or len(files) == 1
+
+
+def _inside(folder: Path) -> list[Path]:
+    """Return the bags below a folder: bag folders as such, and tables."""
+    found: dict[Path, None] = {}
+    for file in folder.rglob('*'):
+        if file.suffix in RECORDINGS and file.is_file():
+            is_part = (file.parent / 'metadata.yaml').is_file()
+            found[file.parent if is_part else file] = None
+    return list(found)

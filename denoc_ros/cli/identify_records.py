@@ -1,0 +1,134 @@
+"""`denoc identify info` and `segment`: what a recording holds before anything is fitted."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from denoc_ros.cli.identify_inputs import add_channel_options, channel_of
+from denoc_ros.cli.text_table import Row, text_table
+from denoc_ros.errors import BagError, DenocError
+
+if TYPE_CHECKING:
+    from denoc_ros.identification.channel import Channel
+
+
+def add_actions(actions: Any) -> None:
+    """Declare both actions' arguments."""
+    info = actions.add_parser(
+        'info',
+        help='rate, gaps, jitter, clipping, noise of the signals of a recording',
+        description='List the signals of a bag or a table: rate, gaps, jitter, clipping, '
+        'resolution, noise. --topic and --field choose among them.',
+    )
+    info.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
+    add_channel_options(info)
+    info.add_argument('--json', action='store_true', help='print JSON for machines')
+    info.set_defaults(act=run_info)
+    segment = actions.add_parser(
+        'segment',
+        help='find releases, free decays, steps and rests in a signal',
+        description='List what a signal consists of: free decays, steps, rests.',
+    )
+    segment.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
+    add_channel_options(segment)
+    segment.add_argument('--json', action='store_true', help='print JSON for machines')
+    segment.set_defaults(act=run_segment)
+
+
+def run_info(args: argparse.Namespace) -> int:
+    """List the signals; an error when none of them makes a record."""
+    rows = describe(args.path, channel_of(args))
+    if all('problem' in row for row in rows):
+        raise BagError('\n'.join(row['problem'] for row in rows))
+    if args.json:
+        print(json.dumps({'file': str(args.path), 'signals': rows}, indent=2))
+    else:
+        print(f'{args.path}: {len(rows)} signals')
+        print(text_table([row for row in rows if 'problem' not in row]))
+        for row in rows:
+            if 'problem' in row:
+                print(f'  {row["signal"]}: {row["problem"]}')
+    return 0
+
+
+def run_segment(args: argparse.Namespace) -> int:
+    """List the segments; exit status 3 when there is no free decay."""
+    from denoc_ros.identification.channel import read_record
+    from denoc_ros.identification.segments import find_segments
+
+    reading = read_record(args.path, channel_of(args))
+    rows = [
+        {
+            'kind': segment.kind,
+            'begin_s': float(segment.start),
+            'end_s': float(segment.stop),
+            'duration_s': float(segment.stop - segment.start),
+            'peak': float(segment.peak),
+        }
+        for segment in find_segments(reading.record)
+    ]
+    if args.json:
+        print(json.dumps({'signal': reading.record.name, 'segments': rows}, indent=2))
+    else:
+        print(f'{reading.record.name}: {len(rows)} segments')
+        if rows:
+            print(text_table(rows))
+    return 0 if any(row['kind'] == 'decay' for row in rows) else 3
+
+
+def describe(path: Path, channel: Channel) -> list[Row]:
+    """Return one row of quality per signal that the channel leaves open.
+
+    Parameters
+    ----------
+    path : Path
+        A bag or a table.
+    channel : Channel
+        What it names is all that is described.
+
+    Raises
+    ------
+    BagError
+        When the file cannot be read, or has no such signal.
+    """
+    from dataclasses import replace
+
+    from denoc_ros.identification.channel import channels_of
+
+    chosen = [channel]
+    if not channel.field:
+        chosen = [
+            replace(channel, topic=one.topic, field=one.field, quantity=one.quantity)
+            for one in channels_of(path)
+            if channel.topic in ('', one.topic)
+        ]
+    return [_row(path, one) for one in chosen]
+
+
+def _row(path: Path, channel: Channel) -> Row:
+    from denoc_ros.identification.channel import read_record
+    from denoc_ros.identification.quality import assess
+
+    try:
+        reading = read_record(path, channel)
+    except DenocError as error:
+        return {'signal': channel.name, 'problem': str(error)}
+    quality = assess(reading.record)
+    return {
+        'signal': reading.channel.name,
+        'samples': quality.samples,
+        'duration_s': quality.duration,
+        'rate_hz': quality.rate,
+        'gaps': quality.gaps,
+        'longest_gap_s': quality.longest_gap,
+        'lost': quality.lost,
+        'jitter': quality.jitter,
+        'clipped': int(quality.clipped.sum()),
+        'resolution': quality.resolution,
+        'noise': quality.noise,
+        'snr_db': quality.snr_db if math.isfinite(quality.snr_db) else None,
+    }

@@ -1,0 +1,140 @@
+"""`denoc identify apply` and `compare`: what becomes of results."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from denoc_ros.cli.identify_inputs import add_robot_options, joint_values, load_named_robot
+from denoc_ros.cli.text_table import text_table
+from denoc_ros.errors import BagError, IdentificationError
+
+Document = dict[str, Any]
+DOUBTFUL = 2
+
+
+def add_actions(actions: Any) -> None:
+    """Declare both actions' arguments."""
+    apply = actions.add_parser(
+        'apply',
+        help="write identified damping into a robot's URDF",
+        description='Find the damping with which the robot has the identified modes, and write '
+        'it into its <flexibility> block; or friction of a joint into its <dynamics>. Nothing '
+        'else in the file changes. Several results of modes count together.',
+    )
+    apply.add_argument(
+        'results', metavar='RESULT', nargs='+', type=Path, help='result.yaml, or its folder'
+    )
+    apply.add_argument('--robot', metavar='URDF', required=True, help='the robot')
+    apply.add_argument(
+        '-o', '--output', metavar='URDF', type=Path, required=True, help='a new file'
+    )
+    apply.add_argument('--joint', default='', help='whose friction the result is')
+    apply.add_argument('--doubtful', action='store_true', help='take doubtful modes too')
+    apply.add_argument('--json', action='store_true', help='print JSON for machines')
+    add_robot_options(apply, robot=False)
+    apply.set_defaults(act=run_apply)
+    compare = actions.add_parser(
+        'compare',
+        help='modes of several runs: mean, spread, repeatability',
+        description='Put the modes of several results side by side: mean, standard deviation '
+        'between runs, what two runs differ by at most in 95 %% of cases. Exit status 2 when '
+        'runs differ by more than their intervals let expect.',
+    )
+    compare.add_argument(
+        'results', metavar='RESULT', nargs='+', type=Path, help='result.yaml, or its folder'
+    )
+    compare.add_argument('--json', action='store_true', help='print JSON for machines')
+    compare.set_defaults(act=run_compare)
+
+
+def run_apply(args: argparse.Namespace) -> int:
+    """Write the changed description; errors are raised."""
+    from denoc_ros.identification.result import read_result
+
+    if args.output.exists():
+        raise BagError(f'{args.output}: output must not exist yet, got an existing one')
+    results = [read_result(path) for path in args.results]
+    overrides, text = changed_description(args, results)
+    args.output.write_text(text, encoding='utf-8')
+    if args.json:
+        print(json.dumps({'output': str(args.output), 'overrides': overrides}, indent=2))
+    else:
+        print(f'{args.output}: {args.robot} with')
+        for path, value in overrides.items():
+            listed = value if isinstance(value, list) else [value]
+            print(f'  {path}: {" ".join(f"{number:.6g}" for number in listed)}')
+    return 0
+
+
+def changed_description(
+    args: argparse.Namespace, results: Sequence[Mapping[str, Any]]
+) -> tuple[dict[str, Any], str]:
+    """Return the numbers that change, by dotted path, and the description with them."""
+    from denoc_ros.identification.apply import joint_overrides, modal_overrides
+    from denoc_ros.model.overrides import edited_description
+
+    overrides: dict[str, Any] = {}
+    robot = load_named_robot(args.robot, args.gravity)
+    modal = [one for one in results if one['kind'] == 'modal']
+    of_joint = [one for one in results if one['kind'] == 'joint']
+    if modal:
+        recorded = modal[0].get('model', {}).get('joints', {})
+        joints = {name: recorded[name] for name in robot.joint_names if name in recorded}
+        joints |= joint_values(args.at)
+        held = args.joints == 'held'
+        overrides |= modal_overrides(robot, modal, joints, held, args.doubtful)[0]
+    if of_joint:
+        if args.joint not in robot.joint_names or len(of_joint) > 1:
+            raise IdentificationError(
+                f'apply: --joint must name one of {", ".join(robot.joint_names)} for one result '
+                f'of a joint, got {args.joint!r} for {len(of_joint)}'
+            )
+        overrides |= joint_overrides(of_joint[0], args.joint)
+    if not overrides:
+        raise IdentificationError('apply: results must be of modes or of a joint, got others')
+    return overrides, edited_description(robot.tree.source, overrides)
+
+
+def run_compare(args: argparse.Namespace) -> int:
+    """Compare; exit status 2 when runs differ by more than their intervals let expect."""
+    from denoc_ros.identification.compare import compare_results
+    from denoc_ros.identification.result import read_result
+
+    compared = compare_results([read_result(path) for path in args.results])
+    rows = [
+        {
+            'f [Hz]': mode.frequency_hz,
+            'runs': f'{len(mode.runs)} of {len(args.results)}',
+            'zeta': mode.damping_ratio,
+            'deviation': _finite(mode.damping_deviation),
+            'expected': mode.expected_deviation,
+            'repeatability': _finite(mode.repeatability),
+            'of zeta': _percent(mode.repeatability / mode.damping_ratio),
+            'consistent': 'yes' if mode.consistent else 'no',
+        }
+        for mode in compared
+    ]
+    if args.json:
+        modes = [{**dataclasses.asdict(mode), 'consistent': mode.consistent} for mode in compared]
+        finite = [
+            {key: _finite(v) if isinstance(v, float) else v for key, v in mode.items()}
+            for mode in modes
+        ]
+        print(json.dumps({'results': list(map(str, args.results)), 'modes': finite}, indent=2))
+    elif rows:
+        print(text_table(rows))
+    return 0 if all(mode.consistent for mode in compared) else DOUBTFUL
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _percent(value: float) -> str:
+    return f'{100.0 * value:.2g} %' if math.isfinite(value) else '-'

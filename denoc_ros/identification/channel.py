@@ -1,0 +1,302 @@
+"""Where a signal stands in a bag or a table, and its record."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.bags.reader import Stamp, bag_topics, read_bag
+from denoc_ros.bags.series import Stamps, elapsed, read_arrays, read_joint_states
+from denoc_ros.errors import BagError
+from denoc_ros.identification.records import Record
+from denoc_ros.identification.tables import READERS, read_table
+
+Floats = NDArray[np.float64]
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
+QUANTITIES = ('position', 'velocity', 'effort')
+TIME_NAMES = ('time', 't', 'timestamp', 'stamp')
+DEFLECTION_UNITS = {'u': 'm', 'r': 'rad'}
+DEEPEST = 4  # levels of a message that are looked into
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One signal of a file: where it stands, and what turns it into a quantity.
+
+    Attributes
+    ----------
+    topic : str
+        Of a bag; '' where it has one topic of numbers only.
+    field : str
+        Joint of a JointState, label or index of a Float64MultiArray, dotted path in another
+        message (`wrench.force.x`), or a table's column; '' where there is one only.
+    quantity : str
+        position, velocity or effort of a JointState.
+    stamp : str
+        Stamps of a bag: `header`, or `log` for the time of recording.
+    time : str
+        A table's column of times [s]; '' for one of the usual names.
+    rate : float
+        A table's sample rate [Hz], where it has no times; 0: it has.
+    gain, offset : float
+        value = gain * raw + offset.
+    unit : str
+        Of the value.
+    begin, end : float
+        Window [s] since the first sample.
+    """
+
+    topic: str = ''
+    field: str = ''
+    quantity: str = 'position'
+    stamp: Stamp = 'header'
+    time: str = ''
+    rate: float = 0.0
+    gain: float = 1.0
+    offset: float = 0.0
+    unit: str = ''
+    begin: float = 0.0
+    end: float = float('inf')
+
+    @property
+    def name(self) -> str:
+        """What reports call it."""
+        where = ' '.join(filter(None, (self.topic, self.field)))
+        return f'{where} {self.quantity}' if self.topic and self.quantity != 'position' else where
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A record and where it is from.
+
+    Attributes
+    ----------
+    record : Record
+        Times from the channel's first sample on [s].
+    path : Path
+        The file.
+    channel : Channel
+        With all that was left out of it filled in.
+    origin_ns : int
+        Stamp of time 0 [ns]; 0 in a table.
+    """
+
+    record: Record
+    path: Path
+    channel: Channel
+    origin_ns: int = 0
+
+
+def read_record(path: str | Path, channel: Channel) -> Reading:
+    """Return a channel's record.
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag, or a table that `read_table` reads.
+    channel : Channel
+        What is left out of it is found where there is no choice.
+
+    Raises
+    ------
+    BagError
+        When the file cannot be read, or does not have the channel; it says what it has.
+    IdentificationError
+        When the samples make no record.
+    """
+    path = Path(path)
+    origin_ns = 0
+    if is_table(path):
+        channel, t, raw = _table_samples(path, channel)
+    else:
+        channel, stamp_ns, raw = _bag_samples(path, channel)
+        t, origin_ns = elapsed(stamp_ns), int(stamp_ns[0]) if len(stamp_ns) else 0
+    there = np.isfinite(raw)
+    t, raw = t[there], raw[there]
+    window = (t >= channel.begin) & (t <= channel.end)
+    unit = channel.unit or _deflection_unit(channel)
+    values = channel.gain * raw[window] + channel.offset
+    record = Record(t[window], values, f'{path.name}: {channel.name}', unit)
+    return Reading(record, path, replace(channel, unit=unit), origin_ns)
+
+
+def joint_positions(reading: Reading, begin: float, end: float) -> dict[str, float]:
+    """Return the median positions of a bag's joints in a window of a record's time [s].
+
+    {} where the bag has no `/joint_states`. Errors as `read_record`.
+    """
+    if is_table(reading.path) or '/joint_states' not in bag_topics(reading.path):
+        return {}
+    series = read_joint_states(reading.path, stamp=reading.channel.stamp)
+    t = (series.stamp_ns - reading.origin_ns) * 1e-9
+    rows = series.position[(t >= begin) & (t <= end)]
+    if not len(rows):
+        return {}
+    return dict(zip(series.names, np.nanmedian(rows, axis=0).tolist(), strict=True))
+
+
+def channels_of(path: str | Path) -> list[Channel]:
+    """Return every channel of numbers in a file; errors as `read_record`."""
+    path = Path(path)
+    if is_table(path):
+        columns = read_table(path)
+        longest = max(map(len, columns.values()))
+        return [
+            Channel(field=name)
+            for name, values in columns.items()
+            if len(values) == longest and name not in TIME_NAMES
+        ]
+    return list(_bag_channels(path))
+
+
+def is_table(path: Path) -> bool:
+    """Say whether a path is that of a table."""
+    return path.suffix.lower() in READERS
+
+
+def file_hash(path: str | Path) -> str:
+    """Return the SHA-256 of a file, or of a bag folder's files in the order of their names."""
+    path = Path(path)
+    digest = hashlib.sha256()
+    parts = sorted(p for p in path.rglob('*') if p.is_file()) if path.is_dir() else [path]
+    for part in parts:
+        with part.open('rb') as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def _deflection_unit(channel: Channel) -> str:
+    """Return the unit of a deflection such as `arm/uy`, '' where the name does not say."""
+    component = re.search(r'/([ur])[xyz]$', channel.field)
+    if channel.gain != 1.0 or channel.quantity != 'position' or component is None:
+        return ''
+    return DEFLECTION_UNITS[component[1]]
+
+
+def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Floats, Floats]:
+    columns = read_table(path)
+    time = channel.time or next((name for name in TIME_NAMES if name in columns), '')
+    field = channel.field or _only_one(path, 'field', [name for name in columns if name != time])
+    for whose, name in (('time', channel.time), ('field', field)):
+        if name and name not in columns:
+            raise BagError(
+                f'{path}: {whose} must be a column ({", ".join(columns)}), got {name!r}'
+            )
+    values = columns[field]
+    if channel.rate > 0.0:
+        t = np.arange(len(values)) / channel.rate
+    elif time:
+        t = columns[time] - columns[time][0]
+    else:
+        raise BagError(
+            f'{path}: table must have a column of times ({", ".join(TIME_NAMES)}, or the one '
+            'that is named), or come with a rate, got neither'
+        )
+    if len(t) != len(values):
+        raise BagError(
+            f'{path}: {field} must have as many values as {time} has ({len(t)}), got {len(values)}'
+        )
+    return replace(channel, field=field, time='' if channel.rate > 0.0 else time), t, values
+
+
+def _bag_samples(path: Path, channel: Channel) -> tuple[Channel, Stamps, Floats]:
+    topics = bag_topics(path)
+    if not (channel.topic and channel.field):
+        channel = _completed(path, channel)
+    kind = topics.get(channel.topic, '')
+    if kind == JOINT_STATE:
+        joints = read_joint_states(path, channel.topic, [channel.field], channel.stamp)
+        return channel, joints.stamp_ns, getattr(joints, channel.quantity)[:, 0]
+    if kind == MULTI_ARRAY:
+        arrays = read_arrays(path, channel.topic, channel.stamp)
+        column = _column(path, channel, arrays.labels, arrays.values.shape[1])
+        return channel, arrays.stamp_ns, arrays.values[:, column]
+    stamps, values = [], []
+    for item in read_bag(path, [channel.topic], channel.stamp):
+        stamps.append(item.stamp_ns)
+        values.append(_value(path, channel, item.message))
+    return channel, np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64)
+
+
+def _completed(path: Path, channel: Channel) -> Channel:
+    """Return the channel with topic and field where the bag leaves no choice."""
+    found = list(_bag_channels(path))
+    if channel.topic:
+        found = [one for one in found if one.topic == channel.topic]
+    topic = channel.topic or _only_one(path, 'topic', list(dict.fromkeys(c.topic for c in found)))
+    fields = list(dict.fromkeys(one.field for one in found if one.topic == topic))
+    field = channel.field or _only_one(path, f'field of {topic}', fields)
+    return replace(channel, topic=topic, field=field)
+
+
+def _only_one(path: Path, whose: str, names: list[str]) -> str:
+    if len(names) != 1:
+        listed = ', '.join(names) or '(none)'
+        raise BagError(f'{path}: {whose} must be given, one of {listed}, got none')
+    return names[0]
+
+
+def _column(path: Path, channel: Channel, labels: tuple[str, ...], width: int) -> int:
+    names = labels or tuple(str(k) for k in range(width))
+    if channel.field not in names:
+        raise BagError(
+            f'{path}: field of {channel.topic} must be one of {", ".join(names)}, '
+            f'got {channel.field!r}'
+        )
+    return names.index(channel.field)
+
+
+def _value(path: Path, channel: Channel, message: Any) -> float:
+    """Return the number at a dotted path such as `wrench.force.x` or `data[2]`."""
+    value = message
+    try:
+        for name, index in re.findall(r'(\w+)(?:\[(\d+)\])?\.?', channel.field):
+            value = getattr(value, name)
+            value = value[int(index)] if index else value
+        return float(value)
+    except (AttributeError, IndexError, TypeError, ValueError) as error:
+        known = ', '.join(name for name, _ in _numbers(message, '', DEEPEST))
+        raise BagError(
+            f'{path}: field of {channel.topic} must be a number in its messages '
+            f'({known or "none there"}), got {channel.field!r}'
+        ) from error
+
+
+def _bag_channels(path: Path) -> Iterator[Channel]:
+    for topic in bag_topics(path):
+        item = next(read_bag(path, [topic]), None)
+        if item is not None:
+            yield from _message_channels(topic, item.type, item.message)
+
+
+def _message_channels(topic: str, kind: str, message: Any) -> Iterator[Channel]:
+    if kind == JOINT_STATE:
+        for quantity in QUANTITIES:
+            if len(getattr(message, quantity)):
+                yield from (Channel(topic, name, quantity) for name in message.name)
+    elif kind == MULTI_ARRAY:
+        dimensions, width = message.layout.dim, len(message.data)
+        labels = dimensions[0].label.split(',') if dimensions else []
+        names = labels if len(labels) == width else [str(k) for k in range(width)]
+        yield from (Channel(topic, name) for name in names)
+    else:
+        yield from (Channel(topic, name) for name, _ in _numbers(message, '', DEEPEST))
+
+
+def _numbers(value: Any, name: str, depth: int) -> Iterator[tuple[str, float]]:
+    """Yield the floating-point numbers of a message with their dotted paths."""
+    if isinstance(value, float):
+        yield name, value
+    elif depth and hasattr(value, '__dataclass_fields__'):
+        for inner in value.__dataclass_fields__:
+            yield from _numbers(getattr(value, inner), f'{name}.{inner}'.lstrip('.'), depth - 1)

@@ -1,0 +1,162 @@
+"""`denoc identify`: verdicts as exit statuses, results that are read again, damping applied."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from denoc_ros.cli.main import main
+from denoc_ros.identification.records import Record
+from denoc_ros.identification.synthetic import Defects, Truth, synthetic_decay
+
+MODES = (Truth(1.1, 0.01, 1.0, 0.3), Truth(20.5, 0.004, 0.3, 1.0))
+BAG = Defects(40.0, offset=0.1, drift=0.05, jitter=0.1, lost=0.05)
+
+
+def table(path: Path, record: Record) -> str:
+    np.savetxt(
+        path, np.column_stack((record.t, record.y)), delimiter=',', header='time,y', comments=''
+    )
+    return str(path)
+
+
+@pytest.fixture(scope='module')
+def decay(tmp_path_factory: pytest.TempPathFactory) -> str:
+    record = synthetic_decay(MODES, 200.0, 8.0, BAG, 3).record
+    return table(tmp_path_factory.mktemp('decay') / 'two.csv', record)
+
+
+def test_modes_are_found_and_kept(
+    decay: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / 'result'
+    # without a name of an action the modes are meant
+    assert main(['identify', decay, '-o', str(folder), '--unit', 'm', '--json']) == 0
+    printed = json.loads(capsys.readouterr().out)
+    document = yaml.safe_load((folder / 'result.yaml').read_text())
+    assert document == printed
+    assert document['source']['calibration'] == {'gain': 1.0, 'offset': 0.0, 'unit': 'm'}
+    assert len(document['source']['sha256']) == 64
+    assert document['verdict'] == 'good'
+    for mode, truth in zip(document['modes'], MODES, strict=True):
+        # five standard deviations of what is possible
+        assert mode['damping_ratio'] == pytest.approx(truth.damping_ratio, rel=5 * mode['bound'])
+        assert mode['frequency_hz'] == pytest.approx(truth.frequency, rel=1e-3)
+        assert {check['method'] for check in mode['checks']} == {
+            'evolving spectra',
+            'log decrement (exact)',
+            'log decrement (book)',
+        }
+    rows = (folder / 'modes.csv').read_text().splitlines()
+    assert len(rows) == 1 + len(MODES)
+    page = (folder / 'report.html').read_text()
+    for heading in (
+        'Measured and fitted',
+        'held out',
+        'Decay of each mode',
+        'Damping ratio against amplitude',
+        'Evolving spectra',
+        'Spectrum of the residual',
+        'Methods',
+    ):
+        assert heading in page
+    assert 'http://' not in page.replace('http://www.w3.org', '')
+    assert 'src=' not in page
+
+
+def test_exit_status_is_the_verdict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    noisy = synthetic_decay([Truth(2.0, 0.02)], 50.0, 8.0, Defects(15.0), 1).record
+    assert main(['identify', table(tmp_path / 'noisy.csv', noisy)]) == 2
+    noise = np.random.default_rng(2).standard_normal(400)
+    nothing = table(tmp_path / 'nothing.csv', Record(np.arange(400) * 0.01, noise))
+    assert main(['identify', nothing]) == 3
+    assert 'verdict: not identifiable' in capsys.readouterr().out
+    assert main(['identify', 'modal', str(tmp_path / 'nowhere.mcap')]) == 1
+    assert main(['identify', nothing, '--field', 'z']) == 1
+    assert main(['identify', nothing, '--gain', '0', '--begin', '3', '--end', '2']) == 1
+    errors = capsys.readouterr().err.splitlines()
+    assert 'bag must exist' in errors[0]
+    assert "field must be a column (time, y), got 'z'" in errors[1]
+    assert 'gain must not be 0' in errors[2]
+    assert 'begin must be before' in errors[3]
+
+
+def test_info_tells_what_a_record_is_worth(decay: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['identify', 'info', decay, '--json']) == 0
+    (row,) = json.loads(capsys.readouterr().out)['signals']
+    assert row['signal'] == 'y'
+    assert row['rate_hz'] == pytest.approx(200.0, rel=0.05)
+    # 5 % of 1600 samples were dropped: a binomial's standard deviation is 0.5 %
+    assert row['lost'] == pytest.approx(0.05, abs=0.025)
+    assert row['gaps'] > 50
+    assert main(['identify', 'info', decay]) == 0
+    assert main(['identify', 'info', decay, '--field', 'x']) == 1
+
+
+@pytest.fixture(scope='module')
+def rung(
+    tmp_path_factory: pytest.TempPathFactory, repository: Path
+) -> tuple[Path, dict[str, list[float]]]:
+    """Bag of an arm that rings with its joints locked, and the damping it has."""
+    folder = tmp_path_factory.mktemp('rung')
+    truth = {
+        'beam.link_1.y.damping_ratio': [0.02, 0.01],
+        'beam.link_2.y.damping_ratio': [0.03, 0.015],
+    }
+    scenario = {
+        'gravity': [0, 0, 0],
+        'model': truth,
+        'start': {
+            'joints': [0.0, 0.6, 0.2],
+            'amplitudes': {'link_1/y1': 0.05, 'link_2/y2': 0.002},
+        },
+        'prescribed': {
+            f'joint_{k + 1}': {'kind': 'points', 'times': [0, 20], 'positions': [[value], [value]]}
+            for k, value in enumerate((0.0, 0.6, 0.2))
+        },
+        'duration': 20,
+        'output_rate': 50,
+    }
+    (folder / 'ring.yaml').write_text(yaml.safe_dump(scenario))
+    robot = str(repository / 'config/robots/canadarm.urdf')
+    bag = folder / 'ring.mcap'
+    assert main(['simulate', robot, str(folder / 'ring.yaml'), '-o', str(bag)]) == 0
+    return bag, truth
+
+
+def test_applied_damping_is_what_rang(
+    rung: tuple[Path, dict[str, list[float]]],
+    repository: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from denoc_ros.dynamics.robot import load_robot
+    from denoc_ros.model.override_values import override_values
+
+    bag, truth = rung
+    signal = ['--topic', '/plant/true_deflection', '--gravity', '0', '0', '0']
+    results = []
+    for link in ('link_1', 'link_2'):
+        results.append(str(tmp_path / link))
+        main(['identify', str(bag), *signal, '--field', f'{link}/uy', '-o', results[-1]])
+    assert 'beam.link_1.y.damping_ratio' in capsys.readouterr().out
+    robot, changed = str(repository / 'config/robots/canadarm.urdf'), tmp_path / 'changed.urdf'
+    apply = ['identify', 'apply', *results, '--robot', robot, '--gravity', '0', '0', '0']
+    assert main([*apply, '--doubtful', '-o', str(changed)]) == 0
+    values = override_values(load_robot(changed).tree)
+    for path, value in truth.items():
+        # the issue of end to end: 2 % with noise; there is none here but that of differences
+        np.testing.assert_allclose(np.ravel(values[path]), value, rtol=0.01)
+    before, after = Path(robot).read_text().splitlines(), changed.read_text().splitlines()
+    edited = [new for old, new in zip(before, after, strict=True) if old != new]
+    assert len(edited) == 2
+    assert all('damping_ratio' in line for line in edited)
+    assert main([*apply, '--doubtful', '-o', str(changed)]) == 1
+    assert 'must not exist yet' in capsys.readouterr().err
+    assert main(['identify', 'compare', results[0], results[1]]) in (0, 2)
+    assert main([*apply[:2], str(bag), *apply[4:], '-o', str(tmp_path / 'x.urdf')]) == 1
+    assert 'result must be readable' in capsys.readouterr().err
