@@ -9,7 +9,9 @@ from typing import Any
 # which module has an action
 ACTIONS = {
     'info': 'identify_records',
+    'segment': 'identify_records',
     'modal': 'identify_modal',
+    'joint': 'identify_joint',
     'apply': 'identify_results',
     'compare': 'identify_results',
 }

@@ -46,7 +46,12 @@ def joint_page(document: Mapping[str, Any], record: Record, fit: JointFit) -> st
         session={'versions': document['versions']},
         subtitle=f'{source["file"]} · {document["method"]}',
         cards=_cards(document),
-        sections=[_swing(record, fit), _models(record, fit), _decrement(document), about(document)],
+        sections=[
+            _swing(record, fit),
+            _models(record, fit),
+            _decrement(document),
+            about(document),
+        ],
     )
 
 

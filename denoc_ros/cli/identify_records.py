@@ -67,7 +67,9 @@ def run_segment(args: argparse.Namespace) -> int:
             'begin_s': float(segment.start),
             'end_s': float(segment.stop),
             'duration_s': float(segment.stop - segment.start),
-            'peak': float(segment.peak),
+            'amplitude': float(segment.amplitude),
+            'level': float(segment.level),
+            'frequency_hz': float(segment.frequency) or None,
         }
         for segment in find_segments(reading.record)
     ]

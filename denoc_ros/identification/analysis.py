@@ -12,6 +12,7 @@ from denoc_ros.identification.fit import fit_modes
 from denoc_ros.identification.modes import Modes
 from denoc_ros.identification.quality import Quality, assess
 from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.segments import find_segments
 from denoc_ros.identification.spectra import Method, SpectralDecay, evolving_spectra
 
 CONVENTIONS: tuple[Convention, ...] = ('exact', 'book')
@@ -79,7 +80,7 @@ def analyse_decay(record: Record, given: bool = False) -> DecayAnalysis:
     IdentificationError
         As `fit_modes`.
     """
-    window_by = 'given' if given else 'whole record'
+    record, window_by = (record, 'given') if given else _longest_decay(record)
     modes = fit_modes(record)
     spectra = _spectra(record, modes, 'weighted')
     checks = tuple(
@@ -126,6 +127,17 @@ def residual_spectrum(analysis: DecayAnalysis) -> tuple[Floats, Floats, Floats]:
     return frequency, amplitudes[0], amplitudes[1]
 
 
+def _longest_decay(record: Record) -> tuple[Record, str]:
+    """Return the free decay that says most, with the rest that follows, and how it was chosen."""
+    segments = find_segments(record)
+    decays = [segment for segment in segments if segment.kind == 'decay']
+    if not decays:
+        return record, 'whole record'
+    chosen = max(decays, key=lambda segment: segment.amplitude * (segment.stop - segment.start))
+    later = [s.start for s in segments if s.kind != 'rest' and s.start >= chosen.stop]
+    return record.part(chosen.start, min([float(record.t[-1]), *later])), 'found'
+
+
 def _spectra(record: Record, modes: Modes, method: Method) -> tuple[SpectralDecay, ...]:
     if not len(modes.frequency):
         return ()
@@ -169,5 +181,5 @@ def _decrement_check(record: Record, modes: Modes, k: int, convention: Conventio
         elif convention == 'book':
             reason = 'outside the interval: two crests alone, and the formula for small damping'
         else:
-            reason = 'outside the interval: crests near the noise count as much as high ones'
+            reason = 'outside the interval: lines and noise that the fit leaves move its crests'
     return Check(method, float(found.frequency), float(found.damping_ratio), reason)
