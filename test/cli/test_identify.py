@@ -156,5 +156,5 @@ def test_applied_damping_is_what_rang(
     assert main([*apply, '--doubtful', '-o', str(changed)]) == 1
     assert 'must not exist yet' in capsys.readouterr().err
     assert main(['identify', 'compare', results[0], results[0]]) == 0
-    assert main([*apply[:2], str(bag), *apply[4:], '-o', str(tmp_path / 'x.urdf')]) == 1
+    assert main([*apply[:2], str(bag), *apply[3:], '-o', str(tmp_path / 'x.urdf')]) == 1
     assert 'result must be readable' in capsys.readouterr().err
