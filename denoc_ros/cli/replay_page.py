@@ -15,7 +15,7 @@ from denoc_ros.cli.figures import (
     Panel,
     line_figure,
 )
-from denoc_ros.cli.pages import page_template
+from denoc_ros.cli.pages import render_page
 from denoc_ros.cli.sections import Card, Section, Table, engineering
 from denoc_ros.cli.versions import versions
 from denoc_ros.dynamics.robot import Robot
@@ -57,7 +57,8 @@ def page(replay: Replay, summary: Summary, robot: Robot) -> str:
         _doubts(summary),
         _what(summary, robot),
     )
-    text: str = page_template('replay.html.j2').render(
+    text: str = render_page(
+        'replay.html.j2',
         title=f'Replay of {replay.plan.source.path.resolve().stem}',
         session={
             'bag': summary['bag'],
