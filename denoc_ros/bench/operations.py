@@ -130,6 +130,16 @@ class Counted:
 
     # numpy's functions of one number look for methods of these names
 
+    def rint(self) -> Counted:
+        """Return the nearest whole number: an addition's work."""
+        self.tally.additions += 1
+        return Counted(float(round(self.value)), self.tally)
+
+    def floor(self) -> Counted:
+        """Return the whole number below: an addition's work."""
+        self.tally.additions += 1
+        return Counted(float(math.floor(self.value)), self.tally)
+
     def sin(self) -> Counted:
         """Return the sine."""
         self.tally.trigonometric += 1

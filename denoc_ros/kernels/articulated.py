@@ -3,14 +3,15 @@
 With all velocities as they are and only the given accelerations, every body needs a wrench p. Free
 coordinates x add accelerations on top, which obey the linear, bias-free part of the equations: so
 bias terms appear in the outward motion only. Per body, with P = [S 0; 0 1],
-D = P^T M P + shift = L L^T, W = (rows 1..6 of M P) L^-T and y = L^-1 (tau - P^T p); its carrier
-sees the inertia M - W W^T and the wrench p + W y; on the way out x = L^-T (y - W^T a).
+P^T M P + shift = L D L^T, W = (rows 1..6 of M P) L^-T and y = L^-1 (tau - P^T p); its carrier sees
+the inertia M - W D^-1 W^T and the wrench p + W D^-1 y; on the way out x = L^-T D^-1 (y - W^T a).
 """
 
 from numba import types
 
 from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, content, is_vector
-from denoc_ros.kernels.body_inertia import block_wrench, body_inertia
+from denoc_ros.kernels.block import block_at, wrench_of
+from denoc_ros.kernels.body_inertia import body_inertia, flexible_block
 from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.flexible_elimination import inward_flexible, outward_flexible
 from denoc_ros.kernels.handle import (
@@ -30,18 +31,15 @@ from denoc_ros.kernels.handle import (
 from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.inverse import joint_force, outward_motion
 from denoc_ros.kernels.layout import (
-    AXIS,
-    BLOCK,
     CHANGE,
     COORDINATE,
     INERTIA_WORK,
     JOINT,
     MODES,
-    REAL,
     WORK,
 )
 from denoc_ros.kernels.rigid_elimination import along_joint, inward_rigid, outward_rigid
-from denoc_ros.kernels.vector import all_finite, load
+from denoc_ros.kernels.vector import add, all_finite, load, scale
 
 
 @inlined
@@ -61,9 +59,9 @@ def inward_articulated(ints, reals, work, shift, held, bodies, drive):
         free = free_joint(ints, held, i)
         m = at(ints, i, MODES)
         if m == 0:
-            good = inward_rigid(ints, reals, work, shift, drive, i, free, BLOCK)
+            good = inward_rigid(ints, reals, work, shift, drive, i, free)
         else:
-            good = inward_flexible(ints, reals, work, shift, drive, i, free, m, BLOCK)
+            good = inward_flexible(ints, reals, work, shift, drive, i, free, m)
         if not good:
             return False
     return True
@@ -87,20 +85,19 @@ def held_force(ints, reals, work, qdd, i):
     o = at(ints, i, WORK)
     m = at(ints, i, MODES)
     inertia = at(ints, i, INERTIA_WORK)
-    j = at(ints, i, COORDINATE) + 1
-    force = joint_force(ints, reals, work, i)
+    change, turn = load(work, o + CHANGE), load(work, o + CHANGE + 3)
     if m == 0:
-        f, n = block_wrench(work, inertia, load(work, o + CHANGE), load(work, o + CHANGE + 3))
-        return force + along_joint(ints, reals, i, f, n)
-    s = at(ints, i, REAL) + AXIS
-    for r in range(6):
-        u = 0.0
-        for k in range(6):
-            u += work[inertia + (6 + m) * r + k] * work[o + CHANGE + k]
-        for k in range(m):
-            u += work[inertia + (6 + m) * r + 6 + k] * qdd[j + k]
-        force += reals[s + r] * u
-    return force
+        f, n = wrench_of(block_at(work, inertia), change, turn)
+        return joint_force(ints, reals, work, i) + along_joint(ints, reals, i, f, n)
+    size = 6 + m
+    f, n = wrench_of(flexible_block(work, inertia, size), change, turn)
+    j = at(ints, i, COORDINATE) + 1
+    for k in range(m):
+        c = inertia + 6 + k
+        f = add(f, scale(qdd[j + k], (work[c], work[c + size], work[c + 2 * size])))
+        c += 3 * size
+        n = add(n, scale(qdd[j + k], (work[c], work[c + size], work[c + 2 * size])))
+    return joint_force(ints, reals, work, i) + along_joint(ints, reals, i, f, n)
 
 
 @inlined

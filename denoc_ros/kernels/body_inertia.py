@@ -1,11 +1,10 @@
 """The inertia of one body and the way a child's six rows take to its carrier.
 
-The inertia of a flexible body stands in work as a full (6 + m) x (6 + m) row-major matrix over
-[v; omega; d'; c'], that of a rigid one as a six-row block: three 3 x 3 matrices one after another,
-A (force by linear acceleration), B (force by angular acceleration), D (torque by angular
-acceleration).
+The inertia of a flexible body stands in work as a (6 + m) x (6 + m) row-major matrix over
+[v; omega; d'; c'] of which only the upper half counts; that of a rigid one as a block.
 """
 
+from denoc_ros.kernels.block import accumulate_block, rotated, shifted, six, wrench_of, write_block
 from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
@@ -29,12 +28,12 @@ from denoc_ros.kernels.layout import (
     SPIN,
     WORK,
 )
-from denoc_ros.kernels.vector import add, cross, dot, load, rotate, store
+from denoc_ros.kernels.vector import accumulate, add, cross, dot, load
 
 
 @inlined
 def add_moment(work, o, size, m):
-    """Add -(m x) to the linear-angular block of an inertia and its transpose below."""
+    """Add -(m x) to the linear-angular block of an inertia."""
     x, y, z = m
     work[o + 4] += z
     work[o + 5] -= y
@@ -42,18 +41,6 @@ def add_moment(work, o, size, m):
     work[o + size + 5] += x
     work[o + 2 * size + 3] += y
     work[o + 2 * size + 4] -= x
-    work[o + 3 * size + 1] -= z
-    work[o + 3 * size + 2] += y
-    work[o + 4 * size] += z
-    work[o + 4 * size + 2] -= x
-    work[o + 5 * size] -= y
-    work[o + 5 * size + 1] += x
-
-
-@inlined
-def spin_of(a, o):
-    """Return the six elements of a symmetric rotational inertia at offset o of a."""
-    return a[o], a[o + 1], a[o + 2], a[o + 3], a[o + 4], a[o + 5]
 
 
 @inlined
@@ -64,11 +51,8 @@ def add_spin(work, o, size, spin):
     work[k] += xx
     work[k + 1] += xy
     work[k + 2] += xz
-    work[k + size] += xy
     work[k + size + 1] += yy
     work[k + size + 2] += yz
-    work[k + 2 * size] += xz
-    work[k + 2 * size + 1] += yz
     work[k + 2 * size + 2] += zz
 
 
@@ -83,7 +67,7 @@ def rigid_part(ints, reals, work, i, size):
     for k in range(3):
         work[o + (size + 1) * k] = mass
     add_moment(work, o, size, load(reals, c + MOMENT))
-    add_spin(work, o, size, spin_of(reals, c + SPIN))
+    add_spin(work, o, size, six(reals, c + SPIN))
 
 
 @inlined
@@ -139,9 +123,6 @@ def beam_inertia(ints, reals, work, i):
         work[o + (size + 1) * n] += mass
     add_moment(work, o, size, (mx, my, mz))
     add_spin(work, o, size, (xx, xy, xz, yy, yz, zz))
-    for j in range(6, 6 + bending):
-        for n in range(j):
-            work[o + j * size + n] = work[o + n * size + j]
 
 
 @inlined
@@ -156,8 +137,7 @@ def torsion_inertia(ints, reals, work, i):
     for j in range(nt):
         s = reals[b + 1 + j]
         work[o + 3 * size + first + j] += s
-        work[o + (first + j) * size + 3] += s
-        for k in range(nt):
+        for k in range(j, nt):
             work[o + (first + j) * size + first + k] += reals[b + 1 + nt + nt * j + k]
 
 
@@ -171,131 +151,85 @@ def flexible_inertia(ints, reals, work, i):
 
 
 @inlined
-def rigid_block(work, mass, moment, spin, block):
-    """Write the six-row block of a rigid body with a mass, moment (3) and spin (6)."""
-    x, y, z = moment
-    store(work, block, (mass, 0.0, 0.0))
-    store(work, block + 3, (0.0, mass, 0.0))
-    store(work, block + 6, (0.0, 0.0, mass))
-    store(work, block + 9, (0.0, z, -y))
-    store(work, block + 12, (-z, 0.0, x))
-    store(work, block + 15, (y, -x, 0.0))
-    xx, xy, xz, yy, yz, zz = spin
-    store(work, block + 18, (xx, xy, xz))
-    store(work, block + 21, (xy, yy, yz))
-    store(work, block + 24, (xz, yz, zz))
-
-
-@inlined
 def body_inertia(ints, reals, work, i):
-    """Write the inertia of body i: (6 + m) square where flexible, else a six-row block."""
+    """Write the inertia of body i: its upper half where flexible, else a block."""
     if at(ints, i, MODES) > 0:
         flexible_inertia(ints, reals, work, i)
         return
     c = at(ints, i, REAL)
-    spin = spin_of(reals, c + SPIN)
     o = at(ints, i, INERTIA_WORK)
-    rigid_block(work, reals[c + MASS], load(reals, c + MOMENT), spin, o)
+    mass = reals[c + MASS]
+    x, y, z = load(reals, c + MOMENT)
+    across = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))
+    write_block(work, o, ((mass, 0.0, 0.0, mass, 0.0, mass), across, six(reals, c + SPIN)))
 
 
 @inlined
-def rotate_block(work, rotation, block):
-    """Replace a 3 x 3 block X by R X R^T."""
-    for j in range(3):
-        v = rotate(work, rotation, (work[block + j], work[block + 3 + j], work[block + 6 + j]))
-        work[block + j] = v[0]
-        work[block + 3 + j] = v[1]
-        work[block + 6 + j] = v[2]
-    for j in range(3):
-        k = block + 3 * j
-        store(work, k, rotate(work, rotation, load(work, k)))
+def flexible_block(work, o, size):
+    """Return the block of a flexible body, whose inertia stands at offset o."""
+    return (
+        (
+            work[o], work[o + 1], work[o + 2], work[o + size + 1], work[o + size + 2],
+            work[o + 2 * size + 2],
+        ),
+        (load(work, o + 3), load(work, o + size + 3), load(work, o + 2 * size + 3)),
+        (
+            work[o + 3 * size + 3], work[o + 3 * size + 4], work[o + 3 * size + 5],
+            work[o + 4 * size + 4], work[o + 4 * size + 5], work[o + 5 * size + 5],
+        ),
+    )  # fmt: skip
 
 
 @inlined
-def shift_block(work, block, r):
-    """Refer a six-row block to a point that lies -r from its own (same axes).
-
-    B -> B - A r x, D -> D - B^T r x + r x B_new.
-    """
-    a = block
-    b = block + 9
-    d = block + 18
-    # each row of X r x is (row of X) x r
-    for j in range(3):
-        col = (work[b + j], work[b + 3 + j], work[b + 6 + j])
-        v = cross(col, r)
-        work[d + 3 * j] -= v[0]
-        work[d + 3 * j + 1] -= v[1]
-        work[d + 3 * j + 2] -= v[2]
-    for j in range(3):
-        v = cross(load(work, a + 3 * j), r)
-        work[b + 3 * j] -= v[0]
-        work[b + 3 * j + 1] -= v[1]
-        work[b + 3 * j + 2] -= v[2]
-    for j in range(3):
-        v = cross(r, (work[b + j], work[b + 3 + j], work[b + 6 + j]))
-        work[d + j] += v[0]
-        work[d + 3 + j] += v[1]
-        work[d + 6 + j] += v[2]
+def add_block(work, o, size, block):
+    """Add a block to the inertia of a flexible body at offset o."""
+    a, b, d = block
+    accumulate(work, o, a[:3])
+    accumulate(work, o + 3, b[0])
+    work[o + size + 1] += a[3]
+    work[o + size + 2] += a[4]
+    accumulate(work, o + size + 3, b[1])
+    work[o + 2 * size + 2] += a[5]
+    accumulate(work, o + 2 * size + 3, b[2])
+    accumulate(work, o + 3 * size + 3, d[:3])
+    work[o + 4 * size + 4] += d[3]
+    work[o + 4 * size + 5] += d[4]
+    work[o + 5 * size + 5] += d[5]
 
 
 @inlined
-def block_wrench(work, block, linear, angular):
-    """Return the force and torque of a six-row block for an acceleration."""
-    force = add(rotate(work, block, linear), rotate(work, block + 9, angular))
-    b = block + 9
-    torque = (
-        work[b] * linear[0] + work[b + 3] * linear[1] + work[b + 6] * linear[2],
-        work[b + 1] * linear[0] + work[b + 4] * linear[1] + work[b + 7] * linear[2],
-        work[b + 2] * linear[0] + work[b + 5] * linear[1] + work[b + 8] * linear[2],
-    )
-    return force, add(torque, rotate(work, block + 18, angular))
-
-
-@inlined
-def add_block(work, m, size, block):
-    """Add a six-row block to an inertia."""
-    for j in range(3):
+def transmit_to_modes(ints, work, i, block):
+    """Add to the modes of row i's carrier the block on its section, in the carrier's axes."""
+    p = at(ints, i, PARENT)
+    modes = at(ints, p, MODES)
+    size = 6 + modes
+    m = at(ints, p, INERTIA_WORK)
+    place = load(work, at(ints, i, SECTION_WORK) + PLACE)
+    columns = at(ints, i, SECTION_WORK) + COLUMNS
+    for j in range(modes):
+        u = columns + 6 * j
+        f, n = wrench_of(block, load(work, u), load(work, u + 3))
+        for k in range(j, modes):
+            u = columns + 6 * k
+            s = dot(load(work, u), f) + dot(load(work, u + 3), n)
+            work[m + (6 + j) * size + 6 + k] += s
+        n = add(n, cross(place, f))
         for k in range(3):
-            work[m + size * j + k] += work[block + 3 * j + k]
-            b = work[block + 9 + 3 * j + k]
-            work[m + size * j + 3 + k] += b
-            work[m + size * (3 + k) + j] += b
-            work[m + size * (3 + j) + 3 + k] += work[block + 18 + 3 * j + k]
+            work[m + k * size + 6 + j] += f[k]
+            work[m + (3 + k) * size + 6 + j] += n[k]
 
 
 @inlined
 def transmit_inertia(ints, work, i, block):
-    """Add row i's six-row block (body axes, at its origin; overwritten) to its carrier's."""
+    """Add row i's block (body axes, at its origin) to its carrier's inertia."""
     p = at(ints, i, PARENT)
     o = at(ints, i, WORK)
-    for k in range(3):
-        rotate_block(work, o, block + 9 * k)
-    shift_block(work, block, load(work, o + ARM))
-    size = 6 + at(ints, p, MODES)
     m = at(ints, p, INERTIA_WORK)
+    block = shifted(rotated(block, work, o), load(work, o + ARM))
     if at(ints, i, SECTION) > 0:
-        place = load(work, at(ints, i, SECTION_WORK) + PLACE)
-        columns = at(ints, i, SECTION_WORK) + COLUMNS
-        for j in range(at(ints, p, MODES)):
-            f, n = block_wrench(
-                work, block, load(work, columns + 6 * j), load(work, columns + 6 * j + 3)
-            )
-            for k in range(j, at(ints, p, MODES)):
-                u = columns + 6 * k
-                s = dot(load(work, u), f) + dot(load(work, u + 3), n)
-                work[m + (6 + j) * size + 6 + k] += s
-                if k > j:
-                    work[m + (6 + k) * size + 6 + j] += s
-            n = add(n, cross(place, f))
-            for k in range(3):
-                work[m + k * size + 6 + j] += f[k]
-                work[m + (3 + k) * size + 6 + j] += n[k]
-                work[m + (6 + j) * size + k] += f[k]
-                work[m + (6 + j) * size + 3 + k] += n[k]
-        shift_block(work, block, place)
-    if size == 6:
-        for k in range(27):
-            work[m + k] += work[block + k]
+        transmit_to_modes(ints, work, i, block)
+        block = shifted(block, load(work, at(ints, i, SECTION_WORK) + PLACE))
+    if at(ints, p, MODES) == 0:
+        accumulate_block(work, m, block)
     else:
-        add_block(work, m, size, block)
+        add_block(work, m, 6 + at(ints, p, MODES), block)

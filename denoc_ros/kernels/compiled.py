@@ -21,6 +21,8 @@ _OPTIONS = {
 DECLARED: dict[Any, Any] = {}
 
 inlined = njit(forceinline=True, **_OPTIONS)
+# its sums are done in the order in which they are written
+ordered = njit(forceinline=True, **{**_OPTIONS, 'fastmath': {'contract', 'nsz'}})
 # the whole of an algorithm, which more than one kernel calls
 shared = njit(**_OPTIONS)
 

@@ -10,6 +10,7 @@ from denoc_ros.kernels.array_object import (
     is_matrix,
     is_vector,
 )
+from denoc_ros.kernels.block import six
 from denoc_ros.kernels.body_inertia import flexible_inertia
 from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.handle import (
@@ -65,6 +66,7 @@ from denoc_ros.kernels.vector import (
     scale,
     store,
     symmetric,
+    turned,
 )
 from denoc_ros.kernels.world import world_pose
 
@@ -113,16 +115,6 @@ def shifted_spin(spin, mass, moment, r):
 
 
 @inlined
-def turned_spin(work, rotation, k):
-    """Return R I R^T (6) of the symmetric I at offset k."""
-    ix, iy, iz = load(work, rotation), load(work, rotation + 3), load(work, rotation + 6)
-    u = symmetric(work, k, ix)
-    v = symmetric(work, k, iy)
-    w = symmetric(work, k, iz)
-    return dot(ix, u), dot(ix, v), dot(ix, w), dot(iy, v), dot(iy, w), dot(iz, w)
-
-
-@inlined
 def modal_entries(ints, work, i, block):
     """Add to the modes of row i's carrier the composite at offset block, about the section."""
     p = at(ints, i, PARENT)
@@ -133,7 +125,7 @@ def modal_entries(ints, work, i, block):
     for j in range(at(ints, p, MODES)):
         u = columns + 6 * j
         f, n = rigid_wrench(work, block, load(work, u), load(work, u + 3))
-        for k in range(at(ints, p, MODES)):
+        for k in range(j, at(ints, p, MODES)):
             u = columns + 6 * k
             both = dot(load(work, u), f) + dot(load(work, u + 3), n)
             work[o + (6 + j) * size + 6 + k] += both
@@ -151,7 +143,12 @@ def transmit_composite(ints, work, i):
     mass = work[k]
     r = load(work, o + ARM)
     moment = rotate(work, o, load(work, k + 1))
-    spin = shifted_spin(turned_spin(work, o, k + 4), mass, moment, r)
+    spin = shifted_spin(
+        turned(six(work, k + 4), load(work, o), load(work, o + 3), load(work, o + 6)),
+        mass,
+        moment,
+        r,
+    )
     moment = add(moment, scale(mass, r))
     if at(ints, i, SECTION) > 0:
         work[BLOCK] = mass
@@ -305,8 +302,9 @@ def body_kinetic(ints, work, qd, i):
         for c in range(3):
             momentum += work[o + size * c + 6 + r] * v[c]
             momentum += work[o + size * (3 + c) + 6 + r] * w[c]
-        for c in range(m):
-            momentum += 0.5 * work[o + size * (6 + r) + 6 + c] * qd[d + c]
+        momentum += 0.5 * work[o + (size + 1) * (6 + r)] * qd[d + r]
+        for c in range(r + 1, m):
+            momentum += work[o + size * (6 + r) + 6 + c] * qd[d + c]
         energy += qd[d + r] * momentum
     return energy
 

@@ -1,8 +1,7 @@
 """Elimination of a flexible body's joint and amplitudes (see articulated)."""
 
-import numpy as np
-
-from denoc_ros.kernels.body_inertia import transmit_inertia
+from denoc_ros.kernels.block import reduced, wrench_of
+from denoc_ros.kernels.body_inertia import flexible_block, transmit_inertia
 from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.inherited import carried_change
@@ -21,13 +20,13 @@ from denoc_ros.kernels.layout import (
     TORQUE,
     WORK,
 )
-from denoc_ros.kernels.vector import add, load, scale, store
+from denoc_ros.kernels.vector import add, dot, load, scale, store, subtract
 from denoc_ros.kernels.wrench import transmit_wrench
 
 
 @inlined
 def project_inertia(ints, reals, work, shift, i, free, m):
-    """Write six rows of M P and the lower half of D = P^T M P + shift of body i."""
+    """Write M P (six rows) and the lower half of D = P^T M P + shift of body i."""
     size = 6 + m
     k = free + m
     o = at(ints, i, INERTIA_WORK)
@@ -35,134 +34,97 @@ def project_inertia(ints, reals, work, shift, i, free, m):
     d = w + 6 * k
     j = at(ints, i, COORDINATE) + at(ints, i, JOINT)
     for n in range(m):
+        c = o + 6 + n
         for r in range(6):
-            work[w + k * r + free + n] = work[o + size * r + 6 + n]
+            work[w + 6 * (free + n) + r] = work[c + size * r]
         for r in range(n + 1):
-            work[d + k * (free + n) + free + r] = work[o + size * (6 + n) + 6 + r]
+            work[d + k * (free + n) + free + r] = work[c + size * (6 + r)]
         work[d + (k + 1) * (free + n)] += shift[j + n]
     if free == 1:
         s = at(ints, i, REAL) + AXIS
-        pivot = shift[j - 1]
-        for r in range(6):
-            u = 0.0
-            for n in range(6):
-                u += work[o + size * r + n] * reals[s + n]
-            work[w + k * r] = u
-            pivot += reals[s + r] * u
-        work[d] = pivot
-        for n in range(m):
-            u = 0.0
-            for r in range(6):
-                u += work[o + size * (6 + n) + r] * reals[s + r]
-            work[d + k * (1 + n)] = u
+        slide, turn = load(reals, s), load(reals, s + 3)
+        f, t = wrench_of(flexible_block(work, o, size), slide, turn)
+        store(work, w, f)
+        store(work, w + 3, t)
+        work[d] = dot(slide, f) + dot(turn, t) + shift[j - 1]
+        for n in range(1, k):
+            c = w + 6 * n
+            work[d + k * n] = dot(slide, load(work, c)) + dot(turn, load(work, c + 3))
 
 
 @inlined
 def factor(work, d, k):
-    """Replace the lower half of a k x k matrix by its Cholesky factor; say whether it has one."""
-    for c in range(k):
-        pivot = work[d + (k + 1) * c]
-        for n in range(c):
-            pivot -= work[d + k * c + n] ** 2
+    """Replace the lower half of a symmetric k x k matrix by L and, on the diagonal, 1 / pivots.
+
+    The matrix is L D L^T, D diagonal, L with ones on its diagonal; says whether D is positive.
+    """
+    for r in range(k):
+        row = d + k * r
+        pivot = work[row + r]
+        for c in range(r):
+            u = work[row + c]
+            for n in range(c):
+                u -= work[row + n] * work[d + k * c + n]
+            work[row + c] = u  # of L D, until the row is complete
+        for c in range(r):
+            u = work[row + c]
+            work[row + c] = u * work[d + (k + 1) * c]
+            pivot -= u * work[row + c]
         if not pivot > 0.0:
             return False
-        pivot = np.sqrt(pivot)
-        work[d + (k + 1) * c] = pivot
-        for r in range(c + 1, k):
-            u = work[d + k * r + c]
-            for n in range(c):
-                u -= work[d + k * r + n] * work[d + k * c + n]
-            work[d + k * r + c] = u / pivot
+        work[row + r] = 1.0 / pivot
     return True
 
 
 @inlined
-def solve_lower(work, d, k, x):
-    """Replace the k elements at offset x by L^-1 of them."""
-    for r in range(k):
-        u = work[x + r]
-        for n in range(r):
-            u -= work[d + k * r + n] * work[x + n]
-        work[x + r] = u / work[d + (k + 1) * r]
+def eliminate(ints, reals, work, shift, drive, i, free, m):
+    """Eliminate body i's free coordinates; return if it was possible, and what is left.
 
-
-@inlined
-def solve_upper(work, d, k, x):
-    """Replace the k elements at offset x by L^-T of them."""
-    for r in range(k - 1, -1, -1):
-        u = work[x + r]
-        for n in range(r + 1, k):
-            u -= work[d + k * n + r] * work[x + n]
-        work[x + r] = u / work[d + (k + 1) * r]
-
-
-@inlined
-def eliminate(ints, reals, work, shift, drive, i, free, m, block):
-    """Eliminate body i's free coordinates; write its six-row block; say whether it was possible.
-
-    drive[j] is the generalized force less elasticity, damping and friction.
+    drive[j] is the generalized force less elasticity, damping and friction. Left are the block,
+    the force and the torque that the carrier sees.
     """
-    size = 6 + m
     k = free + m
-    o = at(ints, i, INERTIA_WORK)
+    o = at(ints, i, WORK)
     w = at(ints, i, ELIMINATED)
     d = w + 6 * k
     y = d + k * k
-    j = at(ints, i, COORDINATE)
-    project_inertia(ints, reals, work, shift, i, free, m)
-    if not factor(work, d, k):
-        return False
-    if free == 1:
-        work[y] = drive[j] - joint_force(ints, reals, work, i)
-    j += at(ints, i, JOINT)
+    j = at(ints, i, COORDINATE) + at(ints, i, JOINT)
     modal = at(ints, i, BEAM_WORK)
+    project_inertia(ints, reals, work, shift, i, free, m)
+    good = factor(work, d, k)
+    if free == 1:
+        work[y] = drive[j - 1] - joint_force(ints, reals, work, i)
     for n in range(m):
         work[y + free + n] = drive[j + n] - work[modal + n]
-    solve_lower(work, d, k, y)
-    for r in range(6):
-        solve_lower(work, d, k, w + k * r)
-    for r in range(3):
-        for c in range(3):
-            a = work[o + size * r + c]
-            b = work[o + size * r + 3 + c]
-            e = work[o + size * (3 + r) + 3 + c]
-            for n in range(k):
-                left = work[w + k * r + n]
-                right = work[w + k * (3 + c) + n]
-                a -= left * work[w + k * c + n]
-                b -= left * right
-                e -= work[w + k * (3 + r) + n] * right
-            work[block + 3 * r + c] = a
-            work[block + 9 + 3 * r + c] = b
-            work[block + 18 + 3 * r + c] = e
-    return True
-
-
-@inlined
-def pass_inward(ints, work, i, k, block):
-    """Give body i's carrier the wrench p + W y and the inertia in block."""
-    o = at(ints, i, WORK)
-    w = at(ints, i, ELIMINATED)
-    y = w + 6 * k + k * k
+    block = flexible_block(work, at(ints, i, INERTIA_WORK), 6 + m)
     force = load(work, o + FORCE)
     torque = load(work, o + TORQUE)
     for n in range(k):
-        u = work[y + n]
-        force = add(force, (u * work[w + n], u * work[w + k + n], u * work[w + 2 * k + n]))
-        c = w + 3 * k + n
-        torque = add(torque, (u * work[c], u * work[c + k], u * work[c + 2 * k]))
-    transmit_wrench(ints, work, i, force, torque)
-    transmit_inertia(ints, work, i, block)
+        c = w + 6 * n
+        f, t, u = load(work, c), load(work, c + 3), work[y + n]
+        for r in range(n):
+            e = work[d + k * n + r]
+            f = subtract(f, scale(e, load(work, w + 6 * r)))
+            t = subtract(t, scale(e, load(work, w + 6 * r + 3)))
+            u -= e * work[y + r]
+        store(work, c, f)
+        store(work, c + 3, t)
+        work[y + n] = u
+        inverse = work[d + (k + 1) * n]
+        block = reduced(block, f, t, inverse)
+        force = add(force, scale(u * inverse, f))
+        torque = add(torque, scale(u * inverse, t))
+    return good, block, force, torque
 
 
 @inlined
-def inward_flexible(ints, reals, work, shift, drive, i, free, m, block):
+def inward_flexible(ints, reals, work, shift, drive, i, free, m):
     """Eliminate flexible body i and pass on what is left; say whether it was possible."""
-    if not eliminate(ints, reals, work, shift, drive, i, free, m, block):
-        return False
-    if at(ints, i, PARENT) > 0:
-        pass_inward(ints, work, i, free + m, block)
-    return True
+    good, block, force, torque = eliminate(ints, reals, work, shift, drive, i, free, m)
+    if good and at(ints, i, PARENT) > 0:
+        transmit_wrench(ints, work, i, force, torque)
+        transmit_inertia(ints, work, i, block)
+    return good
 
 
 @inlined
@@ -174,17 +136,13 @@ def outward_flexible(ints, reals, work, given, qdd, i, free, m):
     w = at(ints, i, ELIMINATED)
     d = w + 6 * k
     y = d + k * k
-    for n in range(k):
-        c = w + n
-        work[y + n] -= (
-            work[c] * a[0]
-            + work[c + k] * a[1]
-            + work[c + 2 * k] * a[2]
-            + work[c + 3 * k] * al[0]
-            + work[c + 4 * k] * al[1]
-            + work[c + 5 * k] * al[2]
-        )
-    solve_upper(work, d, k, y)
+    for r in range(k - 1, -1, -1):
+        c = w + 6 * r
+        u = work[y + r] - dot(load(work, c), a) - dot(load(work, c + 3), al)
+        u *= work[d + (k + 1) * r]
+        for n in range(r + 1, k):
+            u -= work[d + k * n + r] * work[y + n]
+        work[y + r] = u
     j = at(ints, i, COORDINATE)
     if free == 1:
         s = at(ints, i, REAL) + AXIS

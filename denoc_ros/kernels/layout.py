@@ -22,8 +22,8 @@ SECTION = 11  # offset of the attachment's section constants in reals, 0: rigid 
 WORK = 12  # offset of the body's workspace in work
 BEAM_WORK = 13  # offset of the beam's workspace
 SECTION_WORK = 14  # offset of the section's workspace
-INERTIA_WORK = 15  # offset of the inertia: (6 + MODES)^2, or a six-row block where rigid
-ELIMINATED = 16  # offset of what is eliminated: W (6 k), L (k k), y (k), k = JOINT + MODES
+INERTIA_WORK = 15  # offset of the inertia: (6 + MODES)^2, or a block where rigid
+ELIMINATED = 16  # offset of what is eliminated: W (k columns), L (k k), y (k), k = JOINT + MODES
 INTS = 17
 
 FIXED = 0
@@ -68,9 +68,9 @@ WORLD_POSITION = 45  # (3)
 COMPOSITE = 48  # mass, moment (3), spin (6) of the body, or of it and all it carries
 BODY_WORK = 58
 
-# work: after the base's, a six-row block in passing (see body_inertia)
+# work: after the base's, a block in passing (see block)
 BLOCK = BODY_WORK
-BLOCK_SIZE = 27
+BLOCK_SIZE = 21
 
 # work: a beam, from BEAM_WORK:
 # modal force (MODES), then per point: position (3), H_y d_y (NY), H_z d_z (NZ)

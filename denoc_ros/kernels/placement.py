@@ -1,5 +1,7 @@
 """Outward pass of positions: where sections, bodies and beam points stand (dynamics.md)."""
 
+import math
+
 import numpy as np
 
 from denoc_ros.kernels.compiled import inlined
@@ -33,7 +35,20 @@ from denoc_ros.kernels.layout import (
     VECTOR,
     WORK,
 )
+from denoc_ros.kernels.sine_cosine import sine_cosine
 from denoc_ros.kernels.vector import load, rotate, store
+
+# Taylor series in s: of b and c, and of twice their derivatives
+SERIES_B = tuple((-1) ** k / math.factorial(2 * k + 2) for k in range(7))
+SERIES_C = tuple((-1) ** k / math.factorial(2 * k + 3) for k in range(7))
+SERIES_DB = tuple(2 * (k + 1) * SERIES_B[k + 1] for k in range(6))
+SERIES_DC = tuple(2 * (k + 1) * SERIES_C[k + 1] for k in range(6))
+
+
+@inlined
+def six_terms(p, s):
+    """Return the sum of p_k s^k, six of them."""
+    return p[0] + s * (p[1] + s * (p[2] + s * (p[3] + s * (p[4] + s * p[5]))))
 
 
 @inlined
@@ -43,35 +58,9 @@ def exponential_coefficients(s):
     Exp phi = 1 + a K + b K^2, left Jacobian = 1 + b K + c K^2, K = phi x.
     """
     if s < 0.25:
-        b = 0.5 - s / 24.0 * (
-            1.0
-            - s
-            / 30.0
-            * (1.0 - s / 56.0 * (1.0 - s / 90.0 * (1.0 - s / 132.0 * (1.0 - s / 182.0))))
-        )
-        c = (
-            1.0
-            - s
-            / 20.0
-            * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0 * (1.0 - s / 156.0))))
-        ) / 6.0
-        db = -2.0 / 24.0 + s * (
-            4.0 / 720.0
-            - s
-            * (
-                6.0 / 40320.0
-                - s * (8.0 / 3628800.0 - s * (10.0 / 479001600.0 - s * 12.0 / 87178291200.0))
-            )
-        )
-        dc = -2.0 / 120.0 + s * (
-            4.0 / 5040.0
-            - s
-            * (
-                6.0 / 362880.0
-                - s * (8.0 / 39916800.0 - s * (10.0 / 6227020800.0 - s * 12.0 / 1307674368000.0))
-            )
-        )
-        return 1.0 - s * c, b, c, db, dc
+        b = SERIES_B[0] + s * six_terms(SERIES_B[1:], s)
+        c = SERIES_C[0] + s * six_terms(SERIES_C[1:], s)
+        return 1.0 - s * c, b, c, six_terms(SERIES_DB, s), six_terms(SERIES_DC, s)
     t = np.sqrt(s)
     a = np.sin(t) / t
     b = (1.0 - np.cos(t)) / s
@@ -200,15 +189,16 @@ def place_body(ints, reals, work, q, i):
     motion = at(ints, i, MOTION)
     if motion == TURN:
         x = q[at(ints, i, COORDINATE)]
-        turn_about_z(reals, c + STILL, np.sin(x), np.cos(x), work, o)
+        sine, cosine = sine_cosine(x)
+        turn_about_z(reals, c + STILL, sine, cosine, work, o)
         store(work, o + ARM, load(reals, c + STILL + ARM))
     else:
         for k in range(12):
             work[o + k] = reals[c + STILL + k]
     if motion == REVOLUTE:
         x = q[at(ints, i, COORDINATE)]
-        s = np.sin(x)
-        t = 1.0 - np.cos(x)
+        s, cosine = sine_cosine(x)
+        t = 1.0 - cosine
         for k in range(12):
             work[o + k] += reals[c + FIRST + k] * s + reals[c + SECOND + k] * t
     elif motion == PRISMATIC:

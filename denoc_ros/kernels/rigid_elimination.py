@@ -1,6 +1,7 @@
 """Elimination of a rigid body's joint (see articulated)."""
 
-from denoc_ros.kernels.body_inertia import block_wrench, transmit_inertia
+from denoc_ros.kernels.block import block_at, reduced, wrench_of
+from denoc_ros.kernels.body_inertia import transmit_inertia
 from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.inherited import carried_change
@@ -24,16 +25,13 @@ from denoc_ros.kernels.wrench import transmit_wrench
 
 
 @inlined
-def project_block(ints, reals, work, i):
+def projected(ints, reals, block, i):
     """Return force and torque of rigid body i's block for a unit acceleration of its joint."""
-    b = at(ints, i, INERTIA_WORK)
     if at(ints, i, MOTION) == TURN:
-        return (
-            (work[b + 11], work[b + 14], work[b + 17]),
-            (work[b + 20], work[b + 23], work[b + 26]),
-        )
+        _, b, d = block
+        return (b[0][2], b[1][2], b[2][2]), (d[2], d[4], d[5])
     s = at(ints, i, REAL) + AXIS
-    return block_wrench(work, b, load(reals, s), load(reals, s + 3))
+    return wrench_of(block, load(reals, s), load(reals, s + 3))
 
 
 @inlined
@@ -46,18 +44,16 @@ def along_joint(ints, reals, i, f, n):
 
 
 @inlined
-def inward_rigid(ints, reals, work, shift, drive, i, free, block):
+def inward_rigid(ints, reals, work, shift, drive, i, free):
     """Eliminate rigid body i and pass on what is left; say whether it was possible."""
     o = at(ints, i, WORK)
-    b = at(ints, i, INERTIA_WORK)
+    block = block_at(work, at(ints, i, INERTIA_WORK))
     force = load(work, o + FORCE)
     torque = load(work, o + TORQUE)
-    for k in range(27):
-        work[block + k] = work[b + k]
     if free == 1:
         j = at(ints, i, COORDINATE)
         w = at(ints, i, ELIMINATED)
-        f, n = project_block(ints, reals, work, i)
+        f, n = projected(ints, reals, block, i)
         pivot = along_joint(ints, reals, i, f, n) + shift[j]
         if not pivot > 0.0:
             return False
@@ -67,13 +63,7 @@ def inward_rigid(ints, reals, work, shift, drive, i, free, block):
         store(work, w + 3, n)
         work[w + 6] = u
         work[w + 7] = inverse
-        for r in range(3):
-            g = inverse * f[r]
-            h = inverse * n[r]
-            for c in range(3):
-                work[block + 3 * r + c] -= g * f[c]
-                work[block + 9 + 3 * r + c] -= g * n[c]
-                work[block + 18 + 3 * r + c] -= h * n[c]
+        block = reduced(block, f, n, inverse)
         force = add(force, scale(u, f))
         torque = add(torque, scale(u, n))
     if at(ints, i, PARENT) > 0:

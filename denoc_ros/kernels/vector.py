@@ -32,6 +32,12 @@ def add(u, v):
 
 
 @inlined
+def subtract(u, v):
+    """Return u - v."""
+    return u[0] - v[0], u[1] - v[1], u[2] - v[2]
+
+
+@inlined
 def scale(s, v):
     """Return s v."""
     return s * v[0], s * v[1], s * v[2]
@@ -74,13 +80,26 @@ def unrotate(a, o, v):
 
 
 @inlined
+def times(s, v):
+    """Return S v, S symmetric as xx xy xz yy yz zz."""
+    return (
+        s[0] * v[0] + s[1] * v[1] + s[2] * v[2],
+        s[1] * v[0] + s[3] * v[1] + s[4] * v[2],
+        s[2] * v[0] + s[4] * v[1] + s[5] * v[2],
+    )
+
+
+@inlined
 def symmetric(a, o, v):
     """Return S v, S symmetric at offset o of a as xx xy xz yy yz zz."""
-    return (
-        a[o] * v[0] + a[o + 1] * v[1] + a[o + 2] * v[2],
-        a[o + 1] * v[0] + a[o + 3] * v[1] + a[o + 4] * v[2],
-        a[o + 2] * v[0] + a[o + 4] * v[1] + a[o + 5] * v[2],
-    )
+    return times((a[o], a[o + 1], a[o + 2], a[o + 3], a[o + 4], a[o + 5]), v)
+
+
+@inlined
+def turned(s, x, y, z):
+    """Return R S R^T, S and the result symmetric as xx xy xz yy yz zz; R has the rows x, y, z."""
+    u, v, w = times(s, x), times(s, y), times(s, z)
+    return dot(x, u), dot(x, v), dot(x, w), dot(y, v), dot(y, w), dot(z, w)
 
 
 @inlined
