@@ -1,0 +1,303 @@
+"""Modes from a forced record: torque in, response out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.curves import zeta_and_rate
+from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
+from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.spectra import even_record
+
+Complex = NDArray[np.complex128]
+
+EXCITED = 0.02  # of the input's largest line: less is not excited
+MOST_MODES = 8
+PATIENCE = 2  # modes more than the best fit has, tried in vain
+WINDOWS = 4
+ITERATIONS = 20
+COST = 5.0  # of one mode, in log(lines): pole, residue and the search for it
+WIDEST = 0.1  # relative deviation of a good mode's damping ratio
+USELESS = 0.5
+LEAST_EXPLAINED = 0.8
+NORMAL_95 = 1.959964
+
+
+@dataclass(frozen=True, eq=False)
+class ForcedModes:
+    """Modes of a frequency response, by rising frequency.
+
+    Attributes
+    ----------
+    frequency, damping_ratio : ndarray, shape (k,)
+        Undamped natural frequency [Hz, or cycles per sample for stamps that count samples], zeta.
+    interval : ndarray, shape (k, 2)
+        95 % interval of zeta: the wider one of the next two.
+    formal_interval, window_interval : ndarray, shape (k, 2)
+        From the fit's Jacobian and residual; from the spread over quarters of the record.
+    strength : ndarray, shape (k,)
+        Largest response of the mode alone [output's unit per input's].
+    explained : float
+        Part of the output's power at the excited lines that the modes and the start explain.
+    line : ndarray, shape (l,)
+        Excited frequencies [Hz].
+    measured, fitted : ndarray of complex, shape (l,)
+        Frequency response (output over input), without and with the model.
+    verdict : tuple of str
+    reasons : tuple of tuple of str
+    """
+
+    frequency: Floats
+    damping_ratio: Floats
+    interval: Floats
+    formal_interval: Floats
+    window_interval: Floats
+    strength: Floats
+    explained: float
+    line: Floats
+    measured: Complex
+    fitted: Complex
+    verdict: tuple[str, ...]
+    reasons: tuple[tuple[str, ...], ...]
+
+    @property
+    def status(self) -> str:
+        """Verdict on the record: its worst mode's."""
+        order = (NOT_IDENTIFIABLE, DOUBTFUL, GOOD)
+        return next((word for word in order if word in self.verdict), NOT_IDENTIFIABLE)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Excited lines of one stretch: z = exp(i w), input's and output's transforms."""
+
+    z: Complex
+    u: Complex
+    y: Complex
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    poles: Floats  # decay and angle per sample, shape (m, 2)
+    residual: Complex
+    jacobian: Floats
+    weights: Floats  # shape (4 m + 3,): per mode a of input and start, b likewise; direct terms
+
+    @property
+    def rss(self) -> float:
+        return float(np.sum(np.abs(self.residual) ** 2))
+
+
+def fit_forced(force: Record, response: Record) -> ForcedModes:
+    """Identify modes from a measured input and its response.
+
+    Parameters
+    ----------
+    force, response : Record
+        On the same stamps, evenly spaced but for jitter.
+
+    Raises
+    ------
+    IdentificationError
+        The stamps differ, the input is at rest, or nothing of the response follows from it.
+
+    Notes
+    -----
+    Output = sum of modes' responses (poles and residues of the discrete transfer function) + what
+    was swinging at the start, fitted at the excited lines of the discrete Fourier transforms.
+    First poles: Sanathanan and Koerner's iteration (IEEE Trans. Automatic Control 8, 1963); then
+    nonlinear least squares with the linear part eliminated; number of modes by BIC.
+    """
+    if force.t.shape != response.t.shape or not np.array_equal(force.t, response.t):
+        raise IdentificationError(
+            f'{response.name}: input and response must have the same stamps, got '
+            f'{force.t.size} and {response.t.size} samples'
+        )
+    step = force.duration / (force.t.size - 1)
+    u, y = even_record(force).y, even_record(response).y
+    u, y = u - u.mean(), y - y.mean()
+    if not np.any(u):
+        raise IdentificationError(f'{force.name}: the input must move, got a constant')
+    lines = _excited(u, y)
+    fit = _searched(lines)
+    if not len(fit.poles):
+        raise IdentificationError(
+            f'{response.name}: at least one mode must follow from the input, got none'
+        )
+    return _modes(fit, lines, u, y, step)
+
+
+def _excited(u: Floats, y: Floats) -> _Lines:
+    turn = np.fft.rfftfreq(u.size) * 2.0 * np.pi
+    spectrum = np.fft.rfft(u)
+    lines = (np.abs(spectrum) > EXCITED * np.abs(spectrum).max()) & (turn > 0.0) & (turn < np.pi)
+    return _Lines(np.exp(1j * turn[lines]), spectrum[lines], np.fft.rfft(y)[lines])
+
+
+def _searched(lines: _Lines) -> _Fit:
+    """Return the fit of the least BIC over the number of modes."""
+    best, least = _linear(lines, np.empty((0, 2))), np.inf
+    count = lines.z.size
+    for modes in range(1, min(MOST_MODES, count // 8) + 1):
+        if modes > len(best.poles) + PATIENCE:
+            break
+        for poles in _first_poles(lines, modes):
+            if not len(poles):
+                continue
+            fit = _nonlinear(lines, poles)
+            value = count * np.log(fit.rss / count) + COST * len(fit.poles) * np.log(count)
+            if value < least:
+                best, least = fit, value
+    return best
+
+
+def _first_poles(lines: _Lines, modes: int) -> list[Floats]:
+    """Return sets of poles: A y = B u + T solved with the last A's magnitude taken out."""
+    order = 2 * modes
+    powers = lines.z[:, None] ** -np.arange(order + 1)
+    weight = np.ones(lines.z.size)
+    found = []
+    for k in range(ITERATIONS):
+        rows = np.hstack((-powers[:, 1:] * lines.y[:, None], powers * lines.u[:, None], powers))
+        rows, right = rows * weight[:, None], lines.y * weight
+        real = np.vstack((rows.real, rows.imag))
+        solved = np.linalg.lstsq(real, np.concatenate((right.real, right.imag)), rcond=None)[0]
+        denominator = np.concatenate(([1.0], solved[:order]))
+        weight = 1.0 / np.maximum(np.abs(powers @ denominator), 1e-9)
+        if k in (0, ITERATIONS - 1):
+            found.append(_upper(np.roots(denominator)))
+    return found
+
+
+def _upper(roots: Complex | Floats) -> Floats:
+    roots = np.asarray(roots, complex)
+    s = np.log(np.where(np.abs(roots) < 1e-9, 1e-9, roots))
+    kept = s[(s.imag > 1e-3) & (s.imag < np.pi - 1e-3)]
+    return np.column_stack((np.abs(kept.real) + 1e-9, kept.imag))
+
+
+def _columns(lines: _Lines, poles: Floats) -> Complex:
+    """Return the linear part: per mode cosine and sine like responses to input and to the start.
+
+    A pole and its conjugate with residues a -+ i b: a and b are real unknowns.
+    """
+    columns = []
+    for sigma, omega in poles:
+        pole = np.exp(-sigma + 1j * omega)
+        upper, lower = 1.0 / (lines.z - pole), 1.0 / (lines.z - pole.conjugate())
+        for shape in (upper + lower, 1j * (upper - lower)):
+            columns += [shape * lines.u, shape * lines.z]
+    columns += [lines.u, np.ones(lines.z.size, complex), lines.z**-1 * lines.u]
+    return np.column_stack(columns)
+
+
+def _real(values: Complex) -> Floats:
+    return np.asarray(np.concatenate((values.real, values.imag), axis=0))
+
+
+def _linear(lines: _Lines, poles: Floats) -> _Fit:
+    phi = _columns(lines, poles)
+    weights = np.linalg.lstsq(_real(phi), _real(lines.y), rcond=1e-12)[0]
+    return _Fit(poles, lines.y - phi @ weights, np.empty((0, 0)), weights)
+
+
+def _nonlinear(lines: _Lines, poles: Floats) -> _Fit:
+    def residuals(flat: Floats) -> Floats:
+        return _real(_linear(lines, flat.reshape(-1, 2)).residual)
+
+    start = poles.reshape(-1)
+    found = least_squares(residuals, start, x_scale=np.maximum(start, 1e-3), max_nfev=40)
+    fit = _linear(lines, found.x.reshape(-1, 2))
+    return _Fit(fit.poles, fit.residual, found.jac, fit.weights)
+
+
+def _modes(fit: _Fit, lines: _Lines, u: Floats, y: Floats, step: float) -> ForcedModes:
+    order = [
+        int(k) for k in np.argsort(fit.poles[:, 1]) if _inside(fit.poles[k], np.angle(lines.z))
+    ]
+    values = np.array([zeta_and_rate(*fit.poles[k]) for k in order]).reshape(-1, 2)
+    formal = NORMAL_95 * _formal(fit)[order]
+    spread = NORMAL_95 * _over_windows(fit, u, y)[order]
+    zeta = values[:, 0]
+    wider = np.fmax(formal, spread)
+    explained = 1.0 - fit.rss / float(np.sum(np.abs(lines.y) ** 2))
+    verdicts = [_judged(zeta[k], wider[k] / NORMAL_95, explained) for k in range(len(order))]
+    start = _columns(lines, fit.poles)
+    start[:, : 4 * len(fit.poles) : 2] = 0.0
+    start[:, [-3, -1]] = 0.0
+    free = start @ fit.weights
+    return ForcedModes(
+        frequency=values[:, 1] / (2.0 * np.pi * step),
+        damping_ratio=zeta,
+        interval=np.column_stack((zeta - wider, zeta + wider)),
+        formal_interval=np.column_stack((zeta - formal, zeta + formal)),
+        window_interval=np.column_stack((zeta - spread, zeta + spread)),
+        strength=np.array([_strength(fit, k) for k in order]),
+        explained=explained,
+        line=np.angle(lines.z) / (2.0 * np.pi * step),
+        measured=(lines.y - free) / lines.u,
+        fitted=(lines.y - fit.residual - free) / lines.u,
+        verdict=tuple(word for word, _ in verdicts),
+        reasons=tuple(reasons for _, reasons in verdicts),
+    )
+
+
+def _inside(pole: Floats, turns: Floats) -> bool:
+    """Say whether a pole is a mode within the excited band."""
+    zeta, rate = zeta_and_rate(*pole)
+    return bool(turns.min() < rate < turns.max() and 0.0 < zeta < 0.7)
+
+
+def _strength(fit: _Fit, k: int) -> float:
+    a, b = fit.weights[4 * k], fit.weights[4 * k + 2]
+    return float(np.hypot(a, b) / -np.expm1(-max(fit.poles[k, 0], 1e-12)))
+
+
+def _formal(fit: _Fit) -> Floats:
+    """Return the standard deviations of zeta from the fit."""
+    count = 2 * fit.residual.size
+    variance = fit.rss / max(count - fit.poles.size - fit.weights.size, 1)
+    scale = np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300)
+    gram = np.linalg.pinv((fit.jacobian / scale).T @ (fit.jacobian / scale))
+    covariance = variance * gram / np.outer(scale, scale)
+    deviations = []
+    for k, (sigma, omega) in enumerate(fit.poles):
+        slope = np.array([omega**2, -sigma * omega]) / np.hypot(sigma, omega) ** 3
+        block = covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
+        deviations.append(np.sqrt(max(slope @ block @ slope, 0.0)))
+    return np.array(deviations)
+
+
+def _over_windows(fit: _Fit, u: Floats, y: Floats) -> Floats:
+    """Return the standard deviations of the mean of zeta over quarters of the record."""
+    parts = [np.array_split(values, WINDOWS) for values in (u, y)]
+    rows = []
+    for part_u, part_y in zip(*parts, strict=True):
+        lines = _excited(part_u - part_u.mean(), part_y - part_y.mean())
+        if lines.z.size > 2 * len(fit.poles) + 4:
+            poles = _nonlinear(lines, fit.poles).poles
+            rows.append(poles[:, 0] / np.hypot(poles[:, 0], poles[:, 1]))
+    if len(rows) < 2:
+        return np.full(len(fit.poles), np.nan)
+    return np.asarray(np.std(rows, axis=0, ddof=1) / np.sqrt(len(rows)))
+
+
+def _judged(zeta: float, deviation: float, explained: float) -> tuple[str, tuple[str, ...]]:
+    relative = deviation / zeta
+    if relative > USELESS:
+        reason = f'standard deviation of the damping ratio is {100.0 * relative:.0f} % of it'
+        return NOT_IDENTIFIABLE, (reason,)
+    reasons = []
+    if relative > WIDEST:
+        reasons.append(
+            f'standard deviation of the damping ratio is {100.0 * relative:.1f} % of it, more '
+            f'than {100.0 * WIDEST:.0f} %'
+        )
+    if explained < LEAST_EXPLAINED:
+        reasons.append(f'{100.0 * explained:.1f} % of the response explained')
+    return (DOUBTFUL if reasons else GOOD), tuple(reasons)
