@@ -2,44 +2,60 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from denoc_ros.identification.curves import (
+    NORMAL_95,
     amplitude_curve,
-    between_windows,
+    window_interval,
     zeta_and_rate,
     zeta_deviation,
 )
 from denoc_ros.identification.damped import Damped, columns, fit_damped
-from denoc_ros.identification.lines import find_lines
+from denoc_ros.identification.drifting import drifting_rss
+from denoc_ros.identification.lines import find_lines, suspects
 from denoc_ros.identification.modes import AmplitudeCurve, Line
 from denoc_ros.identification.records import Floats
+from denoc_ros.identification.residual import local_variance, neighbour_correlation
 
 CYCLES = 0.75  # in the record: less is part of the drift
+SEEN = 3.5  # time constants that a mode is seen for: 0.1 % of its energy is left
+NEAR = 2.0  # over the time that both of two modes are seen for [Hz]: maybe they are one
+DRIFT_LEAVES = 0.02  # of a group's energy
+COLOURED = 0.5  # correlation of neighbouring residuals
+SMALLEST = 0.01  # of the largest: what a coloured residual lets pass for a mode
 
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """One mode with its deviations (standard deviations of zeta) and its decay without the rest.
+    """One mode, and its decay without the rest.
 
-    `formal` is from the fit, `windowed` adds the spread between windows, `deviation` is the one
-    to go by, `bound` the Cramer-Rao bound relative to zeta.
+    `deviation` is the fit's standard deviation of zeta, `formal` and `windowed` are 95 %
+    intervals, `bound` the Cramer-Rao bound relative to zeta, `share` the amplitude relative to
+    the largest one's, `merged` how many cosines it took, `origin` of what it may be a harmonic.
     """
 
     frequency: float
     zeta: float
     amplitude: float
     phase: float
-    formal: float
-    windowed: float
     deviation: float
+    formal: Floats
+    windowed: Floats
     bound: float
     frequency_deviation: float
     snr_db: float
+    share: float
     curve: AmplitudeCurve | None
     merged: int
+    origin: str
+
+    @property
+    def interval(self) -> Floats:
+        """The interval to go by, shape (2,)."""
+        return self.windowed if self.curve and self.curve.dependent else self.formal
 
 
 def components(t: Floats, fit: Damped, span: float) -> tuple[list[Component], tuple[Line, ...]]:
@@ -54,56 +70,133 @@ def components(t: Floats, fit: Damped, span: float) -> tuple[list[Component], tu
         Duration of the record [s].
     """
     lines = find_lines(fit, span)
-    slow = fit.poles[:, 1] * span < 2.0 * np.pi * CYCLES
-    kept = [k for k in range(len(fit.poles)) if k not in lines and not slow[k]]
-    kept.sort(key=lambda k: float(np.hypot(*fit.poles[k])))
-    parts = [_component(t, fit, group, span) for group in _groups(fit, kept, span)]
+    size = np.abs(fit.complex_amplitudes)
+    smallest = SMALLEST * size.max(initial=0.0) if coloured(fit) else 0.0
+    kept = [
+        k
+        for k in range(len(fit.poles))
+        if k not in lines and fit.poles[k, 1] * span > 2.0 * np.pi * CYCLES and size[k] > smallest
+    ]
+    origins = suspects(fit, span)
+    kept.sort(key=lambda k: float(fit.poles[k, 1]))
+    parts = [
+        replace(_component(t, fit, group, span), origin=origins.get(group[0], ''))
+        for group in _groups(t, fit, kept, span)
+    ]
+    parts.sort(key=lambda part: part.frequency)
+    largest = max((part.amplitude for part in parts), default=1.0)
+    parts = [replace(part, share=part.amplitude / largest) for part in parts]
     return parts, tuple(lines.values())
 
 
-def _groups(fit: Damped, kept: list[int], span: float) -> list[list[int]]:
-    """Put together what one over the duration does not tell apart."""
+def coloured(fit: Damped) -> bool:
+    """Say whether the residual hangs together: more than noise of the sensor is in it."""
+    return neighbour_correlation(fit.residual) > COLOURED
+
+
+def _groups(t: Floats, fit: Damped, kept: list[int], span: float) -> list[list[int]]:
+    """Put together the cosines of one mode that drifts.
+
+    Those that one over the duration does not tell apart are one; those that are hardly farther
+    apart than the time they are seen for tells are one where one drifting mode explains them too.
+    """
     groups: list[list[int]] = []
     for k in kept:
-        near = groups and (fit.poles[k, 1] - fit.poles[groups[-1][-1], 1]) < 2.0 * np.pi / span
-        if near:
+        if groups and _apart(fit, groups[-1][-1], k) < 1.0 / span:
             groups[-1].append(k)
         else:
             groups.append([k])
-    return groups
+    merged: list[list[int]] = []
+    for chain in _chains(fit, groups, span):
+        whole = sorted(k for group in chain for k in group)
+        if len(chain) > 1 and _one_drifts(t, fit, whole, span):
+            merged.append(whole)
+        else:
+            merged += chain
+    return merged
+
+
+def _apart(fit: Damped, i: int, j: int) -> float:
+    return float(abs(fit.poles[i, 1] - fit.poles[j, 1])) / (2.0 * np.pi)
+
+
+def _chains(fit: Damped, groups: list[list[int]], span: float) -> list[list[list[int]]]:
+    """Put neighbours together that the time they are seen for hardly tells apart."""
+    chains: list[list[list[int]]] = []
+    for group in groups:
+        last = chains[-1][-1][-1] if chains else None
+        if last is not None:
+            fastest = max(fit.poles[last, 0], fit.poles[group[0], 0], 1e-12)
+            seen = min(SEEN / fastest, span)
+            if _apart(fit, last, group[0]) < NEAR / seen:
+                chains[-1].append(group)
+                continue
+        chains.append([group])
+    return chains
+
+
+def _own(t: Floats, fit: Damped, group: list[int], span: float) -> Floats:
+    """Return the record without its other components."""
+    phi = columns(t, fit.poles[group], span)[:, :-2]
+    chosen = [2 * k + part for k in group for part in (0, 1)]
+    return np.asarray(fit.residual + phi @ fit.weights[chosen])
+
+
+def _one_drifts(t: Floats, fit: Damped, group: list[int], span: float) -> bool:
+    """Say whether one drifting mode explains a group as well as its steady modes.
+
+    By BIC; beside a coloured residual, which no number of modes explains, by what it leaves.
+    """
+    own = _own(t, fit, group, span)
+    index = group[int(np.argmax(np.abs(fit.complex_amplitudes[group])))]
+    alone = fit_damped(t, own, fit.poles[[index]], span, base=False)
+    count = t.size
+    steady = count * np.log(fit.rss) + 4 * len(group) * np.log(count)
+    drifts = drifting_rss(t, own, alone.poles[0], complex(alone.complex_amplitudes[0]))
+    if any(count * np.log(rss) + n * np.log(count) < steady for n, rss in drifts):
+        return True
+    left = min(rss for _, rss in drifts) - fit.rss
+    return coloured(fit) and left < DRIFT_LEAVES * float(own @ own)
 
 
 def _component(t: Floats, fit: Damped, group: list[int], span: float) -> Component:
-    phi = columns(t, fit.poles[group], span)[:, :-2]
-    chosen = [2 * k + part for k in group for part in (0, 1)]
-    own = fit.residual + phi @ fit.weights[chosen]
-    size = np.abs(fit.complex_amplitudes[group])
-    index = group[int(np.argmax(size))]
+    own = _own(t, fit, group, span)
+    index = group[int(np.argmax(np.abs(fit.complex_amplitudes[group])))]
     alone, place = fit, index
     if len(group) > 1:
-        alone, place = fit_damped(t, own, fit.poles[[index]]), 0
+        alone, place = fit_damped(t, own, fit.poles[[index]], span, base=False), 0
     sigma, omega = alone.poles[place]
     zeta, rate = zeta_and_rate(sigma, omega)
     value = alone.complex_amplitudes[place]
     noise = float(np.sqrt(fit.variance))
-    formal = zeta_deviation(alone, place)
-    curve = amplitude_curve(t, own, sigma, omega, abs(value), noise)
-    windowed = float(np.hypot(formal, between_windows(curve))) if curve else np.nan
-    deviation = windowed if curve and curve.dependent else formal
+    least = zeta_deviation(alone, place)
+    deviation = least * _excess(t, alone, span, place)
+    half = NORMAL_95 * deviation
+    curve = amplitude_curve(t, own, sigma, omega, noise)
     return Component(
         frequency=rate / (2.0 * np.pi),
         zeta=zeta,
         amplitude=float(abs(value)),
         phase=float(np.angle(value)),
-        formal=formal,
-        windowed=windowed,
         deviation=deviation,
-        bound=formal / abs(zeta) if zeta else np.inf,
+        formal=np.array([zeta - half, zeta + half]),
+        windowed=window_interval(curve, zeta, deviation) if curve else np.full(2, np.nan),
+        bound=least / abs(zeta) if zeta else np.inf,
         frequency_deviation=_frequency_deviation(alone, place),
         snr_db=20.0 * float(np.log10(abs(value) / (noise * np.sqrt(2.0)))) if noise else np.inf,
+        share=1.0,
         curve=curve,
         merged=len(group),
+        origin='',
     )
+
+
+def _excess(t: Floats, fit: Damped, span: float, k: int) -> float:
+    """Return by how much a coloured residual near a mode exceeds white noise, 1 for white."""
+    if not coloured(fit) or fit.variance == 0.0:
+        return 1.0
+    local = local_variance(t, fit.residual, span, *fit.poles[k])
+    return float(np.sqrt(max(local / fit.variance, 1.0)))
 
 
 def _frequency_deviation(fit: Damped, k: int) -> float:

@@ -5,14 +5,17 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
 from denoc_ros.identification.damped import Damped, fit_damped
 from denoc_ros.identification.modes import AmplitudeCurve
+from denoc_ros.identification.quality import Mask
 from denoc_ros.identification.records import Floats
 
 MOST_WINDOWS = 6
-CYCLES = 3.0  # of the mode in one window
+NORMAL_95 = 1.959964
+CYCLES = 1.5  # of the mode in one window
 SAMPLES = 16
 LOWEST = 3.0  # envelope in standard deviations of the noise where the last window ends
 CHANCE = 1e-4  # of calling noise a change
@@ -34,7 +37,7 @@ def zeta_deviation(fit: Damped, k: int) -> float:
 
 
 def amplitude_curve(
-    t: Floats, own: Floats, sigma: float, omega: float, amplitude: float, noise: float
+    t: Floats, own: Floats, sigma: float, omega: float, noise: float
 ) -> AmplitudeCurve | None:
     """Return the damping ratio over windows; None where there is room for one window only.
 
@@ -44,14 +47,14 @@ def amplitude_curve(
         Times from the release [s]; the record without its other components [unit].
     sigma, omega : float
         The mode's decay rate [1/s] and damped angular frequency [rad/s].
-    amplitude, noise : float
-        At the release and standard deviation [unit].
+    noise : float
+        Standard deviation [unit].
     """
     rows = []
-    for inside in _windows(t, sigma, omega, amplitude, noise):
+    for inside in _windows(t, own, omega, noise):
         middle = 0.5 * (t[inside][0] + t[inside][-1])
         start = t[inside][0]
-        fit = fit_damped(t[inside] - start, own[inside], np.array([[sigma, omega]]))
+        fit = fit_damped(t[inside] - start, own[inside], np.array([[sigma, omega]]), base=False)
         if not 0.5 * omega < fit.poles[0, 1] < 2.0 * omega:
             continue
         zeta, rate = zeta_and_rate(*fit.poles[0])
@@ -65,8 +68,11 @@ def amplitude_curve(
     return AmplitudeCurve(time, level, frequency, zetas, deviation, trend, dependent)
 
 
-def between_windows(curve: AmplitudeCurve) -> float:
-    """Return the standard deviation of the damping ratio between windows, noise taken off.
+def window_interval(curve: AmplitudeCurve, zeta: float, deviation: float) -> Floats:
+    """Return the 95 % interval of the damping ratio that the windows give, shape (2,).
+
+    The fit's variance and the variance between windows, noise taken off; where the damping ratio
+    changes along the decay: what it ranges over.
 
     Notes
     -----
@@ -75,15 +81,21 @@ def between_windows(curve: AmplitudeCurve) -> float:
     weight = 1.0 / curve.deviation**2
     mean = weight @ curve.damping_ratio / weight.sum()
     excess = weight @ (curve.damping_ratio - mean) ** 2 - (weight.size - 1)
-    return float(np.sqrt(max(0.0, excess / (weight.sum() - weight @ weight / weight.sum()))))
+    between = max(0.0, excess / (weight.sum() - weight @ weight / weight.sum()))
+    half = NORMAL_95 * np.sqrt(deviation**2 + between)
+    low, high = zeta - half, zeta + half
+    if curve.dependent:
+        sharp = curve.deviation <= max(0.25 * abs(zeta), np.sort(curve.deviation)[1])
+        low = min(curve.damping_ratio[sharp].min(), zeta - NORMAL_95 * deviation)
+        high = max(curve.damping_ratio[sharp].max(), zeta + NORMAL_95 * deviation)
+    return np.array([low, high])
 
 
-def _windows(
-    t: Floats, sigma: float, omega: float, amplitude: float, noise: float
-) -> list[np.ndarray[tuple[int], np.dtype[np.bool_]]]:
-    end = float(t[-1])
-    if sigma > 0.0 and noise > 0.0:
-        end = min(end, np.log(max(amplitude / (LOWEST * noise), 1.0)) / sigma)
+def _windows(t: Floats, own: Floats, omega: float, noise: float) -> list[Mask]:
+    cycle = max(int(2.0 * np.pi / omega / np.median(np.diff(t))), 1)
+    envelope = np.sqrt(2.0 * uniform_filter1d(own**2, cycle))
+    loud = np.flatnonzero(envelope > LOWEST * noise)
+    end = float(t[loud[-1]]) if loud.size else 0.0
     count = int(min(MOST_WINDOWS, end * omega / (2.0 * np.pi * CYCLES)))
     if count < 2:
         return []

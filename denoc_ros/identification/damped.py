@@ -26,7 +26,7 @@ class Damped:
     poles : ndarray, shape (m, 2)
         Decay rate sigma [1/s] and damped angular frequency [rad/s] of each.
     weights : ndarray, shape (2 m + 2,)
-        a and b of each, then offset and drift over the whole span.
+        a and b of each, then offset and drift over the whole span (where there are such).
     residual : ndarray, shape (k,)
         Measured minus fitted.
     jacobian : ndarray, shape (k, 2 m)
@@ -43,7 +43,8 @@ class Damped:
 
     def prediction(self, t: Floats) -> Floats:
         """Return the fitted values at times t [s]."""
-        return np.asarray(columns(t, self.poles, self.span) @ self.weights)
+        base = self.weights.size > self.poles.size
+        return np.asarray(columns(t, self.poles, self.span, base) @ self.weights)
 
     @property
     def rss(self) -> float:
@@ -73,24 +74,25 @@ class Damped:
 NDComplex = np.ndarray[tuple[int], np.dtype[np.complex128]]
 
 
-def columns(t: Floats, poles: Floats, span: float) -> Floats:
-    """Return the linear part's columns, shape (k, 2 m + 2)."""
+def columns(t: Floats, poles: Floats, span: float, base: bool = True) -> Floats:
+    """Return the linear part's columns, shape (k, 2 m + 2); (k, 2 m) without offset and drift."""
     m = len(poles)
-    out = np.empty((t.size, 2 * m + 2))
+    out = np.empty((t.size, 2 * m + 2 * base))
     for k, (sigma, omega) in enumerate(poles):
         decay = np.exp(np.clip(-sigma * t, -LARGEST_EXPONENT, LARGEST_EXPONENT))
         out[:, 2 * k] = decay * np.cos(omega * t)
         out[:, 2 * k + 1] = decay * np.sin(omega * t)
-    out[:, -2] = 1.0
-    out[:, -1] = t / span
+    if base:
+        out[:, -2] = 1.0
+        out[:, -1] = t / span
     return out
 
 
 class _Projection:
     """Residual and Jacobian at given poles; the last evaluation is kept."""
 
-    def __init__(self, t: Floats, y: Floats, span: float) -> None:
-        self.t, self.y, self.span = t, y, span
+    def __init__(self, t: Floats, y: Floats, span: float, base: bool) -> None:
+        self.t, self.y, self.span, self.base = t, y, span, base
         self.at: Floats | None = None
 
     def evaluate(self, flat: Floats) -> None:
@@ -98,7 +100,7 @@ class _Projection:
             return
         self.at = flat.copy()
         poles = flat.reshape(-1, 2)
-        phi = columns(self.t, poles, self.span)
+        phi = columns(self.t, poles, self.span, self.base)
         size = np.linalg.norm(phi, axis=0)
         size[size == 0.0] = 1.0
         basis, triangle = np.linalg.qr(phi / size)
@@ -122,7 +124,12 @@ class _Projection:
 
 
 def fit_damped(
-    t: Floats, y: Floats, start: Floats, span: float | None = None, rounds: int = 40
+    t: Floats,
+    y: Floats,
+    start: Floats,
+    span: float | None = None,
+    base: bool = True,
+    rounds: int = 40,
 ) -> Damped:
     """Fit damped cosines, an offset and a drift.
 
@@ -134,11 +141,13 @@ def fit_damped(
         First guess of the poles (sigma [1/s], w [rad/s]).
     span : float, optional
         What the drift is scaled by [s]; default the last time.
+    base : bool
+        With offset and drift.
     rounds : int
         Evaluations at most.
     """
     span = float(t[-1]) if span is None else span
-    projection = _Projection(t, y, span)
+    projection = _Projection(t, y, span, base)
     flat = np.asarray(start, float).reshape(-1)
     if flat.size:
         found = least_squares(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.components import Component, components
+from denoc_ros.identification.components import Component, coloured, components
 from denoc_ros.identification.damped import Damped
 from denoc_ros.identification.modes import Modes
 from denoc_ros.identification.order import Search, refined_cosines, search_cosines
@@ -14,7 +14,6 @@ from denoc_ros.identification.quality import Mask, Quality, assess
 from denoc_ros.identification.records import Floats, Record
 from denoc_ros.identification.verdicts import judge
 
-NORMAL_95 = 1.959964
 CLIP_MARGIN = 3.0  # standard deviations of the noise below the limit
 
 
@@ -66,16 +65,16 @@ def fit_modes(record: Record) -> Modes:
     seen, fit = _fit(record, quality)
     t = record.t - record.t[0]
     parts, lines = components(t[seen], fit, record.duration)
-    verdicts = [judge(part, record, quality, fit) for part in parts]
+    verdicts = [judge(part, record, quality, coloured(fit)) for part in parts]
     base = fit.weights[-2:]
     return Modes(
         frequency=_column(parts, 'frequency'),
         damping_ratio=_column(parts, 'zeta'),
         amplitude=_column(parts, 'amplitude'),
         phase=_column(parts, 'phase'),
-        interval=_intervals(parts, 'deviation'),
-        formal_interval=_intervals(parts, 'formal'),
-        window_interval=_intervals(parts, 'windowed'),
+        interval=_column(parts, 'interval').reshape(-1, 2),
+        formal_interval=_column(parts, 'formal').reshape(-1, 2),
+        window_interval=_column(parts, 'windowed').reshape(-1, 2),
         bound=_column(parts, 'bound'),
         frequency_deviation=_column(parts, 'frequency_deviation'),
         snr_db=_column(parts, 'snr_db'),
@@ -88,7 +87,7 @@ def fit_modes(record: Record) -> Modes:
         noise=float(np.sqrt(fit.variance)),
         start=float(record.t[0]),
         stop=float(record.t[-1]),
-        remarks=_remarks(quality, seen, parts),
+        remarks=_remarks(quality, seen, parts, fit),
     )
 
 
@@ -124,15 +123,12 @@ def _column(parts: list[Component], name: str) -> Floats:
     return np.array([getattr(part, name) for part in parts], float)
 
 
-def _intervals(parts: list[Component], name: str) -> Floats:
-    centre, half = _column(parts, 'zeta'), NORMAL_95 * _column(parts, name)
-    return np.column_stack((centre - half, centre + half))
-
-
-def _remarks(quality: Quality, seen: Mask, parts: list[Component]) -> tuple[str, ...]:
+def _remarks(quality: Quality, seen: Mask, parts: list[Component], fit: Damped) -> tuple[str, ...]:
     remarks = []
     if not parts:
         remarks.append('nothing stands out of the noise')
+    if coloured(fit):
+        remarks.append('the residual is no white noise: the modes do not explain the record')
     if quality.clipped.any():
         remarks.append(f'{np.count_nonzero(~seen)} clipped samples left out')
     if quality.gaps:

@@ -170,12 +170,11 @@ def _first_poles(lines: _Lines, modes: int) -> list[Floats]:
         denominator = np.concatenate(([1.0], solved[:order]))
         weight = 1.0 / np.maximum(np.abs(powers @ denominator), 1e-9)
         if k in (0, ITERATIONS - 1):
-            found.append(_upper(np.roots(denominator)))
+            found.append(_upper(np.asarray(np.roots(denominator), complex)))
     return found
 
 
-def _upper(roots: Complex | Floats) -> Floats:
-    roots = np.asarray(roots, complex)
+def _upper(roots: Complex) -> Floats:
     s = np.log(np.where(np.abs(roots) < 1e-9, 1e-9, roots))
     kept = s[(s.imag > 1e-3) & (s.imag < np.pi - 1e-3)]
     return np.column_stack((np.abs(kept.real) + 1e-9, kept.imag))
@@ -203,7 +202,7 @@ def _real(values: Complex) -> Floats:
 def _linear(lines: _Lines, poles: Floats) -> _Fit:
     phi = _columns(lines, poles)
     weights = np.linalg.lstsq(_real(phi), _real(lines.y), rcond=1e-12)[0]
-    return _Fit(poles, lines.y - phi @ weights, np.empty((0, 0)), weights)
+    return _Fit(poles, lines.y - phi @ weights, np.empty((0, 0)), np.asarray(weights, float))
 
 
 def _nonlinear(lines: _Lines, poles: Floats) -> _Fit:

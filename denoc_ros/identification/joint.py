@@ -10,8 +10,8 @@ from scipy.stats import f as fisher
 
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
-from denoc_ros.identification.quality import independent_samples, neighbour_correlation
 from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.residual import independent_samples, neighbour_correlation
 from denoc_ros.identification.swing import Swing, swing_angles
 
 TERMS = ('viscous', 'coulomb', 'quadratic')

@@ -11,6 +11,8 @@ from denoc_ros.identification.modes import Line
 from denoc_ros.identification.records import Floats
 
 HIGHEST_HARMONIC = 5
+MUCH_WEAKER = 0.1  # than the mode a suspect may be a harmonic of
+NEAR = 0.3  # of one over the record's duration, for a suspect
 WEAKER = 0.3  # than each of its parents at the release
 DEVIATIONS = 3.0
 RESOLUTION = 0.1  # of one over the record's duration
@@ -36,6 +38,23 @@ def find_lines(fit: Damped, span: float) -> dict[int, Line]:
                 frequency = float(omega / (2.0 * np.pi))
                 found[int(k)] = Line(frequency, float(sigma), float(size[k]), origin)
                 break
+    return found
+
+
+def suspects(fit: Damped, span: float) -> dict[int, str]:
+    """Return of what weak components may be harmonics, going by their frequencies alone.
+
+    Friction makes harmonics that decay with the parent or more slowly.
+    """
+    size = np.abs(fit.complex_amplitudes)
+    hertz = fit.poles[:, 1] / (2.0 * np.pi)
+    found = {}
+    for k in range(len(hertz)):
+        for i in range(len(hertz)):
+            n = round(hertz[k] / hertz[i])
+            near = abs(hertz[k] - n * hertz[i]) * span < NEAR
+            if 2 <= n <= HIGHEST_HARMONIC and near and size[k] < MUCH_WEAKER * size[i]:
+                found[k] = f'{n} x {hertz[i]:.4g} Hz'
     return found
 
 

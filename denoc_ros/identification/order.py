@@ -10,6 +10,7 @@ from denoc_ros.identification.damped import Damped, columns, fit_damped
 from denoc_ros.identification.pencil import pencil_poles
 from denoc_ros.identification.quality import Mask
 from denoc_ros.identification.records import Floats
+from denoc_ros.identification.residual import even_values, local_variance
 
 MOST_COSINES = 12
 COST = 5.0  # of one damped cosine, in log(samples): four parameters and the search for them
@@ -17,7 +18,6 @@ DYNAMIC_RANGE = 1e-5  # no component is looked for below this part of the larges
 HIGHEST = 0.95  # of half the sample rate
 SLOWEST = 0.6  # cycles in the record: less is part of the drift
 DECAYS_PER_OCTAVE = 1.0
-LOCAL_BINS = 16
 FEWEST_SAMPLES = 8.0  # that carry a component: fewer are a spike
 LARGEST = 20.0  # component at the start, in ranges of the record: more is extrapolated
 
@@ -88,7 +88,7 @@ def refined_cosines(search: Search, poles: Floats) -> Damped:
 
 def _starts(search: Search) -> list[Damped]:
     nothing = fit_damped(search.t, search.y, np.empty((0, 2)), search.span)
-    spectrum = np.abs(np.fft.rfft(_even(search, nothing.residual)))
+    spectrum = np.abs(np.fft.rfft(even_values(search.t, nothing.residual, search.span)))
     power = np.cumsum(spectrum**2)
     top = int(np.searchsorted(power, 0.995 * power[-1])) + 1
     highest = min(search.highest, 1.5 * top / search.span)
@@ -115,12 +115,8 @@ def _grown(search: Search, fit: Damped) -> Damped:
 def _stands_out(search: Search, fit: Damped, larger: Damped) -> bool:
     """Say whether what was added exceeds the residual around it, not only the mean residual."""
     gain = fit.rss - larger.rss
-    added = larger.poles[-1]
+    local = local_variance(search.t, larger.residual, search.span, *larger.poles[-1])
     k = search.t.size
-    power = np.abs(np.fft.rfft(_even(search, larger.residual))) ** 2 / k
-    middle = round(added[1] / (2.0 * np.pi) * search.span)
-    width = LOCAL_BINS + int(added[0] / np.pi * search.span)
-    local = float(np.mean(power[max(1, middle - width) : middle + width + 1]))
     return bool(gain > COST * np.log(k) * max(local, search.floor / k))
 
 
@@ -138,14 +134,9 @@ def _candidates(search: Search, fit: Damped) -> list[Floats]:
     return [_strongest(search, fit.residual)]
 
 
-def _even(search: Search, values: Floats) -> Floats:
-    grid = np.linspace(0.0, search.span, search.t.size)
-    return np.asarray(np.interp(grid, search.t, values))
-
-
 def _strongest(search: Search, residual: Floats) -> Floats:
     """Return the pole whose damped cosine explains most of the residual."""
-    even = _even(search, residual)
+    even = even_values(search.t, residual, search.span)
     count = even.size
     step = search.span / (count - 1)
     size = 1 << int(np.ceil(np.log2(2 * count)))

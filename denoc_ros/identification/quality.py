@@ -88,20 +88,6 @@ def sample_noise(y: Floats) -> float:
     return float(GAUSSIAN_MAD * np.median(np.abs(np.diff(y, 3))) / THIRD_DIFFERENCE)
 
 
-def neighbour_correlation(residual: Floats) -> float:
-    """Return the correlation of a residual with itself one sample on, 0 to below 1."""
-    power = float(residual @ residual)
-    if power == 0.0:
-        return 0.0
-    return float(np.clip(residual[1:] @ residual[:-1] / power, 0.0, 0.999))
-
-
-def independent_samples(residual: Floats) -> float:
-    """Return how many independent samples a residual is worth (as a first-order process)."""
-    correlation = neighbour_correlation(residual)
-    return residual.size * (1.0 - correlation) / (1.0 + correlation)
-
-
 def level_distance(y: Floats) -> float:
     """Return the distance between the levels of quantized values; 0 where there are none."""
     levels = np.unique(y)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from denoc_ros.identification.components import Component
-from denoc_ros.identification.damped import Damped
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
 from denoc_ros.identification.quality import Quality
 from denoc_ros.identification.records import Record
@@ -14,40 +13,35 @@ WIDEST = 0.05  # relative standard deviation of zeta of a good mode
 USELESS = 0.35  # relative standard deviation that says nothing
 FEWEST_CYCLES = 1.5
 MOST_CLIPPED = 0.4
+WEAK = 0.1  # of the strongest, for a mode beside a coloured residual
 NEAR_NYQUIST = 0.8  # of half the sample rate
 
 
 def judge(
-    part: Component, record: Record, quality: Quality, fit: Damped
+    part: Component, record: Record, quality: Quality, coloured: bool
 ) -> tuple[str, tuple[str, ...]]:
     """Return the verdict on a mode and the reasons."""
-    fatal = _fatal(part, record)
-    doubts = _doubts(part, record, quality)
-    if fatal:
-        return NOT_IDENTIFIABLE, (*fatal, *doubts)
+    doubts = _doubts(part, record, quality, coloured)
+    if part.zeta <= 0.0:
+        return NOT_IDENTIFIABLE, (f'does not decay: damping ratio {part.zeta:.3g}', *doubts)
+    relative = part.deviation / part.zeta
+    spread = f'standard deviation of the damping ratio is {100.0 * relative:.1f} % of it'
+    if relative > USELESS:
+        return NOT_IDENTIFIABLE, (spread, *doubts)
+    if relative > WIDEST:
+        return DOUBTFUL, (f'{spread}, more than {100.0 * WIDEST:.0f} %', *doubts)
     return (DOUBTFUL, tuple(doubts)) if doubts else (GOOD, ())
 
 
-def _fatal(part: Component, record: Record) -> list[str]:
+def _doubts(part: Component, record: Record, quality: Quality, coloured: bool) -> list[str]:
     reasons = []
-    relative = part.deviation / abs(part.zeta) if part.zeta else np.inf
-    if part.zeta <= 0.0:
-        reasons.append(f'does not decay: damping ratio {part.zeta:.3g}')
-    elif relative > USELESS:
+    if coloured and part.share < WEAK:
         reasons.append(
-            f'standard deviation of the damping ratio is {100.0 * relative:.0f} % of it'
+            f'{100.0 * part.share:.1f} % of a stronger mode that the model does not explain down '
+            'to the noise'
         )
-    return reasons
-
-
-def _doubts(part: Component, record: Record, quality: Quality) -> list[str]:
-    reasons = []
-    relative = part.deviation / abs(part.zeta) if part.zeta else np.inf
-    if WIDEST < relative <= USELESS and part.zeta > 0.0:
-        reasons.append(
-            f'standard deviation of the damping ratio is {100.0 * relative:.1f} % of it, '
-            f'more than {100.0 * WIDEST:.0f} %'
-        )
+    if part.origin:
+        reasons.append(f'may be a harmonic: {part.origin}')
     if part.merged > 1:
         reasons.append(
             f'{part.merged} components closer than one over the duration '

@@ -1,0 +1,48 @@
+"""What is left after a fit: does it hang together, and how strong is it near a frequency."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from denoc_ros.identification.records import Floats
+
+LOCAL_LINES = 16
+
+
+def neighbour_correlation(residual: Floats) -> float:
+    """Return the correlation of a residual with itself one sample on, 0 to below 1."""
+    power = float(residual @ residual)
+    if power == 0.0:
+        return 0.0
+    return float(np.clip(residual[1:] @ residual[:-1] / power, 0.0, 0.999))
+
+
+def independent_samples(residual: Floats) -> float:
+    """Return how many independent samples a residual is worth (as a first-order process)."""
+    correlation = neighbour_correlation(residual)
+    return residual.size * (1.0 - correlation) / (1.0 + correlation)
+
+
+def even_values(t: Floats, values: Floats, span: float) -> Floats:
+    """Return values at as many even times from 0 to span (linear between the samples)."""
+    return np.asarray(np.interp(np.linspace(0.0, span, t.size), t, values))
+
+
+def local_variance(t: Floats, residual: Floats, span: float, sigma: float, omega: float) -> float:
+    """Return the variance that white noise would have, were it as strong as near a pole.
+
+    Parameters
+    ----------
+    t, residual : ndarray, shape (k,)
+        Times from the start [s], what is left.
+    span : float
+        Duration of the record [s].
+    sigma, omega : float
+        Decay rate [1/s] and damped angular frequency [rad/s]: the lines within the mode's width,
+        16 on either side at least, are averaged.
+    """
+    power = np.abs(np.fft.rfft(even_values(t, residual, span))) ** 2 / t.size
+    middle = round(omega / (2.0 * np.pi) * span)
+    width = LOCAL_LINES + int(abs(sigma) / np.pi * span)
+    low = min(max(1, middle - width), power.size - 2)
+    return float(np.mean(power[low : middle + width + 1]))
