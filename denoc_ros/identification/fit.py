@@ -15,6 +15,7 @@ from denoc_ros.identification.records import Floats, Record
 from denoc_ros.identification.verdicts import judge
 
 CLIP_MARGIN = 3.0  # standard deviations of the noise below the limit
+MOST_EXTREMES = 0.1  # of the samples: more at one value are no crest
 
 
 def identify_modes(t: ArrayLike, y: ArrayLike) -> Modes:
@@ -92,14 +93,40 @@ def fit_modes(record: Record) -> Modes:
 
 
 def _fit(record: Record, quality: Quality) -> tuple[Mask, Damped]:
-    """Return which samples were used and the fit to them."""
+    """Return which samples were used and the fit to them.
+
+    Samples that share the largest or the smallest value wait outside until a fit to the others
+    says whether they belong beyond it.
+    """
     t = record.t - record.t[0]
-    seen = ~quality.clipped
-    fit = search_cosines(_search(record, t, seen))
-    if quality.clipped.any():
-        seen = _inside_limits(record, seen, t, fit)
-        fit = refined_cosines(_search(record, t, seen), fit.poles)
-    return seen, fit
+    outside = quality.clipped | _repeated_extremes(record.y)
+    fit = search_cosines(_search(record, t, ~outside))
+    if not outside.any():
+        return ~outside, fit
+    seen = np.ones(t.size, bool)
+    if quality.clipped.any() or _beyond(record, outside, t, fit):
+        seen = _inside_limits(record, ~outside, t, fit)
+    return seen, refined_cosines(_search(record, t, seen), fit.poles)
+
+
+def _repeated_extremes(y: Floats) -> Mask:
+    outside = np.zeros(y.size, bool)
+    for extreme in (y.min(), y.max()):
+        same = y == extreme
+        if 2 <= np.count_nonzero(same) < MOST_EXTREMES * y.size:
+            outside |= same
+    return outside
+
+
+def _beyond(record: Record, outside: Mask, t: Floats, fit: Damped) -> bool:
+    """Say whether a fit to the other samples puts these beyond the limits."""
+    middle = 0.5 * (record.y.max() + record.y.min())
+    y = record.y[outside]
+    further = (fit.prediction(t[outside]) - y) * np.sign(y - middle)
+    return any(
+        further[side].size > 0 and further[side].mean() > CLIP_MARGIN * np.sqrt(fit.variance)
+        for side in (y > middle, y < middle)
+    )
 
 
 def _search(record: Record, t: Floats, seen: Mask) -> Search:
@@ -129,7 +156,7 @@ def _remarks(quality: Quality, seen: Mask, parts: list[Component], fit: Damped) 
         remarks.append('nothing stands out of the noise')
     if coloured(fit):
         remarks.append('the residual is no white noise: the modes do not explain the record')
-    if quality.clipped.any():
+    if not seen.all():
         remarks.append(f'{np.count_nonzero(~seen)} clipped samples left out')
     if quality.gaps:
         remarks.append(f'{quality.gaps} gaps, the longest {quality.longest_gap:.3g} s')

@@ -18,7 +18,7 @@ DYNAMIC_RANGE = 1e-5  # no component is looked for below this part of the larges
 HIGHEST = 0.95  # of half the sample rate
 SLOWEST = 0.6  # cycles in the record: less is part of the drift
 DECAYS_PER_OCTAVE = 1.0
-FEWEST_SAMPLES = 8.0  # that carry a component: fewer are a spike
+FEWEST_SAMPLES = 3.5  # that carry a component: fewer are a spike
 LARGEST = 20.0  # component at the start, in ranges of the record: more is extrapolated
 
 
