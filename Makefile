@@ -15,7 +15,7 @@ ifdef AMENT_PREFIX_PATH
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 endif
 
-.PHONY: demo test check lint bench rates soak readme venv clean
+.PHONY: demo test check lint bench rates soak longbag readme venv clean
 
 venv: $(STAMP)
 
@@ -56,6 +56,10 @@ rates: $(STAMP)
 # ten minutes of faults: what must never move a robot wrongly, hang a node or need cleaning up
 soak: $(STAMP)
 	PYTHONPATH=test $(BIN)/python -m campaign.run --minutes 10
+
+# ten minutes: a bag of 1 GB, made on the spot and replayed
+longbag: $(STAMP)
+	PYTHONPATH=test $(BIN)/python -m bench.long_bag
 
 clean:
 	rm -rf $(VENV) build install log runs

@@ -28,7 +28,7 @@ Summary = Mapping[str, Any]
 
 LOOKS: Mapping[str, Look] = {
     MEASURED: (DIFFERENCE_COLOUR, False),
-    'rigid': (PHASE_COLOURS[0], False),
+    'rigid': (PHASE_COLOURS[0], True),
     'flexible': (PHASE_COLOURS[1], True),
 }
 DEFLECTION_LOOKS = ((TRUTH_COLOUR, False), (PHASE_COLOURS[2], False), (PHASE_COLOURS[1], True))
@@ -85,7 +85,9 @@ def _cards(summary: Summary) -> list[Card]:
             square = sum(one['rms'] ** 2 for one in joints.values())
             whole = sum(one['measured_rms'] ** 2 for one in joints.values())
             share = 100.0 * (square / whole) ** 0.5 if whole else float('nan')
-            cards.append(Card(f'Off by, {model}', f'{share:.3g} %', 'of the effort, rms'))
+            cards.append(
+                Card(f'Off by, {model}', f'{float(f"{share:.3g}"):g} %', 'of the effort, rms')
+            )
     for topic, agreements in summary['deflection'].items():
         percents = [
             (100.0 * one['rms'] / one['measured_peak'], name)
@@ -99,18 +101,22 @@ def _cards(summary: Summary) -> list[Card]:
 
 
 def _torque(replay: Replay, summary: Summary, units: Mapping[str, str]) -> Section:
-    panels = [
-        Panel(
-            joint,
-            units[joint],
-            [
-                Curve(name, LOOKS[name][0], *traces.curve(joint), LOOKS[name][1])
-                for name, traces in replay.torque_traces.items()
-                if name != MEASURED or replay.torque
-            ],
-        )
-        for joint in replay.plan.joints
-    ]
+    traces = replay.torque_traces
+    figures = []
+    for model in (name for name in traces if name != MEASURED):
+        shown = [MEASURED, model] if replay.torque else [model]
+        panels = [
+            Panel(
+                joint,
+                units[joint],
+                [
+                    Curve(name, LOOKS[name][0], *traces[name].curve(joint), LOOKS[name][1])
+                    for name in shown
+                ],
+            )
+            for joint in replay.plan.joints
+        ]
+        figures.append(Markup(line_figure(panels)))
     head = ['joint', 'effort rms']
     head += [f'{m}: {what}' for m in summary['torque'] for what in ('rms', 'bias', 'lag')]
     rows = []
@@ -130,7 +136,7 @@ def _torque(replay: Replay, summary: Summary, units: Mapping[str, str]) -> Secti
         'Measured effort and what the models give for the recorded motion. rms and bias are of '
         'measured minus computed; a positive lag means that the measured one comes later, a dash '
         'that they are not alike enough to say.',
-        [Markup(line_figure(panels))],
+        figures,
         [Table(head, rows)] if summary['torque'] else [],
     )
 

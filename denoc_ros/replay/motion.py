@@ -80,11 +80,11 @@ def smooth(
     if method == 'kalman':
         return _kalman(t, q, qd, cutoff, usual)
     half = _half_width(cutoff, usual)
-    position = _local_polynomials(t, q, half)
     if qd is None:
-        return Motion(*position)
-    rate = _local_polynomials(t, qd, half)
-    return Motion(position[0], rate[0], rate[1])
+        return Motion(*_local_polynomials(t, q, half))
+    joints = q.shape[1]
+    value, slope, _ = _local_polynomials(t, np.hstack([q, qd]), half)
+    return Motion(value[:, :joints], value[:, joints:], slope[:, joints:])
 
 
 def settling(method: str, cutoff: float, period: float) -> int:

@@ -39,7 +39,7 @@ def test_bag_page_and_numbers_come_out(
     page = (tmp_path / found['report']).read_text()
     for heading in ('Torque', 'What explains it', 'Friction, fitted', 'Deflection of the'):
         assert f'<h2>{heading}' in page
-    assert len(re.findall('<svg ', page)) == 2
+    assert len(re.findall('<svg ', page)) == 3
     links = re.findall(r'(?:src|href|url)\s*[=(]\s*["\']?([^"\')\s>]+)', page)
     assert all(link.startswith('#') for link in links)
     # nothing is written over
