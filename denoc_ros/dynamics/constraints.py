@@ -138,8 +138,10 @@ def inverse_torques(
     open_to = scipy.linalg.null_space(rows[:, passive].T, rcond=RANK) if len(passive) else None
     open_to = np.eye(len(rows)) if open_to is None else open_to
     torque = need[actuated] - rows[:, actuated].T @ multipliers
-    share, _, _ = least_solution(rows[:, actuated].T @ open_to, torque)
-    multipliers = multipliers + open_to @ share
+    reach = rows[:, actuated].T @ open_to
+    # what redundant rows leave of the actuated joints' columns is rounding, not a way to push
+    if np.abs(reach).max(initial=0.0) > RANK * np.abs(rows).max(initial=0.0):
+        multipliers = multipliers + open_to @ least_solution(reach, torque)[0]
     return need[actuated] - rows[:, actuated].T @ multipliers, multipliers
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,6 +96,39 @@ def rigid_torque(robot: Robot, reference: Trajectory) -> Torque:
         q[joints], qd[joints], qdd[joints] = law(t)
         model.inverse_dynamics(q, qd, qdd, out=needed, check=False)
         tau[joints] = needed[joints]
+        return tau
+
+    return torque
+
+
+def rigid_robot(robot: Robot) -> Robot:
+    """Return the robot with all of its links taken as rigid: its coordinates are the joints."""
+    modes = {
+        f'beam.{body.name}.{direction}.modes': 0
+        for body in robot.tree.bodies
+        if body.beam is not None
+        for direction in ('y', 'z', 'torsion')
+        if getattr(body.beam, direction) is not None
+    }
+    return robot.with_overrides(modes)
+
+
+def rigid_loop_torque(robot: Robot, reference: Trajectory, actuated: Sequence[str]) -> Torque:
+    """Return the torques of actuated joints with which the robot, rigid, follows a reference.
+
+    As :func:`rigid_torque`, for a robot with loops (section 5.5): passive joints get none. The
+    reference is of all joints and keeps the loops closed.
+    """
+    model = rigid_robot(robot)
+    places = [robot.joint_names.index(name) for name in actuated]
+    driven = np.asarray(robot.joint_indices)[places]
+    law = Law(reference)
+    tau = np.zeros(robot.n)
+
+    def torque(t: float, _q: Array, _qd: Array) -> Array:
+        q, qd, qdd = law(t)
+        needed, _, _ = model.constrained_hybrid_dynamics(q, qd, qdd[places], actuated)
+        tau[driven] = needed
         return tau
 
     return torque

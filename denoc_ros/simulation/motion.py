@@ -2,6 +2,8 @@
 
 The coordinates are affine in independent ones, q = T z + c: T ties mimic joints to their
 leaders (the identity where there are none). Of z some are prescribed in time, the rest free.
+With loops q is what is integrated, under the multipliers' forces, and each state is put back onto
+the loops (and mimic joints on their leaders) by a projection.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError, StateError
+from denoc_ros.simulation.closing import Closing
 
 Array = NDArray[np.float64]
 Torque = Callable[[float, Array, Array], Array]
@@ -52,7 +55,8 @@ class Motion:
     ) -> None:
         self._robot = robot.copy()
         self._torque = torque
-        self._leaders = mimic_ties(robot)
+        # with loops, mimic joints are rows like theirs
+        self._leaders = {} if robot.tree.loops else mimic_ties(robot)
         names = dict(zip(robot.joint_names, np.asarray(robot.joint_indices).tolist(), strict=True))
         given = dict(prescribed or {})
         self._check_names(given, names)
@@ -71,7 +75,13 @@ class Motion:
         self.q, self.qd, self.qdd = (np.zeros(robot.n) for _ in range(3))
         self.tau = np.zeros(robot.n)
         self.evaluations = 0
+        self._closing = Closing(self._robot, self.free) if robot.tree.loops else None
         self._accelerate = self._choose()
+
+    @property
+    def has_loops(self) -> bool:
+        """Whether states must be closed after each step."""
+        return self._closing is not None
 
     def _check_names(self, given: Mapping[str, object], names: Mapping[str, int]) -> None:
         for name in given:
@@ -86,6 +96,8 @@ class Motion:
                 )
 
     def _choose(self) -> Callable[[], None]:
+        if self._closing is not None:
+            return self._accelerate_in_loops if self._laws else self._accelerate_closed
         if self._leaders:
             return self._accelerate_tied
         return self._accelerate_hybrid if self._laws else self._accelerate_free
@@ -108,9 +120,9 @@ class Motion:
         Raises
         ------
         StateError
-            If a prescribed or mimic joint starts elsewhere.
+            If a prescribed or mimic joint starts elsewhere, or a loop is open.
         """
-        state = np.concatenate([q0[self.free], qd0[self.free]])
+        state = self.close(t, np.concatenate([q0[self.free], qd0[self.free]]))
         self.complete(t, state)
         for index, name in enumerate(self._robot.coordinate_names):
             for what, got, must in (
@@ -123,6 +135,21 @@ class Motion:
                         f'prescribed or tied, got {got:.9g}'
                     )
         return state
+
+    def close(self, t: float, state: Array) -> Array:
+        """Return a state (2 f,) put back onto the loops at a time [s]; as it is without loops.
+
+        Raises
+        ------
+        SolverError
+            It does not close.
+        """
+        if self._closing is None:
+            return state
+        self.complete(t, state)
+        self._closing.positions(self.q)
+        self._closing.rates(self.q, self.qd)
+        return np.concatenate([self.q[self.free], self.qd[self.free]])
 
     def complete(self, t: float, state: Array) -> None:
         """Fill `q`, `qd` and the prescribed `qdd` at a time [s] and state (2 f,)."""
@@ -176,6 +203,15 @@ class Motion:
         )
         self.tau[self._given] = torques
         self.qdd[self.free] = rest
+
+    def _accelerate_closed(self) -> None:
+        self.qdd[:], _ = self._robot.constrained_forward_dynamics(self.q, self.qd, self.tau)
+
+    def _accelerate_in_loops(self) -> None:
+        torques, self.qdd[:], _ = self._robot.constrained_hybrid_dynamics(
+            self.q, self.qd, self.qdd[self._given], self._given_names, self.tau
+        )
+        self.tau[self._given] = torques
 
     def _accelerate_tied(self) -> None:
         """Solve T^T (I T z'' + h - tau) = 0 for the free z''."""

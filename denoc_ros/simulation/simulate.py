@@ -19,6 +19,8 @@ from denoc_ros.simulation.run import Run
 Array = NDArray[np.float64]
 
 METHODS = {'DOP853': DOP853, 'RK45': RK45, 'LSODA': LSODA, 'Radau': Radau, 'BDF': BDF}
+# A projection onto loops moves the state: methods that remember earlier steps cannot take it.
+ONE_STEP = ('DOP853', 'RK45', 'Radau')
 
 
 def simulate(
@@ -39,9 +41,9 @@ def simulate(
     Parameters
     ----------
     robot : Robot
-        The robot. Mimic joints are kept tied to their leaders.
+        The robot. Mimic joints are kept tied to their leaders, loops closed (docs/loops.md).
     q0, qd0 : (n,) arrays
-        State at `t[0]`.
+        State at `t[0]`, with loops closed to 1e-6 (`robot.assemble`, `robot.assemble_rates`).
     t : (k,) array
         Output times [s], strictly increasing; the first is the start.
     torque : callable, optional
@@ -52,7 +54,7 @@ def simulate(
         Tolerances of the integrator per step.
     method : str
         DOP853 (order 8; the right one for lightly damped vibration), RK45, or for overdamped,
-        stiff robots LSODA, Radau or BDF.
+        stiff robots LSODA, Radau or BDF; the first two and Radau with loops.
     progress : bool
         Show a progress bar on a terminal.
 
@@ -69,12 +71,13 @@ def simulate(
         If the integrator fails; the message says how far it came.
     """
     times = _checked_times(t)
+    methods = ONE_STEP if robot.tree.loops else tuple(METHODS)
+    if method not in methods:
+        raise StateError(f'simulate: method must be one of {", ".join(methods)}, got {method!r}')
     motion = Motion(robot, torque, prescribed)
     state = motion.start(
         _checked_state(q0, robot.n, 'q0'), _checked_state(qd0, robot.n, 'qd0'), times[0]
     )
-    if method not in METHODS:
-        raise StateError(f'simulate: method must be one of {", ".join(METHODS)}, got {method!r}')
     with (
         np.errstate(over='ignore', invalid='ignore'),
         tqdm(
@@ -135,6 +138,9 @@ def integrate(
     while solver.status == 'running':
         before = solver.t
         message = solver.step()
+        if motion.has_loops and np.isfinite(solver.y).all():
+            solver.y = motion.close(solver.t, solver.y)
+            solver.f = motion.rate(solver.t, solver.y)
         upto = int(np.searchsorted(times, solver.t, side='right'))
         if upto > done:
             states[done:upto] = solver.dense_output()(times[done:upto]).T
@@ -165,7 +171,7 @@ def _sampled(robot: Robot, motion: Motion, times: Array, states: Array) -> Run:
     evaluations = motion.evaluations
     q, qd, tau = (np.empty((len(times), robot.n)) for _ in range(3))
     for index, time in enumerate(times):
-        motion.accelerate(float(time), states[index])
+        motion.accelerate(float(time), motion.close(float(time), states[index]))
         q[index], qd[index], tau[index] = motion.q, motion.qd, motion.tau
     energy = robot.energy(q, qd, check=False)
     finite = np.isfinite(energy).all(axis=1)
