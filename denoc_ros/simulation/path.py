@@ -96,7 +96,7 @@ def _bias(robot: Robot, frame: str, q: Array, qd: Array) -> Array:
 
 def _reach(robot: Robot, frame: str, point: Array, directions: Array, guess: Array) -> Array:
     """Return a closed configuration with the frame at a point, by Gauss-Newton steps."""
-    q = guess.copy()
+    q: Array = guess.copy()
     for _ in range(ITERATIONS):
         pose = robot.frame_pose(frame, q)
         turn = directions @ pose[:3, :3].T

@@ -165,9 +165,11 @@ def test_bad_starts_and_methods_are_refused(
 def test_prescribed_motion_that_no_closed_loop_has_is_a_solver_error() -> None:
     robot = loaded('four_bar', 'RRR')
     q = closed_start(robot, START['four_bar'])
-    still = {f'joint_{k}': (lambda _t, k=k: (q[k - 1], 0.0, 0.0)) for k in (2, 3)}
-    still['joint_1'] = lambda t: (t, 1.0, 0.0)
+    joints = {
+        'joint_1': lambda t: (t, 1.0, 0.0),
+        'joint_2': lambda _t: (q[1], 0.0, 0.0),
+        'joint_3': lambda _t: (q[2], 0.0, 0.0),
+    }
+    start = np.array([1.0, 0.0, 0.0])
     with pytest.raises(dn.DenocError, match=r'loops must close|contradict'):
-        dn.simulate(
-            robot, q, np.array([1.0, 0.0, 0.0]), np.linspace(0.0, 0.1, 3), prescribed=still
-        )
+        dn.simulate(robot, q, start, np.linspace(0.0, 0.1, 3), prescribed=joints)
