@@ -19,6 +19,7 @@ VERBS = (
     'replay',
     'identify',
     'report',
+    'calibrate',
     'recover',
     'dh',
     'stability',

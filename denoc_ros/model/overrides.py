@@ -126,7 +126,7 @@ def edited_description(
     findings = Findings()
     for path, value in plain.items():
         if path.startswith('payload.'):
-            findings.add(f'path {path!r}', 'must be of a beam or a joint, got a payload')
+            findings.add(f'path {path!r}', 'must be of a beam, a joint or a sensor, got a payload')
         else:
             _apply(root, path, value, {}, findings)
     if findings.items:

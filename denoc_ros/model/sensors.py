@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.model.findings import Element, Findings, Reader
-from denoc_ros.model.tree import Beam, Sensor
+from denoc_ros.model.tree import Beam, Sensor, Tree
 
 Array = NDArray[np.float64]
 
 COMMON = ('name', 'type', 'link', 'station', 'direction', 'gain', 'offset', 'noise')
+# of geometry_msgs/WrenchStamped, in its order
+WRENCH_FIELDS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
 OWN = {'strain_gauge': ('surface',), 'load_cell': ('component',), 'deflection': ()}
 
 
@@ -140,3 +142,14 @@ def make_sensor(element: SensorElement, body: int, beam: Beam) -> Sensor:
         element.field,
         element.component,
     )
+
+
+def wrench_field(sensor: Sensor, tree: Tree) -> str:
+    """Return which component of a wrench a load cell measures: its `field`, else by direction."""
+    if sensor.field in WRENCH_FIELDS:
+        return sensor.field
+    beam = tree.bodies[sensor.body].beam
+    bends_y = beam is not None and bool(np.any(sensor.row[: beam.modes[0]]))
+    if sensor.component == 'shear':
+        return 'force.y' if bends_y else 'force.z'
+    return 'torque.z' if bends_y else 'torque.y'

@@ -14,6 +14,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from denoc_ros.estimation.clock import StampClock
+from denoc_ros.model.sensors import WRENCH_FIELDS, wrench_field
 from denoc_ros.model.tree import Sensor, Tree
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.conversions import CdrReader, InputError
@@ -22,7 +23,6 @@ from denoc_ros.nodes.safety import InputMonitor
 Array = NDArray[np.float64]
 
 QUEUE = 1024  # values kept for a late tick
-WRENCH_FIELDS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
 
 
 def read_float(raw: bytes, _sensor: Sensor, _wrench_field: str) -> tuple[int, float]:
@@ -87,17 +87,6 @@ READERS: dict[str, tuple[type, Reader]] = {
     'sensor_msgs/msg/JointState': (JointState, read_joint_state),
     'geometry_msgs/msg/WrenchStamped': (WrenchStamped, read_wrench),
 }
-
-
-def wrench_field(sensor: Sensor, tree: Tree) -> str:
-    """Return which component of a wrench a load cell measures: its `field`, else by direction."""
-    if sensor.field in WRENCH_FIELDS:
-        return sensor.field
-    beam = tree.bodies[sensor.body].beam
-    bends_y = beam is not None and bool(np.any(sensor.row[: beam.modes[0]]))
-    if sensor.component == 'shear':
-        return 'force.y' if bends_y else 'force.z'
-    return 'torque.z' if bends_y else 'torque.y'
 
 
 class SensorInputs:

@@ -278,7 +278,7 @@ def test_an_edited_description_is_the_changed_robot_and_keeps_the_rest(arm_text:
 
 
 def test_an_edited_description_is_checked(arm_text: str) -> None:
-    with pytest.raises(ConfigError, match='must be of a beam or a joint, got a payload'):
+    with pytest.raises(ConfigError, match='must be of a beam, a joint or a sensor, got'):
         edited_description(arm_text, {'payload.upper_arm.mass': 1.0})
     with pytest.raises(ModelError, match='damping_ratio'):
         edited_description(arm_text, {'beam.upper_arm.y.damping_ratio': -0.1})

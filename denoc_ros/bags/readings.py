@@ -1,0 +1,74 @@
+"""Raw readings of one sensor out of a bag, whatever type of message carries them."""
+
+from __future__ import annotations
+
+import operator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.bags.reader import read_bag
+from denoc_ros.bags.series import elapsed
+from denoc_ros.errors import BagError
+
+Array = NDArray[np.float64]
+
+TYPES = (
+    'std_msgs/msg/Float64',
+    'std_msgs/msg/Float64MultiArray',
+    'sensor_msgs/msg/JointState',
+    'geometry_msgs/msg/WrenchStamped',
+)
+
+
+def read_readings(
+    path: str | Path, topic: str, name: str, field: str = '', wrench_field: str = ''
+) -> tuple[Array, Array]:
+    """Return times since the first reading [s] and raw readings, (k,) each.
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag that `read_bag` reads.
+    topic : str
+        Of one of `TYPES`.
+    name, field : str
+        The sensor's name, and which element or name in the message is its own.
+    wrench_field : str
+        Which component of a wrench.
+
+    Raises
+    ------
+    BagError
+        As `read_bag`; also for a topic of another type, and a message without the sensor.
+    """
+    stamps, raw = [], []
+    for item in read_bag(path, [topic]):
+        if item.type not in TYPES:
+            raise BagError(
+                f'{path}: topic {topic} must be one of {", ".join(TYPES)}, got {item.type}'
+            )
+        stamps.append(item.stamp_ns)
+        try:
+            raw.append(_reading(item.type, item.message, name, field, wrench_field))
+        except (ValueError, IndexError) as error:
+            raise BagError(
+                f'{path}: messages on {topic} must hold sensor {name!r} '
+                f'(field {field or name!r}), got one without'
+            ) from error
+    return elapsed(np.array(stamps, dtype=np.int64)), np.array(raw, dtype=np.float64)
+
+
+def _reading(kind: str, message: Any, name: str, field: str, wrench_field: str) -> float:
+    if kind.endswith('Float64'):
+        return float(message.data)
+    if kind.endswith('WrenchStamped'):
+        return float(operator.attrgetter(wrench_field)(message.wrench))
+    if kind.endswith('JointState'):
+        values = message.position if len(message.position) else message.effort
+        return float(values[list(message.name).index(field or name)])
+    labels = message.layout.dim[0].label.split(',') if message.layout.dim else []
+    element = field or '0'
+    return float(message.data[labels.index(element) if element in labels else int(element)])

@@ -1,0 +1,203 @@
+"""`denoc calibrate`: a sensor's gain and offset from readings at known references."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.estimation.calibration import Calibration
+
+DOUBTFUL = 2
+NOT_IDENTIFIABLE = 3
+KINDS = ('value', 'deflection', 'load')
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        'calibrate',
+        help="fit a sensor's gain and offset to readings at known references",
+        description='Fit value = gain raw + offset to a table, or to the plateaus of a bag. '
+        'Exit status 2: the line is doubtful; 3: there is none in the readings.',
+    )
+    parser.add_argument('readings', help='a CSV table (columns reference, raw), or a bag')
+    parser.add_argument('--robot', required=True, help='the URDF file with the sensor')
+    parser.add_argument('--sensor', required=True, help='its name')
+    parser.add_argument(
+        '--reference',
+        choices=KINDS,
+        default='value',
+        help="what the references are: the sensor's own values (default), or with its link held "
+        'at the root and loaded at the tip: deflection of the tip [m], load [N]',
+    )
+    parser.add_argument(
+        '--levels',
+        type=float,
+        nargs='+',
+        metavar='X',
+        help='references of the plateaus of a bag, in order',
+    )
+    parser.add_argument(
+        '--hold', type=float, default=1.0, metavar='S', help='shortest plateau [s], default 1'
+    )
+    parser.add_argument(
+        '-o', '--output', type=Path, help='write the calibrated URDF to a new file'
+    )
+    parser.add_argument('--write', action='store_true', help='write it into the robot file itself')
+    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb and return the exit status; errors are raised."""
+    from denoc_ros.cli.config import find_file
+    from denoc_ros.dynamics.robot import load_robot
+    from denoc_ros.errors import IdentificationError
+    from denoc_ros.estimation.calibration import calibrate, sensor_values
+
+    file = find_file(Path(args.robot), Path()) or Path(args.robot)
+    robot = load_robot(file)
+    # an unknown sensor is better known of before a long bag is read
+    sensor_values(robot, args.sensor, [], args.reference)
+    try:
+        raw, reference, deviation = _readings(args, robot)
+        wanted = sensor_values(robot, args.sensor, reference, args.reference)
+        found = calibrate(raw, wanted, deviation)
+    except IdentificationError as error:
+        print(f'denoc calibrate: {error}', file=sys.stderr)
+        return NOT_IDENTIFIABLE
+    written = _write(args, file, found)
+    _show(args, found, written)
+    return DOUBTFUL if found.doubts else 0
+
+
+def _readings(args: argparse.Namespace, robot: Robot) -> tuple[Any, Any, float]:
+    """Return readings, references and the deviation of one reading."""
+    from denoc_ros.bags.readings import read_readings
+    from denoc_ros.errors import ConfigError
+    from denoc_ros.estimation.calibration import find_plateaus, match_levels
+    from denoc_ros.model.sensors import wrench_field
+
+    path = Path(args.readings)
+    if path.is_file() and path.suffix not in ('.mcap', '.db3'):
+        if args.levels:
+            raise ConfigError('--levels', ['levels must come with a bag, got a table'])
+        return (*read_table(path), math.nan)
+    if not args.levels:
+        raise ConfigError('--levels', ['levels must be given for the plateaus of a bag, got none'])
+    (sensor,) = (s for s in robot.tree.sensors if s.name == args.sensor)
+    if not sensor.topic:
+        raise ConfigError(str(args.robot), [f'sensor {sensor.name!r} must have a topic, got none'])
+    field = wrench_field(sensor, robot.tree)
+    t, raw = read_readings(path, sensor.topic, sensor.name, sensor.field, field)
+    plateaus = find_plateaus(t, raw, args.hold)
+    return plateaus.means, match_levels(plateaus, args.levels), plateaus.deviation
+
+
+def read_table(path: Path) -> tuple[list[float], list[float]]:
+    """Return readings and references of a CSV table.
+
+    Parameters
+    ----------
+    path : Path
+        Two columns, reference and raw, in the order of measuring; or more with a header that
+        names these two. Separated by comma, semicolon, tab or spaces; `#` begins a comment.
+
+    Raises
+    ------
+    ConfigError
+        With every line that is not two numbers.
+    """
+    from denoc_ros.errors import ConfigError
+
+    try:
+        text = path.read_text(encoding='utf-8')
+    except UnicodeDecodeError as error:
+        raise ConfigError(str(path), [f'the table must be UTF-8 text, got: {error}']) from error
+    raw: list[float] = []
+    reference: list[float] = []
+    findings: list[str] = []
+    columns = (0, 1)
+    for number, line in enumerate(text.splitlines(), 1):
+        cells = _cells(line)
+        if not cells:
+            continue
+        if not raw and not findings and {'reference', 'raw'} <= set(cells):
+            columns = (cells.index('reference'), cells.index('raw'))
+            continue
+        pair = [_number(cells, column) for column in columns]
+        if not all(math.isfinite(value) for value in pair):
+            findings.append(f'line {number} must have a reference and a reading, got {line!r}')
+            continue
+        reference.append(pair[0])
+        raw.append(pair[1])
+    if findings:
+        raise ConfigError(str(path), findings)
+    return raw, reference
+
+
+def _cells(line: str) -> list[str]:
+    line = line.partition('#')[0].strip()
+    separator = next((mark for mark in ';\t,' if mark in line), None)
+    if separator is None:
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+
+
+def _number(cells: list[str], column: int) -> float:
+    try:
+        return float(cells[column])
+    except (ValueError, IndexError):
+        return math.nan
+
+
+def _write(args: argparse.Namespace, file: Path, found: Calibration) -> str:
+    """Write the calibrated description where it is wanted; return where, '' if nowhere."""
+    from denoc_ros.errors import ConfigError
+    from denoc_ros.estimation.calibration import calibration_paths
+    from denoc_ros.model.overrides import edited_description
+
+    target = file if args.write else args.output
+    if target is None:
+        return ''
+    if args.write and args.output is not None:
+        raise ConfigError('--write', ['only one of --write and --output must be given, got both'])
+    text = edited_description(file, calibration_paths(args.sensor, found))
+    if args.write:
+        beside = file.with_name(file.name + '.new')
+        beside.write_text(text, encoding='utf-8')
+        os.replace(beside, file)
+    else:
+        with target.open('x', encoding='utf-8') as stream:
+            stream.write(text)
+    return str(target)
+
+
+def _show(args: argparse.Namespace, found: Calibration, written: str) -> None:
+    if args.json:
+        row = {key: _plain(value) for key, value in vars(found).items()}
+        print(json.dumps({'sensor': args.sensor, **row, 'written': written}, indent=2))
+        return
+    print(f'{args.sensor}: value = gain raw + offset, {found.points} points')
+    print(f'gain        {found.gain:.6g} +- {found.gain_error:.2g}')
+    print(f'offset      {found.offset:.6g} +- {found.offset_error:.2g}')
+    print(f'residual    {found.residual:.3g}')
+    for name, share in (('hysteresis', found.hysteresis), ('curvature', found.curvature)):
+        print(f'{name:11} {"not known" if math.isnan(share) else f"{share:.2%} of the range"}')
+    if math.isfinite(found.noise):
+        print(f'noise       {found.noise:.3g}')
+    if written:
+        print(f'written     {written}')
+    for doubt in found.doubts:
+        print(f'denoc calibrate: doubtful: {doubt}', file=sys.stderr)
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

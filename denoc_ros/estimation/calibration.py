@@ -1,0 +1,321 @@
+"""Gain and offset of a sensor from readings at known references (the book's section 8.3.1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.dynamics.borders import as_vector
+from denoc_ros.errors import IdentificationError, StateError
+from denoc_ros.kernels.handle import STIFFNESS
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+
+REFERENCES = ('value', 'deflection', 'load')
+LEAST_POINTS = 3
+BLOCKS = 10  # per shortest plateau
+STEADY = 6.0  # standard deviations that a plateau's parts may be apart
+CREEP = 0.01  # share of the signal's range that they may be apart for other reasons
+EDGE = 0.1  # share of a plateau at either end that is not used
+SIGNIFICANT = 3.0  # standard errors that a slope must be from 0
+MOST_HYSTERESIS = 0.02
+MOST_CURVATURE = 0.02
+MOST_GAIN_ERROR = 0.01
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """value = gain raw + offset, and how well it holds.
+
+    Attributes
+    ----------
+    gain, offset : float
+        [value per raw], [value].
+    gain_error, offset_error : float
+        Their standard errors.
+    residual : float
+        Standard deviation of the references about the line [value].
+    hysteresis : float
+        Largest gap between loading and unloading, as a share of the range; NaN where the
+        references only rise or only fall.
+    curvature : float
+        Largest departure of a parabola through the points from the line, as a share of the range.
+    points : int
+    noise : float
+        Standard deviation of the value while it stood still; NaN where it is not known.
+    doubts : tuple of str
+        What speaks against the line.
+    """
+
+    gain: float
+    offset: float
+    gain_error: float
+    offset_error: float
+    residual: float
+    hysteresis: float
+    curvature: float
+    points: int
+    noise: float
+    doubts: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Plateaus:
+    """Where a signal stood still: means (k,), and the pooled standard deviation within."""
+
+    means: Array
+    deviation: float
+
+
+def calibrate(raw: ArrayLike, reference: ArrayLike, deviation: float = math.nan) -> Calibration:
+    """Fit gain and offset.
+
+    Parameters
+    ----------
+    raw : (k,) array
+        Readings, in the order in which they were taken.
+    reference : (k,) array
+        What the sensor's value should have been [value], taken as exact.
+    deviation : float
+        Standard deviation of a single reading, where known [raw].
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    StateError
+        Arrays of different length, or a number that is not finite.
+    IdentificationError
+        Fewer than three points, or references or readings that are all the same.
+
+    Notes
+    -----
+    References are exact and readings are not, so the line is that of the readings,
+    raw = a reference + b by least squares, turned over: gain = 1/a, offset = -b/a; their errors
+    to first order from those of a and b.
+    """
+    reference = as_vector('reference', reference, np.shape(reference))
+    raw = as_vector('raw', raw, reference.shape)
+    _require_spread(raw, reference)
+    centre = reference.mean()
+    spread = float(np.sum((reference - centre) ** 2))
+    slope = float(np.sum((reference - centre) * (raw - raw.mean()))) / spread
+    reach = float(np.ptp(reference))
+    scatter = raw - raw.mean() - slope * (reference - centre)
+    sigma = math.sqrt(float(scatter @ scatter) / (len(raw) - 2))
+    if abs(slope) <= SIGNIFICANT * sigma / math.sqrt(spread):
+        raise IdentificationError(
+            'calibration: readings must follow the references, got a slope of '
+            f'{slope:.3g} +- {sigma / math.sqrt(spread):.2g} raw per value'
+        )
+    gain = 1.0 / slope
+    offset = centre - gain * float(raw.mean())
+    gain_error = abs(gain) * sigma / math.sqrt(spread) / abs(slope)
+    offset_error = math.hypot(gain * sigma / math.sqrt(len(raw)), gain_error * raw.mean())
+    value = gain * raw + offset
+    found = Calibration(
+        gain,
+        offset,
+        gain_error,
+        offset_error,
+        abs(gain) * sigma,
+        _hysteresis(value, reference) / reach,
+        _curvature(value, reference) / reach,
+        len(raw),
+        abs(gain) * deviation,
+        (),
+    )
+    return _doubted(found)
+
+
+def _require_spread(raw: Array, reference: Array) -> None:
+    if len(raw) < LEAST_POINTS:
+        raise IdentificationError(
+            f'calibration: points must be at least {LEAST_POINTS}, got {len(raw)}'
+        )
+    for name, values in (('references', reference), ('readings', raw)):
+        if not np.ptp(values) > 0.0:
+            raise IdentificationError(
+                f'calibration: {name} must not be all the same, got {values[0]:g} only'
+            )
+
+
+def _doubted(found: Calibration) -> Calibration:
+    doubts = []
+    for what, share, most in (
+        ('hysteresis', found.hysteresis, MOST_HYSTERESIS),
+        ('curvature', found.curvature, MOST_CURVATURE),
+        ('standard error of the gain', found.gain_error / abs(found.gain), MOST_GAIN_ERROR),
+    ):
+        if share > most:
+            doubts.append(f'{what} must be <= {most:.0%}, got {share:.2%}')
+    return Calibration(**{**found.__dict__, 'doubts': tuple(doubts)})
+
+
+def _hysteresis(value: Array, reference: Array) -> float:
+    """Return the largest gap between values read on the way up and on the way down."""
+    change = np.diff(reference)
+    # turning points belong to both ways
+    up, down = (
+        _branch(value, reference, np.append(way, False) | np.insert(way, 0, False))
+        for way in (change > 0.0, change < 0.0)
+    )
+    lowest = max(up[0][0], down[0][0]) if len(up[0]) and len(down[0]) else math.nan
+    highest = min(up[0][-1], down[0][-1]) if len(up[0]) and len(down[0]) else math.nan
+    at = np.unique(reference[(reference >= lowest) & (reference <= highest)])
+    if len(at) < 2:
+        return math.nan
+    return float(np.abs(np.interp(at, *up) - np.interp(at, *down)).max())
+
+
+def _branch(value: Array, reference: Array, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return the means of chosen values per reference, by rising reference."""
+    at, group = np.unique(reference[chosen], return_inverse=True)
+    count = np.bincount(group, minlength=len(at))
+    return at, np.bincount(group, value[chosen], minlength=len(at)) / np.maximum(count, 1)
+
+
+def _curvature(value: Array, reference: Array) -> float:
+    """Return the largest departure of a parabola through the points from their line."""
+    if len(np.unique(reference)) <= LEAST_POINTS:
+        return math.nan
+    fitted = np.polynomial.Polynomial.fit(reference, value, 2)(reference)
+    line = np.polynomial.Polynomial.fit(reference, value, 1)(reference)
+    return float(np.abs(fitted - line).max())
+
+
+def find_plateaus(t: ArrayLike, raw: ArrayLike, hold: float = 1.0) -> Plateaus:
+    """Find where a signal stands still.
+
+    Parameters
+    ----------
+    t : (k,) array
+        Times [s], rising.
+    raw : (k,) array
+        Readings.
+    hold : float
+        Shortest plateau [s].
+
+    Raises
+    ------
+    StateError
+        Arrays of different length, a number that is not finite, times that do not rise.
+    IdentificationError
+        The signal never stands still, or is shorter than a plateau.
+    """
+    times = as_vector('t', t, np.shape(t))
+    signal = as_vector('raw', raw, times.shape)
+    if not hold > 0.0 or np.any(np.diff(times) < 0.0):
+        raise StateError(f'plateaus: t must rise and hold must be > 0 s, got {hold}')
+    block = ((times - times[:1]) // (hold / BLOCKS)).astype(int)
+    filled, starts, counts = np.unique(block, return_index=True, return_counts=True)
+    if len(filled) < BLOCKS:
+        raise IdentificationError(f'plateaus: the signal must last {hold:g} s, got less')
+    means = np.add.reduceat(signal, starts) / counts
+    jumps = np.abs(np.diff(signal))
+    sigma = 1.0484 * float(np.median(jumps))  # median |difference| of two normal numbers
+    near = STEADY * sigma / math.sqrt(float(np.median(counts))) + CREEP * float(np.ptp(means))
+    found, within = [], []
+    for begin, end in _runs(means, near):
+        cut = round(EDGE * (end - begin))
+        part = signal[starts[begin + cut] : starts[end - 1 - cut] + counts[end - 1 - cut]]
+        found.append(part.mean())
+        within.append(part)
+    if not found:
+        raise IdentificationError(f'plateaus: the signal must stand still for {hold:g} s')
+    freedom = sum(len(part) - 1 for part in within)
+    squares = sum(float(np.var(part)) * len(part) for part in within)
+    return Plateaus(np.array(found), math.sqrt(squares / max(freedom, 1)))
+
+
+def _runs(means: Array, near: float) -> list[tuple[int, int]]:
+    """Return the longest stretches, first to last, whose means stay near their median."""
+    runs, begin = [], 0
+    while begin + BLOCKS <= len(means):
+        end = begin + BLOCKS
+        if np.ptp(means[begin:end]) > 2.0 * near:
+            begin += 1
+            continue
+        centre = float(np.median(means[begin:end]))
+        while end < len(means) and abs(means[end] - centre) <= near:
+            end += 1
+        runs.append((begin, end))
+        begin = end
+    return runs
+
+
+def sensor_values(robot: Robot, sensor: str, reference: ArrayLike, kind: str = 'value') -> Array:
+    """Return what a sensor should show at known references.
+
+    Parameters
+    ----------
+    robot : Robot
+    sensor : str
+        Its name.
+    reference : (k,) array
+        By kind: the sensor's own values; tip deflections [m] in the sensor's direction, or
+        loads [N] there, of its link held at the root and loaded at the tip.
+    kind : {'value', 'deflection', 'load'}
+
+    Raises
+    ------
+    StateError
+        An unknown sensor or kind, or a sensor that does not see a load at the tip.
+
+    Notes
+    -----
+    By the modes that the model has: the calibrated sensor then gives the deflection it was
+    calibrated with, though their sum is not quite the static curve.
+    """
+    known = {found.name: found for found in robot.tree.sensors}
+    if sensor not in known:
+        raise StateError(f'sensor must be one of {", ".join(known) or "none"}, got {sensor!r}')
+    if kind not in REFERENCES:
+        raise StateError(f'reference must be one of {", ".join(REFERENCES)}, got {kind!r}')
+    values = as_vector('reference', reference, np.shape(reference))
+    if kind == 'value':
+        return values
+    row = known[sensor].row
+    section, own = robot.section(known[sensor].link)
+    uy, uz = section.linear[1], section.linear[2]
+    tip = uy if np.any(row[uy != 0.0]) else uz
+    bent = tip / robot.lowered.diagonals[STIFFNESS][own]
+    shown, moved = float(row @ bent), float(tip @ bent)
+    if not moved > 0.0 or shown == 0.0:
+        raise StateError(f'sensor {sensor!r} must see a load at the tip, got one that does not')
+    return np.asarray(values * (shown if kind == 'load' else shown / moved))
+
+
+def calibration_paths(sensor: str, found: Calibration) -> dict[str, float]:
+    """Return the overrides that put a calibration into a robot's description."""
+    paths = {f'sensor.{sensor}.gain': found.gain, f'sensor.{sensor}.offset': found.offset}
+    if math.isfinite(found.noise):
+        paths[f'sensor.{sensor}.noise'] = found.noise
+    return paths
+
+
+def match_levels(plateaus: Plateaus, levels: Sequence[float]) -> Array:
+    """Return levels, one per plateau in order.
+
+    Raises
+    ------
+    IdentificationError
+        As many plateaus as levels were not found.
+    """
+    if len(levels) != len(plateaus.means):
+        shown = ', '.join(f'{mean:.4g}' for mean in plateaus.means)
+        raise IdentificationError(
+            f'plateaus must be as many as levels ({len(levels)}), got {len(plateaus.means)} '
+            f'at {shown}'
+        )
+    return np.array(levels, dtype=np.float64)
