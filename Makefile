@@ -15,7 +15,7 @@ ifdef AMENT_PREFIX_PATH
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 endif
 
-.PHONY: demo test check lint bench rates soak longbag readme venv clean
+.PHONY: demo test check lint bench rates soak longbag fuzz readme venv clean
 
 venv: $(STAMP)
 
@@ -60,6 +60,10 @@ soak: $(STAMP)
 # ten minutes: a bag of 1 GB, made on the spot and replayed
 longbag: $(STAMP)
 	PYTHONPATH=test $(BIN)/python -m bench.long_bag
+
+# a quarter of an hour: thousands of spoiled robots and recordings
+fuzz: $(STAMP)
+	$(BIN)/pytest --hypothesis-profile fuzz test/fuzz
 
 clean:
 	rm -rf $(VENV) build install log runs

@@ -15,6 +15,7 @@ from rosbags.interfaces import MessageDefinitionFormat
 from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.ending import MAGIC
 from denoc_ros.bags.metadata import METADATA_NAME, Qos
+from denoc_ros.bags.storage import require_small_chunks
 from denoc_ros.errors import BagError
 
 Stamp = Literal['header', 'log']
@@ -235,8 +236,13 @@ def _connections(path: Path, reader: Any, topics: Collection[str] | None) -> lis
 @contextmanager
 def _open(path: Path) -> Iterator[Any]:
     source = _require_readable(path)
-    with _only_bag_errors(path), AnyReader([source], default_typestore=message_types()) as reader:
-        yield reader
+    parts = source.glob('*.mcap') if source.is_dir() else [source]
+    with _only_bag_errors(path):
+        for part in parts:
+            if part.suffix == '.mcap':
+                require_small_chunks(part)
+        with AnyReader([source], default_typestore=message_types()) as reader:
+            yield reader
 
 
 @contextmanager

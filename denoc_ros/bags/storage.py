@@ -8,12 +8,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import IO
 
+import zstandard
+from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from denoc_ros.bags.ending import Layout, read_layout
 from denoc_ros.bags.metadata import FileContents, Topic
+from denoc_ros.errors import BagError
 
 COMPRESSIONS = {
     'none': CompressionType.NONE,
@@ -21,6 +24,7 @@ COMPRESSIONS = {
     'zstd': CompressionType.ZSTD,
 }
 _CHUNK_SIZE = 1 << 20
+LARGEST_CHUNK = 1 << 28  # bytes when opened: writers make chunks of a MiB or a few
 
 
 def library_name() -> str:
@@ -157,6 +161,43 @@ class McapFile:
         return True
 
 
+def opened_size(compression: str, start: bytes, claimed: int) -> int:
+    """Return how much memory [bytes] a chunk takes when opened.
+
+    Parameters
+    ----------
+    compression : str
+        As the chunk says.
+    start : bytes
+        The first bytes of its compressed content; zstd says there what it will give.
+    claimed : int
+        What the chunk itself says.
+    """
+    if compression != 'zstd':
+        return claimed
+    return max(claimed, int(zstandard.get_frame_parameters(start).content_size))
+
+
+def require_small_chunks(path: Path) -> None:
+    """Refuse a file with a chunk that would fill the memory, however small it is on the disk.
+
+    Raises
+    ------
+    BagError
+        With its size.
+    """
+    with path.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+        for index in summary.chunk_indexes if summary is not None else ():
+            # opcode and length, times, size and checksum, compression, length of the content
+            stream.seek(index.chunk_start_offset + 9 + 28 + 4 + len(index.compression) + 8)
+            size = opened_size(index.compression, stream.read(18), index.uncompressed_size)
+            if size > LARGEST_CHUNK:
+                raise BagError(
+                    f'{path}: chunk must hold at most {LARGEST_CHUNK} bytes, got {size}'
+                )
+
+
 class CompleteRecords:
     """Iterates over the complete records, those in chunks included, of a file that may be torn.
 
@@ -176,7 +217,10 @@ class CompleteRecords:
     def __init__(self, stream: IO[bytes]) -> None:
         self.damaged_chunks = 0
         self.finished = False
-        self._records = StreamReader(stream, emit_chunks=True).records
+        # no record is longer than its file
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(0)
+        self._records = StreamReader(stream, emit_chunks=True, record_size_limit=size).records
 
     def __iter__(self) -> Iterator[McapRecord]:
         """Yield records until the file ends or is torn."""
@@ -197,6 +241,9 @@ class CompleteRecords:
 
     def _opened(self, chunk: Chunk) -> list[McapRecord]:
         try:
+            size = opened_size(chunk.compression, chunk.data[:18], chunk.uncompressed_size)
+            if size > LARGEST_CHUNK:
+                raise ValueError(size)
             return list(breakup_chunk(chunk, validate_crc=True))
         except Exception:
             self.damaged_chunks += 1

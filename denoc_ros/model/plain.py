@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
@@ -24,6 +25,8 @@ KINDS = {
     'prismatic': JointKind.PRISMATIC,
 }
 ENDS = ('parent', 'child', 'origin')
+# of the largest principal moment, and of moments that are zero [kg m^2]: what rounding leaves
+ROUNDED, ROUNDED_ZERO = 1e-3, 1e-12
 CHECKED = (*ENDS, 'axis', 'limit', 'dynamics', 'mimic')  # of a joint; the rest is not read
 
 
@@ -53,7 +56,7 @@ class PlainRobot:
     joints: tuple[PlainJoint, ...]  # in file order
 
 
-def read_plain(root: Element, findings: Findings) -> PlainRobot:
+def read_plain(root: Element, findings: Findings, warnings: list[str]) -> PlainRobot:
     """Return the plain part of a robot.
 
     Parameters
@@ -62,6 +65,8 @@ def read_plain(root: Element, findings: Findings) -> PlainRobot:
         `<robot>`.
     findings : Findings
         Gathers what is wrong.
+    warnings : list of str
+        Gathers what should not be, but is in robots that are in use.
 
     Returns
     -------
@@ -74,7 +79,9 @@ def read_plain(root: Element, findings: Findings) -> PlainRobot:
     joints = _check_names(root, 'joint', findings)
     if not links:
         findings.add('robot', 'links must be at least one, got none')
-    sound = [element for element in root.findall('link') if _check_link(element, findings)]
+    sound = [
+        element for element in root.findall('link') if _check_link(element, findings, warnings)
+    ]
     for element in root.findall('joint'):
         _check_joint(element, links, findings)
     _check_mimics(root, joints, findings)
@@ -93,7 +100,7 @@ def _check_names(root: Element, tag: str, findings: Findings) -> set[str]:
     return names
 
 
-def _check_link(element: Element, findings: Findings) -> bool:
+def _check_link(element: Element, findings: Findings, warnings: list[str]) -> bool:
     """Return whether a link has a name and sound numbers."""
     before = len(findings.items)
     whose = f'link {element.get("name", "")!r}'
@@ -101,11 +108,13 @@ def _check_link(element: Element, findings: Findings) -> bool:
     if len(inertials) > 1:
         findings.add(whose, f'<inertial> must stand once, got {len(inertials)}')
     for inertial in inertials:
-        _check_inertial(inertial, whose, findings)
+        _check_inertial(inertial, whose, findings, warnings)
     return len(findings.items) == before and bool(element.get('name'))
 
 
-def _check_inertial(inertial: Element, whose: str, findings: Findings) -> None:
+def _check_inertial(
+    inertial: Element, whose: str, findings: Findings, warnings: list[str]
+) -> None:
     for tag in ('mass', 'inertia'):
         if inertial.find(tag) is None:
             findings.add(whose, f'<inertial> must have <{tag}>, got none')
@@ -116,10 +125,22 @@ def _check_inertial(inertial: Element, whose: str, findings: Findings) -> None:
         Reader(inertial.find('origin'), whose, findings, ' of <inertial>').pose()
     if inertial.find('inertia') is not None:
         inertia = Reader(inertial.find('inertia'), whose, findings, ' of <inertia>')
-        for name in ('ixx', 'iyy', 'izz'):
-            inertia.number(name, 'kg m^2')
-        for name in ('ixy', 'ixz', 'iyz'):
-            inertia.number(name, 'kg m^2', default=0.0)
+        moments = [inertia.number(name, 'kg m^2') for name in ('ixx', 'iyy', 'izz')]
+        products = [inertia.number(name, 'kg m^2', default=0.0) for name in ('ixy', 'ixz', 'iyz')]
+        warnings += [f'{whose}: {warning}' for warning in _doubts(moments, products)]
+
+
+def _doubts(moments: Sequence[float], products: Sequence[float]) -> list[str]:
+    """Return a warning for an inertia that no body has."""
+    matrix = np.diag(moments)
+    matrix[[0, 0, 1], [1, 2, 2]] = matrix[[1, 2, 2], [0, 0, 1]] = products
+    if not np.isfinite(matrix).all():
+        return []  # a finding already
+    principal = np.linalg.eigvalsh(matrix)
+    if principal[0] >= -max(ROUNDED * principal[2], ROUNDED_ZERO):
+        return []
+    shown = ', '.join(f'{value:.4g}' for value in principal)
+    return [f'principal moments of <inertia> should be >= 0 kg m^2, got {shown}']
 
 
 def _check_joint(element: Element, links: set[str], findings: Findings) -> None:
@@ -237,7 +258,8 @@ def _load(name: str, links: list[Element], joints: list[Element]) -> PlainRobot:
         bare = etree.SubElement(copy, 'joint', name=joint.get('name'), type=joint.get('type'))
         for tag in ENDS if joint.get('type') == 'fixed' else CHECKED:
             bare.extend(deepcopy(joint.findall(tag)[:1]))
-    text = io.BytesIO(etree.tostring(copy))
+    # as ASCII, a name of other letters would come out malformed, and yourdfpy would mend it
+    text = io.BytesIO(etree.tostring(copy, encoding='utf-8'))
     robot = URDF.load(text, build_scene_graph=False, load_meshes=False).robot
     inertias = {link.name: _inertia(link.inertial) for link in robot.links}
     return PlainRobot(name, inertias, tuple(_joint(joint) for joint in robot.joints))

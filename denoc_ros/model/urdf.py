@@ -62,7 +62,7 @@ def tree_of(root: Element, where: str, text: str) -> Tree:
         With every finding.
     """
     findings, warnings = Findings(), list[str]()
-    robot = read_plain(root, findings)
+    robot = read_plain(root, findings, warnings)
     flexibility = read_flexibility(root, findings)
     flexible = _flexible_links(robot, flexibility, findings, warnings)
     sensors = _sensor_elements(flexibility, findings, warnings)

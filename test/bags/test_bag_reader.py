@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 
 from denoc_ros.bags.definitions import encode, exact_cdr
 from denoc_ros.bags.reader import bag_topics, read_attachment, read_bag
+from denoc_ros.bags.recover import recover
 from denoc_ros.bags.series import read_arrays, read_diagnostics, read_joint_states
+from denoc_ros.bags.storage import LARGEST_CHUNK
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 
@@ -178,3 +180,15 @@ def test_flipped_bytes_raise_only_bag_errors(small_bag: Path, data: st.DataObjec
     path = small_bag.parent / 'flipped.mcap'
     path.write_bytes(content)
     only_bag_errors(path)
+
+
+def test_a_chunk_that_would_fill_the_memory_is_refused(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bomb', 'zstd') as writer:
+        writer.add_topic('/a', 'std_msgs/msg/String')
+        writer.write('/a', 1, b'\x00\x01\x00\x00' + bytes(LARGEST_CHUNK))
+    assert (tmp_path / 'bomb' / 'bomb_0.mcap').stat().st_size < 100_000
+    for read in (bag_topics, lambda path: list(read_bag(path))):
+        with pytest.raises(BagError, match=f'at most {LARGEST_CHUNK} bytes, got 2684'):
+            read(tmp_path / 'bomb')
+    found = recover(tmp_path / 'bomb')
+    assert (found.messages, found.damaged_chunks) == (0, 1)

@@ -20,6 +20,8 @@ BILLION_LAUGHS = """<?xml version="1.0"?>
 <robot name="&d;"><link name="base"/></robot>"""
 EXTERNAL = """<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/hostname">]>
 <robot name="a"><link name="base"/>&x;</robot>"""
+IMPOSSIBLE = """<inertial><mass value="1"/>
+<inertia ixx="1" ixy="2" ixz="0" iyy="1" iyz="0" izz="2"/></inertial>"""
 
 
 @pytest.mark.parametrize('bomb', [BILLION_LAUGHS, EXTERNAL, '<!ENTITY a "b"><robot/>'])
@@ -79,3 +81,21 @@ def test_deep_nesting_is_refused() -> None:
     deep = '<robot name="a">' + '<link>' * 100000 + '</link>' * 100000 + '</robot>'
     with pytest.raises(ModelError, match='must be well-formed'):
         load_tree(deep)
+
+
+def test_an_attribute_in_other_letters_spoils_none_of_the_rest(
+    caplog: pytest.LogCaptureFixture, spoiled: Spoil
+) -> None:
+    plain = load_tree(spoiled('effort="10"', 'effort="10"'))
+    other = load_tree(spoiled('effort="10"', 'größe="1" effort="10"'))
+    for tree in (plain, other):
+        assert [b.joint.limits.effort for b in tree.bodies if b.joint] == [10.0, 10.0]
+    assert not caplog.records  # yourdfpy tells when it mends a text
+
+
+def test_an_inertia_that_no_body_has_is_warned_of(spoiled: Spoil) -> None:
+    bent = spoiled('<link name="base"/>', f'<link name="base">{IMPOSSIBLE}</link>')
+    (warning,) = load_tree(bent).warnings
+    assert warning == (
+        "link 'base': principal moments of <inertia> should be >= 0 kg m^2, got -1, 2, 3"
+    )

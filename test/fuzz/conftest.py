@@ -1,0 +1,7 @@
+"""The long form of fuzzing: `make fuzz` runs the same tests with the profile `fuzz`."""
+
+from __future__ import annotations
+
+from hypothesis import settings
+
+settings.register_profile('fuzz', max_examples=4000, deadline=None, print_blob=True)
