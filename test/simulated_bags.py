@@ -17,6 +17,9 @@ GRAVITY = (0.0, -9.81, 0.0)
 PERIOD = 0.004
 
 
+Law = Callable[[float], tuple[float, float, float]]
+
+
 @dataclass(frozen=True)
 class SimulatedBag:
     """Two flexible links whose joints move as sines, sampled at 250 Hz."""
@@ -26,7 +29,7 @@ class SimulatedBag:
     run: Run
 
 
-def swing(amplitude: float, rate: float) -> Callable[[float], tuple[float, float, float]]:
+def swing(amplitude: float, rate: float) -> Law:
     def at(t: float) -> tuple[float, float, float]:
         angle = rate * t
         return (
@@ -49,5 +52,28 @@ def make_simulated_bag(repository: Path, folder: Path) -> SimulatedBag:
     t = PERIOD * np.arange(500, dtype=np.float64)
     run = simulate(robot, start, np.zeros(robot.n), t, prescribed=motion, rtol=1e-6, atol=1e-8)
     path = folder / 'run.mcap'
+    write_run(run, robot, path, robot.tree.source)
+    return SimulatedBag(path, robot, run)
+
+
+def make_mechanism_bag(repository: Path, folder: Path, links: str) -> SimulatedBag:
+    """Write a five-bar mechanism, its joints 1 and 3 driven, the others passive."""
+    robot = load_robot(repository / f'config/robots/five_bar_{links}.urdf', gravity=GRAVITY)
+    posture = np.zeros(robot.n)
+    posture[robot.joint_indices] = np.radians([108.0, -72.0, 72.0, 72.0])
+    first, third = robot.joint_indices[[0, 2]]
+
+    def around(place: int, law: Law) -> Law:
+        start = float(posture[place])
+        return lambda t: (start + law(t)[0], *law(t)[1:])
+
+    motion = {
+        'joint_1': around(first, swing(-0.3, 3.0)),
+        'joint_3': around(third, swing(-0.1, 2.0)),
+    }
+    start = robot.assemble(posture, fixed=list(motion))
+    t = PERIOD * np.arange(300, dtype=np.float64)
+    run = simulate(robot, start, np.zeros(robot.n), t, prescribed=motion, rtol=1e-6, atol=1e-8)
+    path = folder / f'{links}.mcap'
     write_run(run, robot, path, robot.tree.source)
     return SimulatedBag(path, robot, run)

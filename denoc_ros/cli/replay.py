@@ -64,6 +64,13 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--topic', default='', help='of the joint states (default: found)')
     parser.add_argument(
+        '--joints',
+        nargs='+',
+        default=[],
+        metavar='JOINT',
+        help='the driven joints; in a mechanism those that determine its motion (default: all)',
+    )
+    parser.add_argument(
         '--effort', default='', metavar='TOPIC', help='take the measured effort from this topic'
     )
     parser.add_argument(
@@ -107,6 +114,7 @@ def run(args: argparse.Namespace) -> int:
 
     settings = ReplaySettings(
         topic=args.topic,
+        joints=tuple(args.joints),
         effort=args.effort,
         rename=_renames(args.rename),
         derivative=args.derivative,

@@ -38,6 +38,8 @@ class Replay:
     ----------
     plan : Plan
         What of the bag it went by.
+    held : tuple of str
+        Joints of the robot that stand at 0: neither driven, nor mimics, nor given by loops.
     settings : ReplaySettings
         How it was made.
     duration : float
@@ -67,6 +69,7 @@ class Replay:
     """
 
     plan: Plan
+    held: tuple[str, ...]
     settings: ReplaySettings
     duration: float
     samples: int
@@ -115,7 +118,9 @@ def replay_bag(
         The bag cannot be read or has no joint states of the robot; the output exists or cannot be
         written.
     ModelError
-        The robot has loops.
+        The robot has loops and flexible links.
+    StateError, SolverError
+        Joints that leave a mechanism free or are tied to each other; loops that do not close.
     """
     settings = settings or ReplaySettings()
     work = _Work(Path(bag), robot, settings, progress)
@@ -172,14 +177,13 @@ class _Work:
         self._progress = progress
         self._passes = 2 if settings.fit_friction else 1
         self._stream = JointStream(self.plan.source, settings.derivative, settings.cutoff)
-        self._held = dict.fromkeys(self.plan.held, 0.0)
         self._robot = robot
         self._origin_ns = -1
         self._samples = self._motions = 0
         self._duration = 0.0
         self._fit = self._fitted() if settings.fit_friction else None
         friction = None if self._fit is None else self._fit.friction
-        self._model = TorqueReplay(robot, self.plan.joints, self._held, friction)
+        self._model = TorqueReplay(robot, self.plan.joints, self.plan.posture, friction)
         self._names = self._model.deflections.names
         joints = self.plan.joints
         measured = (MEASURED, *self._model.models)
@@ -219,6 +223,7 @@ class _Work:
         known = any(one.samples.any() for one in measured.values())
         return Replay(
             plan=self.plan,
+            held=self._model.held,
             settings=self._settings,
             duration=self._duration,
             samples=self._samples,
@@ -239,7 +244,7 @@ class _Work:
 
     def _fitted(self) -> FrictionFit:
         """Go through the bag once for the friction alone."""
-        model = TorqueReplay(self._robot, self.plan.joints, self._held)
+        model = TorqueReplay(self._robot, self.plan.joints, self.plan.posture)
         fitter = FrictionFitter(len(self.plan.joints))
         samples = 0
         for block in self._stream:

@@ -8,17 +8,23 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from denoc_ros.bags.columns import JOINT_STATE, JointStateColumns
 from denoc_ros.bags.reader import BagContents, Stamp, bag_contents, read_raw
+from denoc_ros.bags.series import JointSeries
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.replay.motion import METHODS
 from denoc_ros.replay.stream import Source
 
+Array = NDArray[np.float64]
+
 PREFIX = '/replay/'
 COMMANDED = 'feedforward/effort'
 DEFLECTIONS = ('plant/true_deflection', 'predictor/tip_deflection')
-LOOKED_AT = 200  # messages from which the joints' names are taken
+LOOKED_AT = 200  # messages that say which joints there are, and where they start
 
 
 @dataclass(frozen=True)
@@ -29,6 +35,9 @@ class ReplaySettings:
     ----------
     topic : str
         Of the joint states; '': the first of `joint_states` or with such an ending.
+    joints : tuple of str
+        The driven joints, as the robot calls them; empty: all that mimic none. In a mechanism
+        they must determine its motion.
     effort : str
         Topic of JointState whose effort counts as measured; '': that of the joint states.
     rename : mapping of str to str
@@ -50,6 +59,7 @@ class ReplaySettings:
     """
 
     topic: str = ''
+    joints: tuple[str, ...] = ()
     effort: str = ''
     rename: Mapping[str, str] = field(default_factory=dict)
     derivative: str = 'filter'
@@ -83,10 +93,10 @@ class Plan:
         What is read for the motion, and beside it.
     joints : tuple of str
         The driven joints, as the robot calls them.
-    held : tuple of str
-        Joints of the robot that the bag does not have: they stand at 0.
     ignored : tuple of str
-        Joints of the bag that the robot does not have, or that follow another.
+        Joints of the bag that are not driven: the robot does not have them, or they follow others.
+    posture : (n,) array
+        Coordinates of the robot as the bag has them first, else 0.
     effort, commanded : str
         Topics of the measured effort and of a feedforward's; '' for none.
     deflections : tuple of str
@@ -96,8 +106,8 @@ class Plan:
     contents: BagContents
     source: Source
     joints: tuple[str, ...]
-    held: tuple[str, ...]
     ignored: tuple[str, ...]
+    posture: Array
     effort: str
     commanded: str
     deflections: tuple[str, ...]
@@ -131,13 +141,19 @@ def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> Plan:
             f'{path}: effort must come from a topic of {JOINT_STATE} ({_listed(series)}), '
             f'got {settings.effort!r}'
         )
-    found = _renamed(_joint_names(path, topic), settings.rename)
+    beginning = _beginning(path, topic)
+    found = _renamed(beginning.names, settings.rename)
     driven = [b.joint.name for b in robot.tree.bodies if b.joint and b.joint.mimic is None]
-    joints = tuple(name for name in driven if name in found)
+    joints = settings.joints or tuple(name for name in driven if name in found)
     if not joints:
         raise BagError(
             f'{path}: joints on {topic} must be among those of {robot.tree.name} '
             f'({_listed(driven)}), got {_listed(found)}; a beginning that differs can be renamed'
+        )
+    if unknown := [name for name in joints if name not in found]:
+        raise BagError(
+            f'{path}: joints must be among those on {topic} ({_listed(found)}), '
+            f'got {_listed(unknown)}'
         )
     commanded = _ending(present, COMMANDED)
     deflections = [_ending(present, ending) for ending in DEFLECTIONS]
@@ -149,8 +165,8 @@ def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> Plan:
         contents,
         Source(path, topic, names, {t: f for t, f in beside.items() if t}, settings.stamp),
         joints,
-        tuple(name for name in driven if name not in found),
         tuple(name for name in found if name not in joints),
+        _posture(robot, found, beginning),
         settings.effort,
         commanded,
         tuple(deflections),
@@ -164,11 +180,22 @@ def _ending(topics: list[str], ending: str) -> str:
     return next(iter(exact + sorted(name for name in topics if name.endswith(ending))), '')
 
 
-def _joint_names(path: Path, topic: str) -> tuple[str, ...]:
+def _beginning(path: Path, topic: str) -> JointSeries:
     columns = JointStateColumns(topic)
     for _, _, log_ns, raw in itertools.islice(read_raw(path, [topic]), LOOKED_AT):
         columns.append(raw, log_ns)
-    return columns.series().names
+    return columns.series()
+
+
+def _posture(robot: Robot, found: Mapping[str, str], beginning: JointSeries) -> Array:
+    """Return the coordinates of the first messages, 0 where they say nothing."""
+    posture = np.zeros(robot.n)
+    for name, place in zip(robot.joint_names, robot.joint_indices, strict=True):
+        if name in found:
+            values = beginning.position[:, beginning.names.index(found[name])]
+            known = values[np.isfinite(values)]
+            posture[place] = known[0] if len(known) else 0.0
+    return posture
 
 
 def _renamed(names: tuple[str, ...], rename: Mapping[str, str]) -> dict[str, str]:

@@ -35,7 +35,7 @@ def summarize(replay: Replay) -> dict[str, Any]:
         'repeated': replay.repeated,
         'motions': replay.motions,
         'joints': list(joints),
-        'held_joints': list(replay.plan.held),
+        'held_joints': list(replay.held),
         'ignored_joints': list(replay.plan.ignored),
         'torque': {model: _agreement(joints, one) for model, one in replay.torque.items()},
         'commanded': None if replay.commanded is None else _agreement(joints, replay.commanded),

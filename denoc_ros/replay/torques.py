@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.joint_ties import joint_ties
 from denoc_ros.dynamics.robot import Robot
@@ -59,9 +60,10 @@ class TorqueReplay:
     robot : Robot
         The model.
     joints : sequence of str
-        The driven joints: order of all columns.
-    held : mapping of str to float
-        Where the other joints stand [rad, m].
+        The driven joints: order of all columns. Mimic joints and loops give others, the rest
+        stands at 0.
+    posture : (n,) array, optional
+        Coordinates near which loops are closed; default 0.
     friction : JointFriction, optional
         Stands for the damping and friction that the robot's joints have.
     step : float
@@ -70,24 +72,29 @@ class TorqueReplay:
     Raises
     ------
     ModelError
-        The robot has loops.
+        The robot has loops and flexible links.
     StateError
-        A driven joint is unknown or a mimic.
+        A driven joint is unknown or a mimic; driven joints that leave a mechanism free, or cannot
+        move independently of each other.
+    SolverError
+        Loops that do not close near the posture.
     """
 
     def __init__(
         self,
         robot: Robot,
         joints: Sequence[str],
-        held: Mapping[str, float] | None = None,
+        posture: Array | None = None,
         friction: JointFriction | None = None,
         step: float = 1e-3,
     ) -> None:
-        if robot.tree.loops:
+        if robot.tree.loops and len(robot.flexible_indices):
             loops = [loop.name for loop in robot.tree.loops]
-            raise ModelError(robot.tree.name, [f'robot must have no loops yet, got {loops}'])
+            rule = f'links of a robot with loops must be rigid for a replay, got loops {loops}'
+            raise ModelError(robot.tree.name, [rule])
         self._robot = robot.copy()
-        self._ties, self._offsets, self.joints = joint_ties(robot, joints, held or {})
+        self._ties, self._offsets, self.joints = joint_ties(robot, joints, {})
+        self._motion = driven_motion(self._robot, self.joints, None, posture, flexible=False)
         self._friction = friction
         index = robot.joint_indices
         diagonals = robot.lowered.diagonals
@@ -98,9 +105,18 @@ class TorqueReplay:
         self._along: TorqueFeedforward | None = None
         if len(robot.flexible_indices):
             self._along = TorqueFeedforward(
-                robot.copy(), self.joints, 'flexible', step=step, held=held
+                robot.copy(), self.joints, 'flexible', step=step, posture=posture
             )
         self._last: float = np.nan
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """The joints that stand at 0: not driven, not a mimic, not given by loops."""
+        bodies = self._robot.tree.bodies
+        free = {body.joint.name for body in bodies if body.joint and body.joint.mimic is None}
+        places = zip(self._robot.joint_names, self._robot.joint_indices, strict=True)
+        unbound = {name for name, place in places if place not in self._motion.bound}
+        return tuple(n for n in self._robot.joint_names if n in (free & unbound) - {*self.joints})
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -141,24 +157,50 @@ class TorqueReplay:
 
     def _rigid(self, motion: Motion) -> dict[str, Array]:
         """Return the terms of the undeformed robot."""
+        terms = self._in_loops(motion) if self._robot.tree.loops else self._in_tree(motion)
+        gravity, moving, whole, friction = terms
+        return {
+            'gravity': gravity,
+            'inertia': whole - moving,
+            'coriolis': moving - gravity - friction,
+            'friction': friction,
+        }
+
+    def _in_tree(self, motion: Motion) -> tuple[Array, ...]:
+        """Return the torques at rest, without accelerations, with all, and of friction alone."""
         robot, index = self._robot, self._robot.joint_indices
         q, qd, qdd, zero = np.zeros((4, len(motion.q), robot.n))
         q[:, index] = motion.q @ self._ties.T + self._offsets
         qd[:, index] = motion.qd @ self._ties.T
         qdd[:, index] = motion.qdd @ self._ties.T
+        forces = [
+            robot.inverse_dynamics(q, *rates) for rates in ((zero, zero), (qd, zero), (qd, qdd))
+        ]
+        friction = self._of_model.torque(qd[:, index])
+        return (*(force[:, index] @ self._ties for force in forces), friction @ self._ties)
 
-        def torque(q: Array, qd: Array, qdd: Array) -> Array:
-            force = robot.inverse_dynamics(q, qd, qdd)
-            return np.asarray(force[:, index] @ self._ties)
-
-        gravity, moving = torque(q, zero, zero), torque(q, qd, zero)
-        friction = self._of_model.torque(qd[:, index]) @ self._ties
-        return {
-            'gravity': gravity,
-            'inertia': torque(q, qd, qdd) - moving,
-            'coriolis': moving - gravity - friction,
-            'friction': friction,
-        }
+    def _in_loops(self, motion: Motion) -> tuple[Array, ...]:
+        """Return the same of a mechanism, row by row: each closes its loops from the last."""
+        robot, driven = self._robot, self._motion
+        terms = np.empty((4, *motion.q.shape))
+        zero = np.zeros(robot.n)
+        q, qd, qdd = driven.posture, np.zeros(robot.n), np.zeros(robot.n)
+        for k in range(len(motion.q)):
+            driven.positions(q, motion.q[k])
+            driven.rates(qd, motion.qd[k])
+            driven.accelerations(q, qd, qdd, motion.qdd[k])
+            of_loops, friction = np.zeros((2, robot.n))
+            driven.add_friction(qd, of_loops)
+            friction[robot.joint_indices] = self._of_model.torque(qd[robot.joint_indices])
+            forces = (
+                robot.inverse_dynamics(q, zero, zero),
+                robot.inverse_dynamics(q, qd, zero) + of_loops,
+                robot.inverse_dynamics(q, qd, qdd) + of_loops,
+                friction + of_loops,
+            )
+            for term, force in zip(terms, forces, strict=True):
+                driven.reduce(force, term[k])
+        return tuple(terms)
 
     def _flexible(
         self, along: TorqueFeedforward, t: Array, motion: Motion, starts: Flags

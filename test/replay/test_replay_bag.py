@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
-from simulated_bags import SimulatedBag
+from simulated_bags import SimulatedBag, make_mechanism_bag
 
 from denoc_ros.bags.columns import FIELDS, JOINT_STATE, JointStateEncoder
 from denoc_ros.bags.definitions import encode
@@ -19,7 +19,7 @@ from denoc_ros.bags.reader import bag_contents, read_description, read_raw
 from denoc_ros.bags.series import read_joint_states
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.errors import BagError, ConfigError, ModelError
+from denoc_ros.errors import BagError, ConfigError, ModelError, StateError
 from denoc_ros.replay import stream as stream_module
 from denoc_ros.replay.bag import replay_bag
 from denoc_ros.replay.motion import METHODS, Motion
@@ -32,9 +32,9 @@ Array = NDArray[np.float64]
 UR10 = 'ur10_inverse_dynamics_solver_bagfiles_ur10_exciting_trajectory.db3'
 PANDA = 'franka_inria_inverse_dynamics_solver_bagfiles_panda_exciting_trajectory.db3'
 ROW_FIELDS = ('stamp_ns', 'log_ns', 'effort', 'starts')
-REAL: dict[str, tuple[str, dict[str, str], int]] = {
-    'ur10_robot': (UR10, {}, 6),
-    'panda': (PANDA, {'fer_': 'panda_'}, 7),
+REAL: dict[str, tuple[str, dict[str, str], int, list[str]]] = {
+    'ur10_robot': (UR10, {}, 6, []),
+    'panda': (PANDA, {'fer_': 'panda_'}, 7, ['panda_finger_joint1']),
 }
 
 
@@ -263,13 +263,13 @@ def example(stem: str) -> Path:
 
 @pytest.mark.parametrize('stem', REAL)
 def test_torque_along_a_real_bag_equals_pinocchio_s(stem: str, shared: Path) -> None:
-    name, rename, count = REAL[stem]
+    name, rename, count, held = REAL[stem]
     urdf, robot = example(stem), load_robot(example(stem))
     plan = plan_replay(shared / 'data/ros2_bags' / name, robot, ReplaySettings(rename=rename))
     assert len(plan.joints) == count
     block = collected(JointStream(plan.source, 'filter', 20.0))
-    held = dict.fromkeys(plan.held, 0.0)
-    model = TorqueReplay(robot, plan.joints, held)
+    model = TorqueReplay(robot, plan.joints)
+    assert set(model.held) == set(held)
     torques = model.torques(
         np.asarray(block.stamp_ns * 1e-9, dtype=np.float64), block.motion, block.starts
     )
@@ -358,11 +358,38 @@ def test_an_output_that_exists_is_left_alone(simulated_bag: SimulatedBag, tmp_pa
     assert (tmp_path / 'kept.mcap').read_text() == 'mine'
 
 
-def test_loops_are_refused(simulated_bag: SimulatedBag) -> None:
-    text = simulated_bag.robot.tree.source.replace(
-        '</flexibility>',
-        '<loop name="pin" type="revolute"><parent link="base"/><child link="tool"/>'
-        '<axis xyz="0 0 1"/></loop></flexibility>',
-    )
-    with pytest.raises(ModelError, match=r"no loops yet, got \['pin'\]"):
-        replay_bag(simulated_bag.path, load_robot(text))
+# ---- mechanisms
+
+
+def test_a_mechanism_follows_its_driven_joints(repository: Path, tmp_path: Path) -> None:
+    simulated = make_mechanism_bag(repository, tmp_path, 'rrrr')
+    settings = ReplaySettings(joints=('joint_1', 'joint_3'))
+    found = replay_bag(simulated.path, simulated.robot, None, settings)
+    rigid = found.torque['rigid']
+    # a passive joint has no effort; joints 2 and 4 are not held but given by the loop
+    assert found.held == ()
+    assert found.plan.ignored == ('joint_2', 'joint_4')
+    np.testing.assert_array_less(rigid.rms, 1e-4 * rigid.measured_rms)
+    np.testing.assert_allclose(found.shares['unexplained'], 0.0, atol=1e-4)
+    assert (np.abs(found.shares['inertia']) > 1e-3).all()
+
+
+def test_driven_joints_that_do_not_determine_a_mechanism_are_refused(
+    repository: Path, tmp_path: Path
+) -> None:
+    simulated = make_mechanism_bag(repository, tmp_path, 'rrrr')
+    for joints, match in (
+        ((), 'must move independently of each other'),
+        (('joint_1',), 'must leave nothing else free'),
+        (('joint_9',), r'must be among those on /joint_states \(joint_1.*got joint_9'),
+    ):
+        with pytest.raises((StateError, BagError), match=match):
+            replay_bag(simulated.path, simulated.robot, None, ReplaySettings(joints=joints))
+
+
+def test_flexible_links_in_loops_are_refused(
+    simulated_bag: SimulatedBag, repository: Path
+) -> None:
+    robot = load_robot(repository / 'config/robots/four_bar_rff.urdf')
+    with pytest.raises(ModelError, match=r"must be rigid for a replay, got loops \['joint_4'\]"):
+        replay_bag(simulated_bag.path, robot, None, ReplaySettings(joints=('joint_1',)))
