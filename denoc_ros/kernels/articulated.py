@@ -105,7 +105,7 @@ def solve(n, ints, reals, work, diagonals, bodies, shift, held, q, qd, given, ta
     """Write accelerations and torques as :func:`articulated_dynamics` does; return its status."""
     for j in range(n):
         torque[j] = tau[j] - internal_force(reals, diagonals, q, qd, j)
-    outward_motion(ints, reals, work, bodies, q, qd, given)
+    outward_motion(n, ints, reals, work, diagonals, bodies, q, qd, given)
     if not inward_articulated(ints, reals, work, shift, held, bodies, torque):
         return SINGULAR
     outward_accelerations(ints, reals, work, held, bodies, given, qdd)

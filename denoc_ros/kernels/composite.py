@@ -15,9 +15,11 @@ from denoc_ros.kernels.body_inertia import flexible_inertia
 from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.handle import (
     ARMATURE,
+    COSINE,
     GOOD,
     MISFIT,
     NOT_FINITE,
+    SINE,
     STIFFNESS,
     ZERO,
     at,
@@ -54,7 +56,8 @@ from denoc_ros.kernels.layout import (
     WORLD_ROTATION,
 )
 from denoc_ros.kernels.motion import linear_velocity
-from denoc_ros.kernels.placement import place_beam, place_body
+from denoc_ros.kernels.placement import place_beam, place_by_sines
+from denoc_ros.kernels.sine_cosine import write_sines
 from denoc_ros.kernels.vector import (
     accumulate,
     add,
@@ -245,8 +248,10 @@ def find_inertia(handle, q, out):
     """Write the (n, n) generalized inertia matrix."""
     ints, reals, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
+    sines, cosines = diagonals[SINE], diagonals[COSINE]
+    write_sines(q, n, sines, cosines)
     for i in range(1, bodies + 1):
-        place_body(ints, reals, work, q, i)
+        place_by_sines(ints, reals, work, q, sines, cosines, i)
         if at(ints, i, POINTS) > 0:
             place_beam(ints, reals, work, q, i)
         own_composite(ints, reals, work, i)
@@ -325,7 +330,7 @@ def find_energies(handle, q, qd, out):
     """Write kinetic and potential energy (gravity and strain)."""
     ints, reals, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    outward_motion(ints, reals, work, bodies, q, qd, diagonals[ZERO])
+    outward_motion(n, ints, reals, work, diagonals, bodies, q, qd, diagonals[ZERO])
     kinetic = 0.0
     potential = 0.0
     for i in range(1, bodies + 1):

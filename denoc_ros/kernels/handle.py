@@ -23,14 +23,16 @@ ARRAY_TYPE = 6  # addresses of numpy's array type and of its float64 (see array_
 ELEMENT_TYPE = 7
 RECORD = 8
 
-# rows of the (6, n) array of diagonals and scratch
+# rows of the (8, n) array of diagonals and scratch
 STIFFNESS = 0
 DAMPING = 1
 FRICTION = 2
 ARMATURE = 3
 ZERO = 4
 SCRATCH = 5
-DIAGONALS = 6
+SINE = 6
+COSINE = 7
+DIAGONALS = 8
 
 # what a kernel returns
 GOOD = 0
@@ -95,6 +97,8 @@ def model_arrays(handle):
             beyond(rows, ARMATURE * n),
             beyond(rows, ZERO * n),
             beyond(rows, SCRATCH * n),
+            beyond(rows, SINE * n),
+            beyond(rows, COSINE * n),
         ),
         record[BODIES],
     )

@@ -6,9 +6,11 @@ from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, con
 from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.handle import (
     ARMATURE,
+    COSINE,
     GOOD,
     MISFIT,
     NOT_FINITE,
+    SINE,
     at,
     beyond,
     coordinates,
@@ -31,16 +33,19 @@ from denoc_ros.kernels.layout import (
     WORK,
 )
 from denoc_ros.kernels.motion import move_body
-from denoc_ros.kernels.placement import place_beam, place_body
+from denoc_ros.kernels.placement import place_beam, place_by_sines
+from denoc_ros.kernels.sine_cosine import write_sines
 from denoc_ros.kernels.vector import all_finite, dot, load
 from denoc_ros.kernels.wrench import body_wrench, transmit_wrench
 
 
 @inlined
-def outward_motion(ints, reals, work, bodies, q, qd, qdd):
+def outward_motion(n, ints, reals, work, diagonals, bodies, q, qd, qdd):
     """Place and move every body and write the wrench it needs for its own motion."""
+    sines, cosines = diagonals[SINE], diagonals[COSINE]
+    write_sines(q, n, sines, cosines)
     for i in range(1, bodies + 1):
-        place_body(ints, reals, work, q, i)
+        place_by_sines(ints, reals, work, q, sines, cosines, i)
         if at(ints, i, POINTS) > 0:
             place_beam(ints, reals, work, q, i)
         move_body(ints, reals, work, qd, qdd, i)
@@ -78,7 +83,7 @@ def find_torque(handle, q, qd, qdd, out):
     """Write I q'' + h(q, q') (n)."""
     ints, reals, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    outward_motion(ints, reals, work, bodies, q, qd, qdd)
+    outward_motion(n, ints, reals, work, diagonals, bodies, q, qd, qdd)
     # element by element before out is summed up: out may be one of the arguments
     for j in range(n):
         out[j] = diagonals[ARMATURE][j] * qdd[j] + internal_force(reals, diagonals, q, qd, j)

@@ -36,7 +36,7 @@ from denoc_ros.kernels.layout import (
     WORK,
 )
 from denoc_ros.kernels.sine_cosine import sine_cosine
-from denoc_ros.kernels.vector import load, rotate, store
+from denoc_ros.kernels.vector import add, load, rotate, scale, store
 
 # Taylor series in s: of b and c, and of twice their derivatives
 SERIES_B = tuple((-1) ** k / math.factorial(2 * k + 2) for k in range(7))
@@ -171,49 +171,80 @@ def multiply(a, o, b, p, out, r):
 
 
 @inlined
-def turn_about_z(a, k, sine, cosine, out, o):
-    """Write A R_z, A row-major at offset k."""
-    for r in range(0, 9, 3):
-        x = a[k + r]
-        y = a[k + r + 1]
-        out[o + r] = cosine * x + sine * y
-        out[o + r + 1] = cosine * y - sine * x
-        out[o + r + 2] = a[k + r + 2]
+def turned_row(row, sine, cosine):
+    """Return a row of R R_z."""
+    x, y, z = row
+    return cosine * x + sine * y, cosine * y - sine * x, z
+
+
+@inlined
+def swept(reals, o, sine, rest):
+    """Return what goes with sin q and 1 - cos q of three elements at offset o of a pose."""
+    first, second = load(reals, o + FIRST), load(reals, o + SECOND)
+    return add(load(reals, o), add(scale(sine, first), scale(rest, second)))
+
+
+@inlined
+def combined(work, o, x, y, z):
+    """Return the sum of three rows times the elements at offset o of work."""
+    return add(scale(work[o], x), add(scale(work[o + 1], y), scale(work[o + 2], z)))
+
+
+@inlined
+def place_turned(ints, reals, work, q, sine, cosine, i):
+    """Place row i on its carrier, given the sine and cosine of its joint."""
+    c = at(ints, i, REAL) + STILL
+    o = at(ints, i, WORK)
+    motion = at(ints, i, MOTION)
+    x, y, z = load(reals, c), load(reals, c + 3), load(reals, c + 6)
+    arm = load(reals, c + ARM)
+    if motion == TURN:
+        x = turned_row(x, sine, cosine)
+        y = turned_row(y, sine, cosine)
+        z = turned_row(z, sine, cosine)
+    elif motion == REVOLUTE:
+        rest = 1.0 - cosine
+        x, y = swept(reals, c, sine, rest), swept(reals, c + 3, sine, rest)
+        z, arm = swept(reals, c + 6, sine, rest), swept(reals, c + 9, sine, rest)
+    elif motion == PRISMATIC:
+        arm = add(arm, scale(q[at(ints, i, COORDINATE)], load(reals, c + FIRST + ARM)))
+    if at(ints, i, SECTION) > 0:
+        place_section(ints, reals, work, q, i)
+        turn = at(ints, i, SECTION_WORK) + ATTITUDE
+        x, y, z = (
+            combined(work, turn, x, y, z),
+            combined(work, turn + 3, x, y, z),
+            combined(work, turn + 6, x, y, z),
+        )
+        arm = rotate(work, turn, arm)
+    store(work, o, x)
+    store(work, o + 3, y)
+    store(work, o + 6, z)
+    store(work, o + ARM, arm)
+
+
+@inlined
+def turns(ints, i):
+    """Say whether row i turns about an axis."""
+    return at(ints, i, MOTION) == TURN or at(ints, i, MOTION) == REVOLUTE
 
 
 @inlined
 def place_body(ints, reals, work, q, i):
     """Place row i on its carrier: rotation, and arm from the section to the body origin."""
-    c = at(ints, i, REAL)
-    o = at(ints, i, WORK)
-    motion = at(ints, i, MOTION)
-    if motion == TURN:
-        x = q[at(ints, i, COORDINATE)]
-        sine, cosine = sine_cosine(x)
-        turn_about_z(reals, c + STILL, sine, cosine, work, o)
-        store(work, o + ARM, load(reals, c + STILL + ARM))
-    else:
-        for k in range(12):
-            work[o + k] = reals[c + STILL + k]
-    if motion == REVOLUTE:
-        x = q[at(ints, i, COORDINATE)]
-        s, cosine = sine_cosine(x)
-        t = 1.0 - cosine
-        for k in range(12):
-            work[o + k] += reals[c + FIRST + k] * s + reals[c + SECOND + k] * t
-    elif motion == PRISMATIC:
-        x = q[at(ints, i, COORDINATE)]
-        for k in range(9, 12):
-            work[o + k] += reals[c + FIRST + k] * x
-    if at(ints, i, SECTION) > 0:
-        place_section(ints, reals, work, q, i)
-        turn = at(ints, i, SECTION_WORK) + ATTITUDE
-        for j in range(3):
-            v = rotate(work, turn, (work[o + j], work[o + 3 + j], work[o + 6 + j]))
-            work[o + j] = v[0]
-            work[o + 3 + j] = v[1]
-            work[o + 6 + j] = v[2]
-        store(work, o + ARM, rotate(work, turn, load(work, o + ARM)))
+    sine, cosine = 0.0, 1.0
+    if turns(ints, i):
+        sine, cosine = sine_cosine(q[at(ints, i, COORDINATE)])
+    place_turned(ints, reals, work, q, sine, cosine, i)
+
+
+@inlined
+def place_by_sines(ints, reals, work, q, sines, cosines, i):
+    """Place row i as :func:`place_body` does, given the sines and cosines of all coordinates."""
+    sine, cosine = 0.0, 1.0
+    if turns(ints, i):
+        sine, cosine = sines[at(ints, i, COORDINATE)], cosines[at(ints, i, COORDINATE)]
+    place_turned(ints, reals, work, q, sine, cosine, i)
 
 
 @inlined

@@ -1,8 +1,8 @@
-"""Sine and cosine of one angle, in line: no call to empty the registers, nothing that branches."""
+"""Sine and cosine in line: no call empties the registers, and many angles go several at a time."""
 
 import numpy as np
 
-from denoc_ros.kernels.compiled import ordered
+from denoc_ros.kernels.compiled import inlined, ordered
 
 # pi/2 in three parts: products of the first with a whole number below 2^20 are exact
 HALF_PI_1 = 1.5707963267341256
@@ -33,10 +33,8 @@ def near_cosine(r):
 
 
 @ordered
-def sine_cosine(x):
-    """Return the sine and the cosine of x to a unit in the last place or so."""
-    if not abs(x) < FARTHEST:
-        return np.sin(x), np.cos(x)
+def near_pair(x):
+    """Return the sine and the cosine of |x| < FARTHEST to a unit in the last place or so."""
     quarters = np.rint(x * TWO_OVER_PI)
     r = ((x - quarters * HALF_PI_1) - quarters * HALF_PI_2) - quarters * HALF_PI_3
     s, c = near_sine(r), near_cosine(r)
@@ -45,3 +43,23 @@ def sine_cosine(x):
     sign = 1.0 - 2.0 * (halves - 2.0 * np.floor(0.5 * halves))
     along, across = sign * (1.0 - odd), sign * odd
     return along * s + across * c, along * c - across * s
+
+
+@inlined
+def sine_cosine(x):
+    """Return the sine and the cosine of x."""
+    if abs(x) < FARTHEST:
+        return near_pair(x)
+    return np.sin(x), np.cos(x)
+
+
+@inlined
+def write_sines(q, n, sines, cosines):
+    """Write the sines and cosines of n angles."""
+    far = False
+    for j in range(n):
+        sines[j], cosines[j] = near_pair(q[j])
+        far |= not abs(q[j]) < FARTHEST
+    if far:
+        for j in range(n):
+            sines[j], cosines[j] = sine_cosine(q[j])
