@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -162,7 +163,8 @@ class JointStream:
             raise BagError(
                 f'{self.source.path}: {self.source.topic} must have at least two messages with '
                 f'positions of {", ".join(self.source.joints)} and rising stamps, got fewer '
-                f'({self.incomplete} without all of these joints, {self.repeated} not rising)'
+                f'({self.incomplete} without all of these joints, {self.repeated} not rising; '
+                'stamps may be those of the log instead)'
             )
         if done < len(rows.stamp_ns):
             yield self._block(rows, done, len(rows.stamp_ns), beside)
@@ -171,7 +173,9 @@ class JointStream:
         """Take period and cutoff from the first rows; return the margin of a block."""
         self.period = float(np.median(np.diff(rows.stamp_ns))) * 1e-9
         self.cutoff = min(self.cutoff, FINEST / self.period)
-        return settling(self.method, self.cutoff, self.period)
+        # the other topics, too, are to be known around the last row of a block
+        waited = math.ceil(LONGEST_GAP / self.period)
+        return max(settling(self.method, self.cutoff, self.period), waited)
 
     def _read(self) -> Iterator[tuple[_Rows, dict[str, JointSeries]]]:
         """Yield rows as they are in the bag, with what the other topics have meanwhile."""

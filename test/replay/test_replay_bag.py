@@ -75,6 +75,14 @@ def test_simulated_torque_and_deflection_come_back(
     np.testing.assert_allclose(shares['unexplained'], 0.0, atol=1e-3)
 
 
+@pytest.mark.parametrize('fit', [False, True])
+def test_progress_adds_up_to_all_of_the_work(simulated_bag: SimulatedBag, fit: bool) -> None:
+    shares: list[float] = []
+    settings = ReplaySettings(fit_friction=fit)
+    replay_bag(simulated_bag.path, simulated_bag.robot, None, settings, shares.append)
+    assert sum(shares) == pytest.approx(1.0)
+
+
 def test_what_if_changes_what_it_should(simulated_bag: SimulatedBag) -> None:
     softer = simulated_bag.robot.with_overrides(
         {'beam.link_1.y.ei': 500.0, 'payload.tool.mass': 1.0}
@@ -207,7 +215,7 @@ def test_the_size_of_a_block_does_not_matter(
         return len(list(stream)), arrays
 
     (many, small), (few, large) = replayed(60), replayed(5000)
-    assert many >= few + 2
+    assert many > few
     assert len(large['stamp_ns']) == 500
     for name, values in large.items():
         # the smoother forgets as exp(-pi cutoff t): to 1e-10 of 8 rad/s^2 within a margin
@@ -327,7 +335,7 @@ def test_what_is_no_bag_of_the_robot_says_so(
     one = write_joints(
         tmp_path / 'b.mcap', np.zeros(3), {'position': np.zeros((3, 1))}, ['joint_1']
     )
-    refused(one, r'at least two messages .* \(0 without .* 2 not rising\)')
+    refused(one, r'at least two messages .* \(0 without .* 2 not rising;')
     quiet = {'position': np.zeros((9, 1))}
     silent = write_joints(
         tmp_path / 'c.mcap', 0.1 * np.arange(9, dtype=np.float64), quiet, ['joint_1']
