@@ -16,6 +16,7 @@ MOST_COSINES = 12
 COST = 5.0  # of one damped cosine, in log(samples): four parameters and the search for them
 DYNAMIC_RANGE = 1e-5  # no component is looked for below this part of the largest value
 HIGHEST = 0.95  # of half the sample rate
+MOST_TRIED = 2  # candidates, one after the other
 SLOWEST = 0.6  # cycles in the record: less is part of the drift
 DECAYS_PER_OCTAVE = 1.0
 FEWEST_SAMPLES = 3.5  # that carry a component: fewer are a spike
@@ -101,15 +102,22 @@ def _starts(search: Search) -> list[Damped]:
 def _grown(search: Search, fit: Damped) -> Damped:
     """Add what the residual shows, as long as it pays."""
     while len(fit.poles) < MOST_COSINES:
-        tried = [search.fit(np.vstack((fit.poles, pole))) for pole in _candidates(search, fit)]
-        better = [one for one in tried if search.criterion(one) < search.criterion(fit)]
-        if not better:
+        for pole in _strongest(search, fit.residual):
+            larger = search.fit(np.vstack((fit.poles, pole)))
+            if _pays(search, fit, larger):
+                fit = larger
+                break
+        else:
             return fit
-        best = min(better, key=search.criterion)
-        if not (_lasting(search, best).all() and _stands_out(search, fit, best)):
-            return fit
-        fit = best
     return fit
+
+
+def _pays(search: Search, fit: Damped, larger: Damped) -> bool:
+    return (
+        search.criterion(larger) < search.criterion(fit)
+        and bool(_lasting(search, larger).all())
+        and _stands_out(search, fit, larger)
+    )
 
 
 def _stands_out(search: Search, fit: Damped, larger: Damped) -> bool:
@@ -130,12 +138,8 @@ def _lasting(search: Search, fit: Damped) -> Mask:
     return np.asarray((samples > FEWEST_SAMPLES) & (size < LARGEST * np.ptp(search.y)))
 
 
-def _candidates(search: Search, fit: Damped) -> list[Floats]:
-    return [_strongest(search, fit.residual)]
-
-
-def _strongest(search: Search, residual: Floats) -> Floats:
-    """Return the pole whose damped cosine explains most of the residual."""
+def _strongest(search: Search, residual: Floats) -> list[Floats]:
+    """Return poles whose damped cosines explain most of the residual, apart from each other."""
     even = even_values(search.t, residual, search.span)
     count = even.size
     step = search.span / (count - 1)
@@ -144,15 +148,18 @@ def _strongest(search: Search, residual: Floats) -> Floats:
     allowed = (frequency > SLOWEST / search.span) & (frequency < search.highest)
     octaves = np.log2(search.highest * search.span) * DECAYS_PER_OCTAVE
     rates = np.append(0.0, np.geomspace(0.3 / search.span, search.highest, int(octaves) + 2))
-    best, found = -1.0, np.zeros(2)
+    peaks = []
     for sigma in rates:
         decay = np.exp(-sigma * step * np.arange(count))
         power = np.abs(np.fft.rfft(even * decay, size)) ** 2 / (decay @ decay)
         power[~allowed] = 0.0
         k = int(np.argmax(power))
-        if power[k] > best:
-            best, found = power[k], np.array([sigma, 2.0 * np.pi * frequency[k]])
-    return found
+        peaks.append((float(power[k]), np.array([sigma, 2.0 * np.pi * frequency[k]])))
+    apart: list[Floats] = []
+    for _, pole in sorted(peaks, key=lambda peak: -peak[0]):
+        if all(abs(pole[1] - other[1]) > 4.0 * np.pi / search.span for other in apart):
+            apart.append(pole)
+    return apart[:MOST_TRIED]
 
 
 def _pruned(search: Search, fit: Damped) -> Damped:

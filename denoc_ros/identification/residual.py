@@ -7,6 +7,7 @@ import numpy as np
 from denoc_ros.identification.records import Floats
 
 LOCAL_LINES = 16
+NEAR = 1.5  # typical steps to the next sample: farther is a gap
 
 
 def neighbour_correlation(residual: Floats) -> float:
@@ -23,9 +24,13 @@ def independent_samples(residual: Floats) -> float:
     return residual.size * (1.0 - correlation) / (1.0 + correlation)
 
 
-def even_values(t: Floats, values: Floats, span: float) -> Floats:
-    """Return values at as many even times from 0 to span (linear between the samples)."""
-    return np.asarray(np.interp(np.linspace(0.0, span, t.size), t, values))
+def even_values(t: Floats, residual: Floats, span: float) -> Floats:
+    """Return a residual at as many even times from 0 to span, 0 where samples are missing."""
+    grid = np.linspace(0.0, span, t.size)
+    step = float(np.median(np.diff(t)))
+    after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
+    missing = np.minimum(np.abs(grid - t[after - 1]), np.abs(t[after] - grid)) > NEAR * step
+    return np.where(missing, 0.0, np.interp(grid, t, residual))
 
 
 def local_variance(t: Floats, residual: Floats, span: float, sigma: float, omega: float) -> float:
