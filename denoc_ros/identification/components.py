@@ -18,13 +18,12 @@ from denoc_ros.identification.drifting import drifting_rss
 from denoc_ros.identification.lines import find_lines, suspects
 from denoc_ros.identification.modes import AmplitudeCurve, Line
 from denoc_ros.identification.records import Floats
-from denoc_ros.identification.residual import local_variance, neighbour_correlation
+from denoc_ros.identification.residual import coloured, local_variance
 
 CYCLES = 0.75  # in the record: less is part of the drift
 SEEN = 3.5  # time constants that a mode is seen for: 0.1 % of its energy is left
 NEAR = 2.0  # over the time that both of two modes are seen for [Hz]: maybe they are one
 DRIFT_LEAVES = 0.02  # of a group's energy
-COLOURED = 0.5  # correlation of neighbouring residuals
 SMALLEST = 0.01  # of the largest: what a coloured residual lets pass for a mode
 
 
@@ -71,7 +70,7 @@ def components(t: Floats, fit: Damped, span: float) -> tuple[list[Component], tu
     """
     lines = find_lines(fit, span)
     size = np.abs(fit.complex_amplitudes)
-    smallest = SMALLEST * size.max(initial=0.0) if coloured(fit) else 0.0
+    smallest = SMALLEST * size.max(initial=0.0) if coloured(fit.residual) else 0.0
     kept = [
         k
         for k in range(len(fit.poles))
@@ -87,11 +86,6 @@ def components(t: Floats, fit: Damped, span: float) -> tuple[list[Component], tu
     largest = max((part.amplitude for part in parts), default=1.0)
     parts = [replace(part, share=part.amplitude / largest) for part in parts]
     return parts, tuple(lines.values())
-
-
-def coloured(fit: Damped) -> bool:
-    """Say whether the residual hangs together: more than noise of the sensor is in it."""
-    return neighbour_correlation(fit.residual) > COLOURED
 
 
 def _groups(t: Floats, fit: Damped, kept: list[int], span: float) -> list[list[int]]:
@@ -156,7 +150,7 @@ def _one_drifts(t: Floats, fit: Damped, group: list[int], span: float) -> bool:
     if any(count * np.log(rss) + n * np.log(count) < steady for n, rss in drifts):
         return True
     left = min(rss for _, rss in drifts) - fit.rss
-    return coloured(fit) and left < DRIFT_LEAVES * float(own @ own)
+    return coloured(fit.residual) and left < DRIFT_LEAVES * float(own @ own)
 
 
 def _component(t: Floats, fit: Damped, group: list[int], span: float) -> Component:
@@ -193,7 +187,7 @@ def _component(t: Floats, fit: Damped, group: list[int], span: float) -> Compone
 
 def _excess(t: Floats, fit: Damped, span: float, k: int) -> float:
     """Return by how much a coloured residual near a mode exceeds white noise, 1 for white."""
-    if not coloured(fit) or fit.variance == 0.0:
+    if not coloured(fit.residual) or fit.variance == 0.0:
         return 1.0
     local = local_variance(t, fit.residual, span, *fit.poles[k])
     return float(np.sqrt(max(local / fit.variance, 1.0)))

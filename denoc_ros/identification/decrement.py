@@ -15,7 +15,7 @@ from denoc_ros.identification.records import Floats, Record
 
 Convention = Literal['exact', 'book']
 
-PROMINENCE = 4.0  # standard deviations of the noise
+PROMINENCE = 10.0  # standard deviations of the noise: its own extremes have up to 7
 FEWEST_CRESTS = 2
 
 
@@ -62,7 +62,8 @@ def log_decrement(record: Record, convention: Convention = 'exact') -> Decrement
     """Return the damping ratio of a decay of one mode from its extremes.
 
     Exact: the slope of the logarithm of all distances between neighbouring extremes (half cycles:
-    no offset enters), least squares. Book, eq. 8.4b: the first and the last crest above the mean
+    no offset enters), least squares weighted
+    by their squares. Book, eq. 8.4b: the first and the last crest above the mean
     of the last cycle.
 
     Raises
@@ -77,7 +78,7 @@ def log_decrement(record: Record, convention: Convention = 'exact') -> Decrement
     middle = 0.5 * (times[1:] + times[:-1])
     half = float(np.mean(np.diff(times)))
     cycles = (middle - middle[0]) / (2.0 * half)
-    slope, deviation = _slope(cycles, np.log(heights))
+    slope, deviation = _slope(cycles, np.log(heights), heights**2)
     zeta = damping_ratio(-slope)
     spread = student.ppf(0.975, max(cycles.size - 2, 1)) * deviation / (2.0 * np.pi)
     frequency = 0.5 / half / np.sqrt(1.0 - zeta**2)
@@ -149,14 +150,15 @@ def _vertex(record: Record, k: int) -> tuple[float, float]:
     return float(record.t[k] + at), float(np.polyval(curve, at))
 
 
-def _slope(x: Floats, y: Floats) -> tuple[float, float]:
-    """Return slope of a line and its standard deviation (nan for two points)."""
-    away = x - x.mean()
-    slope = float(away @ y / (away @ away))
+def _slope(x: Floats, y: Floats, weight: Floats) -> tuple[float, float]:
+    """Return slope of a weighted line and its standard deviation (nan for two points)."""
+    away = x - weight @ x / weight.sum()
+    inertia = float(weight @ away**2)
+    slope = float((weight * away) @ y / inertia)
     if x.size < 3:
         return slope, np.nan
-    rest = y - y.mean() - slope * away
-    return slope, float(np.sqrt(rest @ rest / (x.size - 2) / (away @ away)))
+    rest = y - weight @ y / weight.sum() - slope * away
+    return slope, float(np.sqrt(weight @ rest**2 / (x.size - 2) / inertia))
 
 
 def _from_crests(record: Record, times: Floats, values: Floats) -> Decrement:

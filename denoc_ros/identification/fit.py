@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.components import Component, coloured, components
+from denoc_ros.identification.components import Component, components
 from denoc_ros.identification.damped import Damped
 from denoc_ros.identification.modes import Modes
 from denoc_ros.identification.order import Search, refined_cosines, search_cosines
 from denoc_ros.identification.quality import Mask, Quality, assess
 from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.residual import coloured
 from denoc_ros.identification.verdicts import judge
 
 CLIP_MARGIN = 3.0  # standard deviations of the noise below the limit
@@ -66,7 +67,7 @@ def fit_modes(record: Record) -> Modes:
     seen, fit = _fit(record, quality)
     t = record.t - record.t[0]
     parts, lines = components(t[seen], fit, record.duration)
-    verdicts = [judge(part, record, quality, coloured(fit)) for part in parts]
+    verdicts = [judge(part, record, quality, coloured(fit.residual)) for part in parts]
     base = fit.weights[-2:]
     return Modes(
         frequency=_column(parts, 'frequency'),
@@ -154,7 +155,7 @@ def _remarks(quality: Quality, seen: Mask, parts: list[Component], fit: Damped) 
     remarks = []
     if not parts:
         remarks.append('nothing stands out of the noise')
-    if coloured(fit):
+    if coloured(fit.residual):
         remarks.append('the residual is no white noise: the modes do not explain the record')
     if not seen.all():
         remarks.append(f'{np.count_nonzero(~seen)} clipped samples left out')

@@ -141,8 +141,9 @@ def _excited(u: Floats, y: Floats) -> _Lines:
 
 def _searched(lines: _Lines) -> _Fit:
     """Return the fit of the least BIC over the number of modes."""
-    best, least = _linear(lines, np.empty((0, 2))), np.inf
     count = lines.z.size
+    best = _linear(lines, np.empty((0, 2)))
+    least = count * np.log(best.rss / count)
     for modes in range(1, min(MOST_MODES, count // 8) + 1):
         if modes > len(best.poles) + PATIENCE:
             break

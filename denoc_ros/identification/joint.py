@@ -11,7 +11,7 @@ from scipy.stats import f as fisher
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
 from denoc_ros.identification.records import Floats, Record
-from denoc_ros.identification.residual import independent_samples, neighbour_correlation
+from denoc_ros.identification.residual import coloured, independent_samples
 from denoc_ros.identification.swing import Swing, swing_angles
 
 TERMS = ('viscous', 'coulomb', 'quadratic')
@@ -114,7 +114,7 @@ class _Fit:
     @property
     def white(self) -> bool:
         """Neighbouring residuals are independent."""
-        return neighbour_correlation(self.residual) < 0.5
+        return not coloured(self.residual)
 
 
 def fit_joint(

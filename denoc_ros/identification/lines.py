@@ -9,6 +9,7 @@ import numpy as np
 from denoc_ros.identification.damped import Damped
 from denoc_ros.identification.modes import Line
 from denoc_ros.identification.records import Floats
+from denoc_ros.identification.residual import coloured
 
 HIGHEST_HARMONIC = 5
 MUCH_WEAKER = 0.1  # than the mode a suspect may be a harmonic of
@@ -16,6 +17,7 @@ NEAR = 0.3  # of one over the record's duration, for a suspect
 WEAKER = 0.3  # than each of its parents at the release
 DEVIATIONS = 3.0
 RESOLUTION = 0.1  # of one over the record's duration
+WIDTH = 0.5  # of its decay rate, for a line beside a residual that is no white noise
 DECAY_MATCH = 0.3  # of the decay rate that the parents give
 
 
@@ -27,13 +29,14 @@ def find_lines(fit: Damped, span: float) -> dict[int, Line]:
     """
     size = np.abs(fit.complex_amplitudes)
     variance = np.diag(fit.covariance()).reshape(-1, 2)
+    width = WIDTH if coloured(fit.residual) else 0.0
     found: dict[int, Line] = {}
     for k in np.argsort(size):
         for multiples, origin in _combinations(fit.poles, int(k)):
             parents = np.flatnonzero(multiples)
             if any(p in found for p in parents) or size[k] > WEAKER * size[parents].min():
                 continue
-            if _matches(fit.poles, variance, int(k), multiples, span):
+            if _matches(fit.poles, variance, int(k), multiples, span, width):
                 sigma, omega = fit.poles[k]
                 frequency = float(omega / (2.0 * np.pi))
                 found[int(k)] = Line(frequency, float(sigma), float(size[k]), origin)
@@ -80,13 +83,15 @@ def _multiples(count: int, at: dict[int, int]) -> Floats:
     return multiples
 
 
-def _matches(poles: Floats, variance: Floats, k: int, multiples: Floats, span: float) -> bool:
+def _matches(
+    poles: Floats, variance: Floats, k: int, multiples: Floats, span: float, width: float
+) -> bool:
     decay = float(np.abs(multiples) @ poles[:, 0])
     spread = np.sqrt(variance[k] + multiples**2 @ variance)
     off_frequency = abs(poles[k, 1] - abs(float(multiples @ poles[:, 1])))
     off_decay = abs(poles[k, 0] - decay)
     near = max(DEVIATIONS * spread[1], 2.0 * np.pi * RESOLUTION / span)
+    near = max(min(near, 2.0 * np.pi / span), width * decay)
     return bool(
-        off_frequency < min(near, 2.0 * np.pi / span)
-        and off_decay < DEVIATIONS * spread[0] + DECAY_MATCH * abs(decay)
+        off_frequency < near and off_decay < DEVIATIONS * spread[0] + DECAY_MATCH * abs(decay)
     )

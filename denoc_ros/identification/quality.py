@@ -28,7 +28,7 @@ class Quality:
     ----------
     samples : int
     duration, rate : float
-        [s], [Hz]: the inverse of the typical step.
+        [s], [Hz]: of an unbroken record.
     gaps, longest_gap : int, float
         Steps longer than 1.5 typical ones, and the longest step [s].
     lost : float
@@ -63,7 +63,7 @@ def assess(record: Record) -> Quality:
     steps = np.diff(record.t)
     typical = record.step
     regular = steps[steps <= GAP * typical]
-    expected = record.duration / typical + 1.0
+    count = float(np.sum(np.maximum(np.round(steps / typical), 1.0)))
     resolution = level_distance(record.y)
     noise = max(sample_noise(record.y), resolution / np.sqrt(12.0))
     half_range = 0.5 * float(np.ptp(record.y))
@@ -71,10 +71,10 @@ def assess(record: Record) -> Quality:
     return Quality(
         samples=record.t.size,
         duration=record.duration,
-        rate=1.0 / typical,
+        rate=count / record.duration,
         gaps=int(np.count_nonzero(steps > GAP * typical)),
         longest_gap=float(steps.max()),
-        lost=max(0.0, 1.0 - record.t.size / expected),
+        lost=1.0 - record.t.size / (count + 1.0),
         jitter=float(regular.std() / typical) if regular.size else 0.0,
         clipped=clipped_samples(record.y, resolution),
         resolution=resolution,

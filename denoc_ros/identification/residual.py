@@ -7,6 +7,7 @@ import numpy as np
 from denoc_ros.identification.records import Floats
 
 LOCAL_LINES = 16
+COLOURED = 0.5  # correlation of neighbouring residuals
 NEAR = 1.5  # typical steps to the next sample: farther is a gap
 
 
@@ -22,6 +23,11 @@ def independent_samples(residual: Floats) -> float:
     """Return how many independent samples a residual is worth (as a first-order process)."""
     correlation = neighbour_correlation(residual)
     return residual.size * (1.0 - correlation) / (1.0 + correlation)
+
+
+def coloured(residual: Floats) -> bool:
+    """Say whether a residual hangs together: more than noise of the sensor is in it."""
+    return neighbour_correlation(residual) > COLOURED
 
 
 def even_values(t: Floats, residual: Floats, span: float) -> Floats:

@@ -26,6 +26,7 @@ ROUNDS = 2  # of window, reading and time constant
 LONGEST = 2.0  # window over the mode's time constant
 CLEAR = 30.0  # times the leakage and the noise that a peak must be
 FEWEST_FOLDS = 0.7  # e-folds that the mode must fall over the windows
+SLOWEST = 3.0  # cycles in the record: less may be the drift
 PEAK = 0.02  # of the highest, for frequencies that are looked for
 
 
@@ -167,7 +168,7 @@ def spectrum_peaks(record: Record) -> Floats:
     size = 4 * values.size
     magnitude = np.abs(np.fft.rfft(values - tail, size))
     frequency = np.fft.rfftfreq(size, grid[1] - grid[0])
-    magnitude[frequency < 1.5 / record.duration] = 0.0
+    magnitude[frequency < SLOWEST / record.duration] = 0.0
     smooth = np.convolve(magnitude, np.hanning(9) / np.hanning(9).sum(), 'same')
     peaks = find_peaks(smooth, height=PEAK * smooth.max(), prominence=0.5 * PEAK * smooth.max())[0]
     noise = sample_noise(record.y) * np.sqrt(values.size)

@@ -1,0 +1,61 @@
+"""Logarithmic decrement: the book's printed numbers and the exact relations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import denoc_ros as dn
+from denoc_ros.identification.decrement import (
+    critical_joint_damping,
+    damping_ratio,
+    log_decrement,
+)
+from denoc_ros.identification.records import Record
+from denoc_ros.identification.synthetic import Defects, Truth, synthetic_decay
+
+
+def test_book_convention_gives_the_printed_joint_coefficient() -> None:
+    critical = critical_joint_damping(0.96, mass_per_length=0.5455, length=0.33, convention='book')
+    # table 8.1 and sec. 8.2.1: four and three printed digits
+    assert critical == pytest.approx(2.1716, abs=5e-5)
+    assert 0.0142 * critical == pytest.approx(0.0308, abs=5e-5)
+
+
+def test_consistent_coefficient_is_that_of_the_torque_equation() -> None:
+    inertia, rate, zeta = 0.0065, 6.03, 0.0142
+    c = zeta * critical_joint_damping(rate / (2.0 * np.pi), inertia=inertia)
+    # roots of I s^2 + c s + I w^2
+    roots = np.roots([inertia, c, inertia * rate**2])
+    assert -roots.real.max() / rate == pytest.approx(zeta, rel=1e-12)
+
+
+@pytest.mark.parametrize('zeta', [0.01, 0.1, 0.3])
+def test_exact_decrement_has_no_small_damping_error(zeta: float) -> None:
+    record = synthetic_decay([Truth(2.0, zeta)], 1000.0, 6.0, Defects(snr_db=120.0)).record
+    found = log_decrement(record)
+    # the last extremes that count are ten times the noise: parts in a thousand of the slope
+    assert found.damping_ratio == pytest.approx(zeta, rel=5e-3)
+    assert found.frequency == pytest.approx(2.0, rel=5e-3)
+    book = zeta / np.sqrt(1.0 - zeta**2)
+    assert damping_ratio(found.decrement, 'book') == pytest.approx(book, rel=6e-3)
+
+
+def test_book_reading_of_a_small_decay_agrees_with_the_exact_one() -> None:
+    made = synthetic_decay([Truth(1.0, 0.0142)], 200.0, 12.0, Defects(snr_db=60.0, offset=0.3), 2)
+    # the book's needs the level that the decay ends at; half the tail's swing is its error
+    assert log_decrement(made.record, 'book').damping_ratio == pytest.approx(0.0142, rel=0.1)
+    assert log_decrement(made.record).damping_ratio == pytest.approx(0.0142, rel=0.01)
+
+
+def test_record_without_crests_is_refused() -> None:
+    t = np.linspace(0.0, 1.0, 100)
+    with pytest.raises(dn.IdentificationError, match='at least 2 crests above the noise, got 0'):
+        log_decrement(Record(t, np.exp(-t)))
+
+
+def test_missing_inertia_and_link_are_refused() -> None:
+    with pytest.raises(dn.IdentificationError, match='inertia about the joint must be given'):
+        critical_joint_damping(1.0)
+    with pytest.raises(dn.IdentificationError, match='mass_per_length and length must be given'):
+        critical_joint_damping(1.0, convention='book')
