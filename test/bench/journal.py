@@ -20,7 +20,10 @@ from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 
+from denoc_ros.nodes import timing
 from denoc_ros.nodes.timing import Loop
+
+TICKS_KEPT = 1 << 20  # a quarter of an hour at 1000 Hz
 
 # the stamp; before it stands, on the wire, how much padding is at the end, behind it comes padding
 HEAD = slice(4, 16)
@@ -49,6 +52,7 @@ class Journal:
     def watch(self) -> None:
         """Look over the shoulder of every publisher and loop from here on."""
         publish, start, now = Publisher.publish, Loop.start, time.perf_counter
+        timing.WINDOW = TICKS_KEPT
 
         def watched_publish(publisher: Any, message: Any) -> None:
             prebuilt = isinstance(message, bytes)
@@ -83,7 +87,8 @@ class Journal:
             arrays[f'times_{index}'] = np.array(row.times)
             arrays[f'keys_{index}'] = np.array(row.keys, dtype=np.int64)
         if self.loops:
-            arrays['start'], arrays['late'] = self.loops[-1].record()
+            records = [loop.record() for loop in self.loops]
+            arrays['start'], arrays['late'] = map(np.concatenate, zip(*records, strict=True))
             arrays['period'] = self.loops[-1].period
         partial = file.with_suffix('.part.npz')
         np.savez(partial, **arrays)

@@ -1,0 +1,37 @@
+"""A bare sleeping thread: a loop that does nothing, for the lateness that the machine has.
+
+`python -m bench.sleeper RATE PRIORITY`: SIGUSR1 begins, SIGUSR2 pauses, SIGINT ends.
+"""
+
+from __future__ import annotations
+
+import gc
+import signal
+import sys
+import time
+
+from denoc_ros.nodes.timing import Loop
+
+
+def main() -> None:
+    rate, priority = float(sys.argv[1]), int(sys.argv[2])
+    told: list[int] = []
+    for number in (signal.SIGUSR1, signal.SIGUSR2, signal.SIGINT):
+        signal.signal(number, lambda got, _: told.append(got))
+    gc.freeze()
+    gc.disable()
+    loop = Loop(rate, lambda steps: None, priority)
+    while True:
+        while told:
+            told_now = told.pop(0)
+            loop.stop()
+            if told_now == signal.SIGINT:
+                return
+            if told_now == signal.SIGUSR1:
+                loop = Loop(rate, lambda steps: None, priority)
+                loop.start()
+        time.sleep(0.02)
+
+
+if __name__ == '__main__':
+    main()
