@@ -64,11 +64,11 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--topic', default='', help='of the joint states (default: found)')
     parser.add_argument(
-        '--joints',
-        nargs='+',
+        '--joint',
+        action='append',
         default=[],
-        metavar='JOINT',
-        help='the driven joints; in a mechanism those that determine its motion (default: all)',
+        metavar='NAME',
+        help='a driven joint; in a mechanism they determine its motion (default: all); repeatable',
     )
     parser.add_argument(
         '--effort', default='', metavar='TOPIC', help='take the measured effort from this topic'
@@ -114,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
 
     settings = ReplaySettings(
         topic=args.topic,
-        joints=tuple(args.joints),
+        joints=tuple(args.joint),
         effort=args.effort,
         rename=_renames(args.rename),
         derivative=args.derivative,

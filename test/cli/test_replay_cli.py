@@ -94,6 +94,7 @@ def test_run_s_directory_says_its_gravity(
         (['--rename', 'old'], r"--rename must be OLD=NEW, got 'old'"),
         (['--cutoff', '-3'], r'cutoff must be > 0 Hz, got -3'),
         (['--robot', 'nowhere.urdf'], r'nowhere\.urdf'),
+        (['--joint', 'elbow'], r'joints must be among those on /joint_states .*got elbow'),
     ],
 )
 def test_bad_options_say_what_must_hold(
