@@ -47,7 +47,8 @@ def run_rows(
     inputs, outputs : arrays that follow the handle in the kernel's arguments, rows first .. last
         standing between them.
     """
-    ready(kernel)
+    if not kernel.overloads:
+        ready(kernel)
     chunks = max(1, min(cores(), count // ROWS_PER_THREAD))
     edges = [count * k // chunks for k in range(chunks + 1)]
 
