@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.bags.columns import JOINT_STATE
+from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
@@ -63,7 +64,7 @@ def write_run(
         for topic, kind in TOPICS.items():
             bag.add_topic(topic, kind)
         if description:
-            bag.attach('robot_description.urdf', description)
+            bag.attach(DESCRIPTION_ATTACHMENT, description)
         if reference is not None:
             bag.add_topic('/reference', TRAJECTORY)
             bag.write_message('/reference', 0, **_reference(robot, reference))
