@@ -7,15 +7,17 @@ from numpy.typing import ArrayLike
 
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.components import Component, components
+from denoc_ros.identification.curves import NORMAL_95
 from denoc_ros.identification.damped import Damped
 from denoc_ros.identification.modes import Modes
 from denoc_ros.identification.order import Search, refined_cosines, search_cosines
-from denoc_ros.identification.quality import Mask, Quality, assess
+from denoc_ros.identification.quality import Mask, Quality, assess, sample_noise
 from denoc_ros.identification.records import Floats, Record
 from denoc_ros.identification.residual import coloured
 from denoc_ros.identification.verdicts import judge
 
 CLIP_MARGIN = 3.0  # standard deviations of the noise below the limit
+SMEARED = 0.4  # of the resolution: noise from which on levels are as good as none
 MOST_EXTREMES = 0.1  # of the samples: more at one value are no crest
 
 
@@ -67,6 +69,8 @@ def fit_modes(record: Record) -> Modes:
     seen, fit = _fit(record, quality)
     t = record.t - record.t[0]
     parts, lines = components(t[seen], fit, record.duration)
+    growing = [part for part in parts if part.zeta < -NORMAL_95 * part.deviation]
+    parts = [part for part in parts if part not in growing]
     verdicts = [judge(part, record, quality, coloured(fit.residual)) for part in parts]
     base = fit.weights[-2:]
     return Modes(
@@ -89,7 +93,7 @@ def fit_modes(record: Record) -> Modes:
         noise=float(np.sqrt(fit.variance)),
         start=float(record.t[0]),
         stop=float(record.t[-1]),
-        remarks=_remarks(quality, seen, parts, fit),
+        remarks=_remarks(quality, seen, parts, growing, fit),
     )
 
 
@@ -101,13 +105,14 @@ def _fit(record: Record, quality: Quality) -> tuple[Mask, Damped]:
     """
     t = record.t - record.t[0]
     outside = quality.clipped | _repeated_extremes(record.y)
-    fit = search_cosines(_search(record, t, ~outside))
+    levels = _level_limit(record, quality)
+    fit = search_cosines(_search(record, t, ~outside, levels))
     if not outside.any():
         return ~outside, fit
     seen = np.ones(t.size, bool)
     if quality.clipped.any() or _beyond(record, outside, t, fit):
         seen = _inside_limits(record, ~outside, t, fit)
-    return seen, refined_cosines(_search(record, t, seen), fit.poles)
+    return seen, refined_cosines(_search(record, t, seen, levels), fit.poles)
 
 
 def _repeated_extremes(y: Floats) -> Mask:
@@ -130,13 +135,19 @@ def _beyond(record: Record, outside: Mask, t: Floats, fit: Damped) -> bool:
     )
 
 
-def _search(record: Record, t: Floats, seen: Mask) -> Search:
+def _level_limit(record: Record, quality: Quality) -> float:
+    """Return the amplitude that levels without noise to smear them do not show."""
+    smeared = sample_noise(record.y) > SMEARED * quality.resolution
+    return 0.0 if smeared else 0.5 * quality.resolution
+
+
+def _search(record: Record, t: Floats, seen: Mask, smallest: float) -> Search:
     if np.count_nonzero(seen) < 8:
         raise IdentificationError(
             f'{record.name}: at least 8 samples must lie within the range of the sensor, got '
             f'{np.count_nonzero(seen)} of {t.size}'
         )
-    return Search(t[seen], record.y[seen], record.duration)
+    return Search(t[seen], record.y[seen], record.duration, smallest)
 
 
 def _inside_limits(record: Record, seen: Mask, t: Floats, fit: Damped) -> Mask:
@@ -151,10 +162,13 @@ def _column(parts: list[Component], name: str) -> Floats:
     return np.array([getattr(part, name) for part in parts], float)
 
 
-def _remarks(quality: Quality, seen: Mask, parts: list[Component], fit: Damped) -> tuple[str, ...]:
+def _remarks(
+    quality: Quality, seen: Mask, parts: list[Component], growing: list[Component], fit: Damped
+) -> tuple[str, ...]:
     remarks = []
     if not parts:
         remarks.append('nothing stands out of the noise')
+    remarks += [f'what swings at {part.frequency:.4g} Hz grows: no free decay' for part in growing]
     if coloured(fit.residual):
         remarks.append('the residual is no white noise: the modes do not explain the record')
     if not seen.all():

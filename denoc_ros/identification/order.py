@@ -33,11 +33,14 @@ class Search:
         Times from the start of the record [s], values.
     span : float
         Duration of the record [s].
+    smallest : float
+        Amplitude below which a component is not looked for.
     """
 
     t: Floats
     y: Floats
     span: float
+    smallest: float = 0.0
 
     @property
     def highest(self) -> float:
@@ -129,13 +132,14 @@ def _stands_out(search: Search, fit: Damped, larger: Damped) -> bool:
 
 
 def _lasting(search: Search, fit: Damped) -> Mask:
-    """Say which components are more than a few samples, and no larger than the record."""
+    """Say which components are more than a few samples, and neither too small nor too large."""
     phi = columns(search.t, fit.poles, search.span)[:, :-2] * fit.weights[:-2]
     values = phi[:, ::2] + phi[:, 1::2]
     power = np.maximum(np.sum(values**2, axis=0), 1e-300)
     samples = power**2 / np.maximum(np.sum(values**4, axis=0), 1e-300)
     size = np.abs(fit.complex_amplitudes)
-    return np.asarray((samples > FEWEST_SAMPLES) & (size < LARGEST * np.ptp(search.y)))
+    sized = (size > search.smallest) & (size < LARGEST * np.ptp(search.y))
+    return np.asarray((samples > FEWEST_SAMPLES) & sized)
 
 
 def _strongest(search: Search, residual: Floats) -> list[Floats]:
