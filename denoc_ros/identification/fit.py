@@ -10,10 +10,11 @@ from denoc_ros.identification.components import Component, components
 from denoc_ros.identification.curves import NORMAL_95
 from denoc_ros.identification.damped import Damped
 from denoc_ros.identification.modes import Modes
-from denoc_ros.identification.order import Search, refined_cosines, search_cosines
+from denoc_ros.identification.order import MOST_COSINES, Search, refined_cosines, search_cosines
 from denoc_ros.identification.quality import Mask, Quality, assess, sample_noise
 from denoc_ros.identification.records import Floats, Record
 from denoc_ros.identification.residual import coloured
+from denoc_ros.identification.segments import release_time
 from denoc_ros.identification.verdicts import judge
 
 CLIP_MARGIN = 3.0  # standard deviations of the noise below the limit
@@ -30,7 +31,8 @@ def identify_modes(t: ArrayLike, y: ArrayLike) -> Modes:
     Parameters
     ----------
     t : array_like, shape (k,)
-        Stamps [s], increasing; the decay is free from the first one on.
+        Stamps [s], increasing; the decay is free from the first one on, or from the end of a rest
+        that the record starts with.
     y : array_like, shape (k,)
         Measured values.
 
@@ -65,6 +67,9 @@ def fit_modes(record: Record) -> Modes:
     IdentificationError
         Fewer than 8 samples are left beside the clipped ones.
     """
+    release = release_time(record)
+    late = release - float(record.t[0])
+    record = record.part(release, float(record.t[-1]))
     quality = assess(record)
     seen, fit = _fit(record, quality)
     t = record.t - record.t[0]
@@ -93,7 +98,7 @@ def fit_modes(record: Record) -> Modes:
         noise=float(np.sqrt(fit.variance)),
         start=float(record.t[0]),
         stop=float(record.t[-1]),
-        remarks=_remarks(quality, seen, parts, growing, fit),
+        remarks=_remarks(late, quality, seen, parts, growing, fit),
     )
 
 
@@ -163,9 +168,18 @@ def _column(parts: list[Component], name: str) -> Floats:
 
 
 def _remarks(
-    quality: Quality, seen: Mask, parts: list[Component], growing: list[Component], fit: Damped
+    late: float,
+    quality: Quality,
+    seen: Mask,
+    parts: list[Component],
+    growing: list[Component],
+    fit: Damped,
 ) -> tuple[str, ...]:
     remarks = []
+    if late:
+        remarks.append(f'starts with a rest: taken from {late:.3g} s after its start on')
+    if len(fit.poles) >= MOST_COSINES:
+        remarks.append(f'{MOST_COSINES} components and more: the record is no free decay')
     if not parts:
         remarks.append('nothing stands out of the noise')
     remarks += [f'what swings at {part.frequency:.4g} Hz grows: no free decay' for part in growing]

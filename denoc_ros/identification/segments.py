@@ -22,6 +22,9 @@ RATIO = 1.5  # of the swing after an event to that before
 STRONG = 0.3  # of the strongest, that a slower motion must be to set the cycle
 SLOWEST = 3.0  # cycles in the record of the motion that sets the cycle
 FEWEST_CYCLES = 1.0  # of a decay
+FIRST_SAMPLES = 8
+RELEASED = 5.0  # standard deviations of the noise from where the record starts
+RESTING = 1.0  # cycles
 FEWEST_FOLDS = 0.1  # that a decay must fall
 
 
@@ -70,6 +73,24 @@ def find_segments(record: Record) -> list[Segment]:
     for first, last in pairwise(edges):
         found += _after_event(t, y, ahead, quiet, first, last, size)
     return sorted(found, key=lambda segment: segment.start)
+
+
+def release_time(record: Record) -> float:
+    """Return when a decay begins [s]: the first stamp, unless the record starts with a rest.
+
+    A rest is longer than a cycle within five standard deviations of the noise: a decay, even one
+    that starts with no speed, leaves that earlier.
+    """
+    noise = max(assess(record).noise, 1e-9 * float(np.ptp(record.y)))
+    away = np.abs(record.y - record.y[:FIRST_SAMPLES].mean()) > RELEASED * noise
+    first = int(np.argmax(away))
+    cycle = _cycle(record.t, record.y)
+    if not away.any() or record.t[first] - record.t[0] < RESTING * cycle:
+        return float(record.t[0])
+    level = float(record.y[-max(record.y.size // 10, 2) :].mean())
+    soon = (record.t >= record.t[first] - record.step) & (record.t <= record.t[first] + cycle)
+    after = np.flatnonzero(soon)
+    return float(record.t[after[int(np.argmax(np.abs(record.y[after] - level)))]])
 
 
 def _cycle(t: Floats, y: Floats) -> float:

@@ -81,6 +81,19 @@ def test_bound_is_that_of_the_truth() -> None:
     np.testing.assert_allclose(fit_modes(made.record).bound, made.bound, rtol=0.15)
 
 
+def test_rest_before_the_release_is_left_out() -> None:
+    made = decay(Defects(snr_db=40.0), 10)
+    draw = np.random.default_rng(11)
+    before = made.record.y[0] + 0.01 * draw.standard_normal(200)
+    t = np.concatenate((0.005 * np.arange(200), 1.0 + made.record.t))
+    modes = fit_modes(Record(t, np.concatenate((before, made.record.y))))
+    np.testing.assert_allclose(modes.frequency, [3.0, 11.0], rtol=5e-3)
+    # the faster mode's first cycle may be lost with the search for the release
+    np.testing.assert_allclose(modes.damping_ratio, [0.02, 0.05], rtol=0.05)
+    assert modes.start >= 1.0 - 0.01
+    assert modes.remarks[0].startswith('starts with a rest')
+
+
 def test_noise_alone_has_no_modes() -> None:
     y = np.random.default_rng(7).standard_normal(2000)
     modes = dn.identify_modes(np.arange(2000) / 100.0, y)
