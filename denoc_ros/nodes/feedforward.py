@@ -24,8 +24,9 @@ from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.process import run
 from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode, driven_joints, is_override
-from denoc_ros.nodes.safety import InputMonitor, SafeCommand, TorqueLimiter, effort_limits
+from denoc_ros.nodes.safety import InputMonitor, SafeCommand, torque_limiter
 from denoc_ros.nodes.stamps import StampOf
+from denoc_ros.nodes.strain_feedback import StrainFeedback
 from denoc_ros.nodes.torque_output import TorqueOutput
 
 FINAL_COMMANDS = 5  # sent at the end, in case a reader misses some
@@ -46,6 +47,7 @@ class FeedforwardNode(RobotNode):
         self.offer('~/stop', self._stop)
         self.offer('~/reset', self._reset)
         self.offer('~/reload_model', self._reload)
+        self.feedback = StrainFeedback(self)
         self._connected = False
 
     # ---- configure
@@ -55,21 +57,14 @@ class FeedforwardNode(RobotNode):
         settings, name = self.settings, self.get_fully_qualified_name()
         self.joints = driven_joints(self.robot, settings.texts('joints'), name)
         n = len(self.joints)
-        described = {b.joint.name: b.joint for b in self.robot.tree.bodies if b.joint is not None}
-        of_model = [described[joint].limits.effort for joint in self.joints]
         try:
-            limits = effort_limits(
-                settings.numbers('effort_limits'),
-                of_model,
-                self.joints,
-                settings.flag('enforce_command_limits'),
-            )
+            self.limiter = torque_limiter(self.robot, self.joints, settings)
         except ValueError as error:
             raise ConfigError(name, [str(error)]) from error
-        for joint, limit in zip(self.joints, limits, strict=True):
+        for joint, limit in zip(self.joints, self.limiter.limits, strict=True):
             if limit == 0.0:
                 self.get_logger().warning(f'{joint} has effort limit 0: no torque will leave it')
-        self.limiter = TorqueLimiter(limits, settings.number('max_delta_tau'))
+        self.feedback.build(self.robot, self.joints, settings, self.limiter.limits)
         self.safe = SafeCommand(settings.text('stale_action'), settings.number('ramp_time'), n)
         self.q, self.qd, self.qdd, self._posture = np.zeros((4, n))
         gap = settings.number('reference_timeout')
@@ -216,7 +211,7 @@ class FeedforwardNode(RobotNode):
         else:
             self.safe.end()
             self._fresh = False
-            self._publish(self.limiter.apply(torque))
+            self._publish(self.limiter.apply(self.feedback.add(torque, now)))
         if cause and self._cause == 'following':
             self._takeovers += 1
         self._cause = cause or 'following'
@@ -347,6 +342,7 @@ class FeedforwardNode(RobotNode):
             rule = f'joints must stay {list(self.robot.joint_names)} on reload'
             got = f'(clean up and configure instead), got {list(robot.joint_names)}'
             raise ConfigError(self.get_name(), [f'{rule} {got}'])
+        self.feedback.build(robot, self.joints, self.settings, self.limiter.limits)
         self._pending = self._build(robot, self.settings)
         self.robot = robot
         self.adopt_model(model, self.settings)
@@ -358,6 +354,7 @@ class FeedforwardNode(RobotNode):
             return
         if any(is_override(n) or n.split('.')[0] in ('model', 'terms') for n in changes):
             robot = self.changed_robot(settings)
+            self.feedback.build(robot, self.joints, settings, self.limiter.limits)
             self._pending, self.robot = self._build(robot, settings), robot
         self._cache(settings)
 

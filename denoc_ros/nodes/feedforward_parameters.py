@@ -122,6 +122,32 @@ TABLE = ParameterTable(
             positive=True,
         ),
         Parameter(
+            'feedback.strain_gain',
+            Kind.DOUBLES,
+            [],
+            'damping torque per rate of the strain on the link behind each driven joint; empty: '
+            'off. Refused unless it takes power from every mode of the model',
+            'N m s, N s',
+            0.0,
+        ),
+        Parameter(
+            'feedback.strain_limit',
+            Kind.DOUBLE,
+            0.2,
+            'largest damping torque, as a share of the effort limit',
+            '',
+            0.0,
+            1.0,
+        ),
+        Parameter(
+            'feedback.cutoff',
+            Kind.DOUBLE,
+            50.0,
+            'bandwidth of the filter that makes the rate of strain',
+            'Hz',
+            positive=True,
+        ),
+        Parameter(
             'publish_joint_trajectory',
             Kind.BOOL,
             False,

@@ -31,14 +31,13 @@ from denoc_ros.nodes.predictor_parameters import TABLE
 from denoc_ros.nodes.process import run
 from denoc_ros.nodes.reference import ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode, driven_joints, is_override
-from denoc_ros.nodes.sensor_inputs import SensorInputs
+from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
 from denoc_ros.nodes.stamps import StampOf
 
 Array = NDArray[np.float64]
 Measurement = tuple[float, Array, Array | None, Array | None]
 QUEUE = 64  # measurements kept for a late tick
 SILENT = 0.5  # s without a value after which a fused sensor counts as missing
-SEARCH_PERIOD = 0.5  # s between looks for the sensors' topics
 OBSERVER_SETTINGS = (
     'horizon',
     'horizon_steps',

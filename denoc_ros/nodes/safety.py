@@ -13,7 +13,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.nodes.conversions import InputError
+from denoc_ros.nodes.parameters import Settings
 
 Array = NDArray[np.float64]
 STALE_ACTIONS = ('hold', 'ramp_to_gravity', 'zero', 'stop_publishing')
@@ -107,6 +109,8 @@ class TorqueLimiter:
 
     Attributes
     ----------
+    limits : (n,) array
+        As given.
     last : (n,) array
         What left last.
     clamped : (n,) array of int
@@ -121,8 +125,8 @@ class TorqueLimiter:
         self.last: Array = np.zeros(n)
         self.clamped = np.zeros(n, dtype=np.int64)
         self.non_finite = 0
-        self._upper: Array = np.array(limits, dtype=np.float64)
-        self._lower: Array = -self._upper
+        self.limits: Array = np.array(limits, dtype=np.float64)
+        self._lower: Array = -self.limits
         self._new: Array = np.zeros(n)
         self._changed = np.zeros(n, dtype=bool)
 
@@ -132,7 +136,7 @@ class TorqueLimiter:
             self.non_finite += 1
             return self.last
         new = self._new
-        np.minimum(torque, self._upper, out=new)
+        np.minimum(torque, self.limits, out=new)
         np.maximum(new, self._lower, out=new)
         if self.max_delta < math.inf:
             np.subtract(new, self.last, out=new)
@@ -147,7 +151,7 @@ class TorqueLimiter:
 
     def reset(self, torque: Array | float = 0.0) -> None:
         """Start again from `torque`, as if it had left last (within the limits)."""
-        np.minimum(torque, self._upper, out=self.last)
+        np.minimum(torque, self.limits, out=self.last)
         np.maximum(self.last, self._lower, out=self.last)
 
 
@@ -216,6 +220,24 @@ class SafeCommand:
         self._torque *= share
         self._torque += self._from
         return self._torque
+
+
+def torque_limiter(robot: Robot, joints: Sequence[str], settings: Settings) -> TorqueLimiter:
+    """Return the limiter that a node's parameters ask for.
+
+    Raises
+    ------
+    ValueError
+        `effort_limits` has a wrong length.
+    """
+    described = {b.joint.name: b.joint for b in robot.tree.bodies if b.joint is not None}
+    limits = effort_limits(
+        settings.numbers('effort_limits'),
+        [described[joint].limits.effort for joint in joints],
+        joints,
+        settings.flag('enforce_command_limits'),
+    )
+    return TorqueLimiter(limits, settings.number('max_delta_tau'))
 
 
 def effort_limits(

@@ -22,6 +22,7 @@ from denoc_ros.nodes.safety import InputMonitor
 
 Array = NDArray[np.float64]
 
+SEARCH_PERIOD = 0.5  # s between looks for topics that have appeared
 QUEUE = 1024  # values kept for a late tick
 
 
