@@ -15,7 +15,7 @@ ifdef AMENT_PREFIX_PATH
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 endif
 
-.PHONY: demo test check lint bench rates soak longbag fuzz readme venv clean
+.PHONY: demo test check lint bench rates soak longbag fuzz load longload readme venv clean
 
 venv: $(STAMP)
 
@@ -60,6 +60,15 @@ soak: $(STAMP)
 # ten minutes: a bag of 1 GB, made on the spot and replayed
 longbag: $(STAMP)
 	PYTHONPATH=test $(BIN)/python -m bench.long_bag
+
+# four minutes: a minute of 50 topics with 5 MB/s, all recorded; what that costs a loop beside it
+load: $(STAMP)
+	PYTHONPATH=test $(BIN)/python -m bench.recorder_load --seconds 60
+	PYTHONPATH=test $(BIN)/python -m bench.loop_lateness
+
+# ten minutes, 3 GB on the disk
+longload: $(STAMP)
+	PYTHONPATH=test $(BIN)/python -m bench.recorder_load --seconds 600
 
 # a quarter of an hour: thousands of spoiled robots and recordings
 fuzz: $(STAMP)

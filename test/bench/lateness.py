@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-RESAMPLES = 2000
+RESAMPLES = 400
 PERCENTILE = 99.0
 LEVEL = 95.0  # % of the interval
 

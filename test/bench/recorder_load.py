@@ -12,7 +12,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -80,10 +80,16 @@ def record(seconds: float) -> Recorded:
         numbers = read_numbers(bench.folder / 'bag')
         size = sum(file.stat().st_size for file in (bench.folder / 'bag').iterdir())
     kept = sum(map(len, numbers.values()))
-    # every topic gets the same numbers: what the last one to stop has, all must have
+    return Recorded(elapsed, kept, count_missing(numbers), lost, size / 1e6, shares)
+
+
+def count_missing(numbers: Mapping[str, Sequence[int]]) -> int:
+    """Return how many of the numbers that each topic got are not there.
+
+    Every topic gets the same: what one of them has last, all must have.
+    """
     last = max((max(found) for found in numbers.values() if found), default=-1)
-    missing = TOPICS * (last + 1) - sum(len(set(found)) for found in numbers.values())
-    return Recorded(elapsed, kept, missing, lost, size / 1e6, shares)
+    return TOPICS * (last + 1) - sum(len(set(found)) for found in numbers.values())
 
 
 def read_numbers(bag: Path) -> dict[str, list[int]]:

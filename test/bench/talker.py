@@ -41,16 +41,17 @@ def load(node: Node, topics: int, size: int) -> Callable[[], None]:
     publishers = [
         node.create_publisher(UInt8MultiArray, f'/load/t{k}', RELIABLE) for k in range(topics)
     ]
-    # random: nothing for the recorder's compression to save
-    raw = bytearray(serialize_message(UInt8MultiArray(data=os.urandom(size))))
+    raw = bytearray(serialize_message(UInt8MultiArray(data=bytes(size))))
+    filling = slice(NUMBER_OFFSET + NUMBER.size, NUMBER_OFFSET + size)
     number = [0]
 
     def talk() -> None:
         NUMBER.pack_into(raw, NUMBER_OFFSET, number[0])
         number[0] += 1
-        message = bytes(raw)
         for publisher in publishers:
-            publisher.publish(message)
+            # nothing for the recorder's compression to save
+            raw[filling] = os.urandom(size - NUMBER.size)
+            publisher.publish(bytes(raw))
 
     return talk
 
