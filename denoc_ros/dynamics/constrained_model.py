@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import assembling, constraints
 from denoc_ros.dynamics.batch import each_row
-from denoc_ros.dynamics.borders import as_states
+from denoc_ros.dynamics.borders import as_states, same_rows
 from denoc_ros.dynamics.held_model import HeldModel
 
 Array = NDArray[np.float64]
@@ -89,10 +89,9 @@ class ConstrainedModel(HeldModel):
         """
         n = self.n
         states = (as_states('q', q, n), as_states('qd', qd, n), as_states('tau', tau, n))
-        qdd, multipliers = each_row(
-            lambda q, qd, tau: constraints.forward(self, q, qd, tau), *states
-        )
-        return qdd, multipliers
+        if all(state.ndim == 1 for state in states):
+            return constraints.forward(self, *states)
+        return constraints.forward_rows(self, *same_rows(states))
 
     def constrained_inverse_dynamics(
         self,
@@ -178,4 +177,4 @@ class ConstrainedModel(HeldModel):
             joints = [body.joint for body in self.tree.bodies if body.joint is not None]
             followers = {joint.name for joint in joints if joint.mimic is not None}
             names = [name for name in self.joint_names if name not in followers]
-        return self._indices(names)
+        return self.indices(names)

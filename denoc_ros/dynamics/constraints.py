@@ -12,11 +12,15 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.batch import each_row, run_rows
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels import closure, composite, inverse
+from denoc_ros.kernels import articulated, closure, constrained, inverse
+from denoc_ros.kernels.closing import OPEN, OPENED
 from denoc_ros.kernels.compiled import entry
+from denoc_ros.kernels.constrained import CONTRADICTED
+from denoc_ros.kernels.handle import ARMATURE, GOOD
 from denoc_ros.kernels.layout import SLIP_RATE
-from denoc_ros.kernels.tie_layout import AXIS_ROWS
+from denoc_ros.kernels.tie_layout import AXIS_ROWS, EXCESS, RANK, TIES_WORK, WORST
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.held_model import HeldModel
@@ -24,9 +28,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
-# A singular value of the rows this far below the greatest is none: rounding leaves 1e-16 of a
-# redundant row, axes printed with seven digits 1e-7, and what is above 1e-6 is meant.
-RANK = 1e-6
+# A singular value of the rows this far below the greatest is none (as in kernels.multipliers).
+LEAST = 1e-6
 # Equations that cannot all be met contradict each other by more than this part of their terms:
 # a closed state is closed to 1e-9, torques and accelerations come from files and trajectories.
 AGREEMENT = 1e-6
@@ -35,6 +38,8 @@ AGREEMENT = 1e-6
 def closure_rows(robot: HeldModel, q: Array, qd: Array) -> Array:
     """Return errors, rates and acceleration biases (3, rows) of the loops and mimic joints."""
     out = np.empty((3, len(robot.lowered.tie_names)))
+    if not out.size:  # a robot without ties has not got their kernels ready
+        return out
     robot.judge(closure.closure(robot.handle, q, qd, out), q=q, qd=qd)
     return out
 
@@ -43,6 +48,8 @@ def jacobian(robot: HeldModel, q: Array) -> tuple[Array, Array]:
     """Return J (rows, n) and the rows (axes, n) of free axes with damping or friction."""
     rows = len(robot.lowered.tie_names)
     out = np.empty((rows + int(robot.lowered.ints[0, AXIS_ROWS]), robot.n))
+    if not rows:
+        return out, out
     robot.judge(closure.closure_jacobian(robot.handle, q, out), q=q)
     return out[:rows], out[rows:]
 
@@ -65,51 +72,56 @@ def add_loop_friction(robot: HeldModel, qd: Array, axes: Array, force: Array) ->
         force += axis * (loop.damping * rate + loop.friction * slip)
 
 
-def inertia(robot: HeldModel, q: Array) -> Array:
-    """Return the inertia matrix (n, n)."""
-    out = np.empty((robot.n, robot.n))
-    robot.judge(entry(composite.inertia_matrix)(robot.handle, q, out), q=q)
-    return out
-
-
-def least_solution(matrix: Array, wanted: Array, least: float = RANK) -> tuple[Array, Array, int]:
-    """Return x of least norm with matrix x = wanted, the residual, and the rank."""
+def least_solution(matrix: Array, wanted: Array) -> tuple[Array, Array]:
+    """Return x of least norm with matrix x = wanted, and the residual."""
     if not matrix.size:
-        return np.zeros(matrix.shape[1]), wanted, 0
-    solution, _, rank, _ = np.linalg.lstsq(matrix, wanted, rcond=least)
-    x = np.asarray(solution, dtype=np.float64)
-    return x, wanted - matrix @ x, int(rank)
+        return np.zeros(matrix.shape[1]), wanted
+    x = np.asarray(np.linalg.lstsq(matrix, wanted, rcond=RANK)[0], dtype=np.float64)
+    return x, wanted - matrix @ x
+
+
+def accelerations(
+    robot: HeldModel, q: Array, qd: Array, tau: Array, held: Int, given: Array
+) -> tuple[Array, Array]:
+    """Return accelerations (n,) and multipliers (rows,) with those of some coordinates given.
+
+    Parameters
+    ----------
+    q, qd, tau : (n,)
+    held : (h,) int
+        The coordinates, joints, whose accelerations are given.
+    given : (h,)
+    """
+    start, qdd, scratch = np.zeros((3, robot.n))
+    start[held] = given
+    flags, multipliers = robot.held(held), np.zeros(len(robot.lowered.tie_names))
+    if len(multipliers):
+        status = constrained.constrained_dynamics(
+            robot.handle, flags, q, qd, start, tau, qdd, multipliers
+        )
+    else:
+        shift = robot.lowered.diagonals[ARMATURE]
+        status = articulated.articulated_dynamics(
+            robot.handle, shift, flags, q, qd, start, tau, qdd, scratch
+        )
+    raise_status(robot, status, q=q, qd=qd, tau=tau)
+    return qdd, multipliers
 
 
 def forward(robot: HeldModel, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
     """Return accelerations (n,) and multipliers (rows,)."""
-    return _accelerations(robot, q, qd, tau, np.zeros(0, dtype=np.int64), np.zeros(0))
+    return accelerations(robot, q, qd, tau, np.zeros(0, dtype=np.int64), np.zeros(0))
 
 
-def _accelerations(
-    robot: HeldModel, q: Array, qd: Array, tau: Array, held: Int, given: Array
-) -> tuple[Array, Array]:
-    """Return accelerations and multipliers with those of some coordinates given."""
-    rows, axes = jacobian(robot, q)
-    bias = closure_rows(robot, q, qd)[2]
-    start = np.zeros(robot.n)
-    start[held] = given
-    free = np.setdiff1d(np.arange(robot.n), held)
-    force = tau - required_force(robot, q, qd, start, axes)
-    try:
-        factor = scipy.linalg.cho_factor(inertia(robot, q)[np.ix_(free, free)])
-    except np.linalg.LinAlgError as error:
-        raise SolverError(f'{robot.tree.name}: the inertia must be positive definite') from error
-    start[free] = scipy.linalg.cho_solve(factor, force[free])
-    if not len(rows):
-        return start, np.zeros(0)
-    spread = scipy.linalg.cho_solve(factor, rows[:, free].T)
-    wanted = -bias - rows @ start
-    multipliers, residual, rank = least_solution(rows[:, free] @ spread, wanted, RANK**2)
-    size = 1.0 + float(np.abs(bias).max() + np.abs(wanted).max())
-    _require_agreement(robot, residual, size, rank)
-    start[free] += spread @ multipliers
-    return start, multipliers
+def forward_rows(robot: HeldModel, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
+    """Return accelerations (k, n) and multipliers (k, rows) of many states in one call."""
+    qdd, multipliers = np.empty_like(q), np.zeros((len(q), len(robot.lowered.tie_names)))
+    inputs = (np.zeros(robot.n), q, qd, np.zeros_like(q), tau)
+    kernel = constrained.constrained_dynamics_rows
+    if run_rows(robot, kernel, len(q), inputs, (qdd, multipliers)) != GOOD:
+        # the first state that has no answer says why
+        each_row(lambda q, qd, tau: forward(robot, q, qd, tau), q, qd, tau)
+    return qdd, multipliers
 
 
 def inverse_torques(
@@ -128,7 +140,7 @@ def inverse_torques(
     if tau is not None:
         need -= tau
     passive = np.setdiff1d(np.arange(robot.n), actuated)
-    multipliers, residual, _ = least_solution(rows[:, passive].T, need[passive])
+    multipliers, residual = least_solution(rows[:, passive].T, need[passive])
     if np.abs(residual).max(initial=0.0) > AGREEMENT * (1.0 + np.abs(need).max(initial=0.0)):
         worst = int(np.argmax(np.abs(residual)))
         raise StateError(
@@ -151,7 +163,7 @@ def hybrid(
     """Return torques of the actuated coordinates, all accelerations and multipliers."""
     loads = tau.copy()
     loads[actuated] = 0.0
-    qdd, _ = _accelerations(robot, q, qd, loads, actuated, qdd_actuated)
+    qdd, _ = accelerations(robot, q, qd, loads, actuated, qdd_actuated)
     torque, multipliers = inverse_torques(robot, q, qd, qdd, actuated, loads)
     return torque, qdd, multipliers
 
@@ -170,11 +182,21 @@ def require_closed_accelerations(robot: HeldModel, rows: Array, bias: Array, qdd
         )
 
 
-def _require_agreement(robot: HeldModel, residual: Array, size: float, rank: int) -> None:
-    worst = int(np.argmax(np.abs(residual)))
-    if abs(residual[worst]) > AGREEMENT * size:
+def raise_status(robot: HeldModel, status: int, **arguments: Array) -> None:
+    """Raise what the status of a kernel with ties says."""
+    if status not in (CONTRADICTED, OPENED):
+        robot.judge(status, **arguments)
+        return
+    ties = robot.work[int(robot.lowered.ints[0, TIES_WORK]) :]
+    name = robot.lowered.tie_names[int(ties[WORST])]
+    if status == OPENED:
         raise SolverError(
-            f'{robot.tree.name}: the rows of {robot.lowered.tie_names[worst]!r} must not '
-            f'contradict the others, got a singular configuration: rank {rank} of '
-            f'{len(residual)} rows and {residual[worst]:.3g} m/s^2 (or rad/s^2) left'
+            f'{robot.tree.name}: {name!r} must stay closed to {OPEN:g} m (or rad) in a step, got '
+            f'{ties[EXCESS]:.3g}: the state before it is not closed, or the step too long'
         )
+    rows = len(robot.lowered.tie_names)
+    raise SolverError(
+        f'{robot.tree.name}: the rows of {name!r} must not contradict the others, got a singular '
+        f'configuration: rank {int(ties[RANK])} of {rows} rows and {ties[EXCESS]:.3g} m/s^2 (or '
+        'rad/s^2) left'
+    )

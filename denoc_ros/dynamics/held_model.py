@@ -14,7 +14,16 @@ from denoc_ros.dynamics.borders import as_vector, require_finite
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.workspace import Workspace
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels import articulated, closure, composite, inverse, step, world
+from denoc_ros.kernels import (
+    articulated,
+    closing,
+    closure,
+    composite,
+    constrained,
+    inverse,
+    step,
+    world,
+)
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.handle import GOOD, NOT_FINITE, SINGULAR
 from denoc_ros.kernels.layout import MASS, PARENT, REAL
@@ -35,7 +44,12 @@ KERNELS = (
     world.place_bodies,
     step.advance,
 )
-TIE_KERNELS = (closure.closure, closure.closure_jacobian)
+TIE_KERNELS = (
+    closure.closure,
+    closure.closure_jacobian,
+    constrained.constrained_dynamics,
+    closing.advance_tied,
+)
 Held = TypeVar('Held', bound='HeldModel')
 
 
@@ -170,7 +184,8 @@ class HeldModel:
         flags[index] = 1.0
         return flags
 
-    def _indices(self, names: Sequence[str]) -> NDArray[np.int64]:
+    def indices(self, names: Sequence[str]) -> NDArray[np.int64]:
+        """Return where joints stand among the coordinates; StateError for unknown or repeated."""
         unknown = [name for name in names if name not in self.joint_names]
         if unknown or len(set(names)) != len(names):
             raise StateError(

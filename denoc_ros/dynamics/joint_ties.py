@@ -45,26 +45,3 @@ def joint_ties(
         else:
             offsets[row] = factor * held.get(leader, 0.0) + offset
     return ties, offsets, driven
-
-
-def has_mimics(robot: Robot) -> bool:
-    """Say whether a robot has mimic joints."""
-    return any(
-        body.joint is not None and body.joint.mimic is not None for body in robot.tree.bodies
-    )
-
-
-def coordinate_ties(robot: Robot) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Return T (n, r), c (n,) of q = T z + c over the r coordinates that follow no other.
-
-    Also their places (r,) among the n: z = q[places].
-    """
-    ties, offsets, driven = joint_ties(robot, None, {})
-    joints = robot.joint_indices
-    leaders = joints[[robot.joint_names.index(name) for name in driven]]
-    places = np.sort(np.concatenate([leaders, robot.flexible_indices]))
-    matrix, constant = np.zeros((robot.n, len(places))), np.zeros(robot.n)
-    matrix[np.ix_(joints, np.searchsorted(places, leaders))] = ties
-    matrix[robot.flexible_indices, np.searchsorted(places, robot.flexible_indices)] = 1.0
-    constant[joints] = offsets
-    return matrix, constant, places

@@ -154,7 +154,7 @@ class Robot(ConstrainedModel):
         qdd_free : (n - joints,) or (k, n - joints), the other coordinates in order
         """
         names = self.joint_names if joints is None else tuple(joints)
-        index = self._indices(names)
+        index = self.indices(names)
         n = self.n
         q, qd = as_rows('q', q, n), as_rows('qd', qd, n)
         qdd_joints = as_rows('qdd_joints', qdd_joints, len(names))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.errors import SolverError, StateError
+from denoc_ros.dynamics.constraints import raise_status
+from denoc_ros.errors import StateError
 from denoc_ros.kernels.articulated import articulated_dynamics
-from denoc_ros.kernels.handle import ARMATURE, GOOD, MISFIT, SINGULAR
+from denoc_ros.kernels.closing import advance_tied
+from denoc_ros.kernels.constrained import constrained_dynamics
+from denoc_ros.kernels.handle import ARMATURE, GOOD, MISFIT, NOT_FINITE
 from denoc_ros.kernels.step import STEP_ROWS, advance
 
 if TYPE_CHECKING:
@@ -22,66 +26,85 @@ class Stepper:
     """Advances a robot's state by a fixed step; allocates nothing per call.
 
     A Rosenbrock W-method of order 2, linearly implicit in elasticity, damping and friction, so a
-    mode faster than the step stays stable (see :mod:`denoc_ros.kernels.step`).
+    mode faster than the step stays stable (see :mod:`denoc_ros.kernels.step`). Loops stay closed
+    and mimic joints on their leaders: every state it leaves obeys them to rounding.
 
     Parameters
     ----------
     robot : Robot
         Its workspace is used: do not share it with another thread.
     step : float [s]
+    driven : joint names, optional
+        Those whose accelerations :meth:`driven` and :meth:`accelerations` take, in this order;
+        default all. In a robot with loops the other joints follow.
     """
 
-    def __init__(self, robot: Robot, step: float) -> None:
+    def __init__(self, robot: Robot, step: float, driven: Sequence[str] | None = None) -> None:
         if not (np.isfinite(step) and step > 0.0):
             raise StateError(f'step must be > 0 s, got {step}')
         self.robot = robot
         self.step = float(step)
+        self._tied = bool(robot.lowered.tie_names)
+        self._kernel = advance_tied if self._tied else advance
         self._steps = np.zeros((STEP_ROWS, robot.n))
-        self._zero = np.zeros(robot.n)
-        self._given = np.zeros(robot.n)
-        self._held = robot.held(robot.joint_indices)
+        self._zero, self._given, self._torque = np.zeros((3, robot.n))
+        self._multipliers = np.zeros(len(robot.lowered.tie_names))
+        self._driven = robot.indices(robot.joint_names if driven is None else driven)
+        self._held = robot.held(self._driven)
         self._armature = robot.lowered.diagonals[ARMATURE].copy()
-        self._torque = np.zeros(robot.n)
 
     def free(self, q: Array, qd: Array, tau: Array) -> None:
         """Advance q and qd (n,) in place under generalized forces tau (n,), held over the step.
+
+        Mimic joints are placed by their leaders, whatever q and qd say of them.
 
         Raises
         ------
         StateError
             A number is not finite; q and qd are then as they were.
+        SolverError
+            The inertia is not positive definite; a loop is not closed before the step, or cannot
+            be kept closed in it.
         """
         self._advance(self._zero, q, qd, self._zero, tau)
 
-    def driven(self, q: Array, qd: Array, qdd_joints: Array, tau: Array | None = None) -> None:
-        """Advance q and qd (n,) in place with the joints' accelerations (joints,) given.
+    def driven(self, q: Array, qd: Array, qdd_driven: Array, tau: Array | None = None) -> None:
+        """Advance q and qd (n,) in place with the driven joints' accelerations (driven,) given.
 
-        Joints move with constant acceleration over the step, amplitudes by their dynamics, under
-        generalized forces tau (n,) if given, of which those of joints do not matter.
+        These joints move with constant acceleration over the step, all else by its dynamics, under
+        generalized forces tau (n,) if given, of which those of driven joints do not matter.
         """
-        self._given[self.robot.joint_indices] = qdd_joints
+        self._given[self._driven] = qdd_driven
         force = self._zero if tau is None else tau
         self._advance(self._held, q, qd, self._given, force)
 
-    def accelerations(self, q: Array, qd: Array, qdd_joints: Array, out: Array) -> None:
-        """Write the accelerations (n,) at a state with those of the joints given.
+    def accelerations(self, q: Array, qd: Array, qdd_driven: Array, out: Array) -> None:
+        """Write the accelerations (n,) at a state with those of the driven joints given.
 
         Raises
         ------
         StateError
             A number is not finite.
         """
-        self._given[self.robot.joint_indices] = qdd_joints
-        status = articulated_dynamics(
-            self.robot.handle, self._armature, self._held, q, qd,
-            self._given, self._zero, out, self._torque,
-        )  # fmt: skip
+        self._given[self._driven] = qdd_driven
+        robot, given = self.robot, self._given
+        if self._tied:
+            status = constrained_dynamics(
+                robot.handle, self._held, q, qd, given, self._zero, out, self._multipliers
+            )
+        else:
+            status = articulated_dynamics(
+                robot.handle, self._armature, self._held, q, qd, given, self._zero, out,
+                self._torque,
+            )  # fmt: skip
         self._judge(status, q, qd, out)
-        out[self.robot.joint_indices] = qdd_joints
+        out[self._driven] = qdd_driven
 
     def _advance(self, held: Array, q: Array, qd: Array, given: Array, tau: Array) -> None:
         try:
-            status = advance(self.robot.handle, self._steps, held, self.step, q, qd, given, tau)
+            status = self._kernel(
+                self.robot.handle, self._steps, held, self.step, q, qd, given, tau
+            )
         except TypeError:
             status = MISFIT
         self._judge(status, q, qd, tau)
@@ -89,11 +112,11 @@ class Stepper:
     def _judge(self, status: int, *arrays: Array) -> None:
         if status == GOOD:
             return
-        if status == SINGULAR:
-            raise SolverError(f'{self.robot.tree.name}: the inertia must be positive definite')
         if status == MISFIT:
             raise StateError(
                 f'states and forces must be float64 arrays of shape ({self.robot.n},), got '
                 + ', '.join(str(np.shape(array)) for array in arrays)
             )
-        raise StateError('state, acceleration and torque must be finite, got one that is not')
+        if status == NOT_FINITE:
+            raise StateError('state, acceleration and torque must be finite, got one that is not')
+        raise_status(self.robot, status)

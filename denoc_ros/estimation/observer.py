@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.tied_stepper import stepper_of
+from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.estimation.fusion import FusionSettings, StrainFusion
 from denoc_ros.estimation.tracking import TrackingFilter
@@ -123,7 +123,7 @@ class Observer:
     def __init__(self, robot: Robot, settings: ObserverSettings) -> None:
         self.settings = settings
         self.robot = robot.copy()
-        self._stepper = stepper_of(robot.copy(), settings.step)
+        self._stepper = Stepper(robot.copy(), settings.step)
         self._joints = np.asarray(robot.joint_indices, dtype=np.intp)
         self._flexible = np.setdiff1d(np.arange(robot.n), self._joints)
         self._inertia = np.zeros((robot.n, robot.n))

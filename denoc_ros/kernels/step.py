@@ -4,7 +4,9 @@ Rosenbrock W-method of order 2 (Verwer's ROS2, gamma = 1 - 1/sqrt 2, L-stable) f
 y = (q, v)' = (v, I^-1 (tau - h)), with the approximate Jacobian [0 1; -I^-1 K, -I^-1 C], K and C
 the constant diagonals (and the slope of Coulomb friction). Order 2 holds for any such matrix.
 Eliminating positions leaves, per stage, I + gamma dt C + (gamma dt)^2 K: the recursion with a
-shift on its diagonal, so a mode much faster than the step costs nothing and stays stable.
+shift on its diagonal, so a mode much faster than the step costs nothing and stays stable. With
+ties (loops, mimic joints) both stages are constrained dynamics, and the new state is brought back
+onto the ties (see closing).
 """
 
 import numpy as np
@@ -27,8 +29,15 @@ from denoc_ros.kernels.handle import (
 from denoc_ros.kernels.layout import COORDINATE, JOINT, SLIP_RATE
 
 GAMMA = 1.0 - np.sqrt(0.5)
+FIRST_STAGE = 1
+SECOND_STAGE = 2
 
-# rows of the (8, n) step workspace
+ADVANCE = (
+    'int64(int64, float64[:, ::1], float64[::1], float64, float64[::1], float64[::1], '
+    'float64[::1], float64[::1])'
+)
+
+# rows of the step workspace, n elements each
 SHIFT = 0
 DRIVE = 1
 RATE = 2  # k1 of the rates
@@ -37,7 +46,10 @@ STAGE_QD = 4
 STAGE_RATE = 5
 TORQUE = 6
 GIVEN = 7
-STEP_ROWS = 8
+START_Q = 8  # the state and the given accelerations with mimic joints on their leaders
+START_QD = 9
+START_GIVEN = 10
+STEP_ROWS = 11
 
 
 @inlined
@@ -50,10 +62,16 @@ def hold(ints, bodies, held, source, target):
 
 
 @inlined
-def take_step(handle, steps, held, dt, q, qd, given, tau):
-    """Advance q and q' by dt in place; held joints have the acceleration given throughout.
+def open_stage(handle, _stage, _g, shift, held, q, qd, given, tau, qdd, torque):
+    """Write the accelerations of a stage without ties."""
+    return find_articulated(handle, shift, held, q, qd, given, tau, qdd, torque)
 
-    Returns the status of the forward dynamics; the state is left as it was unless that is good.
+
+@inlined
+def take_step(accelerate, handle, steps, held, dt, q, qd, given, tau):
+    """Write the state after dt to the stage's rows of steps; return the dynamics' status.
+
+    Held joints have the acceleration given throughout; accelerate writes those of a stage.
     """
     ints, reals, _work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
@@ -75,7 +93,7 @@ def take_step(handle, steps, held, dt, q, qd, given, tau):
         wanted[j] = 0.0
         drive[j] = tau[j] - g * diagonals[STIFFNESS][j] * qd[j]
     hold(ints, bodies, held, given, wanted)
-    status = find_articulated(handle, shift, held, q, qd, wanted, drive, k1, torque)
+    status = accelerate(handle, FIRST_STAGE, g, shift, held, q, qd, wanted, drive, k1, torque)
     if status != GOOD:
         return status
     for j in range(n):
@@ -87,30 +105,49 @@ def take_step(handle, steps, held, dt, q, qd, given, tau):
         residual = stage_qd[j] - 2.0 * k1q
         implicit = shift[j] - diagonals[ARMATURE][j]
         drive[j] = tau[j] - g * diagonals[STIFFNESS][j] * residual + 2.0 * implicit * k1[j]
-    status = find_articulated(handle, shift, held, stage_q, stage_qd, wanted, drive, w, torque)
+    status = accelerate(
+        handle, SECOND_STAGE, g, shift, held, stage_q, stage_qd, wanted, drive, w, torque
+    )
     if status != GOOD:
         return status
     for j in range(n):
+        if held[j] != 0.0:
+            continue
         k1q = qd[j] + g * k1[j]
         k2 = w[j] - 2.0 * k1[j]
         k2q = stage_qd[j] - 2.0 * k1q + g * k2
-        q[j] += dt * (1.5 * k1q + 0.5 * k2q)
-        qd[j] += dt * (1.5 * k1[j] + 0.5 * k2)
-    hold(ints, bodies, held, stage_q, q)
-    hold(ints, bodies, held, stage_qd, qd)
+        stage_q[j] = q[j] + dt * (1.5 * k1q + 0.5 * k2q)
+        stage_qd[j] = qd[j] + dt * (1.5 * k1[j] + 0.5 * k2)
     return GOOD
 
 
-@kernel(
-    'int64(int64, float64[:, ::1], float64[::1], float64, float64[::1], float64[::1], '
-    'float64[::1], float64[::1])'
-)
+@inlined
+def copy(n, source, target):
+    """Copy n elements."""
+    for j in range(n):
+        target[j] = source[j]
+
+
+@inlined
+def adopt(n, steps, q, qd):
+    """Take over the state that a step has written."""
+    copy(n, beyond(steps, STAGE_Q * n), q)
+    copy(n, beyond(steps, STAGE_QD * n), qd)
+
+
+@kernel(ADVANCE)
 def advance(handle, steps, held, dt, q, qd, given, tau):
-    """Do what :func:`take_step` does, with arrays of fitting sizes."""
+    """Advance q and q' by dt in place; held joints have the acceleration given throughout.
+
+    Returns the status of the forward dynamics; the state is left as it was unless that is good.
+    """
     n = coordinates(handle)
     if q.shape[0] != n or qd.shape[0] != n or given.shape[0] != n or tau.shape[0] != n:
         return MISFIT
-    return take_step(
-        handle, elements(steps), elements(held), dt, elements(q), elements(qd),
+    status = take_step(
+        open_stage, handle, elements(steps), elements(held), dt, elements(q), elements(qd),
         elements(given), elements(tau),
     )  # fmt: skip
+    if status == GOOD:
+        adopt(n, elements(steps), elements(q), elements(qd))
+    return status

@@ -1,15 +1,22 @@
-"""The way of multipliers' unit wrenches inward: columns of J^T, and of U^-1 J^T (see articulated).
+"""The way of multipliers' unit wrenches inward: rows of J, and columns y of U^-1 J^T.
 
-A wrench only visits the bodies that carry it: both sides of a loop go their own way to the body
+With the factors that articulated dynamics leaves in the workspace, a load w (wrenches on bodies,
+forces along joints) has y = L^-1 P^T w on every body, whose carrier gets what W y leaves of it. A
+wrench only visits the bodies that carry it: both sides of a loop go their own way to the body
 where they meet, and what the elimination leaves of them goes on from there together.
 """
 
+import numpy as np
+
+from denoc_ros.kernels.articulated import free_joint
 from denoc_ros.kernels.compiled import inlined
+from denoc_ros.kernels.flexible_elimination import solve_lower
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
     ARM,
     COLUMNS,
     COORDINATE,
+    ELIMINATED,
     JOINT,
     MODES,
     PARENT,
@@ -20,9 +27,20 @@ from denoc_ros.kernels.layout import (
 )
 from denoc_ros.kernels.rigid_elimination import along_joint
 from denoc_ros.kernels.tie_layout import (
+    ANGULAR,
+    AXIS_ROW,
+    CHILD,
+    CONSTANTS,
+    KIND,
+    LINEAR,
     LOADS,
+    MEETING,
+    MIMIC,
+    MULTIPLIER,
+    OTHER,
     REACH,
     RELATIVE,
+    ROW,
     TIE_VECTORS,
     VECTORS,
 )
@@ -93,3 +111,109 @@ def project_side(ints, reals, work, i, meeting, loads, rows, out, o, n):
         if i == meeting:
             return
         project(ints, reals, work, i, loads, rows, out, o, n)
+
+
+@inlined
+def eliminate(ints, reals, work, held, p, loads, rows, o, n):
+    """Write the columns y of body p for loads on it, and take W y from the loads."""
+    j = o + at(ints, p, COORDINATE)
+    m = at(ints, p, MODES)
+    free = free_joint(ints, held, p)
+    size = free + m
+    w = at(ints, p, ELIMINATED)
+    if at(ints, p, JOINT) > free:
+        for k in range(rows):
+            work[j + n * k] = 0.0
+        j += 1
+    if m == 0 and free == 1:
+        force = load(work, w)
+        torque = load(work, w + 3)
+        inverse = work[w + 7]
+        root = np.sqrt(inverse)
+        for k in range(rows):
+            c = loads + 6 * k
+            f = load(work, c)
+            t = load(work, c + 3)
+            x = work[j + n * k] + along_joint(ints, reals, p, f, t)
+            work[j + n * k] = root * x
+            store(work, c, add(f, scale(-inverse * x, force)))
+            store(work, c + 3, add(t, scale(-inverse * x, torque)))
+    elif m > 0:
+        for k in range(rows):
+            c = loads + 6 * k
+            y = j + n * k
+            if free == 1:
+                work[y] += along_joint(ints, reals, p, load(work, c), load(work, c + 3))
+            solve_lower(work, w + 6 * size, size, y)
+            for r in range(6):
+                taken = 0.0
+                for i in range(size):
+                    taken += work[w + size * r + i] * work[y + i]
+                work[c + r] -= taken
+
+
+@inlined
+def climb(ints, reals, work, held, i, stop, loads, rows, o, n):
+    """Take loads on body i inward, eliminating, until they act on the body `stop`."""
+    while i != stop:
+        eliminate(ints, reals, work, held, i, loads, rows, o, n)
+        if at(ints, i, PARENT) > 0:
+            carry(ints, work, i, loads, rows, work, o, n)
+        i = at(ints, i, PARENT)
+
+
+@inlined
+def climb_together(ints, reals, work, held, tie, t, child, other, rows, o, n):
+    """Take the loads of both sides of a tie from their bodies to the base."""
+    meeting = at(ints, tie, MEETING)
+    loads = t + LOADS
+    climb(ints, reals, work, held, child, meeting, loads, rows, o, n)
+    climb(ints, reals, work, held, other, meeting, loads + SIDE, rows, o, n)
+    for k in range(6 * rows):
+        work[loads + k] += work[loads + SIDE + k]
+    climb(ints, reals, work, held, meeting, 0, loads, rows, o, n)
+
+
+@inlined
+def loop_columns(ints, reals, work, held, tie, t, rows, first, count, columns, n):
+    """Write the columns of rows first .. first + count - 1 of a loop."""
+    load_sides(ints, work, tie, t, rows, first, count)
+    o = columns + n * first
+    child = at(ints, tie, CHILD)
+    other = at(ints, tie, OTHER)
+    if at(ints, child, PARENT) > 0:
+        carry(ints, work, child, t + LOADS, count, work, o, n)
+    if at(ints, other, PARENT) > 0:
+        carry(ints, work, other, t + LOADS + SIDE, count, work, o, n)
+    child = at(ints, child, PARENT)
+    other = at(ints, other, PARENT)
+    climb_together(ints, reals, work, held, tie, t, child, other, count, o, n)
+
+
+@inlined
+def mimic_column(ints, reals, work, held, tie, t, columns, n):
+    """Write the column of a mimic joint's row."""
+    o = columns + n * at(ints, tie, ROW)
+    child = at(ints, tie, CHILD)
+    leader = at(ints, tie, OTHER)
+    for k in range(6):
+        work[t + LOADS + k] = 0.0
+        work[t + LOADS + SIDE + k] = 0.0
+    work[o + at(ints, child, COORDINATE)] = 1.0
+    factor = reals[at(ints, tie, CONSTANTS) + MULTIPLIER]
+    work[o + at(ints, leader, COORDINATE)] -= factor
+    climb_together(ints, reals, work, held, tie, t, child, leader, 1, o, n)
+
+
+@inlined
+def tie_columns(ints, reals, work, held, tie, t, rows, columns, n):
+    """Write the columns of a tie whose rows stand in the workspace; they must be zero before."""
+    if at(ints, tie, KIND) == MIMIC:
+        mimic_column(ints, reals, work, held, tie, t, columns, n)
+        return
+    first = at(ints, tie, ROW)
+    count = at(ints, tie, LINEAR) + at(ints, tie, ANGULAR)
+    loop_columns(ints, reals, work, held, tie, t, rows, first, count, columns, n)
+    if at(ints, tie, AXIS_ROW) > 0:
+        first = at(ints, tie, AXIS_ROW)
+        loop_columns(ints, reals, work, held, tie, t, rows, first, 1, columns, n)

@@ -55,17 +55,19 @@ ERROR = 0
 RATE = 1
 BIAS = 2
 MULTIPLIERS = 3
-WANTED = 4
+WANTED = 4  # what the rows must do, then what they did
 SCALE = 5
 ORDER = 6
 LEFT = 7
 PART = 8
-TIE_VECTORS = 9
-# then the wrenches (6 per row) in the parent's loop frame, at the child's origin; the columns
-# y (rows, n) of U^-1 J^T; their products (rows, rows); two factors (rows, rows)
+PUSH = 9  # forces along free axes beside their damping and friction
+SLOPE = 10  # damping of free axes, with the slope of their friction
+TIE_VECTORS = 11
+# then the wrenches (6 per row) in the parent's loop frame, at the child's origin; y (n) of the
+# loads; its columns (rows, n) of the rows; their products (rows, rows); two factors (rows, rows)
 
 
 def work_size(rows: int, axis_rows: int, n: int) -> int:
     """Return the size of the ties' workspace for n coordinates."""
     total = rows + axis_rows
-    return VECTORS + total * (TIE_VECTORS + 6 + n + 3 * total)
+    return VECTORS + total * (TIE_VECTORS + 6 + n + 3 * total) + n

@@ -18,7 +18,6 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.feedback import with_joint_feedback
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.dynamics.tied_stepper import stepper_of
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import LATCHED, STATE
 from denoc_ros.nodes.conversions import CommandReader, read_trajectory
@@ -84,7 +83,7 @@ class PlantNode(RobotNode):
     def _build(self, robot: Robot, settings: Settings) -> Physics:
         """Return what moves a robot, every path of the tick taken once."""
         held = with_joint_feedback(robot, self._index, self._kp, self._kd)
-        stepper, feedback = stepper_of(robot, self.period), stepper_of(held, self.period)
+        stepper, feedback = Stepper(robot, self.period), Stepper(held, self.period)
         start = self._start(robot, settings)
         q, qd = start.copy(), np.zeros(robot.n)
         stepper.driven(q, qd, self._still)

@@ -8,11 +8,9 @@ import numpy as np
 import pinocchio
 import pytest
 from numpy.typing import NDArray
-from planar_chains import PlanarLink, planar_chain
 
 import denoc_ros as dn
 from denoc_ros.dynamics.feedback import with_joint_feedback
-from denoc_ros.dynamics.tied_stepper import TiedStepper, stepper_of
 
 Array = NDArray[np.float64]
 ROBOTS = Path(pinocchio.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
@@ -88,7 +86,7 @@ def test_free_step_converges_with_order_two_on_the_ties() -> None:
     ).q[-1]
     errors = []
     for step in (4e-4, 2e-4, 1e-4):
-        q, _ = march(TiedStepper(robot.copy(), step), 0.1, q0, rest, tau)
+        q, _ = march(dn.Stepper(robot.copy(), step), 0.1, q0, rest, tau)
         assert tied(robot, q) < 1e-12
         errors.append(np.max(np.abs(q - exact)))
     assert np.all(np.log2(np.array(errors[:-1]) / errors[1:]) > 1.8), errors
@@ -107,7 +105,7 @@ def test_a_hand_moves_as_the_adaptive_integrator_says() -> None:
     exact = dn.simulate(robot, q0, rest, np.array([0.0, 0.2]), torque=lambda *_: tau, rtol=1e-10)
     errors = []
     for step in (2e-3, 1e-3):
-        q, qd = march(stepper_of(robot.copy(), step), 0.2, q0, rest, tau)
+        q, qd = march(dn.Stepper(robot.copy(), step), 0.2, q0, rest, tau)
         assert abs(q[fingers[1]] - q[fingers[0]]) < 1e-12
         assert abs(qd[fingers[1]] - qd[fingers[0]]) < 1e-12
         errors.append(np.max(np.abs(q - exact.q[-1])))
@@ -122,14 +120,14 @@ def test_stiff_feedback_on_a_leader_stays_stable() -> None:
     q, rest = start(robot), np.zeros(robot.n)
     tau = np.zeros(robot.n)
     tau[leaders] = 1e6 * q[leaders]
-    q, _ = march(TiedStepper(stiff, 2e-3), 1.0, q, rest, tau)
+    q, _ = march(dn.Stepper(stiff, 2e-3), 1.0, q, rest, tau)
     np.testing.assert_allclose(q[leaders], [-0.5, 0.3], atol=1e-4)
     assert tied(robot, q) < 1e-12
 
 
 def test_driven_joints_keep_their_ties() -> None:
     robot = gripper()
-    stepper = TiedStepper(robot, 1e-3)
+    stepper = dn.Stepper(robot, 1e-3)
     q, qd = start(robot), np.zeros(robot.n)
     for _ in range(1000):
         stepper.driven(q, qd, np.array([0.1, 0.4, -0.6, -0.3]))
@@ -138,24 +136,10 @@ def test_driven_joints_keep_their_ties() -> None:
     assert q[left] == pytest.approx(0.3 + 0.2, abs=1e-12)
 
 
-def test_a_robot_without_mimic_joints_has_the_plain_step() -> None:
-    chain = planar_chain([PlanarLink(1.0, 1.0, 50.0)] * 2, 1, damping_ratio=0.1)
-    robot = dn.load_robot(chain, gravity=(0.0, -9.81, 0.0)).with_overrides(
-        {'joint.joint_1.friction': 0.5, 'joint.joint_2.armature': 0.1}
-    )
-    assert type(stepper_of(robot, 1e-3)) is dn.Stepper
-    # which is the same method: without ties the two agree to rounding
-    rest, tau = np.zeros(robot.n), np.linspace(-1.0, 2.0, robot.n)
-    plain = march(dn.Stepper(robot.copy(), 1e-3), 0.3, rest, rest, tau)
-    tied_ones = march(TiedStepper(robot.copy(), 1e-3), 0.3, rest, rest, tau)
-    np.testing.assert_allclose(tied_ones, plain, rtol=1e-9, atol=1e-12)
-    assert type(stepper_of(gripper(), 1e-3)) is TiedStepper
-
-
 def test_state_is_untouched_by_a_step_that_is_refused() -> None:
     robot = gripper()
     q, qd = start(robot), np.zeros(robot.n)
     for tau in (np.full(robot.n, np.nan), np.zeros(robot.n - 1)):
         with pytest.raises(dn.StateError, match='must be'):
-            TiedStepper(robot, 1e-3).free(q, qd, tau)
+            dn.Stepper(robot, 1e-3).free(q, qd, tau)
         np.testing.assert_array_equal(q, start(robot))

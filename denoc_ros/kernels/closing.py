@@ -1,0 +1,157 @@
+"""The fixed step of robots with loops and mimic joints: the new state is brought back onto them.
+
+The way back is the least one in the metric of the step's own inertia, whose factors and columns
+the second stage has left: dq = -I^-1 J^T (J I^-1 J^T)^-1 e, and the same for rates. They are those
+of a state that is off by dt^2, so every pass makes the error smaller by as much.
+"""
+
+from denoc_ros.kernels.articulated import outward_accelerations
+from denoc_ros.kernels.closure import all_rows, move_bodies, tie_rows, ties
+from denoc_ros.kernels.compiled import inlined, kernel
+from denoc_ros.kernels.constrained import add_rows, find_constrained, give_loads
+from denoc_ros.kernels.handle import (
+    GOOD,
+    MISFIT,
+    ZERO,
+    at,
+    beyond,
+    coordinates,
+    elements,
+    model_arrays,
+)
+from denoc_ros.kernels.layout import COORDINATE
+from denoc_ros.kernels.multipliers import columns_of, solve_rows, vector
+from denoc_ros.kernels.step import (
+    ADVANCE,
+    DRIVE,
+    STAGE_Q,
+    STAGE_QD,
+    START_GIVEN,
+    START_Q,
+    START_QD,
+    adopt,
+    copy,
+    take_step,
+)
+from denoc_ros.kernels.tie_layout import (
+    CHILD,
+    CONSTANTS,
+    ERROR,
+    EXCESS,
+    KIND,
+    MIMIC,
+    MULTIPLIER,
+    OFFSET,
+    OTHER,
+    RATE,
+    ROWS,
+    TIES,
+    TIES_WORK,
+    WANTED,
+    WORST,
+)
+from denoc_ros.kernels.vector import all_finite
+
+OPENED = 5  # a status: the loops cannot be brought together again
+PASSES = 6  # two do it, unless the step is far too long
+CLOSED = 1e-12  # m, rad and per second: what ends the passes
+OPEN = 1e-6  # m, rad: what is no closed loop
+
+
+@inlined
+def follow(ints, reals, values, shifted):
+    """Put mimic joints on their leaders; shifted is 1 for positions, 0 for their rates."""
+    # as often as there are ties: a leader may itself be a mimic joint that stands later
+    for _ in range(at(ints, 0, TIES)):
+        for tie in ties(ints):
+            if at(ints, tie, KIND) == MIMIC:
+                j = at(ints, at(ints, tie, CHILD), COORDINATE)
+                leader = at(ints, at(ints, tie, OTHER), COORDINATE)
+                c = at(ints, tie, CONSTANTS)
+                values[j] = reals[c + MULTIPLIER] * values[leader] + shifted * reals[c + OFFSET]
+
+
+@inlined
+def correct(ints, reals, work, held, bodies, t, rows, n, which, values, zero, change):
+    """Take the least change from values that undoes a vector of errors over the rows."""
+    hard = at(ints, 0, ROWS)
+    y = columns_of(t, rows, n) - n
+    for k in range(rows):
+        error = work[vector(t, rows, which) + k]
+        work[vector(t, rows, WANTED) + k] = -error if k < hard else 0.0
+    solve_rows(work, t, rows, rows, n)
+    for j in range(n):
+        work[y + j] = 0.0
+    add_rows(work, t, rows, 0, rows, n, y)
+    give_loads(ints, work, held, bodies, y)
+    outward_accelerations(ints, reals, work, held, bodies, zero, change)
+    for j in range(n):
+        values[j] += change[j]
+
+
+@inlined
+def worst_of(work, t, rows, hard, which):
+    """Write the greatest of a vector of errors over the rows and its row; return it."""
+    worst = 0.0
+    for k in range(hard):
+        error = abs(work[vector(t, rows, which) + k])
+        if not error <= worst:
+            worst = error
+            work[t + WORST] = k
+    work[t + EXCESS] = worst
+    return worst
+
+
+@inlined
+def close_ties(handle, held, q, qd, change):
+    """Bring q and q' (n) back onto the ties with the factors of the last stage."""
+    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    n = coordinates(handle)
+    zero = diagonals[ZERO]
+    t = at(ints, 0, TIES_WORK)
+    rows = all_rows(ints)
+    hard = at(ints, 0, ROWS)
+    for _ in range(PASSES):
+        move_bodies(ints, reals, work, bodies, q, qd, zero)
+        for tie in ties(ints):
+            tie_rows(ints, reals, work, q, qd, zero, zero, tie, t, rows)
+        rate = worst_of(work, t, rows, hard, RATE)
+        error = worst_of(work, t, rows, hard, ERROR)
+        if error <= CLOSED and rate <= CLOSED:
+            return GOOD
+        correct(ints, reals, work, held, bodies, t, rows, n, ERROR, q, zero, change)
+        correct(ints, reals, work, held, bodies, t, rows, n, RATE, qd, zero, change)
+    return GOOD if error <= OPEN and all_finite(q, n) and all_finite(qd, n) else OPENED
+
+
+@kernel(ADVANCE)
+def advance_tied(handle, steps, held, dt, q, qd, given, tau):
+    """Do what step.advance does, on the ties of a robot that has some.
+
+    Mimic joints are placed by their leaders, whatever q, q' and given say of them.
+    """
+    n = coordinates(handle)
+    if q.shape[0] != n or qd.shape[0] != n or given.shape[0] != n or tau.shape[0] != n:
+        return MISFIT
+    ints, reals, _work, _diagonals, _bodies = model_arrays(handle)
+    rows, flags = elements(steps), elements(held)
+    start_q, start_qd = beyond(rows, START_Q * n), beyond(rows, START_QD * n)
+    start_given = beyond(rows, START_GIVEN * n)
+    copy(n, elements(q), start_q)
+    copy(n, elements(qd), start_qd)
+    copy(n, elements(given), start_given)
+    follow(ints, reals, start_q, 1.0)
+    follow(ints, reals, start_qd, 0.0)
+    follow(ints, reals, start_given, 0.0)
+    status = take_step(
+        find_constrained, handle, rows, flags, dt, start_q, start_qd, start_given, elements(tau)
+    )
+    if status != GOOD:
+        return status
+    new_q, new_qd = beyond(rows, STAGE_Q * n), beyond(rows, STAGE_QD * n)
+    status = close_ties(handle, flags, new_q, new_qd, beyond(rows, DRIVE * n))
+    if status == GOOD:
+        follow(ints, reals, new_q, 1.0)
+        follow(ints, reals, new_qd, 0.0)
+        adopt(n, rows, elements(q), elements(qd))
+    return status

@@ -1,0 +1,259 @@
+"""Dynamics of robots with loops and mimic joints (section 5.1), by the open tree's UDU^T.
+
+I q'' = tau - h + J^T lambda with J q'' = -J' q'. With y = L^-1 U^-1 (tau - h) (see articulated)
+and Y = L^-1 U^-1 J^T, J I^-1 J^T = Y^T Y and J I^-1 (tau - h) = Y^T y: one factorization and one
+way outward with y + Y lambda serve everything; no inertia matrix, no J.
+"""
+
+import numpy as np
+
+from denoc_ros.kernels.articulated import (
+    free_joint,
+    inward_articulated,
+    outward_accelerations,
+)
+from denoc_ros.kernels.closure import all_rows, tie_rows, ties
+from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.handle import (
+    ARMATURE,
+    GOOD,
+    NOT_FINITE,
+    SCRATCH,
+    SINGULAR,
+    ZERO,
+    at,
+    beyond,
+    coordinates,
+    elements,
+    model_arrays,
+)
+from denoc_ros.kernels.internal import internal_force
+from denoc_ros.kernels.inverse import outward_motion
+from denoc_ros.kernels.layout import COORDINATE, ELIMINATED, JOINT, MODES, SLIP_RATE
+from denoc_ros.kernels.motion import linear_velocity
+from denoc_ros.kernels.multipliers import (
+    columns_of,
+    factor_products,
+    solve_rows,
+    vector,
+    write_products,
+)
+from denoc_ros.kernels.step import FIRST_STAGE, SECOND_STAGE
+from denoc_ros.kernels.tie_columns import tie_columns
+from denoc_ros.kernels.tie_layout import (
+    AXIS_ROW,
+    BIAS,
+    CONSTANTS,
+    DAMPING,
+    FRICTION,
+    KIND,
+    MIMIC,
+    MULTIPLIERS,
+    PUSH,
+    RATE,
+    ROWS,
+    SLOPE,
+    TIES_WORK,
+    WANTED,
+)
+from denoc_ros.kernels.vector import all_finite
+
+CONTRADICTED = 4  # a status: no accelerations obey all rows
+
+# Free axes with damping or friction are taken as forces, or in the stages of a step (FIRST_STAGE,
+# SECOND_STAGE) implicitly: with the slope of the first.
+EXPLICIT = 0
+
+
+@inlined
+def take_loads(ints, work, held, bodies, y):
+    """Copy what the inward pass left of the loads to y (n), as the columns have it."""
+    for i in range(1, bodies + 1):
+        free = free_joint(ints, held, i)
+        m = at(ints, i, MODES)
+        j = y + at(ints, i, COORDINATE)
+        w = at(ints, i, ELIMINATED)
+        if at(ints, i, JOINT) > free:
+            work[j] = 0.0
+            j += 1
+        if m > 0:
+            size = free + m
+            for k in range(size):
+                work[j + k] = work[w + 6 * size + size * size + k]
+        elif free == 1:
+            work[j] = work[w + 6] / np.sqrt(work[w + 7])
+
+
+@inlined
+def give_loads(ints, work, held, bodies, y):
+    """Copy y (n) to where the outward pass looks for it."""
+    for i in range(1, bodies + 1):
+        free = free_joint(ints, held, i)
+        m = at(ints, i, MODES)
+        j = y + at(ints, i, COORDINATE) + at(ints, i, JOINT) - free
+        w = at(ints, i, ELIMINATED)
+        if m > 0:
+            size = free + m
+            for k in range(size):
+                work[w + 6 * size + size * size + k] = work[j + k]
+        elif free == 1:
+            work[w + 6] = work[j] * np.sqrt(work[w + 7])
+
+
+@inlined
+def add_rows(work, t, rows, first, last, n, y):
+    """Add the multipliers' columns of rows first .. last - 1 to y (n)."""
+    columns = columns_of(t, rows, n)
+    for k in range(first, last):
+        u = work[vector(t, rows, MULTIPLIERS) + k]
+        for j in range(n):
+            work[y + j] += u * work[columns + n * k + j]
+
+
+@inlined
+def want(work, t, rows, k, y, n, bias):
+    """Write what row k wants of its multipliers: -bias less what y does to it."""
+    column = columns_of(t, rows, n) + n * k
+    u = -bias
+    for j in range(n):
+        u -= work[column + j] * work[y + j]
+    work[vector(t, rows, WANTED) + k] = u
+
+
+@inlined
+def resist(ints, reals, work, t, rows, stage):
+    """Write the forces of damping and friction along free axes as multipliers, and their slope."""
+    for tie in ties(ints):
+        k = at(ints, tie, AXIS_ROW)
+        if at(ints, tie, KIND) == MIMIC or k == 0:
+            continue
+        c = at(ints, tie, CONSTANTS)
+        rate = work[vector(t, rows, RATE) + k]
+        slip = np.tanh(rate / reals[SLIP_RATE])
+        force = reals[c + DAMPING] * rate + reals[c + FRICTION] * slip
+        push = work[vector(t, rows, PUSH) + k] if stage == SECOND_STAGE else 0.0
+        work[vector(t, rows, MULTIPLIERS) + k] = push - force
+        if stage == FIRST_STAGE:
+            slope = reals[c + FRICTION] / reals[SLIP_RATE] * (1.0 - slip * slip)
+            work[vector(t, rows, SLOPE) + k] = reals[c + DAMPING] + slope
+
+
+@inlined
+def write_columns(ints, reals, work, held, bodies, q, qd, given, zero, t, rows, n):
+    """Write all rows and their columns after an inward pass at this state."""
+    columns = columns_of(t, rows, n)
+    for k in range(rows * n):
+        work[columns + k] = 0.0
+    for i in range(1, bodies + 1):
+        linear_velocity(ints, reals, work, qd, i)
+    for tie in ties(ints):
+        tie_rows(ints, reals, work, q, qd, given, zero, tie, t, rows)
+        tie_columns(ints, reals, work, held, tie, t, rows, columns, n)
+
+
+@inlined
+def soften(work, t, rows, hard, n, g):
+    """Add to the products what lets free axes give way to g times their damping."""
+    products = columns_of(t, rows, n) + rows * n
+    for k in range(hard, rows):
+        slope = work[vector(t, rows, SLOPE) + k]
+        # an axis that slips freely is left to itself: its multiplier is nothing to speak of
+        work[products + (rows + 1) * k] += 1.0 / max(g * slope, 1e-300)
+
+
+@inlined
+def find_multipliers(ints, reals, work, t, rows, n, y, stage, g):
+    """Write the multipliers for loads y, and add to y what they do; say whether rows agree."""
+    hard = at(ints, 0, ROWS)
+    count = hard if stage == EXPLICIT else rows
+    columns = columns_of(t, rows, n)
+    resist(ints, reals, work, t, rows, stage)
+    add_rows(work, t, rows, hard, rows, n, y)
+    write_products(work, columns, columns + rows * n, rows, count, n)
+    if stage != EXPLICIT:
+        soften(work, t, rows, hard, n, g)
+    factor_products(work, t, rows, count, hard, n)
+    for k in range(count):
+        want(work, t, rows, k, y, n, work[vector(t, rows, BIAS) + k] if k < hard else 0.0)
+    good = solve_rows(work, t, rows, count, n)
+    add_rows(work, t, rows, 0, count, n, y)
+    if stage == FIRST_STAGE:
+        for k in range(hard, rows):
+            multiplier = work[vector(t, rows, MULTIPLIERS) + k]
+            work[vector(t, rows, PUSH) + k] = -2.0 * multiplier
+    return good
+
+
+@shared
+def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd, drive):
+    """Write q'' (n) with all ties kept; their multipliers stay in the workspace.
+
+    As articulated.find_articulated, without torques; drive (n) is scratch. In a time step's stages
+    g times the damping of free axes stands beside the inertia, as shift does.
+    """
+    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    n = coordinates(handle)
+    for j in range(n):
+        drive[j] = tau[j] - internal_force(reals, diagonals, q, qd, j)
+    outward_motion(ints, reals, work, bodies, q, qd, given)
+    if not inward_articulated(ints, reals, work, shift, held, bodies, drive):
+        return SINGULAR
+    t = at(ints, 0, TIES_WORK)
+    rows = all_rows(ints)
+    y = columns_of(t, rows, n) - n
+    write_columns(ints, reals, work, held, bodies, q, qd, given, diagonals[ZERO], t, rows, n)
+    take_loads(ints, work, held, bodies, y)
+    good = find_multipliers(ints, reals, work, t, rows, n, y, stage, g)
+    give_loads(ints, work, held, bodies, y)
+    outward_accelerations(ints, reals, work, held, bodies, given, qdd)
+    if not all_finite(qdd, n):
+        return NOT_FINITE
+    return GOOD if good else CONTRADICTED
+
+
+@inlined
+def copy_multipliers(handle, out):
+    """Write the multipliers (rows) that the last solve found."""
+    ints, _reals, work, _diagonals, _bodies = model_arrays(handle)
+    found = vector(at(ints, 0, TIES_WORK), all_rows(ints), MULTIPLIERS)
+    for k in range(at(ints, 0, ROWS)):
+        out[k] = work[found + k]
+
+
+@kernel(
+    'int64(int64, float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], '
+    'float64[::1], float64[::1])'
+)
+def constrained_dynamics(handle, held, q, qd, given, tau, qdd, multipliers):
+    """Write q'' (n) and multipliers (rows) under forces tau (n), some joints' q'' given."""
+    diagonals = model_arrays(handle)[3]
+    status = find_constrained(
+        handle, EXPLICIT, 0.0, diagonals[ARMATURE], elements(held), elements(q), elements(qd),
+        elements(given), elements(tau), elements(qdd), diagonals[SCRATCH],
+    )  # fmt: skip
+    copy_multipliers(handle, elements(multipliers))
+    return status
+
+
+@rows_kernel(
+    'int64(int64, float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], '
+    'float64[:, ::1], int64, int64, float64[:, ::1], float64[:, ::1])'
+)
+def constrained_dynamics_rows(handle, held, q, qd, given, tau, first, last, qdd, multipliers):
+    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
+    ints, _reals, _work, diagonals, _bodies = model_arrays(handle)
+    n = coordinates(handle)
+    a, b, c, d = elements(q), elements(qd), elements(given), elements(tau)
+    e, f, flags = elements(qdd), elements(multipliers), elements(held)
+    worst = GOOD
+    for row in range(first, last):
+        k = n * row
+        status = find_constrained(
+            handle, EXPLICIT, 0.0, diagonals[ARMATURE], flags, beyond(a, k), beyond(b, k),
+            beyond(c, k), beyond(d, k), beyond(e, k), diagonals[SCRATCH],
+        )  # fmt: skip
+        copy_multipliers(handle, beyond(f, at(ints, 0, ROWS) * row))
+        worst = max(worst, status)
+        if worst != GOOD:
+            return worst
+    return worst
