@@ -54,8 +54,41 @@ class Pinocchio:
         """Return `pin.crba` over states (q, …); it fills the upper triangle."""
         return self._subject(self.pin.crba, [state[:1] for state in states])
 
+    def constrained_dynamics(self, states: Sequence[State], robot: Robot) -> Subject:
+        """Return `pin.constraintDynamics` with the robot's loops as points that coincide.
+
+        Such a point has a redundant row in a planar mechanism, which the proximal iteration of
+        Pinocchio is for.
+        """
+        pin, rows = self.pin, pin_points(self.pin, self.model, robot)
+        data, settings = self.model.createData(), pin.ProximalSettings(1e-12, 1e-10, 20)
+        pin.initConstraintDynamics(self.model, data, rows)
+        each = pin.StdVec_RigidConstraintData()
+        for row in rows:
+            each.append(row.createData())
+        found = [(self.model, data, *state, rows, each, settings) for state in states]
+        return Subject(pin.constraintDynamics, found)
+
     def _subject(self, algorithm: Any, states: Sequence[State]) -> Subject:
         return Subject(algorithm, [(self.model, self.data, *state) for state in states])
+
+
+def pin_points(pin: Any, model: Any, robot: Robot) -> Any:
+    """Return the revolute loops of a rigid robot as Pinocchio's 3D constraints."""
+    ends = []
+    zero = np.zeros(robot.n)
+    data = model.createData()
+    pin.forwardKinematics(model, data, zero)
+    for loop in robot.tree.loops:
+        for side in (loop.parent, loop.child):
+            frame = model.frames[model.getFrameId(side.link)]
+            world = pin.SE3(robot.frame_pose(side.frame, zero))
+            ends.append((frame.parentJoint, data.oMi[frame.parentJoint].inverse() * world))
+    rows = pin.StdVec_RigidConstraintModel()
+    for one, other in zip(ends[::2], ends[1::2], strict=True):
+        kind = pin.ContactType.CONTACT_3D
+        rows.append(pin.RigidConstraintModel(kind, model, *one, *other, pin.LOCAL))
+    return rows
 
 
 class Dense:

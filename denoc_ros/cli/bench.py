@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from denoc_ros.bench.results import Line
 
 GROUPS = (
-    'inverse', 'forward', 'inertia', 'ssrms', 'growth', 'dense', 'batch', 'load', 'operations',
+    'inverse', 'forward', 'inertia', 'ssrms', 'loops', 'growth', 'dense', 'batch', 'load',
+    'operations',
 )  # fmt: skip
 SSRMS = 'config/robots/ssrms.urdf'
 WRONG = 2
@@ -105,7 +106,7 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[Line]:
     quick : bool
         Check on less, and call only a few times: no line has a reach then.
     """
-    from denoc_ros.bench import batches, growth, loading, rigid
+    from denoc_ros.bench import batches, growth, loading, loops, rigid
     from denoc_ros.bench.timing import FULL, QUICK
     from denoc_ros.cli.config import find_file
 
@@ -116,6 +117,7 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[Line]:
         'forward': lambda: rigid.forward_lines(effort),
         'inertia': lambda: rigid.inertia_lines(effort),
         'ssrms': lambda: rigid.ssrms_lines(ssrms, effort),
+        'loops': lambda: loops.loop_lines(ssrms.parent, effort),
         'growth': lambda: growth.growth_lines(effort, quick),
         'dense': lambda: growth.dense_lines(effort, quick),
         'batch': lambda: batches.batch_lines(effort, quick),

@@ -64,7 +64,8 @@ def summarize(robot: Robot) -> Row:
     Returns
     -------
     dict
-        `robot`, `mass_kg`, `coordinates`, `links`, `joints`, `beams`, `sensors`, `loops`,
+        `robot`, `mass_kg`, `coordinates`, `links`, `joints`, `beams`, `sensors`, `loops` (mimic
+        joints too), `mechanism` (what the loops leave to move, one row or none),
         `natural_frequencies_hz` (joints held, all coordinates zero; negative: unstable) and
         `warnings`. Numbers that are infinite stand as None.
     """
@@ -90,13 +91,45 @@ def summarize(robot: Robot) -> Row:
             {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic}
             for s in tree.sensors
         ],
-        'loops': [
-            {'loop': p.name, 'type': p.type, 'parent': p.parent.link, 'child': p.child.link}
-            for p in tree.loops
-        ],
+        **_mechanism(robot),
         'natural_frequencies_hz': [float(value) for value in frequencies],
         'warnings': list(tree.warnings),
     }
+
+
+def _mechanism(robot: Robot) -> Row:
+    """Return the loops and mimic joints, and what they leave to move."""
+    from denoc_ros.dynamics.mobility import mobility
+
+    if not robot.lowered.tie_names:
+        return {'loops': [], 'mechanism': []}
+    found = mobility(robot)
+    described = {loop.name: loop for loop in robot.tree.loops}
+    loops = []
+    for tie in found.ties:
+        loop = described.get(tie.name)
+        loops.append(
+            {
+                'loop': tie.name,
+                'type': 'mimic' if loop is None else loop.type,
+                'parent': '' if loop is None else loop.parent.link,
+                'child': '' if loop is None else loop.child.link,
+                'error_at_zero': tie.error,
+                'rows': tie.rows,
+                'rank': tie.rank,
+                'redundant_rows': tie.redundant,
+            }
+        )
+    mechanism = {
+        'rows': found.rows,
+        'rank': found.rank,
+        'redundant_rows': found.rows - found.rank,
+        'degrees_of_freedom': found.degrees_of_freedom,
+        'singular': found.rank < found.usual_rank,
+        'closed_at': None if found.failure else [float(value) for value in found.q],
+        'failure': found.failure,
+    }
+    return {'loops': loops, 'mechanism': [mechanism]}
 
 
 def _link(body: Body, carrier: str) -> Row:
@@ -157,7 +190,7 @@ def _as_text(summary: Mapping[str, Any]) -> str:
         f'{summary["robot"]}: {summary["mass_kg"]:.6g} kg, '
         f'{len(summary["coordinates"])} coordinates'
     ]
-    for title in ('links', 'joints', 'beams', 'sensors', 'loops'):
+    for title in ('links', 'joints', 'beams', 'sensors', 'loops', 'mechanism'):
         if summary[title]:
             parts.append(f'{title}\n{text_table(summary[title])}')
     frequencies = summary['natural_frequencies_hz']

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from denoc_ros.dynamics.constraints import LEAST, closure_rows, jacobian
+from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
 from denoc_ros.errors import SolverError, StateError
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def _closed(robot: HeldModel, guess: Array, free: Int) -> Array:
 
 
 def _least_step(matrix: Array, error: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(matrix, error, rcond=LEAST)[0])
+    return np.asarray(np.linalg.lstsq(matrix, error, rcond=RANK)[0])
 
 
 def _failure(robot: HeldModel, error: Array, unit: str) -> SolverError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,8 +11,13 @@ from denoc_ros.dynamics import assembling, constraints
 from denoc_ros.dynamics.batch import each_row
 from denoc_ros.dynamics.borders import as_states, same_rows
 from denoc_ros.dynamics.held_model import HeldModel
+from denoc_ros.kernels import constrained
+from denoc_ros.kernels.compiled import entry
+from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.model.lowering import Lowered
 
 Array = NDArray[np.float64]
+_empty = np.empty  # a global name is found more quickly than a module's
 
 
 class ConstrainedModel(HeldModel):
@@ -23,6 +28,14 @@ class ConstrainedModel(HeldModel):
     first; its multipliers are those of the wrench that the parent exerts on the child at the
     child's frame, in the parent's axes (docs/loops.md).
     """
+
+    def _adopt(self, lowered: Lowered) -> None:
+        super()._adopt(lowered)
+        self._rows = len(lowered.tie_names)
+        # without rows the kernel is not ready, and not needed
+        self._constrained: Callable[..., int] = lambda *_: MISFIT
+        if self._rows:
+            self._constrained = entry(constrained.constrained_dynamics)
 
     def closure(self, q: ArrayLike) -> Array:
         """Return the errors (rows,) or (k, rows) of the loops and mimic joints [m, rad]."""
@@ -88,6 +101,10 @@ class ConstrainedModel(HeldModel):
             A singular configuration in which no accelerations keep the loops closed.
         """
         n = self.n
+        qdd, multipliers = _empty(n), _empty(self._rows)
+        zero = self._zero
+        if self._constrained(self.handle, zero, q, qd, zero, tau, qdd, multipliers) == GOOD:
+            return qdd, multipliers
         states = (as_states('q', q, n), as_states('qd', qd, n), as_states('tau', tau, n))
         if all(state.ndim == 1 for state in states):
             return constraints.forward(self, *states)

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.batch import each_row, run_rows
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels import articulated, closure, constrained, inverse
+from denoc_ros.kernels import articulated, closure, constrained, inverse, tie_layout
 from denoc_ros.kernels.closing import OPEN, OPENED
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.constrained import CONTRADICTED
-from denoc_ros.kernels.handle import ARMATURE, GOOD
+from denoc_ros.kernels.handle import ARMATURE, GOOD, MISFIT
 from denoc_ros.kernels.layout import SLIP_RATE
-from denoc_ros.kernels.tie_layout import AXIS_ROWS, EXCESS, RANK, TIES_WORK, WORST
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.held_model import HeldModel
@@ -29,7 +28,7 @@ Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 # A singular value of the rows this far below the greatest is none (as in kernels.multipliers).
-LEAST = 1e-6
+RANK = 1e-6
 # Equations that cannot all be met contradict each other by more than this part of their terms:
 # a closed state is closed to 1e-9, torques and accelerations come from files and trajectories.
 AGREEMENT = 1e-6
@@ -47,7 +46,7 @@ def closure_rows(robot: HeldModel, q: Array, qd: Array) -> Array:
 def jacobian(robot: HeldModel, q: Array) -> tuple[Array, Array]:
     """Return J (rows, n) and the rows (axes, n) of free axes with damping or friction."""
     rows = len(robot.lowered.tie_names)
-    out = np.empty((rows + int(robot.lowered.ints[0, AXIS_ROWS]), robot.n))
+    out = np.empty((rows + int(robot.lowered.ints[0, tie_layout.AXIS_ROWS]), robot.n))
     if not rows:
         return out, out
     robot.judge(closure.closure_jacobian(robot.handle, q, out), q=q)
@@ -96,9 +95,7 @@ def accelerations(
     start[held] = given
     flags, multipliers = robot.held(held), np.zeros(len(robot.lowered.tie_names))
     if len(multipliers):
-        status = constrained.constrained_dynamics(
-            robot.handle, flags, q, qd, start, tau, qdd, multipliers
-        )
+        status = constrained_dynamics(robot, flags, q, qd, start, tau, qdd, multipliers)
     else:
         shift = robot.lowered.diagonals[ARMATURE]
         status = articulated.articulated_dynamics(
@@ -106,6 +103,18 @@ def accelerations(
         )
     raise_status(robot, status, q=q, qd=qd, tau=tau)
     return qdd, multipliers
+
+
+def constrained_dynamics(robot: HeldModel, *arrays: Array) -> int:
+    """Run the kernel of that name on arrays, whatever the interpreter; return its status."""
+    status = int(entry(constrained.constrained_dynamics)(robot.handle, *arrays))
+    if status == MISFIT:
+        held, *rows = arrays
+        q, qd, given, tau, qdd, multipliers = (row[None] for row in rows)
+        inputs = (held, q, qd, given, tau)
+        kernel = constrained.constrained_dynamics_rows
+        status = run_rows(robot, kernel, 1, inputs, (qdd, multipliers))
+    return status
 
 
 def forward(robot: HeldModel, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
@@ -187,16 +196,16 @@ def raise_status(robot: HeldModel, status: int, **arguments: Array) -> None:
     if status not in (CONTRADICTED, OPENED):
         robot.judge(status, **arguments)
         return
-    ties = robot.work[int(robot.lowered.ints[0, TIES_WORK]) :]
-    name = robot.lowered.tie_names[int(ties[WORST])]
+    found = robot.work[int(robot.lowered.ints[0, tie_layout.TIES_WORK]) :]
+    name = robot.lowered.tie_names[int(found[tie_layout.WORST])]
+    left = f'{found[tie_layout.EXCESS]:.3g}'
     if status == OPENED:
         raise SolverError(
             f'{robot.tree.name}: {name!r} must stay closed to {OPEN:g} m (or rad) in a step, got '
-            f'{ties[EXCESS]:.3g}: the state before it is not closed, or the step too long'
+            f'{left}: the state before it is not closed, or the step is too long'
         )
-    rows = len(robot.lowered.tie_names)
+    rank = f'{int(found[tie_layout.RANK])} of {len(robot.lowered.tie_names)} rows'
     raise SolverError(
         f'{robot.tree.name}: the rows of {name!r} must not contradict the others, got a singular '
-        f'configuration: rank {int(ties[RANK])} of {rows} rows and {ties[EXCESS]:.3g} m/s^2 (or '
-        'rad/s^2) left'
+        f'configuration: rank {rank}, {left} m/s^2 (or rad/s^2) left'
     )

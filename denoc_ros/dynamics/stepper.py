@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.constraints import raise_status
+from denoc_ros.dynamics.constraints import constrained_dynamics, raise_status
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.articulated import articulated_dynamics
 from denoc_ros.kernels.closing import advance_tied
-from denoc_ros.kernels.constrained import constrained_dynamics
 from denoc_ros.kernels.handle import ARMATURE, GOOD, MISFIT, NOT_FINITE
 from denoc_ros.kernels.step import STEP_ROWS, advance
 
@@ -90,7 +89,7 @@ class Stepper:
         robot, given = self.robot, self._given
         if self._tied:
             status = constrained_dynamics(
-                robot.handle, self._held, q, qd, given, self._zero, out, self._multipliers
+                robot, self._held, q, qd, given, self._zero, out, self._multipliers
             )
         else:
             status = articulated_dynamics(

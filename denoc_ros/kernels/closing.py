@@ -7,7 +7,7 @@ of a state that is off by dt^2, so every pass makes the error smaller by as much
 
 from denoc_ros.kernels.articulated import outward_accelerations
 from denoc_ros.kernels.closure import all_rows, move_bodies, tie_rows, ties
-from denoc_ros.kernels.compiled import inlined, kernel
+from denoc_ros.kernels.compiled import inlined, kernel, shared
 from denoc_ros.kernels.constrained import add_rows, find_constrained, give_loads
 from denoc_ros.kernels.handle import (
     GOOD,
@@ -71,11 +71,11 @@ def follow(ints, reals, values, shifted):
                 values[j] = reals[c + MULTIPLIER] * values[leader] + shifted * reals[c + OFFSET]
 
 
-@inlined
+@shared
 def correct(ints, reals, work, held, bodies, t, rows, n, which, values, zero, change):
     """Take the least change from values that undoes a vector of errors over the rows."""
     hard = at(ints, 0, ROWS)
-    y = columns_of(t, rows, n) - n
+    y = columns_of(t, rows, n) - 2 * n
     for k in range(rows):
         error = work[vector(t, rows, which) + k]
         work[vector(t, rows, WANTED) + k] = -error if k < hard else 0.0

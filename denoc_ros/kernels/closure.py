@@ -1,6 +1,6 @@
 """Closure of loops and mimic joints: errors, Jacobian and acceleration bias."""
 
-from denoc_ros.kernels.compiled import inlined, kernel
+from denoc_ros.kernels.compiled import inlined, kernel, shared
 from denoc_ros.kernels.handle import (
     GOOD,
     MISFIT,
@@ -56,7 +56,7 @@ def all_rows(ints):
     return at(ints, 0, ROWS) + at(ints, 0, AXIS_ROWS)
 
 
-@inlined
+@shared
 def move_frame(ints, reals, work, q, qd, zero, i):
     """Place and move frame i on its carrier, which stands and moves already."""
     place_body(ints, reals, work, q, i)
@@ -77,7 +77,7 @@ def mimic_row(ints, reals, work, q, qd, given, tie, t, rows):
     work[k + BIAS * rows] = given[j] - factor * given[leader]
 
 
-@inlined
+@shared
 def tie_rows(ints, reals, work, q, qd, given, zero, tie, t, rows):
     """Write the rows of one tie, for bodies placed and moved with the accelerations given.
 
@@ -91,7 +91,7 @@ def tie_rows(ints, reals, work, q, qd, given, zero, tie, t, rows):
         loop_rows(ints, reals, work, tie, t, rows)
 
 
-@inlined
+@shared
 def move_bodies(ints, reals, work, bodies, q, qd, zero):
     """Place and move all bodies, accelerations of coordinates zero."""
     for i in range(1, bodies + 1):

@@ -1,12 +1,14 @@
 """Dynamics of robots with loops and mimic joints (section 5.1), by the open tree's UDU^T.
 
 I q'' = tau - h + J^T lambda with J q'' = -J' q'. With y = L^-1 U^-1 (tau - h) (see articulated)
-and Y = L^-1 U^-1 J^T, J I^-1 J^T = Y^T Y and J I^-1 (tau - h) = Y^T y: one factorization and one
-way outward with y + Y lambda serve everything; no inertia matrix, no J.
+and Y = L^-1 U^-1 J^T, J I^-1 J^T = Y^T D^-1 Y and J I^-1 (tau - h) = Y^T D^-1 y: one factorization
+and one way outward with y + Y lambda serve everything; no inertia matrix, no J.
 """
 
 import numpy as np
+from numba import types
 
+from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, content, is_vector
 from denoc_ros.kernels.articulated import (
     free_joint,
     inward_articulated,
@@ -17,6 +19,7 @@ from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.handle import (
     ARMATURE,
     GOOD,
+    MISFIT,
     NOT_FINITE,
     SCRATCH,
     SINGULAR,
@@ -34,6 +37,7 @@ from denoc_ros.kernels.motion import linear_velocity
 from denoc_ros.kernels.multipliers import (
     columns_of,
     factor_products,
+    product,
     solve_rows,
     vector,
     write_products,
@@ -66,22 +70,29 @@ EXPLICIT = 0
 
 
 @inlined
-def take_loads(ints, work, held, bodies, y):
-    """Copy what the inward pass left of the loads to y (n), as the columns have it."""
+def take_loads(ints, work, held, bodies, y, weight):
+    """Copy what the inward pass left of the loads to y (n), and D^-1 to weight (n).
+
+    A held joint has none.
+    """
     for i in range(1, bodies + 1):
         free = free_joint(ints, held, i)
         m = at(ints, i, MODES)
-        j = y + at(ints, i, COORDINATE)
+        j = at(ints, i, COORDINATE)
         w = at(ints, i, ELIMINATED)
         if at(ints, i, JOINT) > free:
-            work[j] = 0.0
+            work[y + j] = 0.0
+            work[weight + j] = 0.0
             j += 1
         if m > 0:
             size = free + m
+            d = w + 6 * size
             for k in range(size):
-                work[j + k] = work[w + 6 * size + size * size + k]
+                work[y + j + k] = work[d + size * size + k]
+                work[weight + j + k] = work[d + (size + 1) * k]
         elif free == 1:
-            work[j] = work[w + 6] / np.sqrt(work[w + 7])
+            work[y + j] = work[w + 6] / work[w + 7]
+            work[weight + j] = work[w + 7]
 
 
 @inlined
@@ -97,7 +108,7 @@ def give_loads(ints, work, held, bodies, y):
             for k in range(size):
                 work[w + 6 * size + size * size + k] = work[j + k]
         elif free == 1:
-            work[w + 6] = work[j] * np.sqrt(work[w + 7])
+            work[w + 6] = work[j] * work[w + 7]
 
 
 @inlined
@@ -108,16 +119,6 @@ def add_rows(work, t, rows, first, last, n, y):
         u = work[vector(t, rows, MULTIPLIERS) + k]
         for j in range(n):
             work[y + j] += u * work[columns + n * k + j]
-
-
-@inlined
-def want(work, t, rows, k, y, n, bias):
-    """Write what row k wants of its multipliers: -bias less what y does to it."""
-    column = columns_of(t, rows, n) + n * k
-    u = -bias
-    for j in range(n):
-        u -= work[column + j] * work[y + j]
-    work[vector(t, rows, WANTED) + k] = u
 
 
 @inlined
@@ -169,12 +170,14 @@ def find_multipliers(ints, reals, work, t, rows, n, y, stage, g):
     columns = columns_of(t, rows, n)
     resist(ints, reals, work, t, rows, stage)
     add_rows(work, t, rows, hard, rows, n, y)
-    write_products(work, columns, columns + rows * n, rows, count, n)
+    write_products(work, t, rows, count, n)
     if stage != EXPLICIT:
         soften(work, t, rows, hard, n, g)
     factor_products(work, t, rows, count, hard, n)
     for k in range(count):
-        want(work, t, rows, k, y, n, work[vector(t, rows, BIAS) + k] if k < hard else 0.0)
+        bias = work[vector(t, rows, BIAS) + k] if k < hard else 0.0
+        done = product(work, y, columns + n * k, columns - n, n)
+        work[vector(t, rows, WANTED) + k] = -bias - done
     good = solve_rows(work, t, rows, count, n)
     add_rows(work, t, rows, 0, count, n, y)
     if stage == FIRST_STAGE:
@@ -200,9 +203,9 @@ def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd, driv
         return SINGULAR
     t = at(ints, 0, TIES_WORK)
     rows = all_rows(ints)
-    y = columns_of(t, rows, n) - n
+    y = columns_of(t, rows, n) - 2 * n
     write_columns(ints, reals, work, held, bodies, q, qd, given, diagonals[ZERO], t, rows, n)
-    take_loads(ints, work, held, bodies, y)
+    take_loads(ints, work, held, bodies, y, y + n)
     good = find_multipliers(ints, reals, work, t, rows, n, y, stage, g)
     give_loads(ints, work, held, bodies, y)
     outward_accelerations(ints, reals, work, held, bodies, given, qdd)
@@ -220,18 +223,26 @@ def copy_multipliers(handle, out):
         out[k] = work[found + k]
 
 
-@kernel(
-    'int64(int64, float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], '
-    'float64[::1], float64[::1])'
-)
+@kernel(types.int64(types.int64, *([array_object] * 7)))
 def constrained_dynamics(handle, held, q, qd, given, tau, qdd, multipliers):
     """Write q'' (n) and multipliers (rows) under forces tau (n), some joints' q'' given."""
-    diagonals = model_arrays(handle)[3]
+    ints, _reals, _work, diagonals, _bodies = model_arrays(handle)
+    n = coordinates(handle)
+    if not (
+        is_vector(handle, held, n, READABLE)
+        and is_vector(handle, q, n, READABLE)
+        and is_vector(handle, qd, n, READABLE)
+        and is_vector(handle, given, n, READABLE)
+        and is_vector(handle, tau, n, READABLE)
+        and is_vector(handle, qdd, n, WRITABLE)
+        and is_vector(handle, multipliers, at(ints, 0, ROWS), WRITABLE)
+    ):
+        return MISFIT
     status = find_constrained(
-        handle, EXPLICIT, 0.0, diagonals[ARMATURE], elements(held), elements(q), elements(qd),
-        elements(given), elements(tau), elements(qdd), diagonals[SCRATCH],
+        handle, EXPLICIT, 0.0, diagonals[ARMATURE], content(held), content(q), content(qd),
+        content(given), content(tau), content(qdd), diagonals[SCRATCH],
     )  # fmt: skip
-    copy_multipliers(handle, elements(multipliers))
+    copy_multipliers(handle, content(multipliers))
     return status
 
 

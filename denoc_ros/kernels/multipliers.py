@@ -1,4 +1,4 @@
-"""Multipliers of rows that may say the same twice: A lambda = b with A = Y^T Y, least norm.
+"""Multipliers of rows that may say the same twice: A lambda = b with A = Y^T D^-1 Y, least norm.
 
 Pivoted Cholesky on A, scaled to a unit diagonal, finds independent rows p. The others are
 combinations C of these, J = C J_p, so that lambda = C (C^T C)^-1 mu with A_pp mu = b_p is the
@@ -7,8 +7,8 @@ solution of least norm; their b must be C b_p, else the rows contradict each oth
 
 import numpy as np
 
-from denoc_ros.kernels.compiled import inlined
-from denoc_ros.kernels.flexible_elimination import factor, solve_lower, solve_upper
+from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.flexible_elimination import factor
 from denoc_ros.kernels.tie_layout import (
     BIAS,
     EXCESS,
@@ -42,18 +42,27 @@ def vector(t, rows, which):
 
 @inlined
 def columns_of(t, rows, n):
-    """Return the offset of the columns; before them stands y (n) of the loads."""
-    return t + VECTORS + rows * (TIE_VECTORS + 6) + n
+    """Return the offset of the columns; before them stand y (n) of the loads and D^-1 (n)."""
+    return t + VECTORS + rows * (TIE_VECTORS + 6) + 2 * n
 
 
 @inlined
-def write_products(work, columns, products, rows, count, n):
-    """Write A = Y^T Y (count, count), a row of `rows` elements each."""
+def product(work, y, column, weight, n):
+    """Return y . D^-1 column of two vectors (n)."""
+    total = 0.0
+    for j in range(n):
+        total += work[y + j] * work[weight + j] * work[column + j]
+    return total
+
+
+@inlined
+def write_products(work, t, rows, count, n):
+    """Write A = Y^T D^-1 Y (count, count), a row of `rows` elements each."""
+    columns = columns_of(t, rows, n)
+    products = columns + rows * n
     for i in range(count):
         for k in range(i + 1):
-            total = 0.0
-            for j in range(n):
-                total += work[columns + n * i + j] * work[columns + n * k + j]
+            total = product(work, columns + n * i, columns + n * k, columns - n, n)
             work[products + rows * i + k] = total
             work[products + rows * k + i] = total
 
@@ -118,7 +127,7 @@ def factor_rows(work, t, products, lower, rows, count, hard):
 
 @inlined
 def combine_rows(work, t, lower, combined, gram, rows, count, rank):
-    """Write C of the dependent rows and the Cholesky factor of C^T C over all rows."""
+    """Write C of the dependent rows and the factors of C^T C over all rows."""
     scale = vector(t, rows, SCALE)
     order = vector(t, rows, ORDER)
     for r in range(rank):
@@ -146,7 +155,7 @@ def combine_rows(work, t, lower, combined, gram, rows, count, rank):
     factor(work, gram, rank)
 
 
-@inlined
+@shared
 def factor_products(work, t, rows, count, hard, n):
     """Factor A of the first `count` rows, all that a solve needs; keep the rank."""
     columns = columns_of(t, rows, n)
@@ -157,6 +166,19 @@ def factor_products(work, t, rows, count, hard, n):
     if rank < count:
         # the products have served: the factor of C^T C takes their place
         combine_rows(work, t, lower, lower + rows * rows, products, rows, count, rank)
+
+
+@inlined
+def solve_factored(work, d, k, x):
+    """Replace the k elements at offset x by the inverse of what `factor` factored times them."""
+    for r in range(k):
+        for c in range(r):
+            work[x + r] -= work[d + k * r + c] * work[x + c]
+    for r in range(k - 1, -1, -1):
+        u = work[x + r] * work[d + (k + 1) * r]
+        for c in range(r + 1, k):
+            u -= work[d + k * c + r] * work[x + c]
+        work[x + r] = u
 
 
 @inlined
@@ -213,7 +235,7 @@ def solve_backward(work, t, rows, lower, rank):
         work[part + c] /= work[scale + np.int64(work[order + c])]
 
 
-@inlined
+@shared
 def solve_rows(work, t, rows, count, n):
     """Write the multipliers of least norm for WANTED; say whether the rows agree."""
     gram = columns_of(t, rows, n) + rows * n
@@ -225,8 +247,7 @@ def solve_rows(work, t, rows, count, n):
     good = find_excess(work, t, rows, lower, count, rank)
     solve_backward(work, t, rows, lower, rank)
     if rank < count:
-        solve_lower(work, gram, rank, part)
-        solve_upper(work, gram, rank, part)
+        solve_factored(work, gram, rank, part)
     for k in range(count):
         i = np.int64(work[vector(t, rows, ORDER) + k])
         if k < rank:

@@ -1,16 +1,13 @@
 """The way of multipliers' unit wrenches inward: rows of J, and columns y of U^-1 J^T.
 
 With the factors that articulated dynamics leaves in the workspace, a load w (wrenches on bodies,
-forces along joints) has y = L^-1 P^T w on every body, whose carrier gets what W y leaves of it. A
+forces along joints) has y = L^-1 P^T w on every body, whose carrier gets w less W D^-1 y. A
 wrench only visits the bodies that carry it: both sides of a loop go their own way to the body
 where they meet, and what the elimination leaves of them goes on from there together.
 """
 
-import numpy as np
-
 from denoc_ros.kernels.articulated import free_joint
-from denoc_ros.kernels.compiled import inlined
-from denoc_ros.kernels.flexible_elimination import solve_lower
+from denoc_ros.kernels.compiled import inlined, shared
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
     ARM,
@@ -44,12 +41,22 @@ from denoc_ros.kernels.tie_layout import (
     TIE_VECTORS,
     VECTORS,
 )
-from denoc_ros.kernels.vector import add, cross, dot, load, rotate, scale, store, unrotate
+from denoc_ros.kernels.vector import (
+    add,
+    cross,
+    dot,
+    load,
+    rotate,
+    scale,
+    store,
+    subtract,
+    unrotate,
+)
 
 SIDE = 42  # elements of one side's wrenches
 
 
-@inlined
+@shared
 def carry(ints, work, i, loads, rows, out, o, n):
     """Take wrenches on row i (its axes, about its origin) to its carrier and its modes."""
     p = at(ints, i, PARENT)
@@ -102,7 +109,7 @@ def load_sides(ints, work, tie, t, rows, first, count):
         store(work, w + 3, scale(-1.0, add(torque, cross(reach, force))))
 
 
-@inlined
+@shared
 def project_side(ints, reals, work, i, meeting, loads, rows, out, o, n):
     """Add what wrenches on frame i do along the coordinates up to the meeting body."""
     while at(ints, i, PARENT) != 0:
@@ -114,45 +121,56 @@ def project_side(ints, reals, work, i, meeting, loads, rows, out, o, n):
 
 
 @inlined
-def eliminate(ints, reals, work, held, p, loads, rows, o, n):
-    """Write the columns y of body p for loads on it, and take W y from the loads."""
-    j = o + at(ints, p, COORDINATE)
-    m = at(ints, p, MODES)
-    free = free_joint(ints, held, p)
-    size = free + m
+def eliminate_rigid(ints, reals, work, p, loads, rows, j, n):
+    """Do what :func:`eliminate` does for a rigid body with a free joint, whose y is at j."""
     w = at(ints, p, ELIMINATED)
-    if at(ints, p, JOINT) > free:
-        for k in range(rows):
-            work[j + n * k] = 0.0
-        j += 1
-    if m == 0 and free == 1:
-        force = load(work, w)
-        torque = load(work, w + 3)
-        inverse = work[w + 7]
-        root = np.sqrt(inverse)
-        for k in range(rows):
-            c = loads + 6 * k
-            f = load(work, c)
-            t = load(work, c + 3)
-            x = work[j + n * k] + along_joint(ints, reals, p, f, t)
-            work[j + n * k] = root * x
-            store(work, c, add(f, scale(-inverse * x, force)))
-            store(work, c + 3, add(t, scale(-inverse * x, torque)))
-    elif m > 0:
-        for k in range(rows):
-            c = loads + 6 * k
-            y = j + n * k
-            if free == 1:
-                work[y] += along_joint(ints, reals, p, load(work, c), load(work, c + 3))
-            solve_lower(work, w + 6 * size, size, y)
-            for r in range(6):
-                taken = 0.0
-                for i in range(size):
-                    taken += work[w + size * r + i] * work[y + i]
-                work[c + r] -= taken
+    force, torque, inverse = load(work, w), load(work, w + 3), work[w + 7]
+    for k in range(rows):
+        c = loads + 6 * k
+        f, t = load(work, c), load(work, c + 3)
+        y = work[j + n * k] + along_joint(ints, reals, p, f, t)
+        work[j + n * k] = y
+        store(work, c, subtract(f, scale(inverse * y, force)))
+        store(work, c + 3, subtract(t, scale(inverse * y, torque)))
 
 
 @inlined
+def eliminate_flexible(ints, reals, work, p, loads, rows, j, n, free):
+    """Do what :func:`eliminate` does for a flexible body, whose y starts at j."""
+    size = free + at(ints, p, MODES)
+    w = at(ints, p, ELIMINATED)
+    d = w + 6 * size
+    for k in range(rows):
+        c = loads + 6 * k
+        y = j + n * k
+        f, t = load(work, c), load(work, c + 3)
+        if free == 1:
+            work[y] += along_joint(ints, reals, p, f, t)
+        for i in range(size):
+            u = work[y + i]
+            for r in range(i):
+                u -= work[d + size * i + r] * work[y + r]
+            work[y + i] = u
+            u *= work[d + (size + 1) * i]
+            f = subtract(f, scale(u, load(work, w + 6 * i)))
+            t = subtract(t, scale(u, load(work, w + 6 * i + 3)))
+        store(work, c, f)
+        store(work, c + 3, t)
+
+
+@inlined
+def eliminate(ints, reals, work, held, p, loads, rows, o, n):
+    """Write the columns y of body p for loads on it, and take W D^-1 y from the loads."""
+    free = free_joint(ints, held, p)
+    j = o + at(ints, p, COORDINATE)
+    if at(ints, p, MODES) > 0:
+        j += at(ints, p, JOINT) - free
+        eliminate_flexible(ints, reals, work, p, loads, rows, j, n, free)
+    elif free == 1:
+        eliminate_rigid(ints, reals, work, p, loads, rows, j, n)
+
+
+@shared
 def climb(ints, reals, work, held, i, stop, loads, rows, o, n):
     """Take loads on body i inward, eliminating, until they act on the body `stop`."""
     while i != stop:
@@ -162,7 +180,7 @@ def climb(ints, reals, work, held, i, stop, loads, rows, o, n):
         i = at(ints, i, PARENT)
 
 
-@inlined
+@shared
 def climb_together(ints, reals, work, held, tie, t, child, other, rows, o, n):
     """Take the loads of both sides of a tie from their bodies to the base."""
     meeting = at(ints, tie, MEETING)
@@ -174,7 +192,7 @@ def climb_together(ints, reals, work, held, tie, t, child, other, rows, o, n):
     climb(ints, reals, work, held, meeting, 0, loads, rows, o, n)
 
 
-@inlined
+@shared
 def loop_columns(ints, reals, work, held, tie, t, rows, first, count, columns, n):
     """Write the columns of rows first .. first + count - 1 of a loop."""
     load_sides(ints, work, tie, t, rows, first, count)

@@ -64,10 +64,10 @@ PUSH = 9  # forces along free axes beside their damping and friction
 SLOPE = 10  # damping of free axes, with the slope of their friction
 TIE_VECTORS = 11
 # then the wrenches (6 per row) in the parent's loop frame, at the child's origin; y (n) of the
-# loads; its columns (rows, n) of the rows; their products (rows, rows); two factors (rows, rows)
+# loads and D^-1 (n); columns y (rows, n) of the rows; their products (rows, rows) and two factors
 
 
 def work_size(rows: int, axis_rows: int, n: int) -> int:
     """Return the size of the ties' workspace for n coordinates."""
     total = rows + axis_rows
-    return VECTORS + total * (TIE_VECTORS + 6 + n + 3 * total) + n
+    return VECTORS + total * (TIE_VECTORS + 6 + n + 3 * total) + 2 * n

@@ -31,7 +31,16 @@ def test_quick_run_checks_every_line(capsys: pytest.CaptureFixture[str]) -> None
     report = json.loads(capsys.readouterr().out)
     lines, operations = report['lines'], report['operations']
     groups = {line['group'] for line in lines}
-    assert groups == {'inverse', 'forward', 'inertia', 'ssrms', 'growth', 'dense', 'batch'}
+    assert groups == {
+        'inverse',
+        'forward',
+        'inertia',
+        'ssrms',
+        'loops',
+        'growth',
+        'dense',
+        'batch',
+    }
     assert all(found['check']['good'] for found in (*lines, *operations))
     assert {line['reach'] for line in lines} == {None}
     assert all(line['value']['value'] > 0.0 for line in lines)

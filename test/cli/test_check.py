@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from planar_chains import FLEXIBLE, RIGID, planar_chain
@@ -64,6 +65,44 @@ def test_text_shows_links_joints_beams_and_frequencies(
     assert 'chain: 10 kg, 4 coordinates' in text
     for title in ('links', 'joints', 'beams', 'natural frequencies [Hz]'):
         assert title in text
+
+
+def test_loops_have_rank_redundant_rows_and_degrees_of_freedom(
+    repository: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def summary(name: str) -> dict[str, Any]:
+        file = repository / 'config' / 'robots' / f'{name}.urdf'
+        assert main(['check', str(file), '--json']) == 0
+        found: dict[str, Any] = json.loads(capsys.readouterr().out)
+        return found
+
+    # Gruebler: a plane four-bar has 1 degree of freedom, a five-bar 2, three legs on a plate 3;
+    # RSSR has 1 and the coupler's turn about itself
+    freedoms = {'four_bar_rrr': 1, 'five_bar_ffff': 2, 'planar_3dof_3rr': 3, 'rssr_rrr': 2}
+    for name, freedom in freedoms.items():
+        (mechanism,) = summary(name)['mechanism']
+        assert mechanism['degrees_of_freedom'] == freedom, name
+        assert mechanism['failure'] == '', name
+    (loop,) = summary('four_bar_rrr')['loops']
+    # a plane says nothing of what is across it
+    assert (loop['rows'], loop['rank'], loop['redundant_rows']) == (5, 2, 3)
+    assert main(['check', str(repository / 'config' / 'robots' / 'four_bar_rrr.urdf')]) == 0
+    assert 'redundant_rows' in capsys.readouterr().out
+
+
+def test_loop_that_cannot_close_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / 'open.urdf'
+    loop = (
+        '<flexibility><loop name="far" type="spherical"><parent link="base" xyz="9 0 0"/>'
+        '<child link="link_2"/></loop></flexibility>'
+    )
+    file.write_text(planar_chain([RIGID, RIGID]).replace('</robot>', f'{loop}</robot>'))
+    assert main(['check', str(file), '--json']) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary['loops'][0]['error_at_zero'] == pytest.approx(8.0)
+    assert "'far' must close" in summary['mechanism'][0]['failure']
 
 
 def test_warning_of_a_rounded_inertia_is_shown(

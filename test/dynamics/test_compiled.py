@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from looped_robots import random_closed
 from numba.core.runtime import _nrt_python, rtsys
 from numpy.typing import NDArray
 from strategies import random_state, seeded_robot
@@ -114,6 +115,32 @@ def test_kernels_allocate_nothing(robot: Robot) -> None:
         assert allocations(robot, 40) == allocations(robot, 1)
     finally:
         _nrt_python.memsys_disable_stats()
+
+
+def test_loops_allocate_nothing_and_compile_once() -> None:
+    closed = random_closed(1, 'revolute')
+    robot, tau = closed.robot, np.zeros(closed.robot.n)
+    plain, tied = Stepper(load_robot(seeded_robot(3)), 1e-4), Stepper(robot, 1e-4)
+    rest = np.zeros((3, plain.robot.n))
+    q, qd = closed.q.copy(), closed.qd.copy()
+
+    def counted(call: Callable[[], Any]) -> int:
+        before = rtsys.get_allocation_stats()
+        for _ in range(10):
+            call()
+        after = rtsys.get_allocation_stats()
+        return int(after.mi_alloc - before.mi_alloc + after.alloc - before.alloc)
+
+    _nrt_python.memsys_enable_stats()
+    try:
+        assert counted(lambda: robot.constrained_forward_dynamics(q, qd, tau)) == 0
+        # handles of the arguments' arrays, as many as a step without loops has
+        step = counted(lambda: tied.free(q, qd, tau))
+        assert step == counted(lambda: plain.free(rest[0].copy(), rest[1].copy(), rest[2]))
+    finally:
+        _nrt_python.memsys_disable_stats()
+    counts = {name: len(kernel.signatures) for name, kernel in entries().items()}
+    assert {name: count for name, count in counts.items() if count > 1} == {}
 
 
 def test_robot_without_coordinates_has_empty_results() -> None:

@@ -12,6 +12,7 @@ from looped_robots import LOOPS, Closed, random_closed
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import StateError
 from denoc_ros.model.ties import directions
 
@@ -88,6 +89,62 @@ def test_forward_dynamics_equals_the_oracle(close: Close, kind: str, seed: int) 
     expected, wrenches, _ = oracle.constrained_forward_dynamics(c.q, c.qd, tau)
     close(qdd, expected, 1e-8)
     close(wrench_of(c.robot, c.q, multipliers), wrenches[0], 1e-7)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_loops_that_share_links_and_a_mimic_joint_equal_the_oracle(
+    close: Close, seed: int
+) -> None:
+    c = random_closed(seed, 'spherical', 'universal', mimic=True)
+    robot, oracle = c.robot, LoopOracle(c.robot.tree)
+    rows = oracle.rows(c.q, c.qd)
+    # no free directions here: row by row, sign by sign
+    close(robot.closure_jacobian(c.q), rows.jacobian, 1e-9)
+    close(robot.closure_bias(c.q, c.qd), rows.bias, 1e-8)
+    tau = np.random.default_rng(seed).normal(size=robot.n)
+    qdd, multipliers = robot.constrained_forward_dynamics(c.q, c.qd, tau)
+    expected, wrenches, ties = oracle.constrained_forward_dynamics(c.q, c.qd, tau)
+    close(qdd, expected, 1e-8)
+    close(multipliers[-1:], ties, 1e-7)
+    close(multipliers[:3], wrenches[0][:3], 1e-7)
+    leader = robot.joint_names[:1]
+    given = np.array([0.4])
+    torque, qdd, _ = robot.constrained_hybrid_dynamics(c.q, c.qd, given, leader)
+    index = [int(k) for k in robot.joint_indices[:1]]
+    expected, accelerations, *_ = oracle.constrained_hybrid_dynamics(c.q, c.qd, given, index)
+    close(torque, expected, 1e-7)
+    close(qdd, accelerations, 1e-8)
+
+
+@pytest.mark.parametrize('kind', LOOPS)
+def test_rows_of_states_equal_states_one_by_one(close: Close, kind: str) -> None:
+    c = closed(1, kind)
+    robot, many = c.robot, 130  # two threads
+    rng = np.random.default_rng(2)
+    tau = rng.normal(size=(many, robot.n))
+    qdd, multipliers = robot.constrained_forward_dynamics(c.q, c.qd, tau)
+    assert multipliers.shape == (many, len(robot.closure(c.q)))
+    for k in (0, 64, many - 1):
+        alone, reaction = robot.constrained_forward_dynamics(c.q, c.qd, tau[k])
+        close(qdd[k], alone, 1e-12)
+        close(multipliers[k], reaction, 1e-11)
+
+
+@pytest.mark.parametrize('kind', LOOPS)
+def test_steps_stay_on_the_loop_and_converge_with_order_two(kind: str) -> None:
+    c = closed(1, kind)
+    robot, ends = c.robot, []
+    for step in (2e-4, 1e-4, 5e-5):
+        q, qd = c.q.copy(), c.qd.copy()
+        stepper = Stepper(robot.copy(), step)
+        for _ in range(round(4e-3 / step)):
+            stepper.free(q, qd, np.zeros(robot.n))
+        assert np.abs(robot.closure(q)).max() < 1e-11
+        assert np.abs(robot.closure_jacobian(q) @ qd).max() < 1e-10
+        ends.append(q)
+    first, second = np.abs(ends[0] - ends[1]).max(), np.abs(ends[1] - ends[2]).max()
+    # 4 in the limit; stiff modes are not there yet
+    assert first / second > 2.5
 
 
 @CASES
