@@ -62,10 +62,10 @@ class Pinocchio:
         """
         pin, rows = self.pin, pin_points(self.pin, self.model, robot)
         data, settings = self.model.createData(), pin.ProximalSettings(1e-12, 1e-10, 20)
-        pin.initConstraintDynamics(self.model, data, rows)
         each = pin.StdVec_RigidConstraintData()
         for row in rows:
             each.append(row.createData())
+        pin.initConstraintDynamics(self.model, data, rows, each)
         found = [(self.model, data, *state, rows, each, settings) for state in states]
         return Subject(pin.constraintDynamics, found)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,17 +19,34 @@ Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 CLOSED = 1e-10  # m or rad; rounding leaves 1e-15 of the robot's size
+NUDGES = (0.05, 0.2, 0.5)  # rad or m
 POLISH = 3  # Gauss-Newton steps at the end: each squares the error
 
 
 def assemble(robot: HeldModel, guess: Array, fixed: Sequence[str]) -> Array:
     """Return closed coordinates (n,) near a guess (see ConstrainedModel)."""
+    worst = np.full(1, np.inf)
     for free in _choices(robot, fixed):
-        q = _closed(robot, guess, free)
-        error = closure_rows(robot, q, np.zeros(robot.n))[0]
-        if np.abs(error).max(initial=0.0) <= CLOSED:
-            return q
-    raise _failure(robot, error, 'm or rad')
+        for start in _starts(guess, free):
+            try:
+                q = _closed(robot, start, free)
+                error = closure_rows(robot, q, np.zeros(robot.n))[0]
+            except StateError:
+                continue  # frames opposite to each other have no rotation error
+            if np.abs(error).max(initial=0.0) <= CLOSED:
+                return q
+            worst = min(worst, error, key=lambda rows: float(np.abs(rows).max()))
+    raise _failure(robot, worst, 'm or rad')
+
+
+def _starts(guess: Array, free: Int) -> Iterator[Array]:
+    """Yield the guess, then others beside it: a mechanism drawn flat has no slope to follow."""
+    yield guess
+    rng = np.random.default_rng(0)
+    for size in NUDGES:
+        start = guess.copy()
+        start[free] += rng.uniform(-size, size, len(free))
+        yield start
 
 
 def assemble_rates(robot: HeldModel, q: Array, guess: Array, fixed: Sequence[str]) -> Array:

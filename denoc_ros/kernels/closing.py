@@ -7,7 +7,7 @@ of a state that is off by dt^2, so every pass makes the error smaller by as much
 
 from denoc_ros.kernels.articulated import outward_accelerations
 from denoc_ros.kernels.closure import all_rows, move_bodies, tie_rows, ties
-from denoc_ros.kernels.compiled import inlined, kernel, shared
+from denoc_ros.kernels.compiled import inlined, kernel
 from denoc_ros.kernels.constrained import add_rows, find_constrained, give_loads
 from denoc_ros.kernels.handle import (
     GOOD,
@@ -71,7 +71,7 @@ def follow(ints, reals, values, shifted):
                 values[j] = reals[c + MULTIPLIER] * values[leader] + shifted * reals[c + OFFSET]
 
 
-@shared
+@inlined
 def correct(ints, reals, work, held, bodies, t, rows, n, which, values, zero, change):
     """Take the least change from values that undoes a vector of errors over the rows."""
     hard = at(ints, 0, ROWS)
@@ -119,8 +119,9 @@ def close_ties(handle, held, q, qd, change):
         error = worst_of(work, t, rows, hard, ERROR)
         if error <= CLOSED and rate <= CLOSED:
             return GOOD
-        correct(ints, reals, work, held, bodies, t, rows, n, ERROR, q, zero, change)
-        correct(ints, reals, work, held, bodies, t, rows, n, RATE, qd, zero, change)
+        for which in range(ERROR, RATE + 1):
+            values = q if which == ERROR else qd
+            correct(ints, reals, work, held, bodies, t, rows, n, which, values, zero, change)
     return GOOD if error <= OPEN and all_finite(q, n) and all_finite(qd, n) else OPENED
 
 

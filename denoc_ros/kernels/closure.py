@@ -15,10 +15,8 @@ from denoc_ros.kernels.layout import COORDINATE
 from denoc_ros.kernels.loop_motion import loop_rows
 from denoc_ros.kernels.motion import linear_velocity, move_body
 from denoc_ros.kernels.placement import place_body
-from denoc_ros.kernels.tie_columns import SIDE, load_sides, project_side
+from denoc_ros.kernels.tie_columns import project_loop
 from denoc_ros.kernels.tie_layout import (
-    ANGULAR,
-    AXIS_ROW,
     AXIS_ROWS,
     BIAS,
     CHILD,
@@ -26,9 +24,6 @@ from denoc_ros.kernels.tie_layout import (
     ERROR,
     FIRST_TIE,
     KIND,
-    LINEAR,
-    LOADS,
-    MEETING,
     MIMIC,
     MULTIPLIER,
     OFFSET,
@@ -56,14 +51,6 @@ def all_rows(ints):
     return at(ints, 0, ROWS) + at(ints, 0, AXIS_ROWS)
 
 
-@shared
-def move_frame(ints, reals, work, q, qd, zero, i):
-    """Place and move frame i on its carrier, which stands and moves already."""
-    place_body(ints, reals, work, q, i)
-    move_body(ints, reals, work, qd, zero, i)
-    linear_velocity(ints, reals, work, qd, i)
-
-
 @inlined
 def mimic_row(ints, reals, work, q, qd, given, tie, t, rows):
     """Write the row q_mimic - multiplier q_leader - offset of a mimic joint."""
@@ -85,10 +72,13 @@ def tie_rows(ints, reals, work, q, qd, given, zero, tie, t, rows):
     """
     if at(ints, tie, KIND) == MIMIC:
         mimic_row(ints, reals, work, q, qd, given, tie, t, rows)
-    else:
-        move_frame(ints, reals, work, q, qd, zero, at(ints, tie, CHILD))
-        move_frame(ints, reals, work, q, qd, zero, at(ints, tie, OTHER))
-        loop_rows(ints, reals, work, tie, t, rows)
+        return
+    for side in range(2):
+        i = at(ints, tie, CHILD if side == 0 else OTHER)
+        place_body(ints, reals, work, q, i)
+        move_body(ints, reals, work, qd, zero, i)
+        linear_velocity(ints, reals, work, qd, i)
+    loop_rows(ints, reals, work, tie, t, rows)
 
 
 @shared
@@ -101,18 +91,6 @@ def move_bodies(ints, reals, work, bodies, q, qd, zero):
 
 
 @inlined
-def project_loop(ints, reals, work, tie, t, rows, first, count, out, n):
-    """Add the rows first .. first + count - 1 of a loop to its Jacobian."""
-    load_sides(ints, work, tie, t, rows, first, count)
-    meeting = at(ints, tie, MEETING)
-    loads = t + LOADS
-    child = at(ints, tie, CHILD)
-    other = at(ints, tie, OTHER)
-    project_side(ints, reals, work, child, meeting, loads, count, out, n * first, n)
-    project_side(ints, reals, work, other, meeting, loads + SIDE, count, out, n * first, n)
-
-
-@inlined
 def tie_jacobian(ints, reals, work, tie, t, rows, out, n):
     """Add the rows of a tie, which stand in the workspace, to the Jacobian out (rows * n)."""
     first = at(ints, tie, ROW)
@@ -121,10 +99,7 @@ def tie_jacobian(ints, reals, work, tie, t, rows, out, n):
         factor = reals[at(ints, tie, CONSTANTS) + MULTIPLIER]
         out[n * first + at(ints, at(ints, tie, OTHER), COORDINATE)] -= factor
         return
-    count = at(ints, tie, LINEAR) + at(ints, tie, ANGULAR)
-    project_loop(ints, reals, work, tie, t, rows, first, count, out, n)
-    if at(ints, tie, AXIS_ROW) > 0:
-        project_loop(ints, reals, work, tie, t, rows, at(ints, tie, AXIS_ROW), 1, out, n)
+    project_loop(ints, reals, work, tie, t, rows, out, n)
 
 
 @kernel('int64(int64, float64[::1], float64[::1], float64[:, ::1])')

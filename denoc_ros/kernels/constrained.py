@@ -198,7 +198,7 @@ def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd, driv
     n = coordinates(handle)
     for j in range(n):
         drive[j] = tau[j] - internal_force(reals, diagonals, q, qd, j)
-    outward_motion(ints, reals, work, bodies, q, qd, given)
+    outward_motion(n, ints, reals, work, diagonals, bodies, q, qd, given)
     if not inward_articulated(ints, reals, work, shift, held, bodies, drive):
         return SINGULAR
     t = at(ints, 0, TIES_WORK)

@@ -40,6 +40,7 @@ from denoc_ros.kernels.tie_layout import (
     ROW,
     TIE_VECTORS,
     VECTORS,
+    WAYS,
 )
 from denoc_ros.kernels.vector import (
     add,
@@ -56,7 +57,7 @@ from denoc_ros.kernels.vector import (
 SIDE = 42  # elements of one side's wrenches
 
 
-@shared
+@inlined
 def carry(ints, work, i, loads, rows, out, o, n):
     """Take wrenches on row i (its axes, about its origin) to its carrier and its modes."""
     p = at(ints, i, PARENT)
@@ -94,6 +95,22 @@ def project(ints, reals, work, p, loads, rows, out, o, n):
 
 
 @inlined
+def parts(ints, tie):
+    """Return 2 for a tie whose free axis has a row too, else 1."""
+    return 2 if at(ints, tie, KIND) != MIMIC and at(ints, tie, AXIS_ROW) > 0 else 1
+
+
+@inlined
+def rows_of(ints, tie, part):
+    """Return first and number of a tie's rows, or of its free axis (part 1)."""
+    if part == 1:
+        return at(ints, tie, AXIS_ROW), 1
+    if at(ints, tie, KIND) == MIMIC:
+        return at(ints, tie, ROW), 1
+    return at(ints, tie, ROW), at(ints, tie, LINEAR) + at(ints, tie, ANGULAR)
+
+
+@inlined
 def load_sides(ints, work, tie, t, rows, first, count):
     """Write the unit wrenches of rows first .. first + count - 1 on both sides of a loop."""
     reach = load(work, t + REACH)
@@ -110,14 +127,20 @@ def load_sides(ints, work, tie, t, rows, first, count):
 
 
 @shared
-def project_side(ints, reals, work, i, meeting, loads, rows, out, o, n):
-    """Add what wrenches on frame i do along the coordinates up to the meeting body."""
-    while at(ints, i, PARENT) != 0:
-        carry(ints, work, i, loads, rows, out, o, n)
-        i = at(ints, i, PARENT)
-        if i == meeting:
-            return
-        project(ints, reals, work, i, loads, rows, out, o, n)
+def project_loop(ints, reals, work, tie, t, rows, out, n):
+    """Add the rows of a loop, and of its free axis, to a Jacobian (rows, n)."""
+    for part in range(parts(ints, tie)):
+        first, count = rows_of(ints, tie, part)
+        load_sides(ints, work, tie, t, rows, first, count)
+        for side in range(2):
+            i = at(ints, tie, CHILD if side == 0 else OTHER)
+            loads = t + LOADS + SIDE * side
+            while at(ints, i, PARENT) > 0:
+                carry(ints, work, i, loads, count, out, n * first, n)
+                i = at(ints, i, PARENT)
+                if i == at(ints, tie, MEETING):
+                    break
+                project(ints, reals, work, i, loads, count, out, n * first, n)
 
 
 @inlined
@@ -170,68 +193,37 @@ def eliminate(ints, reals, work, held, p, loads, rows, o, n):
         eliminate_rigid(ints, reals, work, p, loads, rows, j, n)
 
 
-@shared
-def climb(ints, reals, work, held, i, stop, loads, rows, o, n):
-    """Take loads on body i inward, eliminating, until they act on the body `stop`."""
-    while i != stop:
-        eliminate(ints, reals, work, held, i, loads, rows, o, n)
-        if at(ints, i, PARENT) > 0:
-            carry(ints, work, i, loads, rows, work, o, n)
-        i = at(ints, i, PARENT)
-
-
-@shared
-def climb_together(ints, reals, work, held, tie, t, child, other, rows, o, n):
-    """Take the loads of both sides of a tie from their bodies to the base."""
-    meeting = at(ints, tie, MEETING)
-    loads = t + LOADS
-    climb(ints, reals, work, held, child, meeting, loads, rows, o, n)
-    climb(ints, reals, work, held, other, meeting, loads + SIDE, rows, o, n)
-    for k in range(6 * rows):
-        work[loads + k] += work[loads + SIDE + k]
-    climb(ints, reals, work, held, meeting, 0, loads, rows, o, n)
-
-
-@shared
-def loop_columns(ints, reals, work, held, tie, t, rows, first, count, columns, n):
-    """Write the columns of rows first .. first + count - 1 of a loop."""
-    load_sides(ints, work, tie, t, rows, first, count)
-    o = columns + n * first
-    child = at(ints, tie, CHILD)
-    other = at(ints, tie, OTHER)
-    if at(ints, child, PARENT) > 0:
-        carry(ints, work, child, t + LOADS, count, work, o, n)
-    if at(ints, other, PARENT) > 0:
-        carry(ints, work, other, t + LOADS + SIDE, count, work, o, n)
-    child = at(ints, child, PARENT)
-    other = at(ints, other, PARENT)
-    climb_together(ints, reals, work, held, tie, t, child, other, count, o, n)
-
-
 @inlined
-def mimic_column(ints, reals, work, held, tie, t, columns, n):
-    """Write the column of a mimic joint's row."""
-    o = columns + n * at(ints, tie, ROW)
-    child = at(ints, tie, CHILD)
-    leader = at(ints, tie, OTHER)
+def load_mimic(ints, reals, work, tie, t, o):
+    """Write the forces along both joints of a mimic row, which has no wrenches."""
     for k in range(6):
         work[t + LOADS + k] = 0.0
         work[t + LOADS + SIDE + k] = 0.0
-    work[o + at(ints, child, COORDINATE)] = 1.0
     factor = reals[at(ints, tie, CONSTANTS) + MULTIPLIER]
-    work[o + at(ints, leader, COORDINATE)] -= factor
-    climb_together(ints, reals, work, held, tie, t, child, leader, 1, o, n)
+    work[o + at(ints, at(ints, tie, CHILD), COORDINATE)] += 1.0
+    work[o + at(ints, at(ints, tie, OTHER), COORDINATE)] -= factor
 
 
-@inlined
+@shared
 def tie_columns(ints, reals, work, held, tie, t, rows, columns, n):
     """Write the columns of a tie whose rows stand in the workspace; they must be zero before."""
-    if at(ints, tie, KIND) == MIMIC:
-        mimic_column(ints, reals, work, held, tie, t, columns, n)
-        return
-    first = at(ints, tie, ROW)
-    count = at(ints, tie, LINEAR) + at(ints, tie, ANGULAR)
-    loop_columns(ints, reals, work, held, tie, t, rows, first, count, columns, n)
-    if at(ints, tie, AXIS_ROW) > 0:
-        first = at(ints, tie, AXIS_ROW)
-        loop_columns(ints, reals, work, held, tie, t, rows, first, 1, columns, n)
+    for part in range(parts(ints, tie)):
+        first, count = rows_of(ints, tie, part)
+        o = columns + n * first
+        if at(ints, tie, KIND) == MIMIC:
+            load_mimic(ints, reals, work, tie, t, o)
+        else:
+            load_sides(ints, work, tie, t, rows, first, count)
+        # up both sides to where they meet, and from there together; a frame eliminates nothing
+        for way in range(3):
+            i = at(ints, tie, WAYS + way)
+            stop = at(ints, tie, MEETING) if way < 2 else 0
+            loads = t + LOADS + (SIDE if way == 1 else 0)
+            if way == 2:
+                for k in range(6 * count):
+                    work[loads + k] += work[loads + SIDE + k]
+            while i != stop:
+                eliminate(ints, reals, work, held, i, loads, count, o, n)
+                if at(ints, i, PARENT) > 0:
+                    carry(ints, work, i, loads, count, work, o, n)
+                i = at(ints, i, PARENT)

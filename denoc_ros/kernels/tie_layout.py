@@ -14,6 +14,7 @@ TIES_WORK = 13  # offset of the ties' workspace
 
 # columns of ints, a tie's row
 KIND = 0  # of its angular rows
+WAYS = 1  # the next three: where the ways of a wrench to the base begin
 CHILD = 1  # row of the child's loop frame, or of the body of the mimic joint
 OTHER = 2  # row of the parent's loop frame, or of the body of the leader
 MEETING = 3  # row of the body, or the base, that carries both

@@ -77,8 +77,8 @@ def test_loops_have_rank_redundant_rows_and_degrees_of_freedom(
         return found
 
     # Gruebler: a plane four-bar has 1 degree of freedom, a five-bar 2, three legs on a plate 3;
-    # RSSR has 1 and the coupler's turn about itself
-    freedoms = {'four_bar_rrr': 1, 'five_bar_ffff': 2, 'planar_3dof_3rr': 3, 'rssr_rrr': 2}
+    # RSSR has 1, its coupler hanging on two crossed axes and a ball
+    freedoms = {'four_bar_rrr': 1, 'five_bar_ffff': 2, 'planar_3dof_3rr': 3, 'rssr_rrr': 1}
     for name, freedom in freedoms.items():
         (mechanism,) = summary(name)['mechanism']
         assert mechanism['degrees_of_freedom'] == freedom, name
@@ -95,10 +95,10 @@ def test_loop_that_cannot_close_is_said(
 ) -> None:
     file = tmp_path / 'open.urdf'
     loop = (
-        '<flexibility><loop name="far" type="spherical"><parent link="base" xyz="9 0 0"/>'
+        '<loop name="far" type="spherical"><parent link="base" xyz="9 0 0"/>'
         '<child link="link_2"/></loop></flexibility>'
     )
-    file.write_text(planar_chain([RIGID, RIGID]).replace('</robot>', f'{loop}</robot>'))
+    file.write_text(planar_chain([RIGID, FLEXIBLE]).replace('</flexibility>', loop))
     assert main(['check', str(file), '--json']) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary['loops'][0]['error_at_zero'] == pytest.approx(8.0)
