@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, nullcontext
@@ -20,6 +21,11 @@ STORE_EVERY = 5.0  # s between two files of rows: what an interruption loses at 
 KEY, FAILURE = 'key', 'failure'
 # one run per process: libraries that start threads of their own would only get in each other's way
 THREADED = ('OMP', 'OPENBLAS', 'MKL', 'NUMBA')
+# of Dask's own: sampling of stacks, and memory given back after every small array
+LEAN = {
+    'distributed.worker.profile.enabled': False,
+    'distributed.nanny.pre-spawn-environ': {'MALLOC_TRIM_THRESHOLD_': 1 << 28},
+}
 SINGLE_THREADED = {f'{library}_NUM_THREADS': '1' for library in THREADED}
 
 
@@ -229,10 +235,12 @@ def _client(crew: Crew, tasks: int) -> Iterator[Any]:
             yield client
         return
     with (
+        _required('dask').config.set(LEAN),
         distributed.LocalCluster(
             n_workers=min(crew.workers, tasks),
             threads_per_worker=1,
             dashboard_address=None,
+            silence_logs=logging.ERROR,
             env=SINGLE_THREADED,
         ) as cluster,
         closing(distributed.Client(cluster)) as client,

@@ -83,7 +83,7 @@ def modal_row(item: tuple[argparse.Namespace, Path]) -> Row:
     from denoc_ros.cli.identify_modal import identify
 
     options, path = item
-    began = time.process_time()
+    began = time.thread_time()
     document, _ = identify(options, path)
     modes = document['modes']
     row: Row = {
@@ -93,7 +93,7 @@ def modal_row(item: tuple[argparse.Namespace, Path]) -> Row:
         'begin_s': document['window']['begin_s'],
         'end_s': document['window']['end_s'],
         'reasons': '; '.join(document['reasons']),
-        'processor_s': time.process_time() - began,
+        'processor_s': time.thread_time() - began,
     }
     row |= {name: [mode[name] for mode in modes] for name in OF_MODES}
     for k, name in enumerate(('interval_low', 'interval_high')):
