@@ -12,8 +12,10 @@ ACTIONS = {
     'segment': 'identify_records',
     'modal': 'identify_modal',
     'joint': 'identify_joint',
+    'forced': 'identify_forced',
     'apply': 'identify_results',
     'compare': 'identify_results',
+    'selftest': 'identify_selftest',
 }
 DEFAULT_ACTION = 'modal'
 

@@ -120,7 +120,7 @@ def write_result(folder: Path, document: Mapping[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     text = yaml.safe_dump(plain(document), sort_keys=False, allow_unicode=True, width=100)
     (folder / RESULT_FILE).write_text(text, encoding='utf-8')
-    if 'modes' in document:
+    if document['kind'] == 'modal':
         with (folder / TABLE_FILE).open('w', newline='', encoding='utf-8') as stream:
             writer = csv.writer(stream)
             writer.writerow(TABLE_COLUMNS)

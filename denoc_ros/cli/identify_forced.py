@@ -1,0 +1,205 @@
+"""`denoc identify forced`: modes from a measured torque and the response to it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+
+from denoc_ros.cli.identify_inputs import add_channel_options, channel_of
+from denoc_ros.cli.text_table import text_table
+
+if TYPE_CHECKING:
+    from denoc_ros.cli.sections import Section
+    from denoc_ros.identification.channel import Reading
+    from denoc_ros.identification.forced import ForcedModes
+    from denoc_ros.identification.records import Record
+
+Document = dict[str, Any]
+ROW = 2.3  # inches
+
+
+def add_actions(actions: Any) -> None:
+    """Declare the action's arguments."""
+    parser = actions.add_parser(
+        'forced',
+        help='modes from torque and response',
+        description='Fit a rational frequency response to a measured input (torque, by --force-*) '
+        'and its response (--topic, --field). A table without times takes --rate; with --rate 1 '
+        'frequencies are in cycles per sample.',
+    )
+    parser.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
+    parser.add_argument(
+        '-o', '--output', metavar='FOLDER', type=Path, help='result.yaml and report.html'
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    group = parser.add_argument_group('the input')
+    group.add_argument('--force-topic', default='', help='default: that of the response')
+    group.add_argument('--force-field', required=True, help='as --field')
+    group.add_argument(
+        '--force-quantity',
+        choices=('position', 'velocity', 'effort'),
+        default='effort',
+        help='of a JointState; default: effort',
+    )
+    add_channel_options(parser)
+    parser.set_defaults(act=run_forced)
+
+
+def run_forced(args: argparse.Namespace) -> int:
+    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
+    from denoc_ros.cli.versions import versions
+    from denoc_ros.identification.channel import read_record
+    from denoc_ros.identification.forced import fit_forced
+    from denoc_ros.identification.result import exit_status, write_result
+
+    channel = channel_of(args)
+    response = read_record(args.path, channel)
+    source = replace(
+        channel,
+        topic=args.force_topic or response.channel.topic,
+        field=args.force_field,
+        quantity=args.force_quantity,
+        gain=1.0,
+        offset=0.0,
+        unit='',
+    )
+    force, answer = _together(read_record(args.path, source), response)
+    found = fit_forced(force, answer)
+    document = forced_result(response, source.name, answer, found, versions())
+    if args.output:
+        write_result(args.output, document)
+        page = forced_page(document, answer, found)
+        (args.output / 'report.html').write_text(page, encoding='utf-8')
+    print(json.dumps(document, indent=2) if args.json else as_text(document))
+    return exit_status(document['verdict'])
+
+
+def forced_result(
+    reading: Reading, force: str, record: Record, found: ForcedModes, versions: Mapping[str, str]
+) -> Document:
+    """Return all that is kept of an identification from torque and response."""
+    from denoc_ros.identification.quality import assess
+    from denoc_ros.identification.result import plain, quality_of, source_of
+
+    modes = [
+        {
+            'frequency_hz': found.frequency[k],
+            'damping_ratio': found.damping_ratio[k],
+            'interval': found.interval[k],
+            'formal_interval': found.formal_interval[k],
+            'window_interval': found.window_interval[k],
+            'strength': found.strength[k],
+            'verdict': found.verdict[k],
+            'reasons': found.reasons[k],
+        }
+        for k in range(len(found.frequency))
+    ]
+    document = {
+        'kind': 'forced',
+        'source': {**source_of(reading), 'force': force},
+        'window': {'begin_s': record.t[0], 'end_s': record.t[-1]},
+        'quality': quality_of(assess(record)),
+        'method': 'rational frequency response at the excited lines, least squares; order by BIC',
+        'modes': modes,
+        'explained': found.explained,
+        'verdict': found.status,
+        'reasons': [one for some in found.reasons for one in some],
+        'versions': dict(versions),
+    }
+    return dict(plain(document))
+
+
+def as_text(document: Mapping[str, Any]) -> str:
+    """Return a result's lines for a terminal."""
+    source = document['source']
+    lines = [
+        f'{source["file"]}: {source["field"]} from {source["force"]}, '
+        f'{100.0 * document["explained"]:.1f} % explained'
+    ]
+    rows = [
+        {
+            'f [Hz]': mode['frequency_hz'],
+            'zeta': mode['damping_ratio'],
+            '95 %': mode['interval'],
+            'strength': mode['strength'],
+            'verdict': mode['verdict'],
+        }
+        for mode in document['modes']
+    ]
+    if rows:
+        lines.append(text_table(rows))
+    for mode in document['modes']:
+        lines += [f'  {mode["frequency_hz"]:.4g} Hz: {reason}' for reason in mode['reasons']]
+    return '\n'.join([*lines, f'verdict: {document["verdict"]}'])
+
+
+def forced_page(document: Mapping[str, Any], record: Record, found: ForcedModes) -> str:
+    """Return the HTML page of modes from torque and response."""
+    from denoc_ros.cli.identify_page import about
+    from denoc_ros.cli.pages import render_page
+    from denoc_ros.cli.sections import Card
+
+    cards = [
+        Card('Verdict', document['verdict'], f'{100.0 * document["explained"]:.1f} % explained')
+    ]
+    for mode in document['modes'][:4]:
+        low, high = mode['interval']
+        note = f'95 %: {low:.4g} … {high:.4g}, {mode["verdict"]}'
+        label = f'{mode["frequency_hz"]:.4g} Hz'
+        cards.append(Card(label, f'ζ {mode["damping_ratio"]:.4g}', note))
+    return render_page(
+        'identify.html.j2',
+        title=f'Forced response of {record.name}',
+        session={'versions': document['versions']},
+        subtitle=f'{document["source"]["file"]} · {document["method"]}',
+        cards=cards,
+        sections=[_response(record, found), about(document)],
+    )
+
+
+def _response(record: Record, found: ForcedModes) -> Section:
+    from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
+    from denoc_ros.cli.sections import Section
+
+    panels = [
+        Panel(
+            title,
+            unit,
+            [
+                Curve('measured', TRUTH_COLOUR, found.line, of(found.measured), marker='.'),
+                Curve('fitted', PHASE_COLOURS[0], found.line, of(found.fitted)),
+            ],
+            x_label='frequency [Hz]',
+            log_y=log,
+        )
+        for title, unit, of, log in (
+            ('response over input, magnitude', '', np.abs, True),
+            ('phase', 'rad', np.angle, False),
+        )
+    ]
+    return Section(
+        'Frequency response',
+        'Ratio of the transforms at the lines that the input excites, and the fitted modes.',
+        [Markup(line_figure(panels, ROW))],
+    )
+
+
+def _together(force: Reading, response: Reading) -> tuple[Record, Record]:
+    """Return input and response on the stamps of the response where both are there."""
+    from denoc_ros.identification.records import Record
+
+    answer = response.record
+    late = (force.origin_ns - response.origin_ns) * 1e-9
+    t = force.record.t + late
+    if np.array_equal(t, answer.t):
+        return force.record, answer
+    answer = answer.part(max(t[0], answer.t[0]), min(t[-1], answer.t[-1]))
+    values = np.interp(answer.t, t, force.record.y)
+    return Record(answer.t, values, force.record.name, force.record.unit), answer

@@ -1,0 +1,85 @@
+"""`denoc identify selftest`: how good the estimators are, on synthetic decays drawn now."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from denoc_ros.cli.batch import FAILURE, add_crew_options, crew_of, run_batch
+from denoc_ros.cli.text_table import text_table
+from denoc_ros.errors import IdentificationError
+
+if TYPE_CHECKING:
+    from denoc_ros.identification.selftest import Job, Outcome
+
+DOUBTFUL = 2
+CHANCE_OF_SHORT = 1e-4  # that a short self-test fails estimators that are just good enough
+
+
+def add_actions(actions: Any) -> None:
+    """Declare the action's arguments."""
+    parser = actions.add_parser(
+        'selftest',
+        help='accuracy of the estimators on synthetic decays with known truth',
+        description='Draw decays with known modes and the defects of a bag, identify them, and '
+        'hold the errors against what must be reached. Exit status 2 where it is not.',
+    )
+    parser.add_argument('--full', action='store_true', help='ten times as many records')
+    parser.add_argument('--seed', type=int, help='repeat a run; default: drawn now, and printed')
+    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    add_crew_options(parser)
+    parser.set_defaults(act=run_selftest)
+
+
+def run_selftest(args: argparse.Namespace) -> int:
+    """Measure; exit status 2 when a row of the table is not reached."""
+    from denoc_ros.identification.selftest import selftest, table
+
+    crew = crew_of(args)
+
+    def runner(measure: Callable[[Job], Outcome], jobs: Iterable[Job]) -> Iterator[Outcome]:
+        items = {str(k): (measure, job) for k, job in enumerate(jobs)}
+        for row in run_batch(outcome_row, items, None, crew, 'records', not args.json):
+            if row[FAILURE]:
+                raise IdentificationError(f'selftest: record {row["key"]}: {row[FAILURE]}')
+            yield row['outcome']
+
+    seed, outcomes = selftest(args.full, args.seed, runner)
+    rows = table(outcomes, 0.0 if args.full else CHANCE_OF_SHORT)
+    if args.json:
+        shown = [dataclasses.asdict(row) for row in rows]
+        print(json.dumps({'seed': seed, 'full': args.full, 'rows': shown}, indent=2))
+    else:
+        print(f'seed {seed}')
+        print(
+            text_table(
+                [
+                    {
+                        'condition': row.condition,
+                        'records': row.records,
+                        'found': _percent(row.found),
+                        'within': _percent(row.within),
+                        'median error': f'{100.0 * row.median:.2g} %',
+                        'with spurious': row.spurious_records,
+                        'coverage': _percent(row.coverage),
+                        'per record': f'{row.seconds:.2g} s',
+                        'reached': 'yes' if row.passed else 'no',
+                    }
+                    for row in rows
+                ]
+            )
+        )
+    return 0 if all(row.passed for row in rows) else DOUBTFUL
+
+
+def outcome_row(item: tuple[Callable[[Job], Outcome], Job]) -> dict[str, Any]:
+    """Return one record's outcome as a row, for a worker."""
+    measure, job = item
+    return {'outcome': measure(job)}
+
+
+def _percent(part: float) -> str:
+    return f'{100.0 * part:.1f} %'
