@@ -24,6 +24,8 @@ SCENARIOS = {
     'stanford_forced': ['stanford', 'stanford_flexible'],
     'stanford_free_fall': ['stanford', 'stanford_flexible'],
     'single_link_free_fall': ['single_link'],
+    'clamped_beam': ['clamped_beam'],
+    'pendulum_free_fall': ['rigid_pendulum', 'one_flexible_link'],
     'stability_puma': ['puma'],
     'stability_canadarm': ['canadarm'],
     'stability_ssrms': ['ssrms'],
