@@ -126,8 +126,11 @@ def forward_rows(robot: HeldModel, q: Array, qd: Array, tau: Array) -> tuple[Arr
     """Return accelerations (k, n) and multipliers (k, rows) of many states in one call."""
     qdd, multipliers = np.empty_like(q), np.zeros((len(q), len(robot.lowered.tie_names)))
     inputs = (np.zeros(robot.n), q, qd, np.zeros_like(q), tau)
-    kernel = constrained.constrained_dynamics_rows
-    if run_rows(robot, kernel, len(q), inputs, (qdd, multipliers)) != GOOD:
+    if multipliers.size:
+        kernel, outputs = constrained.constrained_dynamics_rows, (qdd, multipliers)
+    else:
+        kernel, outputs = articulated.articulated_dynamics_rows, (qdd, np.empty_like(q))
+    if run_rows(robot, kernel, len(q), inputs, outputs) != GOOD:
         # the first state that has no answer says why
         each_row(lambda q, qd, tau: forward(robot, q, qd, tau), q, qd, tau)
     return qdd, multipliers

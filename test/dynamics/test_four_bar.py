@@ -277,3 +277,12 @@ def test_a_step_from_an_open_loop_is_refused_and_changes_nothing() -> None:
     with pytest.raises(dn.SolverError, match="'three' must"):
         dn.Stepper(robot, 1e-3).free(q, qd, np.zeros(robot.n))
     np.testing.assert_array_equal(q, 0.0)
+
+
+def test_rows_of_states_that_include_a_singular_one_say_so() -> None:
+    robot, q, _ = parallelogram(0.0, 2.0)
+    T = turning(robot)
+    good = np.linalg.solve(T, [2.0, 0.0, 2.0])
+    bad = np.linalg.solve(T, [2.0, 1.0, 2.0 + 1.0 * 0.9 / 0.4])
+    with pytest.raises(dn.SolverError, match='singular'):
+        robot.constrained_forward_dynamics(q, np.array([good, bad]), np.zeros(robot.n))

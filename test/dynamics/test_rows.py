@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from looped_robots import random_closed
 from numpy.typing import NDArray
-from strategies import random_state, seeded_robot
+from strategies import random_state
 
-from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.robot import Robot
 
 Array = NDArray[np.float64]
 ROWS = 150  # enough for two threads
@@ -18,7 +19,7 @@ ROWS = 150  # enough for two threads
 
 @pytest.fixture(scope='module')
 def robot() -> Robot:
-    return load_robot(seeded_robot(3))
+    return random_closed(3, 'universal').robot
 
 
 def flexible_link(robot: Robot) -> str:
@@ -32,6 +33,9 @@ VERBS: dict[str, Callable[[Robot, Array], Any]] = {
     'sensor_values': lambda robot, q: robot.sensor_values(q),
     'denoc_matrices': lambda robot, q: robot.denoc_matrices(q)[0],
     'natural_frequencies': lambda robot, q: robot.natural_frequencies(q[:3] if q.ndim > 1 else q),
+    'closure': lambda robot, q: robot.closure(q),
+    'closure_jacobian': lambda robot, q: robot.closure_jacobian(q),
+    'closure_bias': lambda robot, q: robot.closure_bias(q, q),
     'inertia_matrix': lambda robot, q: robot.inertia_matrix(q),
     'constrained_forward_dynamics': lambda robot, q: robot.constrained_forward_dynamics(q, q, q)[
         0
