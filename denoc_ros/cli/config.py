@@ -17,6 +17,7 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.model.overrides import FAMILIES
 
 NODES = ('plant', 'feedforward', 'predictor', 'recorder')
+OF_ROBOTS = ('plant', 'feedforward', 'predictor')
 KEYS = (
     'robot',
     'gravity',
@@ -24,6 +25,8 @@ KEYS = (
     'duration',
     'record',
     'tip',
+    'joints',
+    'posture',
     'model',
     'nodes',
     'plant',
@@ -59,6 +62,8 @@ class SessionConfig:
         Whether a recorder runs.
     tip : str
         The frame whose tracking error is reported; '' for the end of the last chain.
+    joints : tuple of str
+        The driven joints of a robot with loops; () for all that are not mimics.
     model : mapping
         Overrides of the model that every node but the plant works with: dotted path -> number(s).
     nodes : mapping
@@ -78,6 +83,7 @@ class SessionConfig:
     duration: float
     record: bool
     tip: str
+    joints: tuple[str, ...]
     model: Parameters
     nodes: Mapping[str, Parameters]
     without: frozenset[str]
@@ -186,6 +192,10 @@ class _Checker:
         without = frozenset(name for name in NODES if listed.get(name) is False)
         nodes = self._nodes('nodes', {k: v for k, v in listed.items() if k not in without})
         nodes['plant'] = {**nodes.get('plant', {}), **_split(plant, FAMILIES)[1]}
+        mechanism = self._mechanism(raw)
+        if mechanism:
+            for name in OF_ROBOTS:
+                nodes[name] = {**mechanism, **nodes.get(name, {})}
         model = flatten(self._mapping('model', raw.get('model')))
         return SessionConfig(
             path=self._file,
@@ -195,6 +205,7 @@ class _Checker:
             duration=self._duration(raw.get('duration', 0.0)),
             record=self._boolean('record', raw.get('record', True)),
             tip=self._text('tip', raw.get('tip', '')),
+            joints=tuple(mechanism.get('joints', ())),
             model=self._overrides('model', model),
             nodes=nodes,
             without=without,
@@ -251,6 +262,18 @@ class _Checker:
         if not isinstance(value, str):
             self._find(f'{whose} must be a name, got {value!r}')
         return str(value)
+
+    def _mechanism(self, raw: Mapping[str, Any]) -> Parameters:
+        """Return the parameters that say how every node takes the robot's loops."""
+        joints, posture = raw.get('joints', []), raw.get('posture', [])
+        if not (isinstance(joints, list) and all(isinstance(name, str) for name in joints)):
+            self._find(f'joints must be a list of the driven joints, got {joints!r}')
+            joints = []
+        if posture != [] and not _is_numbers(posture):
+            self._find(f'posture must be a list of finite numbers [rad or m], got {posture!r}')
+            posture = []
+        given = {'joints': joints, 'posture': [float(value) for value in posture]}
+        return {name: value for name, value in given.items() if value}
 
     def _reference(self, value: Any) -> Mapping[str, Any]:
         if isinstance(value, str):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.bags.series import Diagnostic
 from denoc_ros.cli.recording import Interval, Recording, Series
+from denoc_ros.errors import SolverError
 from denoc_ros.simulation.trajectories import SplineTrajectory
 
 if TYPE_CHECKING:
@@ -285,8 +286,14 @@ def _tip_error(
     rows = np.linspace(0, len(true.t) - 1, min(POSES, len(true.t))).astype(np.intp)
     q = np.ascontiguousarray(true.select(tuple(robot.coordinate_names)).values[rows])
     wanted = np.zeros_like(q)
+    if robot.tree.loops:
+        wanted[:, robot.joint_indices] = q[:, robot.joint_indices]
     places = [robot.coordinate_names.index(name) for name in reference.names]
     wanted[:, places] = reference.at(true.t[rows])
+    try:
+        wanted = robot.assemble(wanted, fixed=reference.names)
+    except SolverError:
+        return None
     gap = _positions(robot, tip, q) - _positions(robot, tip, wanted)
     return Series(true.t[rows], (tip,), np.linalg.norm(gap, axis=1)[:, np.newaxis])
 

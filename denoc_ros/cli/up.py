@@ -154,7 +154,7 @@ def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
     from denoc_ros.cli.session import Task
     from denoc_ros.simulation.reference import trajectory_from_config
 
-    joints = [
+    joints = list(config.joints) or [
         body.joint.name
         for body in robot.tree.bodies
         if body.joint is not None
@@ -181,7 +181,9 @@ def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
 def _started_on_the_reference(config: SessionConfig, task: Task) -> SessionConfig:
     """Return the session with the plant starting where the reference does, unless it says."""
     plant = config.nodes.get('plant', {})
-    if task.trajectory is None or {'start', 'joints'}.intersection(plant):
+    if task.trajectory is None or 'start' in plant:
+        return config
+    if list(plant.get('joints', task.joints)) != task.joints:
         return config
     start = task.trajectory.table(task.trajectory.duration)[1][0].tolist()
     return dataclasses.replace(config, nodes={**config.nodes, 'plant': {**plant, 'start': start}})

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.constraints import RANK, add_loop_friction, closure_rows, jacobian
 from denoc_ros.dynamics.joint_ties import joint_ties
+from denoc_ros.dynamics.mobility import rank_of
 from denoc_ros.errors import SolverError, StateError
 
 if TYPE_CHECKING:
@@ -63,6 +64,8 @@ class DrivenMotion:
         self.robot = robot
         self._ties, self._offsets, self.joints = joint_ties(robot, joints, held or {})
         self._all = robot.joint_indices
+        identity = np.array_equal(self._ties, np.eye(*self._ties.shape))
+        self._plain = identity and not self._offsets.any()
         names = list(robot.joint_names)
         self.index: Int = self._all[[names.index(name) for name in self.joints]]
         self.given = robot.joint_names
@@ -71,22 +74,25 @@ class DrivenMotion:
 
     def positions(self, q: Array, driven: Array) -> None:
         """Put positions (driven,) into q (n,) and with them those of the joints they give."""
-        q[self._all] = self._ties @ driven + self._offsets
+        q[self._all] = driven if self._plain else self._ties @ driven + self._offsets
 
     def rates(self, qd: Array, driven: Array) -> None:
         """Put rates (driven,) into qd (n,) and with them those they give at the last positions."""
-        qd[self._all] = self._ties @ driven
+        qd[self._all] = driven if self._plain else self._ties @ driven
 
     def accelerations(self, q: Array, qd: Array, qdd: Array, driven: Array) -> None:
         """Put accelerations (driven,) into qdd (n,) and with them those they give."""
-        qdd[self._all] = self._ties @ driven
+        qdd[self._all] = driven if self._plain else self._ties @ driven
 
     def given_accelerations(self, driven: Array) -> Array:
         """Return the accelerations of the joints `given` by those of the driven ones."""
-        return np.asarray(self._ties @ driven)
+        return driven if self._plain else np.asarray(self._ties @ driven)
 
     def reduce(self, force: Array, out: Array) -> Array:
         """Return what generalized forces (n,) ask of the driven joints, at the last positions."""
+        if self._plain:
+            out[:] = force[self._all]
+            return out
         return np.dot(force[self._all], self._ties, out=out)
 
     def add_friction(self, qd: Array, force: Array) -> None:
@@ -143,20 +149,20 @@ class LoopedMotion(DrivenMotion):
         rows, robot = self._rows, self.robot
         moving = np.abs(rows).max(axis=0) > RANK * np.abs(rows).max()
         free = np.setdiff1d(robot.joint_indices[moving[robot.joint_indices]], self.index)
-        rank = _rank(rows[:, free])
+        rank = rank_of(rows[:, free])
         if rank < len(free):
-            names = [robot.coordinate_names[k].removeprefix('joint ') for k in free]
+            names = [robot.coordinate_names[k] for k in free]
             raise StateError(
                 f'{robot.tree.name}: the driven joints {list(self.joints)} must leave nothing '
                 f'else free, got {len(free) - rank} free motion(s) of {names}'
             )
-        if _rank(rows[:, np.union1d(free, self.index)]) > rank:
+        if rank_of(rows[:, np.union1d(free, self.index)]) > rank:
             raise StateError(
                 f'{robot.tree.name}: the driven joints must move independently of each other, '
                 f'got {list(self.joints)}, which the loops tie together'
             )
         everything = np.union1d(free, robot.flexible_indices)
-        return everything if flexible and _rank(rows[:, everything]) > rank else free
+        return everything if flexible and rank_of(rows[:, everything]) > rank else free
 
     def _linearize(self, q: Array) -> None:
         self._rows, self._axes = jacobian(self.robot, q)
@@ -221,10 +227,6 @@ class LoopedMotion(DrivenMotion):
     def add_friction(self, qd: Array, force: Array) -> None:
         """Add viscous and Coulomb friction of the loops' own joints to a force (n,) in place."""
         add_loop_friction(self.robot, qd, self._axes, force)
-
-
-def _rank(matrix: Array) -> int:
-    return int(np.linalg.matrix_rank(matrix, RANK * np.abs(matrix).max(initial=1e-300)))
 
 
 def driven_motion(

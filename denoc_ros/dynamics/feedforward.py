@@ -119,14 +119,14 @@ class TorqueFeedforward:
         self._flexible = flexible
         self._index = robot.joint_indices
         self._equilibrium = Equilibrium(robot, np.union1d(flexible, self.motion.bound))
-        self._stepper = Stepper(robot, step)
+        self._stepper = Stepper(robot, step, self.motion.given)
         self._zero = np.zeros(n)
         self._state, self._full, self._part = np.zeros((3, n))
         self._result = np.zeros(len(self.joints))
         diagonals = robot.lowered.diagonals
         self._damping = diagonals[DAMPING][self._index].copy()
         self._friction = diagonals[FRICTION][self._index].copy()
-        self._given = self.motion.given_accelerations(self._result)
+        self._given = np.zeros(len(self.motion.given))
         self.q[:] = self.motion.posture
         self._settled = False
 
@@ -165,7 +165,7 @@ class TorqueFeedforward:
         else:
             self._place(q, qd, qdd)
             self._start()
-            self._given = self.motion.given_accelerations(qdd)
+            self._given[:] = self.motion.given_accelerations(qdd)
         if self._moves:
             self._stepper.accelerations(self.q, self.qd, self._given, out=self.qdd)
         return self._joint_torque()
@@ -195,15 +195,16 @@ class TorqueFeedforward:
 
     def _integrate(self, qdd: Array, elapsed: float) -> None:
         """Move the amplitudes over `elapsed`, the joints' acceleration going to `qdd`."""
-        before, after = self._given, self.motion.given_accelerations(qdd)
-        self._given = after
+        before = self._given.copy()
+        self._given[:] = self.motion.given_accelerations(qdd)
         if elapsed == 0.0:
             return
+        change = self._given - before
         count = min(SUBSTEPS, max(1, round(elapsed / self.step)))
         self._stepper.step = elapsed / count
         for k in range(count):
             share = (k + 0.5) / count
-            self._stepper.driven(self.q, self.qd, before + share * (after - before))
+            self._stepper.driven(self.q, self.qd, before + share * change)
 
     def _start(self) -> None:
         """Put the amplitudes where they stand still (or keep them zero)."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.response import response
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.correction import take_values
 from denoc_ros.kernels.handle import DAMPING, STIFFNESS
@@ -41,8 +42,8 @@ class AmplitudeFilter:
         Standard deviation of the loads as a share of the elastic forces at the time.
     initial_deflection : float
         Share of a beam's length by which its tip may be off at the start.
-    joints_held : bool
-        Whether the joints' motion is given; else they are free.
+    free : int array, optional
+        Coordinates whose motion is not given: the amplitudes, and no others by default.
 
     Attributes
     ----------
@@ -52,10 +53,9 @@ class AmplitudeFilter:
 
     Notes
     -----
-    M d'' + C d' + K d = f + ..., with M the amplitudes' block of the inertia matrix (joints
-    held), or the inverse of that block of its inverse (joints free), K and C the diagonals of
-    elasticity and damping. x' = J x is stepped as the model is (:mod:`denoc_ros.kernels.step`),
-    by R(h J) with
+    M d'' + C d' + K d = f + ..., with M^-1 the amplitudes' block of the response of all that is
+    free, K and C the diagonals of elasticity and damping. x' = J x is stepped as the model is
+    (:mod:`denoc_ros.kernels.step`), by R(h J) with
 
         R(z) = (1 + (1 - 2 gamma) z) / (1 - gamma z)^2.
 
@@ -74,12 +74,14 @@ class AmplitudeFilter:
         step: float,
         model_error: float,
         initial_deflection: float,
-        joints_held: bool = True,
+        free: NDArray[np.int64] | None = None,
     ) -> None:
         ready(take_values)
         self._robot, self._step = robot, step
-        self._error, self._held = model_error, joints_held
+        self._error = model_error
         self._flexible = robot.flexible_indices
+        self._free = self._flexible if free is None else free
+        self._among_free = np.searchsorted(self._free, self._flexible)
         diagonals = robot.lowered.diagonals
         self.stiffness: Array = diagonals[STIFFNESS][self._flexible]
         self._damping = diagonals[DAMPING][self._flexible]
@@ -88,7 +90,6 @@ class AmplitudeFilter:
         force = self.stiffness[self._first] * initial_deflection * lengths
         self._start_force: Array = force
         self._floor = np.zeros(m)
-        self._inertia = np.zeros((robot.n, robot.n))
         self.covariance, self._scratch = np.zeros((2, 3 * m, 3 * m))
         self._transition: Array = np.eye(3 * m)
         self._gain = np.zeros(3 * m)
@@ -113,28 +114,21 @@ class AmplitudeFilter:
             return
         self._posture = posture
         m, h = self._m, self._step
-        self._mobility = mobility = self._find_mobility(q)
+        whole = response(self._robot, q, self._free)
+        self._mobility = answer = whole[np.ix_(self._among_free, self._among_free)]
         root = np.sqrt(self.stiffness)
-        squares = np.linalg.eigvalsh(root[:, None] * mobility * root)
+        squares = np.linalg.eigvalsh(root[:, None] * answer * root)
         self._omega = omega = math.sqrt(squares[0])
         jacobian = np.zeros((3 * m, 3 * m))
         jacobian[:m, m : 2 * m] = np.eye(m)
-        jacobian[m : 2 * m, :m] = -mobility * self.stiffness
-        jacobian[m : 2 * m, m : 2 * m] = -mobility * self._damping
-        jacobian[m : 2 * m, 2 * m :] = mobility
+        jacobian[m : 2 * m, :m] = -answer * self.stiffness
+        jacobian[m : 2 * m, m : 2 * m] = -answer * self._damping
+        jacobian[m : 2 * m, 2 * m :] = answer
         jacobian[2 * m :, 2 * m :] = -omega * np.eye(m)
         implicit = np.eye(3 * m) - GAMMA * h * jacobian
         explicit = np.eye(3 * m) + (1.0 - 2.0 * GAMMA) * h * jacobian
         self._transition = np.linalg.solve(implicit, np.linalg.solve(implicit, explicit))
         self.decay = float(self._transition[-1, -1])
-
-    def _find_mobility(self, q: Array) -> Array:
-        """Return the accelerations (m, m) of the amplitudes by unit forces on them."""
-        inertia = self._robot.inertia_matrix(q, out=self._inertia, check=False)
-        block = np.ix_(self._flexible, self._flexible)
-        if self._held:
-            return np.asarray(np.linalg.inv(inertia[block]))
-        return np.asarray(np.linalg.inv(inertia)[block])
 
     def reset(self, q: Array) -> None:
         """Start at coordinates q (n,), nothing known but how far beams may be off."""

@@ -75,8 +75,8 @@ class StrainFusion:
     settings : FusionSettings
     max_age : float
         Values older than this against the joints' motion [s] are refused.
-    joints_held : bool
-        Whether the joints' motion is given to the model.
+    free : int array, optional
+        Coordinates whose motion is not given to the model; default the amplitudes.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class StrainFusion:
         step: float,
         settings: FusionSettings,
         max_age: float,
-        joints_held: bool = True,
+        free: NDArray[np.int64] | None = None,
     ) -> None:
         sensors = robot.tree.sensors
         _require_noise(robot.tree.name, sensors)
@@ -116,7 +116,7 @@ class StrainFusion:
             step,
             settings.model_error,
             settings.initial_deflection,
-            joints_held,
+            free,
         )
         self.filter.set_floor(self._rows, self._noise)
         self._trail = Trail(math.ceil(max_age / step) + 2, 2 * m)

@@ -3,84 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.driven_motion import driven_motion
+from denoc_ros.dynamics.equilibrium import Equilibrium
+from denoc_ros.dynamics.response import impulse_response
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.errors import SolverError, StateError
-from denoc_ros.estimation.fusion import FusionSettings, StrainFusion
-from denoc_ros.estimation.tracking import TrackingFilter, connecting_acceleration
+from denoc_ros.errors import SolverError
+from denoc_ros.estimation.fusion import StrainFusion
+from denoc_ros.estimation.observer_settings import ObserverSettings
+from denoc_ros.estimation.tracking import TrackingFilter
 
 Array = NDArray[np.float64]
 Reference = Callable[[float], tuple[Array, Array, Array]]
-
-SOURCES = ('joints', 'torque')
 
 # A longer gap [s] is not integrated over: the observer goes on from the measurement instead.
 LONGEST_GAP = 0.25
 # Between two measurements, however far apart.
 MOST_STEPS = 250
-
-
-@dataclass(frozen=True)
-class ObserverSettings:
-    """How the observer works.
-
-    Attributes
-    ----------
-    step : float
-        Time of one tick [s].
-    source : str
-        `joints`: the measured joint motion drives the amplitudes. `torque`: full forward
-        dynamics under the effort, joints corrected by measurement.
-    cutoff : float
-        Bandwidth of the filter on measured joint motion [Hz].
-    correction_cutoff : float
-        Bandwidth at which measured joints correct the model's [Hz] (`torque` only).
-    horizon : float
-        How far ahead deflections are predicted [s]; 0: not at all.
-    horizon_steps : int
-        Steps of that prediction at most, and of that from the last measurement to now; fewer
-        where they would be shorter than a tick.
-    max_age : float
-        Measurements older than this [s] are refused, and the estimate goes no further than this
-        beyond the last one.
-    fusion : FusionSettings or None
-        How the robot's sensors correct the amplitudes; None: they do not.
-
-    Raises
-    ------
-    StateError
-        If a value is out of range.
-    """
-
-    step: float
-    source: str = 'joints'
-    cutoff: float = 50.0
-    correction_cutoff: float = 10.0
-    horizon: float = 0.0
-    horizon_steps: int = 10
-    max_age: float = 0.05
-    fusion: FusionSettings | None = None
-
-    def __post_init__(self) -> None:
-        if self.source not in SOURCES:
-            raise StateError(
-                f'observer: source must be one of {", ".join(SOURCES)}, got {self.source!r}'
-            )
-        for name in ('step', 'cutoff', 'correction_cutoff', 'max_age'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise StateError(f'observer: {name} must be > 0, got {value}')
-        if not (math.isfinite(self.horizon) and self.horizon >= 0.0):
-            raise StateError(f'observer: horizon must be >= 0 s, got {self.horizon}')
-        if self.horizon_steps < 1:
-            raise StateError(f'observer: horizon_steps must be >= 1, got {self.horizon_steps}')
 
 
 class Observer:
@@ -95,6 +40,12 @@ class Observer:
         The model; the observer works on copies.
     settings : ObserverSettings
         How.
+    joints : sequence of str, optional
+        The joints that are measured, in the order of all arrays of joints here; default all that
+        are not mimics. Mimic joints follow their leaders, loops give the joints they bind, and
+        any other stands still at 0.
+    posture : (n,) array, optional
+        Coordinates near which loops are closed; default 0.
 
     Attributes
     ----------
@@ -117,16 +68,27 @@ class Observer:
     Raises
     ------
     StateError
-        Sensors are to be fused, but there are none or one has no noise.
+        Sensors are to be fused, but there are none or one has no noise; the measured joints do
+        not determine the motion of the loops.
+    SolverError
+        Loops do not close near the posture.
     """
 
-    def __init__(self, robot: Robot, settings: ObserverSettings) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        settings: ObserverSettings,
+        joints: Sequence[str] | None = None,
+        posture: Array | None = None,
+    ) -> None:
         self.settings = settings
         self.robot = robot.copy()
-        self._stepper = Stepper(robot.copy(), settings.step)
-        self._joints = np.asarray(robot.joint_indices, dtype=np.intp)
-        self._flexible = np.setdiff1d(np.arange(robot.n), self._joints)
-        self._inertia = np.zeros((robot.n, robot.n))
+        self.motion = driven_motion(self.robot, joints, None, posture)
+        self._stepper = Stepper(robot.copy(), settings.step, self.motion.given)
+        self._joints = self.motion.index
+        self._flexible = robot.flexible_indices
+        self._free = np.union1d(robot.flexible_indices, self.motion.bound)
+        self._equilibrium = Equilibrium(self.robot, self._free)
         self._filter = TrackingFilter(len(self._joints), settings.cutoff)
         self.deflections = TipDeflections(robot)
         self.q, self.qd, self.q_ahead, self.qd_ahead = np.zeros((4, robot.n))
@@ -139,7 +101,7 @@ class Observer:
                 settings.step,
                 settings.fusion,
                 settings.max_age,
-                settings.source == 'joints',
+                self._free if settings.source == 'joints' else np.arange(robot.n),
             )
         self.late = self.repeated = self.restarts = self.unsettled = 0
         self.reset()
@@ -172,7 +134,7 @@ class Observer:
         stamp : float
             When it was taken [s], on the clock of `tick`.
         q, qd : (joints,) arrays
-            Positions and, if known, rates, in the order of the robot's joint names.
+            Positions and, if known, rates.
         effort : (joints,) array, optional
             Torques or forces at the joints [N m, N]; kept until the next.
 
@@ -223,6 +185,9 @@ class Observer:
     def _fuse(self) -> None:
         if self.fusion is not None:
             self.fusion.correct(self._q, self._qd)
+            if len(self.motion.bound):
+                self.motion.positions(self._q, self._q[self._joints])
+                self.motion.rates(self._qd, self._qd[self._joints])
             self._tau[self._flexible] = self.fusion.loads
 
     def take_effort(self, effort: Array | None) -> None:
@@ -252,22 +217,24 @@ class Observer:
     def _start(self, stamp: float, q: Array, qd: Array | None) -> None:
         self.time = self._stamp = stamp
         self._filter.reset(q, qd)
-        self._q[:] = 0.0
-        self._q[self._joints] = q
+        self._q[:] = self.motion.posture
+        self.motion.positions(self._q, q)
+        undeformed = self._q.copy()
         try:
-            self._q[:] = self.robot.static_deflection(q)
+            if len(self._free):
+                self._equilibrium.find(self._q)
         except SolverError:
             # no equilibrium at this posture (buckled): nothing is known of the amplitudes
             self.unsettled += 1
+            self._q[:] = undeformed
         self._qd[:] = 0.0
-        self._qd[self._joints] = self._filter.qd
+        self._follow_joints()
         self.q[:], self.qd[:] = self._q, self._qd
         if self.fusion is not None:
             self.fusion.reset(stamp, self._q, self._qd)
 
     def _drive(self, interval: float) -> None:
         """Bring the state from the measurement before over an interval [s] to this one."""
-        joints, measured = self._joints, self._filter
         if interval > LONGEST_GAP:
             self.restarts += 1
             if self.fusion is not None:
@@ -278,8 +245,12 @@ class Observer:
             return
         else:
             self._go(self._q, self._qd, interval, self._between(interval), self._follow)
-        self._q[joints] = measured.q
-        self._qd[joints] = measured.qd
+        self._follow_joints()
+
+    def _follow_joints(self) -> None:
+        """Put the joints where they were measured, and with them what they bind."""
+        self.motion.positions(self._q, self._filter.q)
+        self.motion.rates(self._qd, self._filter.qd)
 
     def _between(self, interval: float) -> Callable[[float], Array]:
         """Return the joints' acceleration over an interval [s] between two measurements.
@@ -288,27 +259,26 @@ class Observer:
         rates feel a jump of the joints' rates once and noise does not pile up. Over several ticks
         it also changes linearly so that it makes the change of the positions.
         """
-        joints, measured = self._joints, self._filter
-        before = self._q[joints], self._qd[joints]
-        mean, slope = connecting_acceleration(interval, *before, measured.q, measured.qd)
+        rate = self._qd[self._joints]
+        mean = (self._filter.qd - rate) / interval
         if interval < 2.5 * self.settings.step:
             return lambda _: mean
+        missed = self._filter.q - self._q[self._joints]
+        missed -= interval * rate + (0.5 * interval * interval) * mean
+        slope = missed * (-12.0 / interval**3)
         return lambda t: mean + slope * (t - 0.5 * interval)
 
     def _correct(self, interval: float) -> None:
         """Pull the joints towards the measured motion, the amplitudes as by an impulse there.
 
-        A jump v of the joints' rates moves those of the amplitudes by -I_dd^-1 I_dj v.
+        So do the joints that loops bind.
         """
         gain = -math.expm1(-2.0 * math.pi * self.settings.correction_cutoff * interval)
-        joints, flexible = self._joints, self._flexible
-        self._q[joints] += gain * (self._filter.q - self._q[joints])
-        jump = gain * (self._filter.qd - self._qd[joints])
-        if len(flexible):
-            inertia = self.robot.inertia_matrix(self._q, out=self._inertia, check=False)
-            rows = inertia[flexible]
-            self._qd[flexible] -= np.linalg.solve(rows[:, flexible], rows[:, joints] @ jump)
-        self._qd[joints] += jump
+        joints, motion = self._joints, self.motion
+        motion.positions(self._q, self._q[joints] + gain * (self._filter.q - self._q[joints]))
+        jump = np.zeros(self.robot.n)
+        motion.rates(jump, gain * (self._filter.qd - self._qd[joints]))
+        self._qd += impulse_response(self.robot, self._q, self._free, jump)
 
     def _go(
         self,
@@ -330,7 +300,8 @@ class Observer:
             if acceleration is None:
                 self._stepper.free(q, qd, self._tau)
             else:
-                self._stepper.driven(q, qd, acceleration((index + 0.5) * step), self._tau)
+                given = self.motion.given_accelerations(acceleration((index + 0.5) * step))
+                self._stepper.driven(q, qd, given, self._tau)
             if follow is not None:
                 follow((index + 1) * step)
 

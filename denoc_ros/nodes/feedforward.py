@@ -90,11 +90,18 @@ class FeedforwardNode(RobotNode):
     def _build(self, robot: Robot, settings: Settings) -> TorqueFeedforward:
         """Return the torque of a model, each of its verbs called once."""
         terms = Terms(**{name: settings.flag(f'terms.{name}') for name in Terms.names()})
-        source = TorqueFeedforward(robot, self.joints, settings.text('model'), terms, self.period)
-        zero = np.zeros(len(self.joints))
-        source.update(zero, zero, zero, 0.0)
-        source.update(zero, zero, zero, self.period)
-        source.gravity(zero)
+        source = TorqueFeedforward(
+            robot,
+            self.joints,
+            settings.text('model'),
+            terms,
+            self.period,
+            posture=self.posture(robot, settings),
+        )
+        zero, there = np.zeros(len(self.joints)), source.q[source.motion.index]
+        source.update(there, zero, zero, 0.0)
+        source.update(there, zero, zero, self.period)
+        source.gravity(there)
         source.reset()
         return source
 

@@ -301,6 +301,13 @@ def robot_parameters() -> tuple[Parameter, ...]:
             'm/s^2',
         ),
         Parameter(
+            'posture',
+            Kind.DOUBLES,
+            [],
+            'positions of all joints of the tree near which its loops are closed; empty: 0',
+            'rad, m',
+        ),
+        Parameter(
             'geometric_stiffness',
             Kind.BOOL,
             True,

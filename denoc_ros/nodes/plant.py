@@ -15,6 +15,8 @@ from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
+from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.feedback import with_joint_feedback
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
@@ -22,7 +24,6 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import LATCHED, STATE
 from denoc_ros.nodes.conversions import CommandReader, read_trajectory
 from denoc_ros.nodes.diagnostics import WARN, Status
-from denoc_ros.nodes.joint_ties import JointTies
 from denoc_ros.nodes.messages import JointStateMessage
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.plant_parameters import TABLE
@@ -65,7 +66,6 @@ class PlantNode(RobotNode):
         self._drives = np.array([robot.joint_names.index(joint) for joint in self.joints])
         self._index = np.ascontiguousarray(robot.joint_indices[self._drives])
         self.q, self.qd, self._tau = np.zeros((3, robot.n))
-        self._still = np.zeros(len(robot.joint_names))
         self._prepare_drives(settings)
         physics = self._build(robot, settings)
         self._prepare_messages(settings)
@@ -83,9 +83,12 @@ class PlantNode(RobotNode):
     def _build(self, robot: Robot, settings: Settings) -> Physics:
         """Return what moves a robot, every path of the tick taken once."""
         held = with_joint_feedback(robot, self._index, self._kp, self._kd)
-        stepper, feedback = Stepper(robot, self.period), Stepper(held, self.period)
-        start = self._start(robot, settings)
+        motion = driven_motion(robot, self.joints, posture=self.posture(robot, settings))
+        stepper = Stepper(robot, self.period, motion.given)
+        feedback = Stepper(held, self.period)
+        start = self._start(motion, settings)
         q, qd = start.copy(), np.zeros(robot.n)
+        self._still = np.zeros(len(motion.given))
         stepper.driven(q, qd, self._still)
         stepper.free(q, qd, np.zeros(robot.n))
         feedback.free(q, qd, np.zeros(robot.n))
@@ -95,19 +98,18 @@ class PlantNode(RobotNode):
         self.robot, self.stepper, self._feedback_stepper, self.start = physics
         self.sensors.update(self.robot.tree)
 
-    def _start(self, robot: Robot, settings: Settings) -> Array:
+    def _start(self, motion: DrivenMotion, settings: Settings) -> Array:
         """Return the state (n,) to start from."""
-        count = len(self.joints)
-        given = settings.numbers('start') or [0.0] * count
+        name, count = self.get_fully_qualified_name(), len(self.joints)
+        q: Array = motion.posture.copy()
+        given = settings.numbers('start') or q[motion.index].tolist()
         if len(given) != count:
-            raise ConfigError(
-                self.get_fully_qualified_name(),
-                [f"parameter 'start' must have {count} elements, got {len(given)}"],
-            )
-        q = np.zeros(robot.n)
-        q[robot.joint_indices] = JointTies(robot, self.joints).positions(np.array(given))
-        if settings.text('start_deflection') == 'static':
-            return robot.static_deflection(q[robot.joint_indices])
+            rule = f"parameter 'start' must have {count} elements"
+            raise ConfigError(name, [f'{rule}, got {len(given)}'])
+        motion.positions(q, np.array(given))
+        free = np.union1d(motion.bound, motion.robot.flexible_indices)
+        if len(free) and settings.text('start_deflection') == 'static':
+            Equilibrium(motion.robot, free).find(q)
         return q
 
     def _prepare_drives(self, settings: Settings) -> None:

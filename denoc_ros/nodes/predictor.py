@@ -19,11 +19,11 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError, StateError
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.estimation.fusion import FusionSettings, StrainFusion
-from denoc_ros.estimation.observer import Observer, ObserverSettings
+from denoc_ros.estimation.observer import Observer
+from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.nodes.base import NEWEST, STATE
 from denoc_ros.nodes.conversions import JointStateReader, read_trajectory
 from denoc_ros.nodes.diagnostics import WARN, Status
-from denoc_ros.nodes.joint_ties import JointTies
 from denoc_ros.nodes.markers import CentreLines
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.predictor_outputs import PredictorOutputs
@@ -66,7 +66,6 @@ class PredictorNode(RobotNode):
         settings, robot = self.settings, self.robot
         name = self.get_fully_qualified_name()
         self.joints = driven_joints(robot, settings.texts('joints'), name)
-        self.ties = JointTies(robot, self.joints)
         frames = list(robot.tree.frames)
         self.tip = settings.text('tip_frame') or frames[-1]
         if self.tip not in frames:
@@ -112,11 +111,12 @@ class PredictorNode(RobotNode):
                 max_age=settings.number('joint_state_timeout'),
                 fusion=FusionSettings(**_fusion(settings)) if fuse else None,
             ),
+            self.joints,
+            self.posture(robot, settings),
         )
-        count = len(robot.joint_names)
-        still = np.zeros(count)
-        observer.measure(0.0, still, still, still)
-        observer.measure(self.period, still, still, still)
+        there, still = observer.motion.posture[observer.motion.index], np.zeros(len(self.joints))
+        observer.measure(0.0, there, still, still)
+        observer.measure(self.period, there, still, still)
         observer.sense(0, self.period, 0.0)
         observer.tick(2.0 * self.period)
         observer.predict()
@@ -157,20 +157,19 @@ class PredictorNode(RobotNode):
         measured = self.by_torque and not self.by_command
         reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now), measured)
         taken = self._stamps.taken_at(1e-9 * reader.stamp_ns, now, 1e-9 * self.stamp_ns())
-        ties = self.ties
         self._queue.append(
             (
                 taken,
-                ties.positions(reader.position),
-                ties.rates(reader.velocity) if reader.has_velocity else None,
-                ties.efforts(reader.effort) if measured else None,
+                reader.position.copy(),
+                reader.velocity.copy() if reader.has_velocity else None,
+                reader.effort.copy() if measured else None,
             )
         )
 
     def _on_effort(self, raw: bytes) -> None:
         reader, now = self._effort_reader, time.perf_counter()
         reader.read(raw, lambda stamp_ns: self.effort_input.accept(stamp_ns, now), True)
-        self.observer.take_effort(self.ties.efforts(reader.effort))
+        self.observer.take_effort(reader.effort)
 
     def _on_reference(self, raw: bytes) -> None:
         message, now = read_trajectory(raw, self.joints), time.perf_counter()
@@ -179,11 +178,10 @@ class PredictorNode(RobotNode):
         self.follower.offer(message, now, self.stamp_ns(), measured)
 
     def _reference(self, t: float) -> tuple[Array, Array, Array]:
-        """Return what all joints are to do at steady time `t`."""
+        """Return what the joints are to do at steady time `t`."""
         q, qd, qdd = self._wanted
         self.follower.sample(t, q, qd, qdd)
-        ties = self.ties
-        return ties.positions(q), ties.rates(qd), ties.rates(qdd)
+        return q, qd, qdd
 
     # ---- loop
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from denoc_ros.estimation.fusion import FusionSettings
-from denoc_ros.estimation.observer import SOURCES
+from denoc_ros.estimation.observer_settings import SOURCES
 from denoc_ros.nodes.parameters import (
     Kind,
     Parameter,

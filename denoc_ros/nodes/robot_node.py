@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from std_msgs.msg import String
 
 from denoc_ros.dynamics.robot import Robot, load_robot
@@ -16,6 +18,8 @@ from denoc_ros.nodes.live_model import LiveModel
 from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
 from denoc_ros.nodes.realtime import lock_memory
 from denoc_ros.nodes.timing import Loop, LoopStatistics
+
+Array = NDArray[np.float64]
 
 
 class RobotNode(DenocNode):
@@ -91,9 +95,6 @@ class RobotNode(DenocNode):
             gravity=tuple(gravity),
             geometric_stiffness=settings.flag('geometric_stiffness'),
         )
-        if robot.tree.loops:
-            loops = [loop.name for loop in robot.tree.loops]
-            raise ConfigError(name, [f'the robot must have no loops yet, got {loops}'])
         return LiveModel(robot, name)
 
     def adopt_model(self, model: LiveModel, settings: Settings) -> None:
@@ -114,6 +115,28 @@ class RobotNode(DenocNode):
         model = self.model if model is None else model
         assert model is not None
         return model.robot(settings.family(*FAMILIES))
+
+    def posture(self, robot: Robot, settings: Settings) -> Array:
+        """Return the coordinates (n,) near which the robot's loops are closed.
+
+        Raises
+        ------
+        ConfigError
+            The parameter has another number of elements than the robot has joints.
+        """
+        given = settings.numbers('posture')
+        count = len(robot.joint_names)
+        if given and len(given) != count:
+            raise ConfigError(
+                self.get_fully_qualified_name(),
+                [
+                    f"parameter 'posture' must have an element for each of the {count} joints "
+                    f'{list(robot.joint_names)}, got {len(given)}'
+                ],
+            )
+        q = np.zeros(robot.n)
+        q[robot.joint_indices] = given or 0.0
+        return q
 
     def require_configured(self, why: str) -> None:
         """Refuse what needs a robot while there is none.
@@ -216,8 +239,12 @@ def driven_joints(robot: Robot, given: Sequence[str], where: str) -> list[str]:
     Raises
     ------
     ConfigError
-        A given one is not the robot's, repeated or a mimic joint.
+        A given one is not the robot's, repeated or a mimic joint; none is given for a robot with
+        loops.
     """
+    if robot.tree.loops and not given:
+        rule = "parameter 'joints' must name the driven joints of a robot with loops"
+        raise ConfigError(where, [f'{rule}, some of {list(robot.joint_names)}, got none'])
     joints = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint is not None}
     free = [name for name in robot.joint_names if joints[name].mimic is None]
     wrong = [name for name in given if name not in free]

@@ -46,7 +46,7 @@ def test_rates_and_accelerations_are_derivatives_of_positions() -> None:
     motion, step = looped(), 1e-4
 
     def at(t: float) -> Array:
-        q = motion.posture.copy()
+        q: Array = motion.posture.copy()
         motion.positions(q, q[motion.index] + np.array([0.5 * t - t * t, 0.3 * t + 2.0 * t * t]))
         return q
 

@@ -25,7 +25,8 @@ def arm() -> dn.Robot:
 
 def made(held: bool = True) -> AmplitudeFilter:
     robot = arm()
-    found = AmplitudeFilter(robot, STEP, 0.2, 0.01, held)
+    free = robot.flexible_indices if held else np.arange(robot.n)
+    found = AmplitudeFilter(robot, STEP, 0.2, 0.01, free)
     q = np.zeros(robot.n)
     q[robot.joint_indices] = POSTURE
     found.reset(q)

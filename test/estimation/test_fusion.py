@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 import denoc_ros as dn
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.estimation.fusion import WAITING, FusionSettings, sensor_rows
-from denoc_ros.estimation.observer import Observer, ObserverSettings
+from denoc_ros.estimation.observer import Observer
+from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.simulation.run import Run
 from denoc_ros.simulation.trajectories import BookTrajectory
 

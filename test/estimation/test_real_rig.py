@@ -20,7 +20,8 @@ from scipy.signal import TransferFunction, lsim, savgol_filter
 
 import denoc_ros as dn
 from denoc_ros.estimation.fusion import FusionSettings
-from denoc_ros.estimation.observer import Observer, ObserverSettings
+from denoc_ros.estimation.observer import Observer
+from denoc_ros.estimation.observer_settings import ObserverSettings
 
 Array = NDArray[np.float64]
 
