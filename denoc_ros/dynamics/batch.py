@@ -35,7 +35,7 @@ def _pool() -> ThreadPoolExecutor:
 
 def run_rows(
     robot: HeldModel,
-    kernel: Callable[..., Any],
+    kernel: Any,
     count: int,
     inputs: Sequence[Any],
     outputs: Sequence[Array],

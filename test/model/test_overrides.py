@@ -263,7 +263,7 @@ def test_names_may_have_dots(spoiled: Spoil) -> None:
 
 def test_an_edited_description_is_the_changed_robot_and_keeps_the_rest(arm_text: str) -> None:
     text = arm_text.replace('<flexibility>', '<flexibility><!-- measured in May -->')
-    changes = {
+    changes: dict[str, Any] = {
         'beam.upper_arm.y.damping_ratio': [0.01, 0.02],
         'beam.forearm.y.damping_ratio': 0.03,
         'joint.shoulder.damping': 0.3,
