@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 CLOSED = 1e-10  # m or rad; rounding leaves 1e-15 of the robot's size
+PRINTED = 1e-4  # m or rad, what 1.5708 for a right angle may leave
 NUDGES = (0.05, 0.2, 0.5)  # rad or m
 POLISH = 3  # Gauss-Newton steps at the end: each squares the error
 
@@ -100,7 +101,9 @@ def _least_step(matrix: Array, error: Array) -> Array:
 
 def _failure(robot: HeldModel, error: Array, unit: str) -> SolverError:
     worst = int(np.argmax(np.abs(error)))
+    size = abs(error[worst])
+    hint = '; are origins and axes given with enough digits?' if size < PRINTED else ''
     return SolverError(
         f'{robot.tree.name}: loop {robot.lowered.tie_names[worst]!r} must close to {CLOSED:g} '
-        f'{unit}, got {abs(error[worst]):.3g} at best'
+        f'{unit}, got {size:.3g} at best{hint}'
     )

@@ -44,6 +44,7 @@ def run_rows(
 
     Parameters
     ----------
+    kernel : compiled function
     inputs, outputs : arrays that follow the handle in the kernel's arguments, rows first .. last
         standing between them.
     """

@@ -162,6 +162,15 @@ def test_assembly_says_which_loop_stays_open_and_by_how_much() -> None:
         robot.assemble_rates(q, qd + 1.0, fixed=robot.joint_names)
 
 
+def test_axes_with_too_few_digits_are_suspected() -> None:
+    text = four_bar('three').tree.source
+    # the axis is the same on both sides only where the bars are in line
+    tilted = text.replace('<axis xyz="0 0 1"/></loop>', '<axis xyz="0 1e-5 1"/></loop>')
+    robot = dn.load_robot(tilted)
+    with pytest.raises(dn.SolverError, match=r"'three' must close .* enough digits"):
+        robot.assemble(np.full(3, 0.5))
+
+
 def test_assembly_keeps_what_is_fixed_and_what_is_closed() -> None:
     robot = four_bar('three')
     q, _ = state(robot, 0.8, 2.0)
