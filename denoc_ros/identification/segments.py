@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import find_peaks
 
-from denoc_ros.identification.quality import Mask, assess
+from denoc_ros.identification.quality import Mask, Quality, assess
 from denoc_ros.identification.records import Floats, Record
 
 Kind = Literal['decay', 'step', 'rest']
@@ -19,6 +19,7 @@ AT_REST = 5.0  # standard deviations of the noise: half of the swing of noise al
 SMALLEST = 0.02  # of the largest swing: less is rest
 JUMP = 0.1  # of the largest swing, from one cycle to the next, that an event must have
 RATIO = 1.5  # of the swing after an event to that before
+MOST_CYCLES = 12  # that are tried
 STRONG = 0.3  # of the strongest, that a slower motion must be to set the cycle
 SLOWEST = 3.0  # cycles in the record of the motion that sets the cycle
 FEWEST_CYCLES = 1.0  # of a decay
@@ -60,12 +61,22 @@ def find_segments(record: Record) -> list[Segment]:
     Swing is half of largest minus smallest value in a cycle. An event is where the swing of the
     cycle that follows is much larger than that of the cycle before. A decay begins at the turning
     point where the swing after an event is largest, and ends where the noise begins or the next
-    event is.
+    event is. Where no decay is found with the cycle of the slowest strong motion (a repeated
+    manoeuvre's, say), the next faster ones are tried.
     """
     t = np.linspace(record.t[0], record.t[-1], record.t.size)
     y = np.interp(t, record.t, record.y)
     quality = assess(record)
-    size = min(max(round(_cycle(t, y) / (t[1] - t[0])), 4), y.size // 3)
+    tried = []
+    for cycle in _cycles(t, y):
+        size = min(max(round(cycle / (t[1] - t[0])), 4), y.size // 3)
+        tried.append(_with_cycle(t, y, quality, size))
+        if any(segment.kind == 'decay' for segment in tried[-1]):
+            return tried[-1]
+    return tried[0]
+
+
+def _with_cycle(t: Floats, y: Floats, quality: Quality, size: int) -> list[Segment]:
     ahead, behind = _swings(y, size)
     quiet = max(AT_REST * quality.noise, quality.resolution, SMALLEST * float(ahead.max()))
     found = _rests(t, y, np.maximum(ahead, behind) <= quiet, size)
@@ -84,7 +95,7 @@ def release_time(record: Record) -> float:
     noise = max(assess(record).noise, 1e-9 * float(np.ptp(record.y)))
     away = np.abs(record.y - record.y[:FIRST_SAMPLES].mean()) > RELEASED * noise
     first = int(np.argmax(away))
-    cycle = _cycle(record.t, record.y)
+    cycle = _cycles(record.t, record.y)[0]
     if not away.any() or record.t[first] - record.t[0] < RESTING * cycle:
         return float(record.t[0])
     level = float(record.y[-max(record.y.size // 10, 2) :].mean())
@@ -93,14 +104,15 @@ def release_time(record: Record) -> float:
     return float(record.t[after[int(np.argmax(np.abs(record.y[after] - level)))]])
 
 
-def _cycle(t: Floats, y: Floats) -> float:
-    """Return the length of a cycle of the slowest strong motion [s]."""
+def _cycles(t: Floats, y: Floats) -> list[float]:
+    """Return the lengths of a cycle of the strong motions, the slowest first [s]."""
     speed = np.diff(y) * np.hanning(y.size - 1)
     frequency = np.fft.rfftfreq(4 * speed.size, t[1] - t[0])[1:]
     size = np.abs(np.fft.rfft(speed, 4 * speed.size))[1:] / frequency
     size[frequency < SLOWEST / float(t[-1] - t[0])] = 0.0
     peaks = find_peaks(size, height=STRONG * size.max())[0]
-    return float(1.0 / frequency[peaks[0] if peaks.size else int(np.argmax(size))])
+    chosen = peaks[:MOST_CYCLES] if peaks.size else [int(np.argmax(size))]
+    return [float(1.0 / frequency[k]) for k in chosen]
 
 
 def _swings(y: Floats, size: int) -> tuple[Floats, Floats]:
