@@ -19,7 +19,7 @@ MODES = ((3.0, 0.02, 1.0), (11.0, 0.01, 2.0))
 
 def driven(noise: float) -> tuple[Record, Record]:
     draw = np.random.default_rng(3)
-    torque = draw.standard_normal(2048)
+    torque = draw.standard_normal(1024)
     response = np.zeros(torque.size)
     for frequency, zeta, gain in MODES:
         rate = 2.0 * np.pi * frequency
@@ -34,7 +34,7 @@ def driven(noise: float) -> tuple[Record, Record]:
 def test_modes_are_those_of_the_plant() -> None:
     found = fit_forced(*driven(0.01))
     assert found.status == 'good'
-    # 1 % of noise on 2048 samples; the intervals below say how much that is
+    # 1 % of noise on 1024 samples; the intervals below say how much that is
     np.testing.assert_allclose(found.frequency, [3.0, 11.0], rtol=1e-3)
     np.testing.assert_allclose(found.damping_ratio, [0.02, 0.01], rtol=0.03)
     assert np.all(found.interval[:, 0] < [0.0203, 0.0101])
@@ -51,7 +51,7 @@ def test_noise_that_does_not_follow_the_torque_is_no_mode() -> None:
 
 def test_other_stamps_and_a_resting_input_are_refused() -> None:
     torque, response = driven(0.0)
-    with pytest.raises(dn.IdentificationError, match='same stamps, got 2048 and 2047'):
+    with pytest.raises(dn.IdentificationError, match='same stamps, got 1024 and 1023'):
         fit_forced(torque, Record(response.t[1:], response.y[1:]))
     with pytest.raises(dn.IdentificationError, match='the input must move'):
         fit_forced(Record(torque.t, np.zeros(torque.t.size)), response)

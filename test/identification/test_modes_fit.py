@@ -32,7 +32,7 @@ def drifting(damping: tuple[float, float], seconds: float = 20.0, noise: float =
         zeta = damping[0] + damping[1] * amplitude
         return [state[1], -(rate**2) * state[0] - 2.0 * zeta * rate * state[1]]
 
-    swing = solve_ivp(slope, (0.0, seconds), [1.0, 0.0], t_eval=t, rtol=1e-8, atol=1e-10).y[0]
+    swing = solve_ivp(slope, (0.0, seconds), [1.0, 0.0], t_eval=t, rtol=1e-6, atol=1e-8).y[0]
     return Record(t, swing + noise * np.random.default_rng(5).standard_normal(t.size))
 
 
