@@ -15,7 +15,7 @@ ifdef AMENT_PREFIX_PATH
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 endif
 
-.PHONY: demo test check lint bench rates soak longbag fuzz load longload readme venv clean
+.PHONY: demo test check lint bench mechanisms rates soak longbag fuzz load longload readme venv clean
 
 venv: $(STAMP)
 
@@ -48,6 +48,11 @@ readme: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/denoc bench
 	$(BIN)/python test/bench/tick_latency.py
+
+# two minutes: the flexible five-bar beside Exudyn's finite elements; the circle of section 5.5
+mechanisms: $(STAMP)
+	PYTHONPATH=test $(BIN)/python -m bench.exudyn_five_bar
+	PYTHONPATH=test $(BIN)/python -m bench.platform_circle docs/platform_circle.png
 
 # seven minutes: the demo's nodes at 1000 and at 500 Hz beside bare ones
 rates: $(STAMP)

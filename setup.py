@@ -73,6 +73,7 @@ setup(
             'types-PyYAML',
             'pin',
             'example-robot-data',
+            'exudyn>=1.13',
             'mcap-ros2-support',
             'colcon-ros',
             'setuptools<80',  # what colcon takes
