@@ -126,9 +126,9 @@ def exudyn_fall(times: Array, elements: int = ELEMENTS, step: float = STEP) -> F
         for link in LINKS
     }
     system.Assemble()
-    began = time.perf_counter()
+    began = time.process_time()
     system.SolveDynamic(settings(times, step))
-    seconds = time.perf_counter() - began
+    seconds = time.process_time() - began
     states = {
         link: [np.asarray(system.GetSensorStoredData(s))[:, 1:] for s in pair]
         for link, pair in sensors.items()
@@ -181,9 +181,9 @@ def our_fall(times: Array, shapes: int = SHAPES) -> Fall:
     """Free fall by the recursion and its compiled integrator."""
     robot = loaded('five_bar', 'FFFF', shapes, 'craig-bampton')
     book_fall(robot, 'five_bar', times[:2], **TOLERANCES)  # loads the compiled code
-    began = time.perf_counter()
+    began = time.process_time()
     run = book_fall(robot, 'five_bar', times, **TOLERANCES)
-    seconds = time.perf_counter() - began
+    seconds = time.process_time() - began
     tips = [robot.tip_deflection(link, run.q)[:, 1] for link in LINKS]
     angles = np.column_stack([run.coordinate(joint) for joint in JOINTS])
     return Fall(times, angles, np.column_stack(tips), seconds, run.energy_drift)
