@@ -87,7 +87,7 @@ def run_fault(stage: Stage, fault: Fault, seconds: float, exact: bool) -> Outcom
             stage.heard_at(INPUTS) >= heard
             and all(stage.count(INPUTS, key) > before[key] for key in keys)
         ),
-        3.0,
+        5.0,
         f'{fault.name}: counts on /diagnostics of {fault.causes}',
     )
     torques = stage.torques(begin, time.perf_counter())

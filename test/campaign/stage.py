@@ -43,8 +43,9 @@ RATE = 500.0  # Hz of the loop
 FEED = 200.0  # Hz of joint states and streamed references
 LIMITS = [60.0, 40.0]  # N m
 DELTA = 4.0  # N m per tick
+RECOVERY = 10.0  # s after a fault, on a busy machine
 FEED_PRIORITY = 30  # SCHED_FIFO where allowed, below the node's own threads
-PATIENCE = 40.0  # s for a process to come up: the kernels may have to be compiled
+PATIENCE = 240.0  # s for a process to come up: a busy machine may take minutes to compile kernels
 INPUTS = 'feedforward: inputs'  # status on /diagnostics
 PARAMETERS: dict[str, Any] = {
     'gravity': GRAVITY,
@@ -256,7 +257,7 @@ class Stage:
             self.states.get_subscription_count() and self.references.get_subscription_count()
         )
 
-    def follow(self, timeout: float = 3.0) -> float:
+    def follow(self, timeout: float = RECOVERY) -> float:
         """Ask for GOAL until it is followed; return how long that took [s]."""
         asked = [0.0]
 
