@@ -20,16 +20,16 @@ Floats = NDArray[np.float64]
 INERTIA, GRAVITY = 0.02, 1.0
 
 
-def measured_swing(viscous: float, coulomb: float, noise: float = 1e-3) -> Record:
+def measured_swing(viscous: float, coulomb: float, seconds: float = 4.0) -> Record:
     """Pendulum released at 1.2 rad, integrated with a smooth Coulomb law."""
-    t = np.arange(0.0, 5.0, 0.02)
+    t = np.arange(0.0, seconds, 0.02)
 
     def slope(_: float, state: Floats) -> list[float]:
         torque = GRAVITY * np.sin(state[0]) + viscous * state[1]
         return [state[1], -(torque + coulomb * np.tanh(state[1] / 1e-3)) / INERTIA]
 
-    angle = solve_ivp(slope, (0.0, 5.0), [1.2, 0.0], 'LSODA', t, rtol=1e-9, atol=1e-11).y[0]
-    return Record(t, 0.1 + angle + noise * np.random.default_rng(2).standard_normal(t.size))
+    angle = solve_ivp(slope, (0.0, seconds), [1.2, 0.0], 'LSODA', t, rtol=1e-9, atol=1e-11).y[0]
+    return Record(t, 0.1 + angle + 1e-3 * np.random.default_rng(2).standard_normal(t.size))
 
 
 def test_swing_without_friction_has_the_period_of_a_pendulum() -> None:
@@ -71,7 +71,7 @@ def test_viscous_and_coulomb_terms_are_told_apart() -> None:
 
 
 def test_viscous_joint_gets_no_coulomb_term() -> None:
-    fit = fit_joint(measured_swing(0.02, 0.0), inertia=INERTIA)
+    fit = fit_joint(measured_swing(0.02, 0.0, 2.0), inertia=INERTIA)
     assert fit.terms == ('viscous',)
     assert fit.viscous == pytest.approx(0.02, rel=0.01)
     assert fit.damping_ratio == pytest.approx(0.02 / (2.0 * np.sqrt(INERTIA * GRAVITY)), rel=0.01)
@@ -79,7 +79,7 @@ def test_viscous_joint_gets_no_coulomb_term() -> None:
 
 
 def test_without_inertia_coefficients_are_per_inertia() -> None:
-    fit = fit_joint(measured_swing(0.02, 0.0))
+    fit = fit_joint(measured_swing(0.02, 0.0, 2.0))
     assert fit.inertia == 1.0
     assert fit.viscous == pytest.approx(0.02 / INERTIA, rel=0.01)
     assert any('per inertia' in reason for reason in fit.reasons)
