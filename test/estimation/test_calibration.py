@@ -47,12 +47,12 @@ def test_standard_errors_are_the_spread() -> None:
     rng = np.random.default_rng(1)
     fits = [
         calibrate(readings(LOADING) + 4.0 * rng.standard_normal(len(LOADING)), LOADING)
-        for _ in range(2000)
+        for _ in range(600)
     ]
     gains, offsets = (np.array([getattr(f, name) for f in fits]) for name in ('gain', 'offset'))
-    # 2000 draws know a standard deviation to 1.6 %
-    assert np.std(gains) == pytest.approx(np.mean([f.gain_error for f in fits]), rel=0.08)
-    assert np.std(offsets) == pytest.approx(np.mean([f.offset_error for f in fits]), rel=0.08)
+    # 600 draws know a standard deviation to 2.9 %
+    assert np.std(gains) == pytest.approx(np.mean([f.gain_error for f in fits]), rel=0.12)
+    assert np.std(offsets) == pytest.approx(np.mean([f.offset_error for f in fits]), rel=0.12)
     assert np.mean(gains) == pytest.approx(GAIN, rel=1e-3)
     # of a single reading
     assert np.mean([f.residual**2 for f in fits]) == pytest.approx((4.0 * GAIN) ** 2, rel=0.1)
@@ -123,13 +123,13 @@ def test_signal_that_never_stands_has_no_plateaus() -> None:
 
 
 def test_strain_of_a_tip_load_is_the_cantilevers() -> None:
-    # modal sums of curvature converge with the inverse of their number
-    got = sensor_values(arm(40), 'gauge', [0.0, 2.0], 'load')
-    np.testing.assert_allclose(got, [0.0, -SURFACE * 2.0 * (LENGTH - STATION) / EI], rtol=0.02)
-    bent = sensor_values(arm(40), 'gauge', [1e-3], 'deflection')
-    np.testing.assert_allclose(
-        bent, -SURFACE * 3.0 * (LENGTH - STATION) / LENGTH**3 * 1e-3, rtol=0.02
-    )
+    # what the modes leave out is less than a hundredth of the curvature there
+    robot = arm(4)
+    got = sensor_values(robot, 'gauge', [0.0, 2.0], 'load')
+    np.testing.assert_allclose(got, [0.0, -SURFACE * 2.0 * (LENGTH - STATION) / EI], rtol=0.01)
+    bent = sensor_values(robot, 'gauge', [1e-3], 'deflection')
+    wanted = -SURFACE * 3.0 * (LENGTH - STATION) / LENGTH**3 * 1e-3
+    np.testing.assert_allclose(bent, wanted, rtol=0.01)
     np.testing.assert_allclose(sensor_values(arm(2), 'dial', [1e-3], 'deflection'), 1e-3)
     np.testing.assert_array_equal(sensor_values(arm(2), 'dial', [5.0]), [5.0])
 
