@@ -21,7 +21,7 @@ def test_every_shipped_robot_passes(repository: Path, capsys: pytest.CaptureFixt
         assert main(['check', str(robot)]) == 0, robot.name
         captured = capsys.readouterr()
         assert captured.err == '', robot.name
-        assert '\njoints\n' in captured.out
+        assert '\nlinks\n' in captured.out
 
 
 def test_json_has_masses_and_the_cantilever_frequency(
