@@ -8,6 +8,7 @@ import numpy as np
 
 from denoc_ros.identification.curves import (
     NORMAL_95,
+    along,
     amplitude_curve,
     window_interval,
     zeta_and_rate,
@@ -195,5 +196,4 @@ def _excess(t: Floats, fit: Damped, span: float, k: int) -> float:
 
 def _frequency_deviation(fit: Damped, k: int) -> float:
     slope = fit.poles[k] / np.hypot(*fit.poles[k]) / (2.0 * np.pi)
-    block = fit.covariance()[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
-    return float(np.sqrt(max(slope @ block @ slope, 0.0)))
+    return along(slope, fit.covariance(), k)

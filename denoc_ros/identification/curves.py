@@ -28,12 +28,22 @@ def zeta_and_rate(sigma: float, omega: float) -> tuple[float, float]:
     return sigma / rate, rate
 
 
+def pole_zeta_deviation(pole: Floats, covariance: Floats, k: int) -> float:
+    """Return the standard deviation of the damping ratio of pole k of a covariance."""
+    sigma, omega = pole
+    slope = np.array([omega**2, -sigma * omega]) / np.hypot(sigma, omega) ** 3
+    return along(slope, covariance, k)
+
+
+def along(slope: Floats, covariance: Floats, k: int) -> float:
+    """Return the standard deviation of what has this slope over pole k of a covariance."""
+    block = covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
+    return float(np.sqrt(max(float(slope @ block @ slope), 0.0)))
+
+
 def zeta_deviation(fit: Damped, k: int) -> float:
     """Return the standard deviation of mode k's damping ratio from a fit's covariance."""
-    sigma, omega = fit.poles[k]
-    slope = np.array([omega**2, -sigma * omega]) / np.hypot(sigma, omega) ** 3
-    block = fit.covariance()[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
-    return float(np.sqrt(max(slope @ block @ slope, 0.0)))
+    return pole_zeta_deviation(fit.poles[k], fit.covariance(), k)
 
 
 def amplitude_curve(

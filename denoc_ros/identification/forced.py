@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.curves import zeta_and_rate
-from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
+from denoc_ros.identification.curves import NORMAL_95, pole_zeta_deviation, zeta_and_rate
+from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE, worst
 from denoc_ros.identification.records import Floats, Record
 from denoc_ros.identification.spectra import even_record
 
@@ -25,7 +25,6 @@ COST = 5.0  # of one mode, in log(lines): pole, residue and the search for it
 WIDEST = 0.1  # relative deviation of a good mode's damping ratio
 USELESS = 0.5
 LEAST_EXPLAINED = 0.8
-NORMAL_95 = 1.959964
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +67,7 @@ class ForcedModes:
     @property
     def status(self) -> str:
         """Verdict on the record: its worst mode's."""
-        order = (NOT_IDENTIFIABLE, DOUBTFUL, GOOD)
-        return next((word for word in order if word in self.verdict), NOT_IDENTIFIABLE)
+        return worst(self.verdict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,12 +263,9 @@ def _formal(fit: _Fit) -> Floats:
     scale = np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300)
     gram = np.linalg.pinv((fit.jacobian / scale).T @ (fit.jacobian / scale))
     covariance = variance * gram / np.outer(scale, scale)
-    deviations = []
-    for k, (sigma, omega) in enumerate(fit.poles):
-        slope = np.array([omega**2, -sigma * omega]) / np.hypot(sigma, omega) ** 3
-        block = covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
-        deviations.append(np.sqrt(max(slope @ block @ slope, 0.0)))
-    return np.array(deviations)
+    return np.array(
+        [pole_zeta_deviation(fit.poles[k], covariance, k) for k in range(len(fit.poles))]
+    )
 
 
 def _over_windows(fit: _Fit, u: Floats, y: Floats) -> Floats:

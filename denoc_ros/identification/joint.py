@@ -9,6 +9,7 @@ from scipy.optimize import least_squares
 from scipy.stats import f as fisher
 
 from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.curves import NORMAL_95
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
 from denoc_ros.identification.records import Floats, Record
 from denoc_ros.identification.residual import coloured, independent_samples
@@ -22,7 +23,6 @@ FEWEST_HALF_SWINGS = 2
 AT_REST = 0.01  # of the largest distance from the last value
 CYCLES_AT_REST = 1.0
 FRICTION_STARTS = (0.005, 0.04, 0.15)  # of what holds the joint at its largest angle
-NORMAL_95 = 1.959964
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,11 @@ NOT_IDENTIFIABLE = 'not identifiable'
 WORST_FIRST = (NOT_IDENTIFIABLE, DOUBTFUL, GOOD)
 
 
+def worst(verdicts: tuple[str, ...]) -> str:
+    """Return the worst of the verdicts, `not identifiable` where there is none."""
+    return next((word for word in WORST_FIRST if word in verdicts), NOT_IDENTIFIABLE)
+
+
 @dataclass(frozen=True, eq=False)
 class AmplitudeCurve:
     """Damping of one mode over windows along its decay.
@@ -130,7 +135,7 @@ class Modes:
     @property
     def status(self) -> str:
         """Verdict on the record: its worst mode's, `not identifiable` where there is none."""
-        return next((word for word in WORST_FIRST if word in self.verdict), NOT_IDENTIFIABLE)
+        return worst(self.verdict)
 
     def component(self, k: int, t: Floats) -> Floats:
         """Return mode k alone at times t [s]."""
