@@ -75,6 +75,21 @@ def test_clipping_costs_only_the_samples_it_takes() -> None:
     assert any('clipped samples left out' in remark for remark in modes.remarks)
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_levels_coarser_than_the_noise_make_no_modes(seed: int) -> None:
+    made = synthetic_decay(
+        (Truth(7.62, 0.198), Truth(47.7, 0.0428, 0.5, seed)),
+        1000.0,
+        2.0,
+        Defects(snr_db=60.0, offset=0.3137, drift=0.05, jitter=0.1, lost=0.05, lsb=0.01),
+        seed,
+    )
+    modes = fit_modes(made.record)
+    # rounding is no noise, but with its variance the error is of the bound's size
+    assert modes.frequency == pytest.approx([7.62, 47.7], rel=0.02)
+    assert modes.damping_ratio == pytest.approx([0.198, 0.0428], rel=0.03)
+
+
 def test_bound_is_that_of_the_truth() -> None:
     made = decay(Defects(snr_db=50.0), 6)
     # the bound at the estimate against that at the truth: noise known to 2 % from 1600 samples
