@@ -64,14 +64,15 @@ def main() -> None:
         for _ in range(ROUNDS):
             for name, crew in crews.items():
                 elapsed, processor, rows = measure(paths, crew)
-                of_task = float(np.mean([row['processor_s'] for row in rows]))
+                of_task = float(np.median([row['processor_s'] for row in rows]))
                 found[name].append((elapsed, processor, of_task))
                 print(
                     f'{name}: {1e3 * elapsed:.1f} ms elapsed, {1e3 * processor:.1f} ms of '
                     f'processor per record, {1e3 * of_task:.1f} ms in the task'
                 )
     one, several = (np.min(rows, axis=0) for rows in found.values())
-    print(f'throughput per core: {100.0 * one[1] / several[1]:.1f} % of one process (all costs)')
+    print(f'throughput per core: {100.0 * one[2] / several[2]:.1f} % of one process once running,')
+    print(f'{100.0 * one[1] / several[1]:.1f} % with the start of the workers')
     print(f'elapsed: {one[0] / several[0]:.2f} times as fast with {workers} workers')
 
 
