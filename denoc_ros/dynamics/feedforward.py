@@ -156,9 +156,19 @@ class TorqueFeedforward:
 
         Raises
         ------
-        StateError
-            A number is not finite.
+        StateError, SolverError
+            A number is not finite, or the amplitudes have gone where the model fails; the next
+            update starts from their equilibrium.
         """
+        try:
+            return self._update(q, qd, qdd, elapsed)
+        except (StateError, SolverError):
+            # amplitudes out of reach are no start for the next, nor do they have a weight
+            self.reset()
+            self.q[:], self.qd[:], self.qdd[:] = self.motion.posture, 0.0, 0.0
+            raise
+
+    def _update(self, q: Array, qd: Array, qdd: Array, elapsed: float) -> Array:
         if self._moves and self._settled and 0.0 <= elapsed <= LONGEST_GAP:
             self._integrate(qdd, elapsed)
             self._place(q, qd, qdd)

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from node_robots import two_links
 
 from denoc_ros.dynamics.feedforward import Terms, TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.errors import StateError
+from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.handle import DAMPING, FRICTION
 from denoc_ros.model.lowering import SLIP_RATE
 from denoc_ros.simulation.trajectories import BookTrajectory
@@ -209,3 +210,18 @@ def test_quasi_static_torque_is_in_equilibrium_where_weight_bends_by_metres() ->
         # the follower's relative tolerance of 1e-7 times some 1e4 N m
         np.testing.assert_allclose(torque, expected[robot.joint_indices], rtol=0.0, atol=1e-2)
     assert np.abs(robot.tip_deflection('link_2', resting)).max() > 1.0
+
+
+@pytest.mark.parametrize('size', [1e20, 1e39, 1e100, np.inf, np.nan])
+def test_amplitudes_out_of_reach_cost_one_update_and_no_weight(size: float) -> None:
+    robot = load_robot(two_links(), gravity=(0.0, -9.81, 0.0))
+    source, fresh = (TorqueFeedforward(robot.copy()) for _ in range(2))
+    posture, still = np.array([0.1, 0.2]), np.zeros(2)
+    expected = fresh.update(posture, still, still, 0.0).copy()
+    source.update(posture, still, still, 0.0)
+    source.q[robot.flexible_indices] = size * np.array([1.0, -0.3, 0.5, 1.0])
+    with pytest.raises((StateError, SolverError)):
+        source.update(posture, still, still, 1e-3)
+    # the sag of undeformed beams is what is missing of the weight's torque
+    np.testing.assert_allclose(source.gravity(posture), expected, rtol=0.05)
+    np.testing.assert_allclose(source.update(posture, still, still, 1e-3), expected, rtol=1e-9)
