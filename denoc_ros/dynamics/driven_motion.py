@@ -64,7 +64,7 @@ class DrivenMotion:
         self.robot = robot
         self._ties, self._offsets, self.joints = joint_ties(robot, joints, held or {})
         self._all = robot.joint_indices
-        identity = np.array_equal(self._ties, np.eye(*self._ties.shape))
+        identity = np.array_equal(self._ties, np.eye(len(self._ties)))
         self._plain = identity and not self._offsets.any()
         names = list(robot.joint_names)
         self.index: Int = self._all[[names.index(name) for name in self.joints]]

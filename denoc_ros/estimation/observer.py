@@ -17,7 +17,7 @@ from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError
 from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.observer_settings import ObserverSettings
-from denoc_ros.estimation.tracking import TrackingFilter
+from denoc_ros.estimation.tracking import TrackingFilter, connecting_acceleration
 
 Array = NDArray[np.float64]
 Reference = Callable[[float], tuple[Array, Array, Array]]
@@ -259,13 +259,11 @@ class Observer:
         rates feel a jump of the joints' rates once and noise does not pile up. Over several ticks
         it also changes linearly so that it makes the change of the positions.
         """
-        rate = self._qd[self._joints]
-        mean = (self._filter.qd - rate) / interval
+        joints, measured = self._joints, self._filter
+        before = self._q[joints], self._qd[joints]
+        mean, slope = connecting_acceleration(interval, *before, measured.q, measured.qd)
         if interval < 2.5 * self.settings.step:
             return lambda _: mean
-        missed = self._filter.q - self._q[self._joints]
-        missed -= interval * rate + (0.5 * interval * interval) * mean
-        slope = missed * (-12.0 / interval**3)
         return lambda t: mean + slope * (t - 0.5 * interval)
 
     def _correct(self, interval: float) -> None:

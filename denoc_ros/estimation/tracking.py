@@ -1,4 +1,4 @@
-"""Tracking filter: position, rate and acceleration of joints from sampled, late measurements."""
+"""Motion of joints from sampled measurements: a tracking filter, and what leads on between two."""
 
 from __future__ import annotations
 
@@ -68,3 +68,26 @@ class TrackingFilter:
         self.q += (1.0 - pole**3) * error
         self.qd += (1.5 * (1.0 - pole) ** 2 * (1.0 + pole) / interval) * error
         self.qdd += ((1.0 - pole) ** 3 / interval**2) * error
+
+
+def connecting_acceleration(
+    interval: float, q: Array, qd: Array, q_after: Array, qd_after: Array
+) -> tuple[Array, Array]:
+    """Return the linear acceleration that leads from one position and rate to another.
+
+    Parameters
+    ----------
+    interval : float
+        Between the two [s], > 0.
+    q, qd, q_after, qd_after : (joints,) arrays
+        Positions and rates before and after.
+
+    Returns
+    -------
+    mean, slope : (joints,) arrays
+        q''(t) = mean + slope (t - interval / 2): the mean makes the change of the rates, the slope
+        what that leaves of the change of the positions.
+    """
+    mean = (qd_after - qd) / interval
+    missed = q_after - q - interval * qd - (0.5 * interval * interval) * mean
+    return mean, missed * (-12.0 / interval**3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,18 +11,17 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import driven_motion
-from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.joint_ties import joint_ties
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ModelError
+from denoc_ros.estimation.tracking import connecting_acceleration
 from denoc_ros.kernels.handle import DAMPING, FRICTION
 from denoc_ros.replay.friction import JointFriction
 from denoc_ros.replay.motion import Motion
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-GAP = np.inf  # s: the feedforward starts anew
 
 
 @dataclass(frozen=True)
@@ -102,11 +102,11 @@ class TorqueReplay:
             diagonals[DAMPING][index], diagonals[FRICTION][index], np.zeros(len(index))
         )
         self.deflections = TipDeflections(robot)
-        self._along: TorqueFeedforward | None = None
-        if len(robot.flexible_indices):
-            self._along = TorqueFeedforward(
-                robot.copy(), self.joints, 'flexible', step=step, posture=posture
-            )
+        self._index = index
+        self._bends = len(robot.flexible_indices) > 0
+        self._stepper = Stepper(robot.copy(), step)
+        self._step = step
+        self._q, self._qd = np.zeros((2, robot.n))
         self._last: float = np.nan
 
     @property
@@ -121,7 +121,7 @@ class TorqueReplay:
     @property
     def models(self) -> tuple[str, ...]:
         """The models whose torque is computed."""
-        return ('rigid',) if self._along is None else ('rigid', 'flexible')
+        return ('rigid', 'flexible') if self._bends else ('rigid',)
 
     def torques(self, t: Array, motion: Motion, starts: Flags) -> Torques:
         """Return what the model says of the next rows.
@@ -141,9 +141,9 @@ class TorqueReplay:
             parts['friction'] = self._friction.torque(motion.qd)
             parts['offset'] = np.broadcast_to(self._friction.offset, own.shape)
         models = {'rigid': np.sum(list(parts.values()), axis=0)}
-        if self._along is None:
+        if not self._bends:
             return Torques(parts, models, None, None)
-        flexible, amplitudes, deflection = self._flexible(self._along, t, motion, starts)
+        flexible, amplitudes, deflection = self._flexible(t, motion, starts)
         rigid_alone = parts['gravity'] + parts['inertia'] + parts['coriolis'] + own
         parts['elastic'] = flexible - rigid_alone
         models['flexible'] = models['rigid'] + parts['elastic']
@@ -202,19 +202,35 @@ class TorqueReplay:
                 driven.reduce(force, term[k])
         return tuple(terms)
 
-    def _flexible(
-        self, along: TorqueFeedforward, t: Array, motion: Motion, starts: Flags
-    ) -> tuple[Array, Array, Array]:
-        count = len(t)
-        torque = np.empty(motion.q.shape)
-        amplitudes = np.empty((2, count, self._robot.n))
-        deflection = np.empty((2, count, len(self.deflections.names)))
-        q, qd, qdd = (np.ascontiguousarray(part) for part in vars(motion).values())
+    def _flexible(self, t: Array, motion: Motion, starts: Flags) -> tuple[Array, Array, Array]:
+        """Return torques, coordinates with their rates, and deflections of the flexible robot."""
+        q = motion.q @ self._ties.T + self._offsets
+        qd, qdd = motion.qd @ self._ties.T, motion.qdd @ self._ties.T
+        amplitudes = np.empty((2, len(t), self._robot.n))
+        deflection = np.empty((2, len(t), len(self.deflections.names)))
         elapsed = np.diff(t, prepend=self._last)
-        elapsed[starts] = GAP
-        for k in range(count):
-            torque[k] = along.update(q[k], qd[k], qdd[k], elapsed[k])
-            amplitudes[:, k] = along.q, along.qd
-            self.deflections.evaluate(along.q, along.qd, (deflection[0, k], deflection[1, k]))
+        for k in range(len(t)):
+            if starts[k]:
+                self._q[:], self._qd[:] = self._robot.static_deflection(q[k]), 0.0
+            else:
+                self._go(elapsed[k], q[k], qd[k])
+            self._q[self._index], self._qd[self._index] = q[k], qd[k]
+            amplitudes[:, k] = self._q, self._qd
+            self.deflections.evaluate(self._q, self._qd, (deflection[0, k], deflection[1, k]))
         self._last = float(t[-1])
-        return torque, amplitudes, deflection
+        torque, _ = self._robot.hybrid_dynamics(amplitudes[0], amplitudes[1], qdd)
+        return torque @ self._ties, amplitudes, deflection
+
+    def _go(self, interval: float, q: Array, qd: Array) -> None:
+        """Move the amplitudes over an interval, the joints to positions and rates (joints,).
+
+        The accelerations in between make the change of rates and positions exactly, so that errors
+        of accelerations at the stamps do not pile up in the amplitudes.
+        """
+        before = self._q[self._index], self._qd[self._index]
+        mean, slope = connecting_acceleration(interval, *before, q, qd)
+        steps = math.ceil(interval / self._step - 1e-6)
+        self._stepper.step = interval / steps
+        for k in range(steps):
+            middle = (k + 0.5) * self._stepper.step - 0.5 * interval
+            self._stepper.driven(self._q, self._qd, mean + middle * slope)
