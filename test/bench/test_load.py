@@ -9,7 +9,7 @@ from bench.load_bench import RATE, SIZE, TOPICS
 from bench.loop_lateness import KINDS, PAIRS, Blocks
 from bench.recorder_load import count_missing, record
 
-SECONDS = 3.0
+SECONDS = 2.0
 
 
 @pytest.mark.ros

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 # the profile `fuzz` has many more; each example writes over the files of the one before
 FUZZ = settings(
-    max_examples=settings().max_examples // 2,
+    max_examples=settings().max_examples // 3,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
