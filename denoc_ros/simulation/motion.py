@@ -79,6 +79,26 @@ class Motion:
         self._accelerate = self._choose()
 
     @property
+    def handle(self) -> int:
+        """The model as kernels take it."""
+        return int(self._robot.handle)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether compiled steps can take the motion: no forces but the model's own.
+
+        The way back onto loops uses factors that have no rows for axes with damping or friction.
+        """
+        loops = self._robot.tree.loops
+        return (
+            self._torque is None
+            and not self._laws
+            and not self._leaders
+            and not any(loop.damping > 0.0 or loop.friction > 0.0 for loop in loops)
+            and type(self._robot) is Robot
+        )
+
+    @property
     def has_loops(self) -> bool:
         """Whether states must be closed after each step."""
         return self._closing is not None

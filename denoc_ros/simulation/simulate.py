@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.simulation.compiled import CompiledDOP853
 from denoc_ros.simulation.motion import Motion, Prescribed, Torque
 from denoc_ros.simulation.run import Run
 
@@ -132,13 +133,18 @@ def integrate(
     states[0], done = state, 1
     if len(times) == 1 or not len(state):
         return states, ''
-    solver = METHODS[method](
-        motion.rate, times[0], state, times[-1], rtol=tolerances[0], atol=tolerances[1]
+    compiled = method == 'DOP853' and motion.is_free
+    solver = (
+        CompiledDOP853(motion, state, times, *tolerances)
+        if compiled
+        else METHODS[method](
+            motion.rate, times[0], state, times[-1], rtol=tolerances[0], atol=tolerances[1]
+        )
     )
     while solver.status == 'running':
         before = solver.t
         message = solver.step()
-        if motion.has_loops and np.isfinite(solver.y).all():
+        if motion.has_loops and not compiled and np.isfinite(solver.y).all():
             solver.y = motion.close(solver.t, solver.y)
             solver.f = motion.rate(solver.t, solver.y)
         upto = int(np.searchsorted(times, solver.t, side='right'))

@@ -21,11 +21,18 @@ RELATIVE, ABSOLUTE = 1e-6, 1e-8  # per step
     ('table', 'kind', 'shape', 'modes', 'end', 'angle', 'deflection'),
     # measured, and a tenth more: rad, and part of the peak deflection
     [
-        ('four_bar', 'RRF', 'clamped-free', 2, 0.15, 1.3e-4, 0.016),
-        ('four_bar', 'RRF', 'craig-bampton', 3, 0.15, 1.6e-4, 0.022),
-        ('five_bar', 'RFFR', 'craig-bampton', 3, 0.15, 8e-6, 0.004),
-        ('rssr', 'RRF', 'clamped-free', 2, 0.15, 2.6e-5, 0.025),
-        ('rssr', 'RRF', 'craig-bampton', 3, 0.15, 1.9e-5, 0.027),
+        ('four_bar', 'RRF', 'clamped-free', 2, 0.6, 4.2e-4, 0.06),
+        ('four_bar', 'RRF', 'clamped-free', 6, 0.15, 1.6e-5, 0.003),
+        ('four_bar', 'RRF', 'craig-bampton', 3, 0.6, 1.6e-4, 0.022),
+        ('five_bar', 'RFFR', 'clamped-free', 2, 0.6, 1.5e-4, 0.07),
+        ('five_bar', 'RFFR', 'clamped-free', 6, 0.15, 4e-6, 0.003),
+        ('five_bar', 'RFFR', 'craig-bampton', 3, 0.6, 5e-5, 0.023),
+        ('planar_3dof', '3RF', 'clamped-free', 2, 0.5, 5.4e-4, 0.125),
+        ('planar_3dof', '3RF', 'clamped-free', 6, 0.1, 1.2e-5, 0.004),
+        ('planar_3dof', '3RF', 'craig-bampton', 3, 0.5, 1.8e-4, 0.007),
+        ('rssr', 'RRF', 'clamped-free', 2, 0.6, 2e-4, 0.052),
+        ('rssr', 'RRF', 'clamped-free', 6, 0.15, 7e-6, 0.008),
+        ('rssr', 'RRF', 'craig-bampton', 3, 0.6, 2.2e-5, 0.03),
     ],
 )
 def test_flexible_mechanisms_fall_as_the_reference_solutions(
