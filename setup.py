@@ -51,6 +51,7 @@ setup(
         'lxml>=4.9',
         'pyyaml>=6',
         'mcap>=1.6',
+        'zstandard>=0.21',
         'rosbags>=0.11',
         'matplotlib>=3.6',
         'jinja2>=3.1',

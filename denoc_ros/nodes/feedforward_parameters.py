@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 
 from denoc_ros.dynamics.feedforward import MODELS
-from denoc_ros.nodes.parameters import (
-    Kind,
-    Parameter,
-    ParameterTable,
+from denoc_ros.nodes.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.nodes.safety import STALE_ACTIONS
+from denoc_ros.nodes.shared_parameters import (
     input_parameters,
     lifecycle_parameters,
     loop_parameters,
     robot_parameters,
 )
-from denoc_ros.nodes.safety import STALE_ACTIONS
 
 TABLE = ParameterTable(
     [

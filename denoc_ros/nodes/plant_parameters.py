@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 
-from denoc_ros.nodes.parameters import (
-    Kind,
-    Parameter,
-    ParameterTable,
+from denoc_ros.nodes.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.nodes.shared_parameters import (
     lifecycle_parameters,
     loop_parameters,
     robot_parameters,

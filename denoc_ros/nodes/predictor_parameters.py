@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer_settings import SOURCES
-from denoc_ros.nodes.parameters import (
-    Kind,
-    Parameter,
-    ParameterTable,
+from denoc_ros.nodes.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.nodes.shared_parameters import (
     input_parameters,
     lifecycle_parameters,
     loop_parameters,

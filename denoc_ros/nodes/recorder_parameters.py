@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from denoc_ros.bags.storage import COMPRESSIONS
-from denoc_ros.nodes.parameters import Kind, Parameter, ParameterTable, lifecycle_parameters
+from denoc_ros.nodes.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.nodes.shared_parameters import lifecycle_parameters
 
 TABLE = ParameterTable(
     [
