@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from markupsafe import Markup
 
 from denoc_ros.cli.identify_inputs import add_channel_options, channel_of
@@ -165,6 +164,8 @@ def forced_page(document: Mapping[str, Any], record: Record, found: ForcedModes)
 
 
 def _response(record: Record, found: ForcedModes) -> Section:
+    import numpy as np
+
     from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
     from denoc_ros.cli.sections import Section
 
@@ -193,6 +194,8 @@ def _response(record: Record, found: ForcedModes) -> Section:
 
 def _together(force: Reading, response: Reading) -> tuple[Record, Record]:
     """Return input and response on the stamps of the response where both are there."""
+    import numpy as np
+
     from denoc_ros.identification.records import Record
 
     answer = response.record
