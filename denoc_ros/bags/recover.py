@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
 from denoc_ros.bags.ending import MAGIC
@@ -184,8 +184,8 @@ class _Copy:
         started = False
         for record in records:
             if not started:
-                profile = record.profile if isinstance(record, Header) else 'ros2'
-                self._writer.start(profile, library_name())
+                # the one that readers of rosbag2 ask for, whatever a damaged header says
+                self._writer.start('ros2', library_name())
                 started = True
             self._take(record)
         if not started:

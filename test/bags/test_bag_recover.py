@@ -181,3 +181,11 @@ def test_verb_prints_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture
     row = json.loads(capsys.readouterr().out)
     assert row['topics'] == {'/joint_states': 300}
     assert row['path'] == os.fspath(tmp_path / 'x')
+
+
+def test_a_damaged_profile_does_not_spoil_what_is_recovered(tmp_path: Path) -> None:
+    path = cut_off_bag(tmp_path)
+    file = path / 'run_0.mcap'
+    file.write_bytes(file.read_bytes().replace(b'ros2', b'ro\x00s', 1))
+    result = recover(path)
+    assert len(list(read_bag(result.path))) == 300

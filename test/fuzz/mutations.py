@@ -8,10 +8,12 @@ from collections.abc import Callable
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-# the profile `fuzz` has many more; each example writes over the files of the one before
+# the same examples every time; the profile `fuzz` draws many more, and others
+# each example writes over the files of the one before
 FUZZ = settings(
     max_examples=settings().max_examples // 3,
     deadline=None,
+    derandomize=settings.get_current_profile_name() != 'fuzz',
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 NUMBER = re.compile(r'(?<=["\s])-?\d+\.?\d*(?:[eE][-+]?\d+)?(?=["\s])')
