@@ -23,6 +23,7 @@ CANADARM = str(ROOT / 'config' / 'canadarm.yaml')
 # A rate that a loaded machine keeps: how evenly the loops run is not what is tested here.
 SLOW = [f'--set=nodes.{name}.update_rate=250' for name in ('plant', 'feedforward', 'predictor')]
 PLANT_ONLY = ['--set=nodes.predictor=false', '--set=nodes.feedforward=false']
+RECORDED = 300_000  # bytes: a second of the plant's topics
 BOUND = 240.0  # s: with a cold kernel cache on a slow machine
 
 
@@ -58,6 +59,14 @@ def nodes_below(folder: Path) -> list[int]:
     return found
 
 
+def wait_for_recording(run: Path) -> None:
+    """Wait until joint states are in the bag: nothing else there fills so much in a second."""
+    end = time.perf_counter() + BOUND
+    while sum(file.stat().st_size for file in (run / 'bag').glob('*.mcap')) < RECORDED:
+        assert time.perf_counter() < end, 'the recording must grow'
+        time.sleep(0.1)
+
+
 def test_both_feedforwards_run_are_recorded_and_reported(tmp_path: Path) -> None:
     run = tmp_path / 'run'
     arguments = ['--duration', '3', '--output', str(run), '--json']
@@ -91,7 +100,7 @@ def test_ctrl_c_ends_all_nodes_and_leaves_a_whole_bag(tmp_path: Path) -> None:
     for line in process.stderr:
         if line.startswith('rigid feedforward:'):
             break
-    time.sleep(1.0)
+    wait_for_recording(run)
     process.send_signal(signal.SIGINT)
     status, _, err = finish(process)
     assert status == 130
