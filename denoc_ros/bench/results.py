@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -88,14 +89,14 @@ class Line:
         return 'met' if self.reach.met(self.value.value) else 'missed'
 
     def record(self) -> dict[str, Any]:
-        """Return plain lists and numbers, ready for JSON."""
+        """Return plain lists and numbers, ready for JSON; None where there is no finite value."""
         found: dict[str, Any] = {
             'group': self.group,
             'what': self.what,
             'against': self.against,
             'check': {**asdict(self.check), 'good': self.check.good},
             'unit': self.unit,
-            'value': None if self.value is None else asdict(self.value),
+            'value': self.value and _finite(asdict(self.value)),
             'reach': None if self.reach is None else asdict(self.reach),
             'verdict': self.verdict,
             'note': self.note,
@@ -103,6 +104,10 @@ class Line:
         for name, times in (('ours', self.ours), ('peer', self.peer)):
             found[name] = times and {'median_s': times.median, 'p99_s': times.p99}
         return found
+
+
+def _finite(values: dict[str, float]) -> dict[str, float | None]:
+    return {name: value if math.isfinite(value) else None for name, value in values.items()}
 
 
 def relative_error(value: ArrayLike, expected: ArrayLike) -> float:

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from denoc_ros.bench.growth import crossing, slope
-from denoc_ros.bench.timing import Effort, Subject, Times, compare, ratio
+from denoc_ros.bench.results import Check, Line
+from denoc_ros.bench.timing import Effort, Spread, Subject, Times, compare, ratio
 from denoc_ros.cli.main import main
 from denoc_ros.dynamics.robot import Robot
 
@@ -43,12 +44,23 @@ def test_quick_run_checks_every_line(capsys: pytest.CaptureFixture[str]) -> None
     }
     assert all(found['check']['good'] for found in (*lines, *operations))
     assert {line['reach'] for line in lines} == {None}
-    assert all(line['value']['value'] > 0.0 for line in lines)
+    values = {line['what']: line['value']['value'] for line in lines}
+    # so few calls may never see the recursion in front
+    crossings = {what: values.pop(what) for what in [*values] if what.startswith('crossing point')}
+    assert all(value > 0.0 for value in values.values())
+    assert all(value is None or value > 0.0 for value in crossings.values())
     assert {found['verb'] for found in operations} == {
         'inverse dynamics',
         'forward dynamics',
         'inertia matrix and bias',
     }
+
+
+def test_crossing_beyond_every_size_is_null_in_json() -> None:
+    at = crossing([1, 2, 8], [0.2, 0.5, 0.9])
+    line = Line('dense', '', '', Check('', 0.0, 1.0), 'links', Spread(at, 3.0, at))
+    record = json.loads(json.dumps(line.record(), allow_nan=False))
+    assert record['value'] == {'value': None, 'low': 3.0, 'high': None}
 
 
 def test_wrong_result_is_said_and_not_timed(
