@@ -15,7 +15,11 @@ ifdef AMENT_PREFIX_PATH
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 endif
 
-.PHONY: demo test check lint bench mechanisms rates soak longbag fuzz load longload readme venv clean
+BROWSERS := chromium chromium-browser google-chrome
+# as root, or by who may be it
+ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
+
+.PHONY: demo test check browser lint bench mechanisms rates soak longbag fuzz load longload readme venv clean
 
 venv: $(STAMP)
 
@@ -23,7 +27,7 @@ $(STAMP): setup.py package.xml constraints.txt
 	@echo 'installing the package and its dependencies into $(VENV): a minute or two'
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) setuptools
-	$(PIP) --no-build-isolation --editable '.[ros,test]'
+	$(PIP) --no-build-isolation --editable '.[ros,viewer,test]'
 	touch $@
 
 demo: $(STAMP)
@@ -38,8 +42,13 @@ lint: $(STAMP)
 check: lint
 	$(BIN)/pytest -m 'not ros'
 
-test: lint
+test: lint browser
 	$(BIN)/pytest
+
+# the viewer's page is tested in a real browser
+browser:
+	@for name in $(BROWSERS); do command -v $$name > /dev/null && exit 0; done; \
+	$(ASROOT) apt-get update --quiet && $(ASROOT) apt-get install --yes --quiet --no-install-recommends chromium
 
 # the README's tables, from the code
 readme: $(STAMP)

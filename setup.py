@@ -30,6 +30,9 @@ def shared_files(folder: str) -> list[tuple[str, list[str]]]:
 # whole folders of bags, and Monte Carlo, by several processes or on a cluster
 CLUSTER = ['distributed>=2024.8', 'pyarrow>=15']
 
+# the page in the browser, and films
+VIEWER = ['viser>=1.0', 'imageio-ffmpeg>=0.5']
+
 setup(
     name=NAME,
     version=package_version(),
@@ -56,6 +59,7 @@ setup(
         'matplotlib>=3.6',
         'jinja2>=3.1',
         'tqdm>=4.66',
+        'trimesh>=4',
     ],
     extras_require={
         'ros': [
@@ -63,10 +67,13 @@ setup(
             'ros-rclpy[fastrtps]==7.1.6',
             'ros-jazzy-common-interfaces',
         ],
+        'viewer': VIEWER,
         'cluster': CLUSTER,
         'test': [
             *CLUSTER,
+            *VIEWER,
             'pytest>=8',
+            'playwright>=1.40',
             'hypothesis',
             'ruff',
             'mypy',

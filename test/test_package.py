@@ -19,7 +19,7 @@ from packaging.utils import NormalizedName, canonicalize_name
 from denoc_ros.cli.config import NODES
 
 BUILD_TIMEOUT = 120.0
-EXTRAS = ('ros', 'test')
+EXTRAS = ('ros', 'viewer', 'test')
 
 
 def pip(*arguments: str) -> None:
