@@ -131,7 +131,11 @@ class Recorder(DenocNode):
             message += ' (' + ', '.join(f'{topic} {lost[topic]}' for topic in sorted(lost)) + ')'
         if status.failure:
             raise BagError(f'{message}; {status.failure}')
-        (self.get_logger().warning if lost else self.get_logger().info)(message)
+        # two calls: rclpy refuses a line of code that changes its severity
+        if lost:
+            self.get_logger().warning(message)
+        else:
+            self.get_logger().info(message)
         return message
 
     def save(self) -> None:

@@ -227,6 +227,10 @@ def test_losses_behind_a_stalled_disk_are_reported(
     lost = int(graph.value(name, 'lost /a') or 0)
     kept = f'{52 - lost} messages on 1 topics, {lost} lost (/a {lost})'
     assert stopped.message.endswith(kept)
+    # an end without loss is another severity of the log, an end with one no failure
+    assert stopped.success
+    assert call(graph, 'start').success
+    assert call(graph, 'stop').message.endswith('0 lost')
 
 
 def test_short_disk_ends_the_recording_but_not_the_node(graph: Any, tmp_path: Path) -> None:
