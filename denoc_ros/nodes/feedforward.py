@@ -20,10 +20,11 @@ from denoc_ros.nodes.base import EVERY_MESSAGE, NEWEST
 from denoc_ros.nodes.conversions import InputError, JointStateReader, read_trajectory
 from denoc_ros.nodes.diagnostics import ERROR, WARN, Status
 from denoc_ros.nodes.feedforward_parameters import TABLE
+from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.process import run
 from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
-from denoc_ros.nodes.robot_node import RobotNode, driven_joints, is_override
+from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.safety import InputMonitor, SafeCommand, torque_limiter
 from denoc_ros.nodes.stamps import StampOf
 from denoc_ros.nodes.strain_feedback import StrainFeedback

@@ -25,11 +25,12 @@ from denoc_ros.nodes.base import LATCHED, STATE
 from denoc_ros.nodes.conversions import CommandReader, read_trajectory
 from denoc_ros.nodes.diagnostics import WARN, Status
 from denoc_ros.nodes.messages import JointStateMessage
+from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.plant_parameters import TABLE
 from denoc_ros.nodes.process import run
 from denoc_ros.nodes.reference import ReferenceFollower
-from denoc_ros.nodes.robot_node import RobotNode, driven_joints, is_override
+from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_outputs import SensorOutputs
 from denoc_ros.nodes.stamps import StampOf
 

@@ -25,12 +25,13 @@ from denoc_ros.nodes.base import NEWEST, STATE
 from denoc_ros.nodes.conversions import JointStateReader, read_trajectory
 from denoc_ros.nodes.diagnostics import WARN, Status
 from denoc_ros.nodes.markers import CentreLines
+from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.predictor_outputs import PredictorOutputs
 from denoc_ros.nodes.predictor_parameters import TABLE
 from denoc_ros.nodes.process import run
 from denoc_ros.nodes.reference import ReferenceFollower
-from denoc_ros.nodes.robot_node import RobotNode, driven_joints, is_override
+from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
 from denoc_ros.nodes.stamps import StampOf
 

@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from std_msgs.msg import String
-
-from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.errors import ConfigError
-from denoc_ros.model.overrides import FAMILIES
-from denoc_ros.nodes.base import LATCHED, DenocNode
 from denoc_ros.nodes.diagnostics import ERROR, Status, loop_status, realtime_status
-from denoc_ros.nodes.live_model import LiveModel
-from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
+from denoc_ros.nodes.model_node import ModelNode
+from denoc_ros.nodes.parameters import ParameterTable
 from denoc_ros.nodes.realtime import lock_memory
 from denoc_ros.nodes.timing import Loop, LoopStatistics
 
-Array = NDArray[np.float64]
 
-
-class RobotNode(DenocNode):
+class RobotNode(ModelNode):
     """Loads the robot on configure and runs `tick` in a thread of its own while active.
 
     A node overrides `prepare` (build and run once everything that `tick` uses), `tick` and, where
@@ -30,38 +19,16 @@ class RobotNode(DenocNode):
 
     Attributes
     ----------
-    robot : Robot
-        The loop's own, with the overrides of the parameters.
-    model : LiveModel or None
-        What the robot is made from; None until the node is configured.
     loop : Loop or None
         The loop while active.
     """
 
-    robot: Robot
-
     def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
         super().__init__(name, table, **options)
-        self.model: LiveModel | None = None
         self.loop: Loop | None = None
-        self.description = ''
         self.last_statistics: LoopStatistics | None = None
-        self._model_warnings: tuple[str, ...] = ()
-        self.add_post_set_parameters_callback(self._after_parameters)
-        if not self.settings.text('urdf_path'):
-            self.ready = False
-            self.create_subscription(
-                String, 'robot_description', self._on_description, LATCHED, raw=False
-            )
-
-    def _on_description(self, message: String) -> None:
-        self.description = message.data
-        self.ready = True
 
     # ---- what a node of this kind does
-
-    def prepare(self) -> None:
-        """Build from `self.robot` all that `tick` uses and call every kernel once."""
 
     def tick(self, steps: int) -> None:
         """Advance by `steps` periods; called in the loop thread."""
@@ -69,122 +36,12 @@ class RobotNode(DenocNode):
     def begin(self) -> None:
         """Do what is to be done just before the loop starts."""
 
-    # ---- robot
-
-    def read_model(self, settings: Settings) -> LiveModel:
-        """Return the robot of the file or topic, to be changed by overrides.
-
-        Raises
-        ------
-        ModelError
-            The description does not give a model; every finding.
-        ConfigError
-            There is none, or gravity has not three elements.
-        """
-        source = settings.text('urdf_path') or self.description
-        gravity = settings.numbers('gravity')
-        name = self.get_fully_qualified_name()
-        if not source:
-            raise ConfigError(
-                name, ["parameter 'urdf_path' or the topic robot_description must give the robot"]
-            )
-        if len(gravity) != 3:
-            raise ConfigError(name, [f"parameter 'gravity' must have 3 elements, got {gravity}"])
-        robot = load_robot(
-            source,
-            gravity=tuple(gravity),
-            geometric_stiffness=settings.flag('geometric_stiffness'),
-        )
-        return LiveModel(robot, name)
-
-    def adopt_model(self, model: LiveModel, settings: Settings) -> None:
-        """Take a model for the one that overrides change, and list what they can change."""
-        self.model = model
-        overrides = model.plain(settings.family(*FAMILIES))
-        self.settings = settings.without(*FAMILIES).replace(overrides)
-        self.show(model.values(overrides))
-
-    def changed_robot(self, settings: Settings, model: LiveModel | None = None) -> Robot:
-        """Return a robot of its own with the overrides of `settings`, by default of `self.model`.
-
-        Raises
-        ------
-        ConfigError, ModelError
-            A path that names nothing, or a value that makes no model.
-        """
-        model = self.model if model is None else model
-        assert model is not None
-        return model.robot(settings.family(*FAMILIES))
-
-    def posture(self, robot: Robot, settings: Settings) -> Array:
-        """Return the coordinates (n,) near which the robot's loops are closed.
-
-        Raises
-        ------
-        ConfigError
-            The parameter has another number of elements than the robot has joints.
-        """
-        given = settings.numbers('posture')
-        count = len(robot.joint_names)
-        if given and len(given) != count:
-            raise ConfigError(
-                self.get_fully_qualified_name(),
-                [
-                    f"parameter 'posture' must have an element for each of the {count} joints "
-                    f'{list(robot.joint_names)}, got {len(given)}'
-                ],
-            )
-        q = np.zeros(robot.n)
-        q[robot.joint_indices] = given or 0.0
-        return q
-
-    def require_configured(self, why: str) -> None:
-        """Refuse what needs a robot while there is none.
-
-        Raises
-        ------
-        ConfigError
-            The node is not configured.
-        """
-        if self.state not in ('active', 'inactive'):
-            raise ConfigError(self.get_name(), [f'the node must be configured {why}'])
-
-    def require_coordinates(self, robot: Robot) -> None:
-        """Refuse a changed robot that has other coordinates.
-
-        Raises
-        ------
-        ConfigError
-            With the coordinates it has.
-        """
-        if tuple(robot.coordinate_names) != tuple(self.robot.coordinate_names):
-            raise ConfigError(
-                self.get_fully_qualified_name(),
-                [f'the robot must keep its coordinates, got {list(robot.coordinate_names)}'],
-            )
-
-    def plain(self, changes: dict[str, Value]) -> dict[str, Value]:
-        """Return changes with overrides under their own paths."""
-        return changes if self.model is None else self.model.plain(changes)
-
-    def _after_parameters(self, parameters: Sequence[Any]) -> None:
-        """Tell what a changed override has changed: its other name, and what depends on it."""
-        changed = any(is_override(parameter.name) for parameter in parameters)
-        if changed and self.model is not None and not self._showing:
-            self.show(self.model.values(self.settings.family(*FAMILIES)))
+    # ---- loop
 
     def configure(self) -> None:
         """Load the robot, build all that the loop uses, compile it by using it."""
         self.knobs.update(lock_memory(self.settings.flag('lock_memory')))
-        model = self.read_model(self.settings)
-        self.robot = self.changed_robot(self.settings, model)
-        self.adopt_model(model, self.settings)
-        self._model_warnings = tuple(self.robot.tree.warnings)
-        for warning in self._model_warnings:
-            self.get_logger().warning(warning)
-        self.prepare()
-
-    # ---- loop
+        super().configure()
 
     def activate(self) -> None:
         """Start the loop."""
@@ -226,31 +83,3 @@ class RobotNode(DenocNode):
         status.values['state'] = self.state
         loop_knobs = {f'loop {name}': what for name, what in loop.knobs.items()}
         return [status, realtime_status({**loop_knobs, **self.knobs})]
-
-
-def is_override(name: str) -> bool:
-    """Say whether a parameter changes the model."""
-    return name.split('.')[0] in FAMILIES and '.' in name
-
-
-def driven_joints(robot: Robot, given: Sequence[str], where: str) -> list[str]:
-    """Return the joints a node works on: those `given`, else all that are not mimics.
-
-    Raises
-    ------
-    ConfigError
-        A given one is not the robot's, repeated or a mimic joint; none is given for a robot with
-        loops.
-    """
-    if robot.tree.loops and not given:
-        rule = "parameter 'joints' must name the driven joints of a robot with loops"
-        raise ConfigError(where, [f'{rule}, some of {list(robot.joint_names)}, got none'])
-    joints = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint is not None}
-    free = [name for name in robot.joint_names if joints[name].mimic is None]
-    wrong = [name for name in given if name not in free]
-    if wrong or len(set(given)) != len(given):
-        raise ConfigError(
-            where,
-            [f"parameter 'joints' must name different joints of {free}, got {list(given)}"],
-        )
-    return list(given) or free
