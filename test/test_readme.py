@@ -1,4 +1,4 @@
-"""The README: its examples run, its commands parse, its tables are those of the code.
+"""The README: its tables are those of the code.
 
 `python test/test_readme.py` writes the tables anew.
 """
@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import argparse
 import re
-import shlex
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-from denoc_ros.cli.config import NODES, REFERENCE_KINDS, load_config
+from denoc_ros.cli.config import NODES
 from denoc_ros.cli.main import VERBS, build_parser
 
 README = Path(__file__).resolve().parent.parent / 'README.md'
@@ -24,13 +23,6 @@ TABLE_MODULES = {
     'recorder': 'denoc_ros.nodes.recorder_parameters',
     'plant': 'denoc_ros.nodes.plant_parameters',
 }
-
-
-def code_blocks(language: str) -> list[str]:
-    """Return the README's blocks of a language."""
-    return re.findall(
-        rf'^```{language}\n(.*?)^```', README.read_text(encoding='utf-8'), re.DOTALL | re.MULTILINE
-    )
 
 
 def rendered(kind: str, name: str) -> str:
@@ -61,46 +53,12 @@ def test_command_table_is_the_command_line_s() -> None:
     assert sections()['commands', 'denoc'] == rendered('commands', 'denoc')
 
 
-def test_every_command_shown_is_understood() -> None:
-    shown = [
-        shlex.split(line, comments=True)[1:]
-        for block in code_blocks('sh')
-        for line in block.splitlines()
-        if line.startswith('denoc ')
-    ]
-    assert shown
-    for arguments in shown:
-        build_parser(arguments).parse_args(arguments)
-
-
 def test_every_make_target_shown_exists(repository: Path) -> None:
     targets = set(
         re.findall(r'^(\w+):', (repository / 'Makefile').read_text(encoding='utf-8'), re.MULTILINE)
     )
     shown = set(re.findall(r'`make (\w+)', README.read_text(encoding='utf-8')))
     assert {'demo', 'test', 'check'} <= shown <= targets
-
-
-@pytest.mark.parametrize('snippet', code_blocks('python'))
-def test_python_example_runs(
-    snippet: str, repository: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(repository)
-    exec(compile(snippet, 'README.md', 'exec'), {})
-
-
-@pytest.mark.parametrize('example', code_blocks('yaml'))
-def test_configuration_shown_is_accepted(example: str, tmp_path: Path) -> None:
-    file = tmp_path / 'arm.yaml'
-    file.write_text(example)
-    assert load_config(file).reference['kind'] in REFERENCE_KINDS
-
-
-def test_every_link_leads_somewhere(repository: Path) -> None:
-    targets = re.findall(r'\]\((?!https?:|#)([^)#]+)', README.read_text(encoding='utf-8'))
-    targets += re.findall(r'src="([^"]+)"', README.read_text(encoding='utf-8'))
-    assert targets
-    assert [target for target in targets if not (repository / target).exists()] == []
 
 
 if __name__ == '__main__':
