@@ -1,0 +1,227 @@
+"""A robot's surface, bent along its beams: plain arrays for the page and for films."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import StateError
+from denoc_ros.model.lowering import is_flexible
+from denoc_ros.model.tree import Body, Deformation
+from denoc_ros.viewer.cutting import cut_along
+from denoc_ros.viewer.outline import Colour, Outline, outlines
+
+Array = NDArray[np.float64]
+
+SAME = 1e-9  # of the beam's length: stations that are one
+CLOSED = 1e-6  # m, rad: what loops may be drawn open by
+STEPS = 8  # of Gauss-Newton, each of which squares the error
+
+
+def exaggerated(robot: Robot, q: Array, scale: float) -> Array:
+    """Return coordinates with the amplitudes a number of times larger, loops kept closed.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) array
+    scale : float
+        1: as it is; 0: undeflected.
+
+    Returns
+    -------
+    (n,) array
+        Where loops need it the joints give way, by the smallest change that closes them; they stay
+        where the deflection drawn is more than the mechanism can follow.
+    """
+    drawn: Array = q.copy()
+    drawn[robot.flexible_indices] *= scale
+    if scale == 1.0 or not robot.tree.loops:
+        return drawn
+    closed: Array = drawn.copy()
+    joints = robot.joint_indices
+    try:
+        for _ in range(STEPS):
+            error = robot.closure(closed)
+            if np.abs(error).max() <= CLOSED:
+                return closed
+            rows = robot.closure_jacobian(closed)[:, joints]
+            closed[joints] -= np.linalg.lstsq(rows, error, rcond=1e-8)[0]
+    except (StateError, np.linalg.LinAlgError):
+        return drawn
+    return drawn
+
+
+class BentLink:
+    """The surface of a flexible link.
+
+    Parameters
+    ----------
+    robot : Robot
+    outline : Outline
+
+    Attributes
+    ----------
+    link : str
+    faces : (f, 3) int array
+    colour : of the undeformed surface
+    stations : (s,) array
+        Of the cross-sections that vertices hang on [m].
+
+    Notes
+    -----
+    A vertex hangs rigidly on the section of its station x (clamped to the beam): it stands at
+    [x, 0, 0] + u(x) + Exp(phi(x)) r in the beam frame, with r what is left of its place. The
+    bending strain there is -(r_y u_y'' + r_z u_z'').
+    """
+
+    def __init__(self, robot: Robot, outline: Outline) -> None:
+        self.link, self.colour = outline.link, outline.colour
+        self._body, self._own = _flexible_body(robot, self.link)
+        beam = self._body.beam
+        assert beam is not None
+        to_beam = np.linalg.inv(self._body.frame)
+        vertices = outline.vertices @ to_beam[:3, :3].T + to_beam[:3, 3]
+        vertices, self.faces = cut_along(vertices, outline.faces, beam.length)
+        on_beam = np.clip(vertices[:, 0], 0.0, beam.length)
+        self.stations, self._station = np.unique(
+            np.round(on_beam / (SAME * beam.length)) * SAME * beam.length, return_inverse=True
+        )
+        self._arm = vertices - self.stations[self._station][:, None] * [1.0, 0.0, 0.0]
+        sections = [robot.section(self.link, float(x))[0] for x in self.stations]
+        self._linear = np.array([section.linear for section in sections])
+        self._shortening = np.array([section.shortening for section in sections])
+        self._strain = self._strain_rows()
+
+    def _strain_rows(self) -> Array:
+        """Return the strain per amplitude, (v, m)."""
+        beam = self._body.beam
+        assert beam is not None
+        ny, nz, nt = beam.modes
+        planes = [
+            -arm[:, None] * _curvatures(part, self.stations)[self._station]
+            for part, arm in ((beam.y, self._arm[:, 1]), (beam.z, self._arm[:, 2]))
+            if part is not None and part.modes
+        ]
+        rows = np.hstack([*planes, np.zeros((len(self._arm), nt))])
+        assert rows.shape[1] == ny + nz + nt
+        return rows
+
+    def place(self, pose: Array, q: Array) -> Array:
+        """Return the vertices (v, 3) [m, base frame].
+
+        Parameters
+        ----------
+        pose : (4, 4) array
+            Of the link frame.
+        q : (n,) array
+            Coordinates, as drawn.
+        """
+        d = q[self._own]
+        bend = self._linear @ d
+        centre = bend[:, :3]
+        centre[:, 0] = self.stations - 0.5 * (self._shortening @ d @ d)
+        frame = pose @ self._body.frame
+        turn = frame[:3, :3] @ rotations(bend[:, 3:])
+        at = centre @ frame[:3, :3].T + frame[:3, 3]
+        arms = np.matmul(turn[self._station], self._arm[:, :, None])[:, :, 0]
+        return np.asarray(at[self._station] + arms)
+
+    def strain(self, q: Array) -> Array:
+        """Return the bending strain (v,) [-] of the vertices, positive where stretched."""
+        return np.asarray(self._strain @ q[self._own])
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A robot as drawn at an instant.
+
+    Attributes
+    ----------
+    poses : (k, 4, 4) array
+        Of the links of `Bending.rigid`, base frame.
+    surfaces : tuple of (v, 3) arrays
+        Vertices of `Bending.flexible` [m, base frame].
+    """
+
+    poses: Array
+    surfaces: tuple[Array, ...]
+
+
+class Bending:
+    """The surface of a robot, rigid links apart from those that bend.
+
+    Parameters
+    ----------
+    robot : Robot
+        Not shared with another thread.
+    folder : path, optional
+        Where relative names of mesh files start.
+
+    Attributes
+    ----------
+    rigid : tuple of Outline
+    flexible : tuple of BentLink
+    links : tuple of str
+        All that are drawn.
+    """
+
+    def __init__(self, robot: Robot, folder: Path | None = None) -> None:
+        self._robot = robot
+        bends = {body.name for body in robot.tree.bodies if is_flexible(body)}
+        drawn = outlines(robot, folder)
+        self.rigid = tuple(outline for outline in drawn if outline.link not in bends)
+        self.flexible = tuple(BentLink(robot, o) for o in drawn if o.link in bends)
+        self.links = tuple(dict.fromkeys(outline.link for outline in drawn))
+
+    def at(self, q: Array) -> Shape:
+        """Return where everything stands at coordinates (n,) (see :func:`exaggerated`)."""
+        robot = self._robot
+        pose = {link: robot.frame_pose(link, q) for link in self.links}
+        return Shape(
+            np.array([pose[part.link] for part in self.rigid]).reshape(-1, 4, 4),
+            tuple(part.place(pose[part.link], q) for part in self.flexible),
+        )
+
+    def strains(self, q: Array) -> tuple[Array, ...]:
+        """Return the bending strains (v,) of the vertices of `flexible` at coordinates (n,)."""
+        return tuple(part.strain(q) for part in self.flexible)
+
+
+def rotations(vectors: Array) -> Array:
+    """Return Exp of rotation vectors: (k, 3) [rad] to (k, 3, 3)."""
+    angle = np.linalg.norm(vectors, axis=1)
+    first = np.sinc(angle / np.pi)
+    second = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+    x, y, z = vectors.T
+    cross = np.zeros((len(vectors), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
+    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
+    square = np.matmul(cross, cross)
+    return np.asarray(np.eye(3) + first[:, None, None] * cross + second[:, None, None] * square)
+
+
+def strain_colours(strain: Array, limit: float) -> NDArray[np.uint8]:
+    """Return red, green, blue (v, 3) of strains: blue pressed, red stretched, full at a limit."""
+    share = np.clip(strain / limit, -1.0, 1.0) if limit > 0.0 else np.zeros(len(strain))
+    middle, ends = np.array(STILL, float), np.array([PRESSED, STRETCHED], float)
+    mixed = middle + np.abs(share)[:, None] * (ends[(share > 0.0).astype(int)] - middle)
+    return np.asarray(np.round(mixed), dtype=np.uint8)
+
+
+PRESSED: Colour = (33, 102, 190)
+STILL: Colour = (225, 228, 232)
+STRETCHED: Colour = (200, 40, 40)
+
+
+def _flexible_body(robot: Robot, link: str) -> tuple[Body, slice]:
+    body = next(body for body in robot.tree.bodies if body.name == link)
+    return body, robot.section(link)[1]
+
+
+def _curvatures(part: Deformation, stations: Array) -> Array:
+    return part.shapes.curvatures(stations)

@@ -1,0 +1,207 @@
+"""What links look like undeformed: the URDF's visuals, or plain bodies where it has none."""
+
+from __future__ import annotations
+
+import io
+import logging
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.model.lowering import is_flexible
+from denoc_ros.model.source import TEXT_NAME, parse_xml
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Colour = tuple[int, int, int]
+
+STEEL: Colour = (146, 161, 178)  # of links without a material
+DARK: Colour = (92, 101, 112)  # of what is drawn for want of a visual
+SLENDERNESS = 40.0  # of a beam without a visual: length over thickness
+SLIGHT = 0.012  # of the robot's reach: radius of a rigid link without a visual
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The surface of a link.
+
+    Attributes
+    ----------
+    link : str
+    vertices : (v, 3) array
+        [m], in the link frame.
+    faces : (f, 3) int array
+        Triangles of vertices.
+    colour : red, green, blue of 0 .. 255
+    """
+
+    link: str
+    vertices: Array
+    faces: Indices
+    colour: Colour
+
+
+def outlines(robot: Robot, folder: Path | None = None) -> list[Outline]:
+    """Return the surfaces of a robot's links.
+
+    Parameters
+    ----------
+    robot : Robot
+    folder : path, optional
+        Where relative names of mesh files start. `package://` is looked for in the prefixes of
+        AMENT_PREFIX_PATH and above that folder; nothing is fetched from a network.
+
+    Returns
+    -------
+    list of Outline
+        One per visual, in file order. A link without a visual that can be drawn gets a beam of its
+        length, or rods to the joints that it carries.
+    """
+    root = parse_xml(TEXT_NAME, robot.tree.source)
+    drawn: list[Outline] = []
+    for link in root.findall('link'):
+        name = link.get('name')
+        found = list(_visuals(root, link, folder))
+        drawn += found or _substitute(robot, root, name)
+    return drawn
+
+
+def reach(robot: Robot) -> float:
+    """Return the size of a robot [m]: of the box around its frames and beams, undeformed."""
+    zero = np.zeros(robot.n)
+    points = [np.zeros(3)]
+    for frame in robot.tree.frames:
+        points.append(robot.frame_pose(frame, zero)[:3, 3])
+    for body in robot.tree.bodies:
+        if body.beam is not None:
+            pose = robot.frame_pose(body.name, zero) @ body.frame
+            points.append(pose[:3, 3] + body.beam.length * pose[:3, 0])
+    return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+
+
+def _visuals(root: Any, link: Any, folder: Path | None) -> Iterator[Outline]:
+    from yourdfpy import URDF  # as in model.plain: it takes most of a second
+
+    bare = etree.Element('robot', name='visuals')
+    bare.extend(_copies(root.findall('material')))
+    own = etree.SubElement(bare, 'link', name=link.get('name'))
+    own.extend(_copies(link.findall('visual')))
+    text = io.BytesIO(etree.tostring(bare, encoding='utf-8'))
+    try:
+        robot = URDF.load(text, build_scene_graph=False, load_meshes=False).robot
+        colours = {m.name: m.color for m in robot.materials if m.color is not None}
+        for visual in robot.links[0].visuals:
+            mesh = _mesh(visual.geometry, folder)
+            if mesh is None or not len(mesh.faces):
+                continue
+            if visual.origin is not None:
+                mesh.apply_transform(visual.origin)
+            vertices = np.asarray(mesh.vertices, dtype=np.float64)
+            faces = np.asarray(mesh.faces, dtype=np.int64)
+            yield Outline(own.get('name'), vertices, faces, _colour(visual.material, colours))
+    except Exception as error:  # what a picture is made of is nothing to fail for
+        log.warning('link %r: its visual cannot be drawn: %s', own.get('name'), error)
+
+
+def _copies(elements: list[Any]) -> list[Any]:
+    return [etree.fromstring(etree.tostring(element)) for element in elements]
+
+
+def _mesh(geometry: Any, folder: Path | None) -> Any:
+    """Return a visual's trimesh, None for one that is nowhere."""
+    import trimesh
+
+    if geometry.box is not None:
+        return trimesh.creation.box(extents=geometry.box.size)
+    if geometry.cylinder is not None:
+        shape = geometry.cylinder
+        return trimesh.creation.cylinder(radius=shape.radius, height=shape.length, sections=24)
+    if geometry.sphere is not None:
+        return trimesh.creation.icosphere(subdivisions=2, radius=geometry.sphere.radius)
+    file = mesh_file(geometry.mesh.filename, folder)
+    if file is None:
+        log.warning('mesh %r must be a file here, got none', geometry.mesh.filename)
+        return None
+    mesh = trimesh.load(file, force='mesh')
+    if geometry.mesh.scale is not None:
+        mesh.apply_scale(geometry.mesh.scale)
+    return mesh
+
+
+def mesh_file(name: str, folder: Path | None) -> Path | None:
+    """Return the file of a mesh's name, a path or a `package://` or `file://` address."""
+    scheme, colon, rest = name.rpartition('://')
+    if scheme == 'package':
+        prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+        candidates = [Path(prefix, 'share', rest) for prefix in prefixes if prefix]
+        if folder is not None:
+            candidates += [above / rest for above in folder.resolve().parents]
+    elif colon and scheme != 'file':
+        return None
+    else:
+        candidates = [Path(folder or '', rest)]
+    return next((path for path in candidates if path.is_file()), None)
+
+
+def _colour(material: Any, known: dict[str, Any]) -> Colour:
+    if material is None:
+        return STEEL
+    colour = material.color or known.get(material.name)
+    if colour is None:
+        return STEEL
+    red, green, blue = (round(255.0 * min(max(float(x), 0.0), 1.0)) for x in colour.rgba[:3])
+    return red, green, blue
+
+
+def _substitute(robot: Robot, root: Any, link: str) -> list[Outline]:
+    """Return what stands for a link without visuals."""
+    import trimesh
+
+    for body in robot.tree.bodies:
+        if body.name == link and is_flexible(body):
+            assert body.beam is not None
+            length = body.beam.length
+            box = trimesh.creation.box(extents=(length, *[length / SLENDERNESS] * 2))
+            box.apply_translation((length / 2.0, 0.0, 0.0))
+            box.apply_transform(body.frame)
+            return [_plain(link, box)]
+    radius = SLIGHT * reach(robot)
+    pose = np.linalg.inv(robot.frame_pose(link, np.zeros(robot.n)))
+    rods = []
+    for child in _children(root, link):
+        end = (pose @ robot.frame_pose(child, np.zeros(robot.n)))[:3, 3]
+        if np.linalg.norm(end) > radius:
+            rods.append(
+                trimesh.creation.cylinder(radius=radius, segment=[np.zeros(3), end], sections=16)
+            )
+    knob = trimesh.creation.icosphere(subdivisions=2, radius=1.6 * radius)
+    return [_plain(link, mesh) for mesh in (*rods, knob)]
+
+
+def _children(root: Any, link: str) -> list[str]:
+    """Return the links whose joints hang on a link, and the loop frames that do."""
+    joints = [
+        joint.find('child').get('link')
+        for joint in root.findall('joint')
+        if joint.find('parent').get('link') == link
+    ]
+    loops = [
+        f'{loop.get("name")}/{side}'
+        for loop in root.findall('flexibility/loop')
+        for side in ('parent', 'child')
+        if loop.find(side).get('link') == link
+    ]
+    return joints + loops
+
+
+def _plain(link: str, mesh: Any) -> Outline:
+    return Outline(link, np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int64), DARK)
