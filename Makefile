@@ -50,7 +50,7 @@ browser:
 	@for name in $(BROWSERS); do command -v $$name > /dev/null && exit 0; done; \
 	$(ASROOT) apt-get update --quiet && $(ASROOT) apt-get install --yes --quiet --no-install-recommends chromium
 
-# the README's tables, from the code
+# the tables of README and docs/nodes.md, from the code
 readme: $(STAMP)
 	$(BIN)/python test/test_readme.py
 

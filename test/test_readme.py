@@ -1,4 +1,4 @@
-"""The README: its tables are those of the code.
+"""The README and the reference of the nodes: their tables are those of the code.
 
 `python test/test_readme.py` writes the tables anew.
 """
@@ -15,20 +15,16 @@ import pytest
 from denoc_ros.cli.config import NODES
 from denoc_ros.cli.main import VERBS, build_parser
 
-README = Path(__file__).resolve().parent.parent / 'README.md'
+ROOT = Path(__file__).resolve().parent.parent
+README, NODES_PAGE = ROOT / 'README.md', ROOT / 'docs' / 'nodes.md'
 SECTION = re.compile(r'(<!-- begin (\w+) (\w+) -->\n)(.*?)(<!-- end -->)', re.DOTALL)
-TABLE_MODULES = {
-    'feedforward': 'denoc_ros.nodes.feedforward_parameters',
-    'predictor': 'denoc_ros.nodes.predictor_parameters',
-    'recorder': 'denoc_ros.nodes.recorder_parameters',
-    'plant': 'denoc_ros.nodes.plant_parameters',
-}
 
 
 def rendered(kind: str, name: str) -> str:
     """Return what a generated section must hold."""
     if kind == 'parameters':
-        return f'\n{import_module(TABLE_MODULES[name]).TABLE.markdown()}\n'
+        table = import_module(f'denoc_ros.nodes.{name}_parameters').TABLE
+        return f'\n{table.markdown()}\n'
     lines = ['', '| command | does |', '|---|---|']
     for verb in VERBS:
         parser = build_parser([verb])
@@ -37,20 +33,20 @@ def rendered(kind: str, name: str) -> str:
     return '\n'.join(lines) + '\n\n'
 
 
-def sections() -> dict[tuple[str, str], str]:
-    """Return the generated sections that the README has."""
-    found = SECTION.findall(README.read_text(encoding='utf-8'))
+def sections(page: Path) -> dict[tuple[str, str], str]:
+    """Return the generated sections that a page has."""
+    found = SECTION.findall(page.read_text(encoding='utf-8'))
     return {(kind, name): text for _, kind, name, text, _ in found}
 
 
 @pytest.mark.ros
 @pytest.mark.parametrize('node', NODES)
 def test_parameter_table_is_the_node_s(node: str) -> None:
-    assert sections()['parameters', node] == rendered('parameters', node)
+    assert sections(NODES_PAGE)['parameters', node] == rendered('parameters', node)
 
 
 def test_command_table_is_the_command_line_s() -> None:
-    assert sections()['commands', 'denoc'] == rendered('commands', 'denoc')
+    assert sections(README)['commands', 'denoc'] == rendered('commands', 'denoc')
 
 
 def test_every_make_target_shown_exists(repository: Path) -> None:
@@ -62,8 +58,6 @@ def test_every_make_target_shown_exists(repository: Path) -> None:
 
 
 if __name__ == '__main__':
-    README.write_text(
-        SECTION.sub(
-            lambda m: m[1] + rendered(m[2], m[3]) + m[5], README.read_text(encoding='utf-8')
-        )
-    )
+    for page in (README, NODES_PAGE):
+        text = page.read_text(encoding='utf-8')
+        page.write_text(SECTION.sub(lambda m: m[1] + rendered(m[2], m[3]) + m[5], text))

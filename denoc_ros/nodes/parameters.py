@@ -251,7 +251,7 @@ class ParameterTable:
         return accepted
 
     def markdown(self) -> str:
-        """Return the table as Markdown, as the README shows it."""
+        """Return the table as Markdown, as docs/nodes.md shows it."""
         lines = [
             '| parameter | type | default | range | unit | live | what |',
             '|---|---|---|---|---|---|---|',
