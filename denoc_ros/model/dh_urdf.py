@@ -12,6 +12,7 @@ from denoc_ros.model.dh import DHSystem
 from denoc_ros.model.dh_links import DHLink
 from denoc_ros.model.dh_mechanism import DHPoint
 from denoc_ros.model.findings import Element
+from denoc_ros.model.poses import number_text, rpy_of
 
 Array = NDArray[np.float64]
 
@@ -107,9 +108,11 @@ def _bends(system: DHSystem, link: DHLink) -> bool:
 def _add_inertial(element: Element, link: DHLink) -> None:
     com, inertia = rod_inertia(link)
     inertial = etree.SubElement(element, 'inertial')
-    etree.SubElement(inertial, 'origin', xyz=_text(*com))
-    etree.SubElement(inertial, 'mass', value=_text(link.mass))
-    names = {f'i{"xyz"[i]}{"xyz"[j]}': _text(inertia[i, j]) for i in range(3) for j in range(i, 3)}
+    etree.SubElement(inertial, 'origin', xyz=number_text(*com))
+    etree.SubElement(inertial, 'mass', value=number_text(link.mass))
+    names = {
+        f'i{"xyz"[i]}{"xyz"[j]}': number_text(inertia[i, j]) for i in range(3) for j in range(i, 3)
+    }
     etree.SubElement(inertial, 'inertia', names)
 
 
@@ -121,9 +124,9 @@ def _add_visuals(element: Element, link: DHLink, width: float) -> None:
     for length, centre, size in rods:
         if length:
             visual = etree.SubElement(element, 'visual')
-            etree.SubElement(visual, 'origin', xyz=_text(*centre))
+            etree.SubElement(visual, 'origin', xyz=number_text(*centre))
             geometry = etree.SubElement(visual, 'geometry')
-            etree.SubElement(geometry, 'box', size=_text(*size))
+            etree.SubElement(geometry, 'box', size=number_text(*size))
 
 
 def _end(link: DHLink) -> tuple[Array, Array]:
@@ -150,14 +153,14 @@ def _add_joint(
     joint = etree.SubElement(root, 'joint', name=joint_name(link), type=kind)
     _add_ends(joint, parent, link.name, shift, turn)
     etree.SubElement(joint, 'axis', xyz='0 0 1')
-    limits = {key: _text(value) for key, value in system.limits.items()}
+    limits = {key: number_text(value) for key, value in system.limits.items()}
     etree.SubElement(joint, 'limit', limits)
 
 
 def _add_ends(joint: Element, parent: str, child: str, shift: Array, turn: Array) -> None:
     etree.SubElement(joint, 'parent', link=parent)
     etree.SubElement(joint, 'child', link=child)
-    etree.SubElement(joint, 'origin', xyz=_text(*shift), rpy=_text(*_rpy(turn)))
+    etree.SubElement(joint, 'origin', xyz=number_text(*shift), rpy=number_text(*rpy_of(turn)))
 
 
 def _add_flexibility(root: Element, system: DHSystem) -> None:
@@ -165,22 +168,24 @@ def _add_flexibility(root: Element, system: DHSystem) -> None:
     for link in system.links:
         if not _bends(system, link):
             continue
-        beam = etree.SubElement(block, 'beam', link=link.name, length=_text(link.a))
+        beam = etree.SubElement(block, 'beam', link=link.name, length=number_text(link.a))
         if link.b:  # else the beam is the whole link, which is the default
-            beam.set('mass_per_length', _text(link.mass / link.rod_length))
+            beam.set('mass_per_length', number_text(link.mass / link.rod_length))
         if system.shape != 'clamped-free':
             beam.set('shape', system.shape)
-        etree.SubElement(beam, 'origin', xyz=_text(0.0, 0.0, link.b))
+        etree.SubElement(beam, 'origin', xyz=number_text(0.0, 0.0, link.b))
         for direction in ('y',) if system.planar else ('y', 'z'):
             assert link.ei is not None
-            bending = etree.SubElement(beam, 'bending', direction=direction, ei=_text(link.ei))
+            bending = etree.SubElement(
+                beam, 'bending', direction=direction, ei=number_text(link.ei)
+            )
             bending.set('modes', str(system.modes))
-            bending.set('damping_ratio', _text(*system.damping_ratio))
+            bending.set('damping_ratio', number_text(*system.damping_ratio))
     for loop in system.loops:
         element = etree.SubElement(block, 'loop', name=loop.name, type=loop.type)
         for tag, point in (('parent', loop.parent), ('child', loop.child)):
             shift, turn = _placement(system, point)
-            pose = {'xyz': _text(*shift), 'rpy': _text(*_rpy(turn))}
+            pose = {'xyz': number_text(*shift), 'rpy': number_text(*rpy_of(turn))}
             etree.SubElement(element, tag, link=point.link, **pose)
         if loop.type == 'revolute':
             etree.SubElement(element, 'axis', xyz='0 0 1')
@@ -194,19 +199,3 @@ def _rotation_x(angle: float) -> Array:
 def _rotation_z(angle: float) -> Array:
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _rpy(rotation: Array) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw of a rotation; yaw 0 where pitch is a quarter turn."""
-    level = math.hypot(rotation[0, 0], rotation[1, 0])
-    pitch = math.atan2(-rotation[2, 0], level)
-    if level < 1e-9:
-        roll = math.atan2(-rotation[1, 2], rotation[1, 1])
-        return roll, pitch, 0.0
-    roll = math.atan2(rotation[2, 1], rotation[2, 2])
-    return roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0])
-
-
-def _text(*numbers: float) -> str:
-    """Return numbers to 15 digits, which do not depend on the machine; a rounded zero is 0."""
-    return ' '.join(f'{0.0 if abs(number) < 1e-14 else number:.15g}' for number in numbers)

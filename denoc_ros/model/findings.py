@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.model.poses import rotation_rpy
+
 Array = NDArray[np.float64]
 Element = Any  # lxml's element
 
@@ -163,18 +165,6 @@ def finite(text: str) -> float | None:
     except ValueError:
         return None
     return number if abs(number) <= LARGEST and '_' not in text else None
-
-
-def rotation_rpy(rpy: Array) -> Array:
-    """Return the rotation (3, 3) of roll, pitch and yaw [rad] about fixed X, Y, Z."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
 
 
 def _rule(unit: str, above: float | None, least: float | None) -> str:

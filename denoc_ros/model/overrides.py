@@ -12,7 +12,6 @@ that the changed robot passes every check of a new one.
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -25,7 +24,7 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.model.findings import Element, Findings, finite
 from denoc_ros.model.flexibility import expand_section
 from denoc_ros.model.inertia import from_centre, moved, total
-from denoc_ros.model.source import parse_xml, read_source
+from denoc_ros.model.source import parse_xml, read_source, written
 from denoc_ros.model.tree import Tree
 from denoc_ros.model.urdf import tree_of
 
@@ -131,10 +130,9 @@ def edited_description(
             _apply(root, path, value, {}, findings)
     if findings.items:
         raise ConfigError(WHERE, findings.items)
-    edited = etree.tostring(root.getroottree(), encoding='unicode') + '\n'
-    declaration = re.match(r'<\?xml.*?\?>\s*', text, re.DOTALL)
+    edited = written(root, text)
     tree_of(parse_xml(where, edited), where, edited)
-    return f'{declaration[0] if declaration else ""}{edited}'
+    return edited
 
 
 def damping_names(tree: Tree) -> dict[str, str]:

@@ -101,3 +101,18 @@ def parse_xml(where: str, text: str, whole: bool = False) -> Element:
     if root.tag != 'robot':
         raise ModelError(where, [f'the root element must be <robot>, got <{root.tag}>'])
     return root
+
+
+def written(root: Element, text: str) -> str:
+    """Return a changed description as text, with the declaration that it had.
+
+    Parameters
+    ----------
+    root : lxml element
+        `<robot>`, parsed `whole`.
+    text : str
+        What it was parsed from.
+    """
+    declaration = re.match(r'<\?xml.*?\?>\s*', text, re.DOTALL)
+    edited = etree.tostring(root.getroottree(), encoding='unicode')
+    return f'{declaration[0] if declaration else ""}{edited}\n'
