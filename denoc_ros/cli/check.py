@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from denoc_ros.cli.suggestion import add_suggestion, check_options, run_suggestion
 from denoc_ros.cli.text_table import Row, cell_text, text_table
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ def add_parser(subparsers: Any) -> None:
         help='in the base frame [m/s^2], default 0 0 -9.81',
     )
     parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    add_suggestion(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -42,7 +44,10 @@ def run(args: argparse.Namespace) -> int:
     from denoc_ros.cli.config import find_file
     from denoc_ros.dynamics.robot import load_robot
 
+    check_options(args)
     file = find_file(Path(args.robot), Path()) or args.robot
+    if args.suggest:
+        return run_suggestion(args, file)
     summary = summarize(load_robot(file, gravity=tuple(args.gravity)))
     if args.json:
         print(json.dumps(summary, indent=2, allow_nan=False))

@@ -50,6 +50,29 @@ def rectangle_section(y: float, z: float) -> Section:
     return Section(y * z, z * y**3 / 12.0, y * z**3 / 12.0, rectangle_torsion_constant(y, z))
 
 
+def rectangle_tube_section(y: float, z: float, wall: float) -> Section:
+    """Return a hollow rectangle of outer sides y and z and a wall thickness [m].
+
+    Notes
+    -----
+    Torsion: Bredt's closed wall and the open wall's own share, J = 4 A_m^2 t / p + p t^3 / 3 with
+    the middle line's area A_m and perimeter p; at most that of the full rectangle.
+    """
+    outer = rectangle_section(y, z)
+    if 2.0 * wall >= min(y, z):
+        return outer
+    inner = rectangle_section(y - 2.0 * wall, z - 2.0 * wall)
+    perimeter = 2.0 * (y + z - 2.0 * wall)
+    enclosed = (y - wall) * (z - wall)
+    constant = 4.0 * enclosed**2 * wall / perimeter + perimeter * wall**3 / 3.0
+    return Section(
+        outer.area - inner.area,
+        outer.moment_y - inner.moment_y,
+        outer.moment_z - inner.moment_z,
+        min(constant, outer.torsion_constant),
+    )
+
+
 def rectangle_torsion_constant(y: float, z: float) -> float:
     """Return St-Venant's torsion constant of a rectangle.
 

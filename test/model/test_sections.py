@@ -10,6 +10,7 @@ import pytest
 from denoc_ros.model.sections import (
     rectangle_section,
     rectangle_torsion_constant,
+    rectangle_tube_section,
     round_section,
     tube_section,
 )
@@ -46,3 +47,19 @@ def test_rectangle_torsion_is_st_venants_series(ratio: float) -> None:
 
 def test_square_torsion_constant_is_the_tables() -> None:
     assert rectangle_torsion_constant(1.0, 1.0) == pytest.approx(0.1406, abs=5e-5)
+
+
+def test_hollow_rectangle_lies_between_its_thin_wall_and_the_full_one() -> None:
+    y, z = 0.1, 0.06
+    full = rectangle_section(y, z)
+    assert rectangle_tube_section(y, z, 0.03) == full
+    wall = 1e-5
+    thin = rectangle_tube_section(y, z, wall)
+    assert thin.area == pytest.approx(2.0 * (y + z) * wall, rel=1e-3)  # wall over side
+    assert thin.torsion_constant == pytest.approx(2.0 * y**2 * z**2 * wall / (y + z), rel=1e-3)
+    # two webs and two flanges
+    assert thin.moment_y == pytest.approx(wall * (y**3 / 6.0 + z * y**2 / 2.0), rel=1e-3)
+    walls = [rectangle_tube_section(y, z, wall) for wall in (0.001, 0.005, 0.02, 0.029)]
+    for name in ('area', 'moment_y', 'moment_z', 'torsion_constant'):
+        values = [getattr(section, name) for section in [*walls, full]]
+        assert values == sorted(values), name

@@ -1,0 +1,205 @@
+"""`denoc check ROBOT --suggest`: propose a `<flexibility>` block for a plain URDF."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from denoc_ros.cli.text_table import Row, cell_text, text_table
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.model.suggested_beam import BeamSuggestion
+    from denoc_ros.model.suggestion import Suggestion
+
+DOUBTFUL = 2
+OPTIONS = ('material', 'link', 'bandwidth', 'output')
+
+
+def add_suggestion(parser: argparse.ArgumentParser) -> None:
+    """Declare `--suggest` and what goes with it."""
+    group = parser.add_argument_group('a plain URDF becomes flexible')
+    group.add_argument(
+        '--suggest',
+        action='store_true',
+        help='propose beams for its links, from their inertia, joints, geometry and a material',
+    )
+    group.add_argument(
+        '--material',
+        metavar='NAME',
+        help='aluminium (the default), steel, titanium, magnesium, cfrp or gfrp',
+    )
+    group.add_argument(
+        '--link',
+        action='append',
+        metavar='NAME',
+        help='make this link flexible, worth it or not; repeatable; default: all worth it',
+    )
+    group.add_argument(
+        '--bandwidth',
+        type=float,
+        metavar='HZ',
+        help="of the robot's control, default 10: a link that swings below five times this is "
+        'worth it, modes are kept up to ten times this',
+    )
+    group.add_argument('-o', '--output', metavar='FILE', help='write the URDF with its beams here')
+
+
+def check_options(args: argparse.Namespace) -> None:
+    """Refuse options that only go with `--suggest`.
+
+    Raises
+    ------
+    ConfigError
+        With each of them.
+    """
+    from denoc_ros.errors import ConfigError
+
+    stray = [] if args.suggest else [name for name in OPTIONS if getattr(args, name) is not None]
+    if stray:
+        raise ConfigError(
+            'command line', [f'--{name} must stand with --suggest, got it alone' for name in stray]
+        )
+
+
+def run_suggestion(args: argparse.Namespace, file: Path | str) -> int:
+    """Propose, print and write; return 0, or 2 where no link is worth it."""
+    from denoc_ros.dynamics.robot import load_robot
+    from denoc_ros.model.suggestion import suggest_flexibility
+
+    wishes: dict[str, Any] = {'links': args.link}
+    wishes |= {
+        name: getattr(args, name)
+        for name in ('material', 'bandwidth')
+        if getattr(args, name) is not None
+    }
+    suggestion = suggest_flexibility(file, **wishes)
+    robot = load_robot(suggestion.text, gravity=tuple(args.gravity))
+    row = summarize_suggestion(suggestion, robot)
+    proposed = any(beam.worth for beam in suggestion.beams)
+    if args.output and proposed:
+        _write(Path(args.output), suggestion.text)
+        row['written'] = args.output
+    print(json.dumps(row, indent=2, allow_nan=False) if args.json else _as_text(row))
+    return 0 if proposed else DOUBTFUL
+
+
+def _write(file: Path, text: str) -> None:
+    from denoc_ros.errors import ConfigError
+
+    try:
+        file.write_text(text, encoding='utf-8')
+    except OSError as error:
+        rule = f'the file must be writable, got: {error.strerror}'
+        raise ConfigError(str(file), [rule]) from error
+
+
+def summarize_suggestion(suggestion: Suggestion, robot: Robot) -> Row:
+    """Return a proposal as plain lists and numbers ready for JSON.
+
+    Parameters
+    ----------
+    suggestion : Suggestion
+        The proposal.
+    robot : Robot
+        Loaded from its text.
+
+    Returns
+    -------
+    dict
+        `robot`, `material`, `beams` (all links that could be one, with `proposed`), `refused`
+        (links that could not, with `why`), `natural_frequencies_hz` of the proposed robot
+        (joints held at zero) and `written`, the file or None.
+    """
+    import numpy as np
+
+    material = suggestion.material
+    frequencies = robot.natural_frequencies(np.zeros(robot.n), held=True)
+    return {
+        'robot': robot.tree.name,
+        'material': {
+            'name': material.name,
+            'grade': material.grade,
+            'e_pa': material.e,
+            'g_pa': material.g,
+            'density': material.density,
+            'source': material.source,
+            'damping_ratio': material.damping_text,
+        },
+        'beams': [_beam(beam) for beam in suggestion.beams],
+        'refused': [{'link': link, 'why': why} for link, why in suggestion.refused.items()],
+        'natural_frequencies_hz': [float(value) for value in frequencies],
+        'written': None,
+    }
+
+
+def _beam(beam: BeamSuggestion) -> Row:
+    stiff = beam.stiffness
+    effort = beam.effort_deflection
+    return {
+        'link': beam.link,
+        'proposed': beam.worth,
+        'reason': beam.reason,
+        'length_m': beam.line.length,
+        'along': [float(value) for value in beam.line.frame[:3, 0]],
+        'mass_per_length': beam.mass_per_length,
+        'beam_share': beam.beam_share,
+        'section': stiff.section,
+        'ei_y': stiff.ei_y,
+        'ei_z': stiff.ei_z,
+        'ei_low': stiff.ei_range[0],
+        'ei_high': stiff.ei_range[1],
+        'gj': stiff.gj,
+        'polar_inertia': beam.polar_inertia,
+        'modes': list(beam.modes),
+        'damping_ratio': beam.damping_ratio,
+        'first_hz': beam.frequency,
+        'sag_m': beam.sag,
+        'effort_deflection_m': effort if math.isfinite(effort) else None,
+        'confidence': stiff.confidence,
+        'why': stiff.why,
+    }
+
+
+COLUMNS = ('link', 'length_m', 'ei_y', 'ei_z', 'ei_low', 'ei_high', 'gj', 'modes', 'first_hz')
+
+
+def _as_text(row: Row) -> str:
+    """Return a proposal for a terminal."""
+    material = row['material']
+    proposed = [beam for beam in row['beams'] if beam['proposed']]
+    considered = len(row['beams']) + len(row['refused'])
+    parts = [
+        f'{row["robot"]}: {len(proposed)} of {considered} moving links proposed as beams of '
+        f'{material["name"]} '
+        f'({material["grade"]}: E {material["e_pa"]:.4g} Pa, G {material["g_pa"]:.4g} Pa, '
+        f'{material["density"]:.4g} kg/m^3; {material["source"]})'
+    ]
+    if proposed:
+        parts.append('beams\n' + text_table([{k: b[k] for k in COLUMNS} for b in proposed]))
+        parts.append('\n'.join(_explained(beam) for beam in proposed))
+    rigid = [{'link': b['link'], 'why': b['reason']} for b in row['beams'] if not b['proposed']]
+    if rigid or row['refused']:
+        parts.append('left rigid\n' + text_table(rigid + row['refused']))
+    if row['natural_frequencies_hz']:
+        listed = '  '.join(cell_text(value) for value in row['natural_frequencies_hz'])
+        parts.append(f'natural frequencies [Hz], joints held at zero\n  {listed}')
+    if proposed:
+        ratio = proposed[0]['damping_ratio']
+        parts.append(f'damping ratio {ratio:g} is assumed, between {material["damping_ratio"]}')
+    if row['written']:
+        parts.append(f'{row["written"]}: written')
+    elif not proposed:
+        parts.append('nothing is written: --link NAME makes a link flexible all the same')
+    return '\n\n'.join(parts)
+
+
+def _explained(beam: Row) -> str:
+    return (
+        f'  {beam["link"]}: {beam["reason"]}; {beam["section"]}, '
+        f'{beam["beam_share"]:.0%} of its mass in the beam\n'
+        f'    EI: {beam["confidence"]} confidence, {beam["why"]}'
+    )

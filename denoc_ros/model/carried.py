@@ -1,0 +1,68 @@
+"""What each link of a plain robot carries, and where it ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.model.inertia import moved, total
+from denoc_ros.model.plain import PlainJoint, PlainRobot
+from denoc_ros.model.tree import JointKind, RigidInertia
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class LinkLoad:
+    """A link's place in its robot, all joints at zero."""
+
+    joint: PlainJoint | None  # that moves it, perhaps by way of fixed links; None: the base
+    own: RigidInertia  # about its frame
+    carried: RigidInertia = field(default_factory=RigidInertia)  # all beyond it, in its frame
+    moving: list[tuple[Array, Array]] = field(default_factory=list)  # (3,) place, axis of joints
+    fixed: list[Array] = field(default_factory=list)  # (3,) places of links fixed to it
+
+
+def link_loads(robot: PlainRobot) -> dict[str, LinkLoad]:
+    """Return each link's load, in file order.
+
+    Parameters
+    ----------
+    robot : PlainRobot
+        A tree.
+
+    Returns
+    -------
+    dict of str to LinkLoad
+        `moving` has the next movable joints, also those of links that are fixed to the link.
+    """
+    above = {joint.child: joint for joint in robot.joints}
+    children: dict[str, list[PlainJoint]] = {link: [] for link in robot.links}
+    for joint in robot.joints:
+        children[joint.parent].append(joint)
+    order = [link for link in robot.links if link not in above]
+    for link in order:  # it grows as it is walked: parents before children
+        order.extend(joint.child for joint in children[link])
+    loads: dict[str, LinkLoad] = {}
+    for link in order:
+        before = above.get(link)
+        if before is not None and before.kind is JointKind.FIXED:
+            before = loads[before.parent].joint
+        loads[link] = LinkLoad(before, robot.links[link] or RigidInertia())
+    for link in reversed(order):
+        for joint in children[link]:
+            _add_child(loads[link], joint, loads[joint.child])
+    return {link: loads[link] for link in robot.links}
+
+
+def _add_child(load: LinkLoad, joint: PlainJoint, child: LinkLoad) -> None:
+    beyond = total(child.own, child.carried)
+    load.carried = total(load.carried, moved(beyond, joint.origin))
+    rotation, place = joint.origin[:3, :3], joint.origin[:3, 3]
+    if joint.kind is not JointKind.FIXED:
+        load.moving.append((place, rotation @ joint.axis))
+        return
+    load.fixed.append(place)
+    load.moving += [(rotation @ point + place, rotation @ axis) for point, axis in child.moving]

@@ -1,0 +1,268 @@
+"""A rigid link taken as a beam: the line that it lies along, and how stiff it may be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.model.inertia import pseudo_inertia
+from denoc_ros.model.materials import Material
+from denoc_ros.model.outline import Outline
+from denoc_ros.model.sections import (
+    Section,
+    rectangle_section,
+    rectangle_tube_section,
+    round_section,
+    tube_section,
+)
+from denoc_ros.model.tree import RigidInertia
+
+Array = NDArray[np.float64]
+
+SLENDER = 0.5  # least over middle principal moment: below it the inertia has an axis of its own
+ALONG = 0.85  # cosine between that axis and the line from joint to joint: 32 degrees
+SNAPPED = 0.9994  # cosine: a line within 2 degrees of an axis of the link frame is along it
+AGREED, DOUBTED = 1.3, 3.0  # ratio of two estimates of EI
+THICK = 0.4  # area over the full section's: a tube's wall of 0.11 of its diameter
+WHOLE = 0.9  # of the link's mass in the beam: the link is a beam and little else
+
+
+@dataclass(frozen=True)
+class BeamLine:
+    """Where a beam lies in its link."""
+
+    frame: Array  # (4, 4) beam frame seen from the link frame
+    length: float  # m
+
+
+def beam_line(body: RigidInertia, end: Array, across: Iterable[Array]) -> BeamLine | None:
+    """Return the line that a link extends along.
+
+    Parameters
+    ----------
+    body : RigidInertia
+        The link, in its frame.
+    end : ndarray (3,)
+        Where the next joint is, in the link frame [m].
+    across : iterable of ndarray (3,)
+        Wished directions of the beam's z; the first that is across the line is taken.
+
+    Returns
+    -------
+    BeamLine or None
+        Through the centre of mass along the least principal axis where the inertia has a clear
+        one near the way to the next joint; else from the link's origin to that joint. Both ends
+        are the feet of the joints on it. None if it has no length.
+    """
+    distance = float(np.linalg.norm(end))
+    if distance < 1e-6:
+        return None
+    direction, through = end / distance, np.zeros(3)
+    centre = body.first_moment / body.mass
+    spread = pseudo_inertia(body, 1.0)[:3, :3] - body.mass * np.outer(centre, centre)
+    moments, axes = np.linalg.eigh(np.trace(spread) * np.eye(3) - spread)
+    longest = axes[:, 0] * np.sign(axes[:, 0] @ direction)
+    if moments[0] < SLENDER * moments[1] and longest @ direction > ALONG:
+        direction, through = longest, centre
+    nearest = int(np.abs(direction).argmax())
+    if abs(direction[nearest]) > SNAPPED:
+        direction = np.sign(direction[nearest]) * np.eye(3)[nearest]
+    direction = direction + 0.0  # no negative zeros
+    length = float(f'{end @ direction:.6g}')
+    if length <= 0.0:
+        return None
+    frame = np.eye(4)
+    frame[:3, :3] = _turned(direction, across)
+    frame[:3, 3] = np.round(through - (through @ direction) * direction, 9)
+    return BeamLine(frame, length)
+
+
+def _turned(x: Array, across: Iterable[Array]) -> Array:
+    """Return the rotation with a given X, and Z near the first direction that is across it."""
+    for wish in (*across, *np.eye(3)):
+        z = wish - (wish @ x) * x
+        size = float(np.linalg.norm(z))
+        if size > 0.5:
+            z = z / size
+            return np.column_stack([x, np.cross(z, x), z])
+    raise AssertionError('one of three axes is across any line')
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """What a link's beam may have of stiffness.
+
+    Attributes
+    ----------
+    ei_y, ei_z, gj : float
+        [N m^2].
+    ei_range : tuple of float
+        Least and largest of EI that the file allows to think of [N m^2].
+    polar_inertia : float
+        Per length [kg m^2/m].
+    width : float
+        Largest outer side [m].
+    section : str
+        The cross-section in words.
+    confidence : str
+        high | medium | low.
+    why : str
+        What the confidence rests on.
+    """
+
+    ei_y: float
+    ei_z: float
+    gj: float
+    ei_range: tuple[float, float]
+    polar_inertia: float
+    width: float
+    section: str
+    confidence: str
+    why: str
+
+
+def stiffness(
+    body: RigidInertia,
+    line: BeamLine,
+    mass_per_length: float,
+    outer: Outline | None,
+    material: Material,
+) -> Stiffness:
+    """Return what is to be thought of a beam's stiffness.
+
+    Parameters
+    ----------
+    body : RigidInertia
+        The whole link, in the beam frame.
+    line : BeamLine
+        Its length is used.
+    mass_per_length : float
+        What of the link is taken as the beam [kg/m].
+    outer : Outline or None
+        Its outer size, where the file says it.
+    material : Material
+        What it is made of.
+
+    Returns
+    -------
+    Stiffness
+        With an outer size: that of a hollow section of this size and mass. Else that of the
+        inertia about the axis.
+
+    Notes
+    -----
+    A prism of one material has int y^2 dm = density I_y length, so EI_y = (e / density)
+    (int y^2 dm) / length: exact whatever its section. Motors inside make it too large. Of all
+    sections of a mass the full circle is the softest (but for flat ones), the lower bound.
+    """
+    area = mass_per_length / material.density
+    share = min(1.0, mass_per_length * line.length / body.mass)
+    second = _second_moments(body) / (material.density * line.length)
+    by_inertia = material.e * share * second
+    full = round_section(2.0 * math.sqrt(area / math.pi))
+    softest = material.e * full.moment_y
+    if outer is None:
+        return _by_inertia(area, share, second, softest, material)
+    section, words, fullness = _hollow(outer, area)
+    ei = material.e * np.array([section.moment_y, section.moment_z])
+    apart = float(
+        np.max(np.maximum(ei, by_inertia) / np.maximum(np.minimum(ei, by_inertia), 1e-30))
+    )
+    confidence, why = _trust(outer, apart, share, fullness)
+    return Stiffness(
+        float(ei[0]),
+        float(ei[1]),
+        material.g * section.torsion_constant,
+        (float(min(ei.min(), by_inertia.min())), float(max(ei.max(), by_inertia.max()))),
+        material.density * section.polar_moment,
+        max(outer.y, outer.z),
+        f'{words} ({outer.origin})',
+        confidence,
+        why,
+    )
+
+
+def _second_moments(body: RigidInertia) -> Array:
+    """Return the integrals of y^2 and z^2 over the mass, about its centre [kg m^2]."""
+    offset = body.first_moment[1:] / body.mass
+    diagonal = np.diag(pseudo_inertia(body, 1.0))[1:3]
+    return np.asarray(np.maximum(diagonal - body.mass * offset**2, 0.0))
+
+
+def _by_inertia(
+    area: float, share: float, second: Array, softest: float, material: Material
+) -> Stiffness:
+    """Return the stiffness of the inertia about the axis; `second` is area moments [m^4]."""
+    moments = share * second
+    full = round_section(2.0 * math.sqrt(area / math.pi))
+    if moments.sum() < full.polar_moment:
+        moments = np.array([full.moment_y, full.moment_z])
+        confidence = 'low'
+        why = 'the inertia about the axis is less than that of any section: taken as a full rod'
+    elif share >= WHOLE:
+        confidence = 'medium'
+        why = 'exact if the link is uniform and of this material alone; motors in it: too stiff'
+    else:
+        confidence = 'low'
+        why = f'{1.0 - share:.0%} of the mass is no part of the beam, its size is not known'
+    radius = math.sqrt(moments.sum() / area + area / (2.0 * math.pi))
+    inner = math.sqrt(max(moments.sum() / area - area / (2.0 * math.pi), 0.0))
+    words = _tube_words(2.0 * radius, radius - inner)
+    ei = material.e * moments
+    return Stiffness(
+        float(ei[0]),
+        float(ei[1]),
+        material.g * float(moments.sum()),
+        (min(softest, float(ei.min())), max(material.e * float(second.max()), float(ei.max()))),
+        material.density * float(moments.sum()),
+        2.0 * radius,
+        f'as a {words} (inertia)',
+        confidence,
+        why,
+    )
+
+
+def _hollow(outer: Outline, area: float) -> tuple[Section, str, float]:
+    """Return a hollow section of an outer size and area, in words, and area over the full."""
+    if outer.circular:
+        diameter = 0.5 * (outer.y + outer.z)
+        full = 0.25 * math.pi * diameter**2
+        inner = math.sqrt(max(0.0, 1.0 - area / full)) * diameter
+        wall = 0.5 * (diameter - inner)
+        return tube_section(diameter, wall), _tube_words(diameter, wall), area / full
+    y, z = outer.y, outer.z
+    around = y + z
+    wall = 0.25 * (around - math.sqrt(max(around**2 - 4.0 * area, 0.0)))
+    if area >= y * z:
+        return rectangle_section(y, z), _box_words(y, z, None), area / (y * z)
+    return rectangle_tube_section(y, z, wall), _box_words(y, z, wall), area / (y * z)
+
+
+def _trust(outer: Outline, apart: float, share: float, fullness: float) -> tuple[str, str]:
+    """Return the confidence and its grounds; `fullness` is area over that of a full section."""
+    if fullness > 1.01:
+        return 'low', f'the mass is {fullness:.3g} times that of a full section: motors are in it'
+    between = f'outer size and inertia give EI within a factor of {apart:.3g}'
+    if apart <= AGREED and share >= WHOLE and outer.origin != 'mesh':
+        return 'high', between
+    if fullness > THICK:
+        return 'low', f'{between}, but a wall so thick is rather motors inside: too stiff'
+    if apart > DOUBTED:
+        return 'low', between
+    rest = '' if share >= WHOLE else f', {1.0 - share:.0%} of the mass is no part of the beam'
+    return 'medium', between + rest
+
+
+def _tube_words(diameter: float, wall: float) -> str:
+    if wall > 0.499 * diameter:
+        return f'rod of {1e3 * diameter:.3g} mm'
+    return f'tube of {1e3 * diameter:.3g} x {1e3 * wall:.3g} mm'
+
+
+def _box_words(y: float, z: float, wall: float | None) -> str:
+    hollow = '' if wall is None else f' x {1e3 * wall:.3g}'
+    return f'{"bar" if wall is None else "box"} of {1e3 * y:.3g} x {1e3 * z:.3g}{hollow} mm'

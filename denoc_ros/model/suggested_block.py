@@ -1,0 +1,87 @@
+"""Write proposed beams into a URDF, the rest of it as it was."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lxml import etree
+
+from denoc_ros.model.findings import Element
+from denoc_ros.model.materials import Material
+from denoc_ros.model.poses import number_text, rpy_of
+from denoc_ros.model.source import written
+from denoc_ros.model.suggested_beam import BeamSuggestion
+
+INDENT = '  '
+
+
+def with_beams(
+    root: Element, text: str, beams: Sequence[BeamSuggestion], material: Material
+) -> str:
+    """Return a description with beams added to its block.
+
+    Parameters
+    ----------
+    root : lxml element
+        `<robot>`, parsed `whole`; the beams are added in place.
+    text : str
+        What it was parsed from.
+    beams : sequence of BeamSuggestion
+        At least one.
+    material : Material
+        What they are taken to be made of, said in a comment.
+    """
+    block = root.find('flexibility')
+    if block is None:
+        block = _appended(root, etree.Element('flexibility'), 0)
+    for beam in beams:
+        _appended(block, etree.Comment(_remark(beam, material)), 1)
+        _appended(block, _element(beam), 1)
+    return written(root, text)
+
+
+def _appended(parent: Element, child: Element, level: int) -> Element:
+    """Add a child on a line of its own behind the others."""
+    if len(child):
+        etree.indent(child, INDENT, level=level + 1)
+    before = '\n' + INDENT * (level + 1)
+    if len(parent):
+        parent[-1].tail = before
+    else:
+        parent.text = before
+    child.tail = '\n' + INDENT * level
+    parent.append(child)
+    return child
+
+
+def _remark(beam: BeamSuggestion, material: Material) -> str:
+    """Return where the numbers come from; two hyphens may not stand in a comment."""
+    stiff, low, high = beam.stiffness, *beam.stiffness.ei_range
+    parts = (
+        f'{beam.link}: {stiff.section}, {material.name}; {beam.reason}',
+        f'EI between {low:.3g} and {high:.3g} N m^2, confidence {stiff.confidence}: {stiff.why}',
+        'The damping is assumed',
+    )
+    return f' {". ".join(parts)}. '.replace('--', '- -')
+
+
+def _element(beam: BeamSuggestion) -> Element:
+    line, stiff, (y, z, torsion) = beam.line, beam.stiffness, beam.modes
+    element = etree.Element('beam', link=beam.link, length=number_text(line.length))
+    element.set('mass_per_length', f'{beam.mass_per_length:.4g}')
+    pose = {
+        'xyz': number_text(*line.frame[:3, 3]),
+        'rpy': number_text(*rpy_of(line.frame[:3, :3])),
+    }
+    etree.SubElement(element, 'origin', pose)
+    ratio = f'{beam.damping_ratio:g}'
+    for direction, ei, modes in (('y', stiff.ei_y, y), ('z', stiff.ei_z, z)):
+        bending = etree.SubElement(element, 'bending', direction=direction, ei=f'{ei:.4g}')
+        bending.set('modes', str(modes))
+        bending.set('damping_ratio', ratio)
+    if torsion:
+        twist = etree.SubElement(element, 'torsion', gj=f'{stiff.gj:.4g}')
+        twist.set('polar_inertia', f'{beam.polar_inertia:.4g}')
+        twist.set('modes', str(torsion))
+        twist.set('damping_ratio', ratio)
+    return element

@@ -1,0 +1,135 @@
+"""Propose a `<flexibility>` block for a plain URDF: links that are worth it, with numbers."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from denoc_ros.errors import ConfigError, ModelError
+from denoc_ros.model.carried import LinkLoad, link_loads
+from denoc_ros.model.findings import Element, Findings
+from denoc_ros.model.materials import MATERIALS, Material
+from denoc_ros.model.plain import read_plain
+from denoc_ros.model.source import TEXT_NAME, parse_xml, read_source
+from denoc_ros.model.suggested_beam import BeamSuggestion, Wish, suggested_beam
+from denoc_ros.model.suggested_block import with_beams
+from denoc_ros.model.urdf import tree_of
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """A robot with the links that are worth it made flexible.
+
+    Attributes
+    ----------
+    material : Material
+        What all proposed links are taken to be made of.
+    beams : tuple of BeamSuggestion
+        Every moving link that could be a beam, in file order, worth it or not.
+    refused : dict of str to str
+        Moving links that cannot be one, and why.
+    text : str
+        The URDF with the block; the unchanged one where no link is worth it.
+    """
+
+    material: Material
+    beams: tuple[BeamSuggestion, ...]
+    refused: dict[str, str]
+    text: str
+
+
+def suggest_flexibility(
+    source: str | os.PathLike[str],
+    material: str = 'aluminium',
+    links: Sequence[str] | None = None,
+    bandwidth: float = 10.0,
+) -> Suggestion:
+    """Propose beams for a robot's links from their inertia, joints, geometry and a material.
+
+    Parameters
+    ----------
+    source : str or path
+        A URDF, or its text; links that have a `<beam>` keep it.
+    material : str
+        One of `denoc_ros.model.materials.MATERIALS`.
+    links : sequence of str, optional
+        Make these flexible, worth it or not; default: those that are worth it.
+    bandwidth : float
+        Of the robot's control [Hz]: a link is worth it if its first frequency is below five
+        times this, or if it bends by a thousandth of its length under the load that it carries
+        or its joint's effort; modes are kept up to ten times this.
+
+    Returns
+    -------
+    Suggestion
+        The proposal with its reasons, and the URDF with it.
+
+    Raises
+    ------
+    ModelError
+        With every finding of the file, or for links that cannot be beams.
+    ConfigError
+        For an unknown material, an unknown link or a bad bandwidth.
+    """
+    _check_wishes(material, bandwidth)
+    where, text = read_source(source)
+    root = parse_xml(where, text, whole=True)
+    tree_of(parse_xml(where, text), where, text)  # a bad file is to be mended first
+    loads = link_loads(read_plain(root, Findings(), []))
+    _check_links(where, links, loads, root)
+    wish = Wish(
+        MATERIALS[material],
+        bandwidth,
+        Path() if where == TEXT_NAME else Path(where).resolve().parent,
+    )
+    beams, refused = [], dict[str, str]()
+    for element in root.findall('link'):
+        link, load = element.get('name', ''), loads[element.get('name', '')]
+        asked = links is not None and link in links
+        if not asked and (load.joint is None or links is not None or _has_beam(root, link)):
+            continue
+        found = suggested_beam(link, load, element, wish, asked)
+        if isinstance(found, str):
+            refused[link] = found
+        else:
+            beams.append(found)
+    hopeless = [f'link {link!r}: {refused[link]}' for link in links or () if link in refused]
+    if hopeless:
+        raise ModelError(where, hopeless)
+    worth = [beam for beam in beams if beam.worth]
+    suggested = with_beams(root, text, worth, MATERIALS[material]) if worth else text
+    tree_of(parse_xml(where, suggested), where, suggested)
+    return Suggestion(MATERIALS[material], tuple(beams), refused, suggested)
+
+
+def _check_wishes(material: str, bandwidth: float) -> None:
+    findings = []
+    if material not in MATERIALS:
+        findings.append(f'material must be one of {", ".join(MATERIALS)}, got {material!r}')
+    if not 0.0 < bandwidth < math.inf:
+        findings.append(f'bandwidth must be > 0 Hz and finite, got {bandwidth:g}')
+    if findings:
+        raise ConfigError('suggestion', findings)
+
+
+def _check_links(
+    where: str, links: Sequence[str] | None, loads: Mapping[str, LinkLoad], root: Element
+) -> None:
+    known = ', '.join(loads)
+    findings = [
+        f'link must be one of {known}, got {link!r}' for link in links or () if link not in loads
+    ]
+    findings += [
+        f'link {link!r} must have no <beam> yet, got one'
+        for link in links or ()
+        if _has_beam(root, link)
+    ]
+    if findings:
+        raise ConfigError(where, findings)
+
+
+def _has_beam(root: Element, link: str) -> bool:
+    return any(beam.get('link') == link for beam in root.iterfind('flexibility/beam'))

@@ -1,0 +1,212 @@
+"""Proposed beams: closed forms come back, the rigid robot stays, doubts are said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio
+import pytest
+from lxml import etree
+from small_robots import ARM
+from suggested_robots import ALUMINIUM, EI, GJ, LENGTH, MASS, Array, inertial, tube_arm
+
+from denoc_ros.errors import ConfigError, ModelError
+from denoc_ros.model.inertia import moved, total
+from denoc_ros.model.remainder import beam_inertia
+from denoc_ros.model.suggested_beam import BeamSuggestion
+from denoc_ros.model.suggestion import suggest_flexibility
+from denoc_ros.model.tree import RigidInertia
+from denoc_ros.model.urdf import load_tree
+
+ROBOTS = Path(pinocchio.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
+AXES = [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.3, -0.5, 0.8)]
+ROUNDED = 1e-3  # the file has four digits
+
+
+def boom(text: str) -> BeamSuggestion:
+    (beam,) = suggest_flexibility(text, links=['boom']).beams
+    return beam
+
+
+@pytest.mark.parametrize('axis', AXES)
+@pytest.mark.parametrize('motor', [0.0, 2.0])
+def test_tube_of_known_size_has_its_closed_form(
+    axis: tuple[float, float, float], motor: float
+) -> None:
+    beam = boom(tube_arm(axis, motor=motor))
+    # the mass that can lie along the axis beside a motor at the root is the tube's, nearly: the
+    # motor's own size leaves room for a little more
+    assert [beam.stiffness.ei_y, beam.stiffness.ei_z] == pytest.approx([EI, EI], rel=0.02)
+    assert beam.stiffness.gj == pytest.approx(GJ, rel=0.02)
+    assert beam.mass_per_length * LENGTH == pytest.approx(MASS, rel=0.02)
+    assert beam.line.length == pytest.approx(LENGTH, rel=1e-6)
+    assert beam.line.frame[:3, 0] == pytest.approx(np.array(axis) / np.linalg.norm(axis), abs=1e-6)
+    assert beam.stiffness.confidence == ('medium' if motor else 'high')
+
+
+def test_tube_known_by_its_inertia_alone_is_exact() -> None:
+    beam = boom(tube_arm(geometry=False))
+    assert beam.stiffness.ei_y == pytest.approx(EI, rel=ROUNDED)
+    assert beam.stiffness.gj == pytest.approx(GJ, rel=ROUNDED)
+    assert 'tube of 60 x 2 mm' in beam.stiffness.section
+    assert beam.stiffness.confidence == 'medium'
+
+
+@pytest.mark.parametrize('motor', [0.2, 2.0, 5.0])
+def test_truth_is_in_the_range_stated_where_a_motor_is_in_the_inertia(motor: float) -> None:
+    stiff = boom(tube_arm(geometry=False, motor=motor)).stiffness
+    low, high = stiff.ei_range
+    assert low < EI < high
+    assert low <= stiff.ei_y <= high
+
+
+def test_sides_of_a_box_stay_apart() -> None:
+    y, z, wall = 0.10, 0.05, 0.003
+    area = y * z - (y - 2 * wall) * (z - 2 * wall)
+    across = [(z * y**3 - (z - 2 * wall) * (y - 2 * wall) ** 3) / 12.0]
+    across.append((y * z**3 - (y - 2 * wall) * (z - 2 * wall) ** 3) / 12.0)
+    mass = ALUMINIUM.density * area * LENGTH
+    polar = [ALUMINIUM.density * LENGTH * moment for moment in across]
+    slender = mass * LENGTH**2 / 12.0
+    inertia = np.diag([sum(polar), slender + polar[1], slender + polar[0]])
+    shape = '<visual><origin xyz="1 0 0"/><geometry><box size="2 0.1 0.05"/></geometry></visual>'
+    text = tube_arm((1.0, 0.0, 0.0))
+    start, end = text.index('<inertial>'), text.index('</link><link name="tool">')
+    for geometry in (shape, ''):
+        own = inertial(mass, np.array([1.0, 0.0, 0.0]), inertia) + geometry
+        beam = boom(text[:start] + own + text[end:])
+        # z of the beam is along the joint's axis: whichever of the link's that is
+        turned = np.abs(beam.line.frame[:3, :3])
+        expected = ALUMINIUM.e * turned[1:, 1:].T @ across
+        found = [beam.stiffness.ei_y, beam.stiffness.ei_z]
+        assert found == pytest.approx(list(expected), rel=0.02)
+
+
+def test_mesh_is_cut_at_its_middle(tmp_path: Path) -> None:
+    import trimesh
+
+    # a flange at the end does not count
+    tube = trimesh.creation.cylinder(radius=30.0, height=2000.0, sections=64)
+    flange = trimesh.creation.cylinder(radius=90.0, height=20.0, sections=64)
+    flange.apply_translation([0.0, 0.0, 990.0])
+    mesh: Any = trimesh.util.concatenate([tube, flange])
+    (tmp_path / 'meshes').mkdir()
+    mesh.export(tmp_path / 'meshes' / 'boom.stl')
+    named = '<mesh filename="package://boom/meshes/boom.stl" scale="0.001 0.001 0.001"/>'
+    file = tmp_path / 'boom.urdf'
+    file.write_text(tube_arm().replace('<cylinder radius="0.03" length="2"/>', named))
+    (beam,) = suggest_flexibility(file).beams
+    assert '(mesh)' in beam.stiffness.section
+    # a polygon of 64 corners is 0.2 % narrower at most, and its wall the thicker
+    assert beam.stiffness.ei_y == pytest.approx(EI, rel=0.01)
+    named = named.replace('boom.stl', 'missing.stl')
+    file.write_text(tube_arm().replace('<cylinder radius="0.03" length="2"/>', named))
+    assert '(inertia)' in suggest_flexibility(file).beams[0].stiffness.section
+
+
+def whole_links(text: str) -> RigidInertia:
+    """Return the inertia of a robot whose joints are at zero, about its base."""
+    tree = load_tree(text)
+    whole, frames = RigidInertia(), list[Array]()
+    for body in tree.bodies:
+        at = np.eye(4) if body.attachment.body < 0 else frames[body.attachment.body].copy()
+        section = np.eye(4)
+        section[0, 3] = body.attachment.station
+        frames.append(at @ section @ body.attachment.placement @ body.frame)
+        own = body.inertia
+        if body.beam is not None:
+            polar = body.beam.polar_inertia
+            own = total(own, beam_inertia(body.beam.mass_per_length, body.beam.length, polar))
+        whole = total(whole, moved(own, frames[-1]))
+    return whole
+
+
+PLAIN = [
+    ('ur_description/urdf/ur10_robot.urdf', ['upper_arm_link', 'forearm_link']),
+    ('z1_description/urdf/z1.urdf', None),
+    ('kinova_description/robots/kinova.urdf', None),
+    ('talos_data/robots/talos_left_arm.urdf', ['arm_left_4_link']),
+    ('panda_description/urdf/panda.urdf', ['panda_link4']),
+]
+
+
+@pytest.mark.parametrize(('file', 'links'), PLAIN)
+def test_robots_in_use_keep_mass_centre_and_inertia(file: str, links: list[str] | None) -> None:
+    plain = (ROBOTS / file).read_text(encoding='utf-8')
+    suggestion = suggest_flexibility(ROBOTS / file, links=links)
+    tree = load_tree(suggestion.text)
+    proposed = {beam.link for beam in suggestion.beams if beam.worth}
+    assert proposed
+    assert proposed == {body.name for body in tree.bodies if body.beam is not None}
+    assert tree.warnings == load_tree(plain).warnings  # none that are the beams'
+    before, after = whole_links(plain), whole_links(suggestion.text)
+    assert after.mass == pytest.approx(before.mass, rel=1e-9)
+    assert after.first_moment == pytest.approx(before.first_moment, rel=1e-9, abs=1e-9)
+    assert after.inertia == pytest.approx(before.inertia, rel=1e-9, abs=1e-9)
+
+
+def test_stiff_arm_is_left_rigid_and_a_long_one_is_not() -> None:
+    file = ROBOTS / 'ur_description' / 'urdf' / 'ur10_robot.urdf'
+    assert not any(beam.worth for beam in suggest_flexibility(file).beams)
+    plain = suggest_flexibility(file)
+    assert plain.text == file.read_text(encoding='utf-8')
+    (beam,) = suggest_flexibility(tube_arm()).beams
+    assert beam.worth
+    assert 'sags' in beam.reason
+
+
+def test_doubts_follow_what_the_file_does_not_say() -> None:
+    rod = tube_arm(geometry=False)
+    root = etree.fromstring(rod)
+    for name in ('ixx', 'iyy'):
+        assert float(root.find('link[@name="boom"]/inertial/inertia').get(name)) > 0.0
+    root.find('link[@name="boom"]/inertial/inertia').set('izz', '0')
+    thin = boom(etree.tostring(root, encoding='unicode')).stiffness
+    assert thin.confidence == 'low'
+    # a full rod of the tube's mass: E A^2 / (4 pi)
+    full = ALUMINIUM.e * (MASS / LENGTH / ALUMINIUM.density) ** 2 / (4.0 * np.pi)
+    assert thin.ei_y == pytest.approx(full, rel=ROUNDED)
+    small = tube_arm().replace('radius="0.03"', 'radius="0.008"')
+    assert 'motors are in it' in boom(small).stiffness.why
+
+
+def test_modes_follow_the_bandwidth() -> None:
+    counts = [
+        sum(suggest_flexibility(tube_arm(), links=['boom'], bandwidth=hertz).beams[0].modes)
+        for hertz in (1.0, 10.0, 30.0, 100.0)
+    ]
+    assert counts == sorted(counts)
+    assert counts[-1] > counts[0]
+    # below 50 Hz there is one; with a payload it would take two for a true sag
+    counted = [
+        suggest_flexibility(tube_arm(payload=mass), links=['boom'], bandwidth=5.0).beams[0].modes
+        for mass in (0.0, 10.0)
+    ]
+    assert [modes[0] for modes in counted] == [1, 2]
+
+
+def test_what_stands_in_the_file_stays() -> None:
+    text = tube_arm().replace('</robot>', '<flexibility><!-- mine --></flexibility></robot>')
+    found = suggest_flexibility(text).text
+    assert '<!-- kept -->' in found
+    assert '<!-- mine -->' in found
+    assert found.count('<flexibility>') == 1
+    head = '<?xml version="1.0"?>\n'
+    assert suggest_flexibility(head + text).text == head + found
+    assert suggest_flexibility(found).beams == ()  # it has its beam now
+    assert suggest_flexibility(found).text == found
+
+
+def test_bad_wishes_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"must be one of aluminium, .*, got 'cheese'"):
+        suggest_flexibility(tube_arm(), material='cheese')
+    with pytest.raises(ConfigError, match='bandwidth must be > 0 Hz and finite, got -1'):
+        suggest_flexibility(tube_arm(), bandwidth=-1.0)
+    with pytest.raises(ConfigError, match="link must be one of base, boom, tool, got 'bom'"):
+        suggest_flexibility(tube_arm(), links=['bom'])
+    with pytest.raises(ModelError, match="link 'base': it has no mass"):
+        suggest_flexibility(tube_arm(), links=['base', 'boom'])
+    with pytest.raises(ConfigError, match="link 'upper_arm' must have no <beam> yet"):
+        suggest_flexibility(ARM, links=['upper_arm'])
