@@ -1,0 +1,68 @@
+"""From where a film looks: directions, and what of the motion decides between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+FLAT = 0.2  # of the second widest extent: a robot narrower than that is seen from its flat side
+AUTO = 'auto'
+# What is to the right and what is up, base axes.
+VIEWS = {
+    'side': ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    'top': ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    'front': ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    'iso': ((0.8, 0.6, 0.0), (-0.3, 0.4, 0.75**0.5)),
+}
+LOOKS_ALONG = ('front', 'side', 'top')  # x, y, z
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A parallel projection.
+
+    Attributes
+    ----------
+    view : str
+        One of `VIEWS`.
+    axes : (3, 3) array
+        Rows: right, up, and towards the eye; base axes, a proper rotation.
+    """
+
+    view: str
+    axes: Array
+
+    @property
+    def flat(self) -> bool:
+        """Whether it looks along a base axis, so that the picture has true coordinates."""
+        return self.view != 'iso'
+
+    def project(self, points: Array) -> Array:
+        """Return (..., 3): right and up in the picture, and depth towards the eye [m]."""
+        return np.asarray(points @ self.axes.T)
+
+
+def camera(view: str, points: Array) -> Camera:
+    """Return the camera of a view.
+
+    Parameters
+    ----------
+    view : {'auto', 'side', 'top', 'front', 'iso'}
+        auto: onto the plane of a motion that stays in one, else iso.
+    points : (k, 3) array
+        Where the robot comes [m, base frame].
+    """
+    chosen = best_view(points) if view == AUTO else view
+    right, up = (np.array(axis) for axis in VIEWS[chosen])
+    return Camera(chosen, np.array([right, up, np.cross(right, up)]))
+
+
+def best_view(points: Array) -> str:
+    """Return the view onto the plane that points (k, 3) stay in, `iso` where they fill space."""
+    extent = np.ptp(points, axis=0)
+    narrow, second, _ = np.argsort(extent)
+    return LOOKS_ALONG[narrow] if extent[narrow] < FLAT * extent[second] else 'iso'

@@ -1,0 +1,271 @@
+"""Films and strips of a recorded run, drawn without a display."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError, DenocError
+from denoc_ros.viewer.camera import AUTO, VIEWS
+from denoc_ros.viewer.picture import Picture, strip
+from denoc_ros.viewer.recorded import RecordedRun
+from denoc_ros.viewer.staging import Staging
+
+Array = NDArray[np.float64]
+Pixels = NDArray[np.uint8]
+
+FILM_SUFFIXES, STRIP_SUFFIXES = ('.mp4', '.gif'), ('.png',)
+FPS = {'.mp4': 30.0, '.gif': 20.0}
+COLOURS = 255  # of a GIF
+PALETTE_FRAMES = 4  # that a GIF's colours are chosen from
+GIF_TICK = 10  # ms, in which a GIF counts
+SIDES = (160, 4096)  # pixels
+NO_ENCODER = 'mp4 needs imageio-ffmpeg ({}): pip install "denoc_ros[viewer]", or write a .gif'
+
+
+@dataclass(frozen=True)
+class Look:
+    """How pictures look.
+
+    Attributes
+    ----------
+    scale : float
+        What deflections are drawn larger by; 0: chosen so that they are seen.
+    view : {'auto', 'side', 'top', 'front', 'iso'}
+        From where; auto: onto the plane of a motion that stays in one, else iso.
+    size : (int, int)
+        Width and height [pixels], even.
+    title : str
+        Above the picture; '': the robot's name.
+    folder : Path, optional
+        Where relative names of mesh files start.
+
+    Raises
+    ------
+    ConfigError
+        With every value that is out of range.
+    """
+
+    scale: float = 0.0
+    view: str = AUTO
+    size: tuple[int, int] = (1280, 720)
+    title: str = ''
+    folder: Path | None = None
+
+    def __post_init__(self) -> None:
+        findings = []
+        if not 0.0 <= self.scale < float('inf'):
+            findings.append(f'scale must be >= 0 (0: chosen), got {self.scale}')
+        if self.view != AUTO and self.view not in VIEWS:
+            findings.append(f'view must be {AUTO} or one of {", ".join(VIEWS)}, got {self.view!r}')
+        if not all(SIDES[0] <= side <= SIDES[1] and side % 2 == 0 for side in self.size):
+            findings.append(
+                f'size must be even numbers of {SIDES[0]} to {SIDES[1]} pixels, '
+                f'got {self.size[0]}x{self.size[1]}'
+            )
+        if findings:
+            raise ConfigError('picture', findings)
+
+
+def frame_times(start: float, end: float, fps: float, speed: float = 1.0) -> Array:
+    """Return the times [s] that the frames of a film from start to end show.
+
+    Parameters
+    ----------
+    start, end : float
+        Of the run [s].
+    fps : float
+        Frames per second of the film.
+    speed : float
+        Seconds of the run per second of the film.
+
+    Raises
+    ------
+    ConfigError
+        When fps or speed is not a number > 0.
+    """
+    findings = [
+        f'{name} must be > 0, got {value}'
+        for name, value in (('fps', fps), ('speed', speed))
+        if not 0.0 < value < float('inf')
+    ]
+    if findings:
+        raise ConfigError('film', findings)
+    count = max(1, round((end - start) * fps / speed))
+    return np.asarray(start + np.arange(count) * (speed / fps))
+
+
+def require_suffix(path: Path, suffixes: tuple[str, ...]) -> str:
+    """Return a file's suffix.
+
+    Raises
+    ------
+    ConfigError
+        When it is none of `suffixes`.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in suffixes:
+        raise ConfigError(str(path), [f'the file must end in {" or ".join(suffixes)}'])
+    return suffix
+
+
+def write_film(
+    run: RecordedRun,
+    robot: Robot,
+    path: Path,
+    look: Look | None = None,
+    fps: float = 0.0,
+    speed: float = 1.0,
+    progress: Callable[[float], object] | None = None,
+) -> int:
+    """Write a run as a film, MP4 or GIF.
+
+    Parameters
+    ----------
+    run : RecordedRun
+        Of the robot.
+    robot : Robot
+        Its workspace is used.
+    path : Path
+        A new file or one to replace, `.mp4` or `.gif`.
+    look : Look, optional
+    fps : float
+        Frames per second; 0: 30, of a GIF 20.
+    speed : float
+        Seconds of the run per second of the film: below 1 is slow motion.
+    progress : callable, optional
+        Called with the seconds of the run that were drawn.
+
+    Returns
+    -------
+    int
+        The number of frames.
+
+    Raises
+    ------
+    ConfigError
+        When the suffix is another, or fps or speed is not > 0.
+    DenocError
+        When the encoder is missing or fails.
+    """
+    suffix, look = require_suffix(path, FILM_SUFFIXES), look or Look()
+    fps = fps or FPS[suffix]
+    times = frame_times(float(run.t[0]), float(run.t[-1]), fps, speed)
+    states = run.at(times)
+    staging = Staging(robot, states, look.scale, look.view, look.folder)
+    title = look.title or robot.tree.name
+    if speed != 1.0:
+        title += f', {speed:g} × real time'
+    picture = Picture(run, staging, title, look.size)
+
+    def frames() -> Iterator[Pixels]:
+        for t, q in zip(times.tolist(), states, strict=True):
+            yield picture.draw(t, q)
+            if progress is not None:
+                progress(t - times[0])
+
+    with _whole_or_not_at_all(path):
+        if suffix == '.gif':
+            some = states[np.linspace(0, len(states) - 1, PALETTE_FRAMES).astype(int)]
+            palette = _palette([picture.draw(times[0], q) for q in some])
+            _write_gif(path, frames(), palette, fps)
+        else:
+            _write_mp4(path, frames(), look.size, fps)
+    return len(times)
+
+
+def write_strip(
+    run: RecordedRun, robot: Robot, path: Path, look: Look | None = None, count: int = 6
+) -> None:
+    """Write some instants of a run, evenly from its start to its end, as one PNG.
+
+    Parameters
+    ----------
+    run, robot, look
+        As of :func:`write_film`.
+    path : Path
+        A new file or one to replace, `.png`.
+    count : int
+        How many instants.
+
+    Raises
+    ------
+    ConfigError
+        When the suffix is another or count is not 1 .. 24.
+    """
+    require_suffix(path, STRIP_SUFFIXES)
+    if not 1 <= count <= 24:
+        raise ConfigError('strip', [f'the number of moments must be 1 to 24, got {count}'])
+    look = look or Look()
+    times = np.linspace(run.t[0], run.t[-1], count)
+    staging = Staging(robot, run.at(times), look.scale, look.view, look.folder)
+    pixels = strip(run, staging, look.title or robot.tree.name, look.size, times)
+    image = Image.fromarray(pixels).quantize(256, dither=Image.Dither.NONE)
+    with _whole_or_not_at_all(path):
+        image.save(path, optimize=True)
+
+
+def _write_mp4(path: Path, frames: Iterable[Pixels], size: tuple[int, int], fps: float) -> None:
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise DenocError(f'{path}: {NO_ENCODER.format(error)}') from error
+    encoder = imageio_ffmpeg.write_frames(
+        str(path), size, fps=fps, codec='libx264', quality=None, macro_block_size=2,
+        output_params=['-crf', '21', '-preset', 'fast', '-movflags', '+faststart'],
+        ffmpeg_log_level='error',
+    )  # fmt: skip
+    try:
+        encoder.send(None)
+        for frame in frames:
+            encoder.send(np.ascontiguousarray(frame))
+        encoder.close()
+    except OSError as error:
+        raise DenocError(f'{path}: the film must be encoded, got: {error}') from error
+
+
+def _write_gif(path: Path, frames: Iterable[Pixels], palette: Image.Image, fps: float) -> None:
+    reduced = (
+        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
+        for frame in frames
+    )
+    first = next(reduced)
+    first.save(path, save_all=True, append_images=reduced, duration=_Durations(fps), loop=0)
+
+
+class _Durations(list[int]):
+    """Durations [ms] of as many frames as are asked for, in whole ticks that do not drift."""
+
+    def __init__(self, fps: float) -> None:
+        super().__init__()
+        self._tick = 1e3 / fps / GIF_TICK
+
+    def __getitem__(self, index: Any) -> Any:
+        return GIF_TICK * (round((index + 1) * self._tick) - round(index * self._tick))
+
+
+def _palette(frames: Iterable[Pixels]) -> Image.Image:
+    """Return an image with the colours of all frames of a film, so that none flickers.
+
+    Each colour counts once: else the paper would take them all.
+    """
+    pixels = np.concatenate([np.unique(frame.reshape(-1, 3), axis=0) for frame in frames])
+    return Image.fromarray(np.unique(pixels, axis=0)[np.newaxis]).quantize(COLOURS)
+
+
+@contextmanager
+def _whole_or_not_at_all(path: Path) -> Iterator[None]:
+    """Take a file away that was begun and not finished."""
+    try:
+        yield
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,360 @@
+"""One picture of a run: the robot in its surroundings, strain's colour bar, strip charts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, MultipleLocator
+from numpy.typing import NDArray
+
+from denoc_ros.viewer.bending import strain_colours
+from denoc_ros.viewer.recorded import RecordedRun
+from denoc_ros.viewer.staging import Staging
+
+Array = NDArray[np.float64]
+Pixels = NDArray[np.uint8]
+
+INK, MUTED, GRID, PAPER, GHOST = '#20242a', '#6b7280', '#e5e7eb', '#ffffff', '#d3d8df'
+CURVES = ('#d1622b', '#1f6fb2', '#2e8b57', '#8e5ea2', '#b8860b', '#4b5563')
+MOST_CURVES = 6  # of a chart; the largest are shown
+MOST_CHARTS = 3
+HEADER, FOOTER, GAP, LEAST_STRIP = 52, 46, 24, 240  # pixels, of a strip
+LEAST_HEIGHT = 300  # pixels; a lower picture has no charts
+MARGIN = 0.06  # of the field of view
+SQUARES = 10  # of a grid along its longer side, at most
+PREFIXES = ((1.0, ''), (1e-3, 'm'), (1e-6, 'µ'))
+KILO = (1e3, 'k')
+BEHIND = 0.5  # drawn before the robot
+
+
+class Scene:
+    """Axes that show the robot in front of its surroundings.
+
+    Parameters
+    ----------
+    axes : Axes
+    staging : Staging
+    numbered : bool
+        Whether coordinates stand beside a flat view.
+    noted : bool
+        Whether the size of the floor's squares stands below other views.
+    """
+
+    def __init__(
+        self, axes: Axes, staging: Staging, numbered: bool = True, noted: bool = True
+    ) -> None:
+        self._staging = staging
+        axes.set_facecolor(PAPER)
+        _fit(axes, staging)
+        if staging.camera.flat:
+            _coordinates(axes, staging, numbered)
+        else:
+            _floor(axes, staging, noted)
+        self.ghost = PolyCollection([], facecolors=GHOST, edgecolors=GHOST, linewidths=0.8)
+        self.robot = PolyCollection([], linewidths=0.3)
+        for collection in (self.ghost, self.robot):
+            axes.add_collection(collection, autolim=False)
+
+    def show(self, q: Array) -> None:
+        """Put the robot where coordinates (n,) say."""
+        self.ghost.set_verts(list(self._staging.ghost(q)))
+        drawn = self._staging.robot(q)
+        self.robot.set_verts(list(drawn.corners))
+        self.robot.set_facecolor(drawn.colours)
+        self.robot.set_edgecolor(drawn.colours)
+
+
+class Picture:
+    """Frames of a film: what stays is drawn once, what moves into a copy of it.
+
+    Parameters
+    ----------
+    run : RecordedRun
+    staging : Staging
+    title : str
+    size : (int, int)
+        Width and height [pixels].
+    """
+
+    def __init__(
+        self, run: RecordedRun, staging: Staging, title: str, size: tuple[int, int]
+    ) -> None:
+        self._figure, self._canvas = _figure(size)
+        groups = _groups(run) if size[1] >= LEAST_HEIGHT else {}
+        bottom = 0.3 if groups else 0.07
+        bar = 0.08 if staging.strain > 0.0 else 0.0
+        scene = self._figure.add_axes((0.05, bottom, 0.93 - bar, 0.93 - bottom))
+        self._scene = Scene(scene, staging)
+        if bar:
+            low = bottom + 0.06
+            _colour_bar(self._figure, (0.93, low, 0.012, 0.76 - bottom), staging)
+        self._cursors = _charts(self._figure, run, groups)
+        self._figure.text(0.02, 0.955, title, size=11, weight='bold', color=INK)
+        self._figure.text(0.98, 0.955, _stated(run, staging), size=9, color=MUTED, ha='right')
+        self._time = self._figure.text(0.5, 0.955, '', size=11, color=INK, ha='center')
+        self._moving: list[Any] = [
+            self._scene.ghost, self._scene.robot, self._time, *self._cursors,
+        ]  # fmt: skip
+        for artist in self._moving:
+            artist.set_animated(True)
+        self._canvas.draw()
+        self._still = self._canvas.copy_from_bbox(self._figure.bbox)
+
+    def draw(self, t: float, q: Array) -> Pixels:
+        """Return the frame (height, width, 3) at a time [s] with coordinates (n,)."""
+        self._scene.show(q)
+        self._time.set_text(f't = {t:.2f} s')
+        for cursor in self._cursors:
+            cursor.set_xdata([t, t])
+        self._canvas.restore_region(self._still)
+        for artist in self._moving:
+            self._figure.draw_artist(artist)
+        return np.array(self._canvas.buffer_rgba())[:, :, :3]
+
+
+def strip(
+    run: RecordedRun,
+    staging: Staging,
+    title: str,
+    size: tuple[int, int],
+    times: Array,
+) -> Pixels:
+    """Return several instants of a run side by side, (height, width, 3).
+
+    Parameters
+    ----------
+    run, staging, title, size
+        As of :class:`Picture`.
+    times : (k,) array
+        Of the instants [s].
+    """
+    rows, columns = _arrangement(staging, size, len(times))
+    right = 0.91 if staging.strain > 0.0 else 0.98
+    low, high = field_of_view(staging)
+    panel = (right - 0.05) * size[0] / columns
+    around = HEADER + FOOTER + rows * GAP
+    needed = rows * panel * (high - low)[1] / (high - low)[0] + around
+    height = 2 * round(min(float(size[1]), max(needed, LEAST_STRIP)) / 2)
+    panel_height = (height - around) / rows
+    figure, canvas = _figure((size[0], height))
+    top, bottom = 1.0 - (HEADER + GAP) / height, FOOTER / height
+    grid = figure.add_gridspec(
+        rows,
+        columns,
+        left=0.05,
+        right=right,
+        bottom=bottom,
+        top=top,
+        wspace=0.03,
+        hspace=GAP / panel_height,
+    )
+    states = run.at(times)
+    for k, (t, q) in enumerate(zip(times, states, strict=True)):
+        axes = figure.add_subplot(grid[k // columns, k % columns])
+        Scene(axes, staging, k == (rows - 1) * columns, k == 0).show(q)
+        axes.set_title(f't = {t:.2f} s', loc='left', size=10, color=INK, pad=3)
+    if staging.strain > 0.0:
+        _colour_bar(figure, (0.93, bottom, 0.012, top - bottom - 0.13), staging)
+    line = {'y': 1.0 - 0.5 * HEADER / height, 'va': 'center'}
+    figure.text(0.02, s=title, size=12, weight='bold', color=INK, **line)
+    figure.text(0.98, s=_stated(run, staging), size=9.5, color=MUTED, ha='right', **line)
+    canvas.draw()
+    return np.array(canvas.buffer_rgba())[:, :, :3]
+
+
+def _arrangement(staging: Staging, size: tuple[int, int], count: int) -> tuple[int, int]:
+    """Return the rows and columns of panels in which the robot is drawn largest."""
+    low, high = field_of_view(staging)
+    wide, tall = high - low
+
+    def zoom(columns: int) -> float:
+        return float(min(size[0] / columns / wide, size[1] / -(-count // columns) / tall))
+
+    columns = max(range(1, count + 1), key=zoom)
+    return -(-count // columns), columns
+
+
+def _figure(size: tuple[int, int]) -> tuple[Figure, FigureCanvasAgg]:
+    # text keeps its share of the picture, but for small ones, where it would be too small
+    dpi = max(62.0, size[0] / 10.24)
+    figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, facecolor=PAPER)
+    return figure, FigureCanvasAgg(figure)
+
+
+def _stated(run: RecordedRun, staging: Staging) -> str:
+    """Return what must be known of a picture to take it for what it is."""
+    where = {'joints': 'joints alone', 'plant': 'true state'}.get(run.source, run.source)
+    if not staging.flexible:
+        return where
+    return f'deflection × {staging.scale:g}, grey: undeflected · {where}'
+
+
+def _fit(axes: Axes, staging: Staging) -> None:
+    """Let the axes show all of the staging, a metre as long to the right as up."""
+    low, high = field_of_view(staging)
+    box = axes.get_window_extent()
+    size = np.array([box.width, box.height])
+    half = 0.5 * size * float(((high - low) / size).max())
+    middle = 0.5 * (low + high)
+    axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
+    axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
+
+
+def field_of_view(staging: Staging) -> tuple[Array, Array]:
+    """Return the corners (2,) of what a picture has to hold [m]."""
+    low, high = staging.low[:2], staging.high[:2]
+    if not staging.camera.flat:
+        floor = _floor_lines(staging)[0].reshape(-1, 2)
+        low, high = np.minimum(low, floor.min(axis=0)), np.maximum(high, floor.max(axis=0))
+    pad = MARGIN * float((high - low).max())
+    return low - pad, high + pad
+
+
+def _coordinates(axes: Axes, staging: Staging, numbered: bool) -> None:
+    """Draw the grid and the coordinates of a flat view."""
+    axes.grid(True, color=GRID, lw=0.7)
+    axes.set_axisbelow(True)
+    for side in axes.spines.values():
+        side.set_color(GRID)
+    extent = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    step = nice_step(float(extent) / SQUARES)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MultipleLocator(step))
+    axes.tick_params(colors=MUTED, labelsize=8, length=0)
+    if numbered:
+        right, up = ('xyz'[int(np.argmax(row))] for row in staging.camera.axes[:2])
+        axes.set_xlabel(f'{right} [m]', size=8, color=MUTED, labelpad=1)
+        axes.set_ylabel(f'{up} [m]', size=8, color=MUTED, labelpad=1)
+    else:
+        axes.tick_params(labelbottom=False, labelleft=False)
+
+
+def _floor(axes: Axes, staging: Staging, noted: bool) -> None:
+    """Draw the floor below the robot, a length on it, and the base's axes."""
+    lines, step = _floor_lines(staging)
+    axes.add_collection(
+        LineCollection(list(lines), colors=GRID, linewidths=0.9, zorder=BEHIND), autolim=False
+    )
+    axes.set_axis_off()
+    arrows = staging.camera.project(0.6 * step * np.eye(3))[:, :2]
+    for name, end, colour in zip('xyz', arrows, ('#b91c1c', '#15803d', '#1d4ed8'), strict=True):
+        axes.plot([0.0, end[0]], [0.0, end[1]], color=colour, lw=1.4, zorder=BEHIND)
+        right, up = (1.15 * end).tolist()
+        axes.text(right, up, name, size=8, color=colour, ha='center', va='center')
+    if noted:
+        note = f'floor: squares of {step:g} m'
+        axes.text(0.01, 0.02, note, transform=axes.transAxes, size=8, color=MUTED)
+
+
+def _floor_lines(staging: Staging) -> tuple[Array, float]:
+    """Return the lines (k, 2, 2) of the floor's squares in the picture and their width [m]."""
+    low, high = staging.box
+    step = nice_step(float((high - low)[:2].max()) / SQUARES)
+    first, last = np.floor(low[:2] / step), np.ceil(high[:2] / step)
+    lines = []
+    for along, across in ((0, 1), (1, 0)):
+        for k in np.arange(first[across], last[across] + 1):
+            ends = np.full((2, 3), low[2])
+            ends[:, across] = k * step
+            ends[:, along] = first[along] * step, last[along] * step
+            lines.append(ends)
+    return staging.camera.project(np.array(lines))[:, :, :2], step
+
+
+def nice_step(size: float) -> float:
+    """Return the next 1, 2 or 5 times a power of ten above a size."""
+    power = 10.0 ** np.floor(np.log10(size))
+    return float(next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= size * (1 - 1e-9)))
+
+
+def _colour_bar(
+    figure: Figure, place: tuple[float, float, float, float], staging: Staging
+) -> None:
+    axes = figure.add_axes(place)
+    shades = strain_colours(np.linspace(-1.0, 1.0, 256), 1.0) / 255.0
+    limit = 1e6 * staging.strain
+    axes.imshow(
+        np.linspace(-limit, limit, 256)[:, np.newaxis],
+        cmap=ListedColormap(shades),
+        aspect='auto',
+        origin='lower',
+        extent=(0.0, 1.0, -limit, limit),
+    )
+    axes.set_xticks([])
+    axes.yaxis.tick_right()
+    axes.tick_params(colors=MUTED, labelsize=8, length=2)
+    figure.text(
+        0.985,
+        place[1] + place[3] + 0.015,
+        'bending strain\n[µm/m]',
+        size=8,
+        color=MUTED,
+        ha='right',
+    )
+    for side in axes.spines.values():
+        side.set_visible(False)
+
+
+def _groups(run: RecordedRun) -> dict[str, list[str]]:
+    """Return the channels of each chart, by what they show and in which unit."""
+    groups: dict[str, list[str]] = {}
+    for name in run.names:
+        if np.isfinite(run.channel(name)).any():
+            groups.setdefault(name.partition('/')[0], []).append(name)
+    return dict(list(groups.items())[:MOST_CHARTS])
+
+
+def _charts(figure: Figure, run: RecordedRun, groups: dict[str, list[str]]) -> list[Any]:
+    """Draw the charts; return the lines that mark the time."""
+    cursors = []
+    width = 0.93 / max(len(groups), 1)
+    for k, (group, names) in enumerate(groups.items()):
+        axes = figure.add_axes((0.055 + k * width, 0.07, width - 0.06, 0.15))
+        _chart(axes, run, group, names)
+        cursors.append(axes.axvline(run.t[0], color=INK, lw=1.0))
+    return cursors
+
+
+def _chart(axes: Axes, run: RecordedRun, group: str, names: Sequence[str]) -> None:
+    columns = {name: run.channel(name) for name in names}
+    peaks = {name: float(np.nanmax(np.abs(values))) for name, values in columns.items()}
+    largest = sorted(names, key=lambda name: -peaks[name])[:MOST_CURVES]
+    what, _, unit = group.rstrip(']').partition(' [')
+    factor, prefix = _prefix(max(peaks.values())) if unit else (1.0, '')
+    shown = [name for name in names if name in largest]
+    for k, name in enumerate(shown):
+        label = name.partition('/')[2]
+        style: Any = (0, (4, 2)) if label.startswith('predicted') else 'solid'
+        axes.plot(
+            run.t, columns[name] / factor, color=CURVES[k % len(CURVES)], lw=1.1, label=label,
+            ls=style,
+        )  # fmt: skip
+    left_out = f', {len(shown)} of {len(names)}' if len(shown) < len(names) else ''
+    title = f'{what}{left_out} [{prefix}{unit}]' if unit else f'{what}{left_out}'
+    axes.set_title(title, loc='left', size=8.5, color=INK, pad=3)
+    axes.legend(
+        fontsize=6.5, frameon=False, loc='lower right', bbox_to_anchor=(1.02, 0.98), ncols=3,
+        handlelength=1.4, columnspacing=0.8, labelcolor=MUTED, borderpad=0.0, labelspacing=0.2,
+    )  # fmt: skip
+    axes.set_xlim(run.t[0], run.t[-1] if run.t[-1] > run.t[0] else run.t[0] + 1.0)
+    axes.set_xlabel('time [s]', size=8, color=MUTED, labelpad=1)
+    axes.grid(True, color=GRID, lw=0.6)
+    axes.tick_params(colors=MUTED, labelsize=7.5, length=2)
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    for side in axes.spines.values():
+        side.set_color(GRID)
+
+
+def _prefix(peak: float) -> tuple[float, str]:
+    if peak >= 2e3:
+        return KILO
+    if peak == 0.0:
+        return PREFIXES[0]
+    return next((entry for entry in PREFIXES if peak >= entry[0]), PREFIXES[-1])

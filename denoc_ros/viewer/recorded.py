@@ -1,0 +1,318 @@
+"""A recorded run as moments: what scrubbing and films go through."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.bags.columns import JOINT_STATE, JointStateColumns
+from denoc_ros.bags.reader import bag_contents, read_raw
+from denoc_ros.bags.series import JointSeries
+from denoc_ros.dynamics.driven_motion import driven_motion
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import BagError
+from denoc_ros.model.tree import JointKind
+from denoc_ros.viewer.moment import Moment
+
+Array = NDArray[np.float64]
+
+# Where all coordinates come from: the first that the bag has. Joints alone leave links straight.
+STATES = {
+    'plant': 'plant/true_modal_state',
+    'predictor': 'predictor/modal_state',
+    'replay': 'replay/modal_state',
+    'joints': 'joint_states',
+}
+# Topics of torque: the first with values.
+TORQUES = ('joint_states', 'feedforward/effort', 'replay/flexible/effort', 'replay/rigid/effort')
+DEFLECTIONS = {
+    'predictor/tip_deflection': 'predicted',
+    'replay/tip_deflection': 'replayed',
+    'plant/true_deflection': 'true',
+}
+RESIDUAL = 'predictor/sensor_residual'
+SHOWN_COMPONENTS = ('uy', 'uz', 'rx')
+NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: not worth a strip chart
+RATE = 60.0  # Hz, of the moments kept
+MOST_MOMENTS = 20_000  # of one run, whatever its length
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Columns over time: seconds since the run's origin, ascending."""
+
+    t: Array  # (k,)
+    names: tuple[str, ...]
+    position: Array  # (k, names)
+    velocity: Array
+    effort: Array
+
+    def has(self, names: Sequence[str]) -> bool:
+        return set(names) <= set(self.names) and bool(len(self.t))
+
+    def columns(self, names: Sequence[str], field: str = 'position') -> Array:
+        values: Array = getattr(self, field)
+        return np.ascontiguousarray(values[:, [self.names.index(name) for name in names]])
+
+
+class RecordedRun(Sequence[Moment]):
+    """The moments of a recorded run, thinned while they are read.
+
+    Parameters
+    ----------
+    path : Path
+        A bag: of `denoc up`, of the recorder, of `denoc simulate` or of `denoc replay`.
+    robot : Robot
+        Whose coordinates they are, by name; its workspace is used.
+    source : {'', 'plant', 'predictor', 'replay', 'joints'}
+        Where the amplitudes come from; '': the first of these that the bag has. `joints` are
+        the joint states alone: links are straight.
+    start, end : float
+        What is taken of the run [s since its origin].
+    rate : float
+        Moments per second at most; fewer where the run is so long that they would be more than
+        `MOST_MOMENTS`.
+
+    Attributes
+    ----------
+    source : str
+        Where the amplitudes came from.
+    t : (k,) array
+        Times since the first joint state of the bag [s].
+    q : (k, n) array
+        Coordinates.
+    torque_topic : str
+        Where the torque came from; '' where there is none.
+    names : tuple of str
+        Of the channels.
+
+    Raises
+    ------
+    BagError
+        When the bag cannot be read, has no state of this robot, or none between start and end.
+    StateError, SolverError
+        When joints of a mechanism are missing and its loops do not give them.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        robot: Robot,
+        source: str = '',
+        start: float = -math.inf,
+        end: float = math.inf,
+        rate: float = RATE,
+    ) -> None:
+        self.path = path
+        self._robot = robot
+        topics = _Topics(path, start, end, rate)
+        self.source, rows = self._state(topics, source)
+        self.t = rows.t
+        self.q, self._qd = self._coordinates(rows)
+        self.torque_topic, self._torque = self._find_torque(topics)
+        self._channels = dict(self._find_channels(topics))
+        self.names = tuple(self._channels)
+
+    def __len__(self) -> int:
+        """Return how many moments there are."""
+        return len(self.t)
+
+    @overload
+    def __getitem__(self, index: int) -> Moment: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Moment]: ...
+
+    def __getitem__(self, index: int | slice) -> Moment | list[Moment]:
+        """Return one moment, or a list of them."""
+        if isinstance(index, slice):
+            return [self[k] for k in range(*index.indices(len(self)))]
+        return Moment(
+            t=float(self.t[index]),
+            q=self.q[index].copy(),
+            qd=None if self._qd is None else self._qd[index].copy(),
+            torque=_known(self._torque, index) or None,
+            channels=_known(self._channels, index),
+        )
+
+    def at(self, t: Array) -> Array:
+        """Return the coordinates (m, n) at times (m,) [s], linearly between the moments."""
+        return np.column_stack([np.interp(t, self.t, column) for column in self.q.T])
+
+    def channel(self, name: str) -> Array:
+        """Return a channel at all moments, (k,)."""
+        return self._channels[name]
+
+    def _state(self, topics: _Topics, wanted: str) -> tuple[str, _Rows]:
+        if wanted and wanted not in STATES:
+            raise BagError(f'source must be one of {", ".join(STATES)}, got {wanted!r}')
+        for source in (wanted,) if wanted else STATES:
+            rows = topics.rows(STATES[source])
+            if rows is None:
+                continue
+            if source == 'joints' and set(rows.names) & set(self._robot.joint_names):
+                return source, rows
+            if rows.has(self._robot.coordinate_names):
+                return source, rows
+        asked = f'{STATES[wanted]}' if wanted else 'a modal state or joint_states'
+        raise BagError(
+            f'{self.path}: bag must have {asked} of robot {self._robot.tree.name!r} '
+            f'({", ".join(self._robot.joint_names)}){topics.window}, got topics '
+            f'{", ".join(topics.described()) or "(none)"}'
+        )
+
+    def _coordinates(self, rows: _Rows) -> tuple[Array, Array | None]:
+        robot = self._robot
+        if rows.has(robot.coordinate_names):
+            q = rows.columns(robot.coordinate_names)
+            qd = rows.columns(robot.coordinate_names, 'velocity')
+            return q, qd if np.isfinite(qd).all() else None
+        q = np.zeros((len(rows.t), robot.n))
+        if rows.has(robot.joint_names):
+            q[:, robot.joint_indices] = rows.columns(robot.joint_names)
+            return q, None
+        mimics = {body.joint.name for body in robot.tree.bodies if body.joint and body.joint.mimic}
+        driven = [n for n in robot.joint_names if n in rows.names and n not in mimics]
+        motion = driven_motion(robot, driven, flexible=False)
+        now = motion.posture.copy()
+        for row, given in zip(q, rows.columns(driven), strict=True):
+            motion.positions(now, given)
+            row[:] = now
+        return q, None
+
+    def _find_torque(self, topics: _Topics) -> tuple[str, dict[str, Array]]:
+        for topic in TORQUES:
+            rows = topics.rows(topic)
+            if rows is None:
+                continue
+            names = [name for name in self._robot.joint_names if name in rows.names]
+            effort = rows.columns(names, 'effort')
+            if np.isfinite(effort).any():
+                return topic, dict(zip(names, self._beside(rows.t, effort).T, strict=True))
+        return '', {}
+
+    def _find_channels(self, topics: _Topics) -> Iterator[tuple[str, Array]]:
+        found = {what: topics.rows(topic) for topic, what in DEFLECTIONS.items()}
+        present = {what: rows for what, rows in found.items() if rows is not None}
+        for name in _worth_showing(present):
+            link, _, component = name.rpartition('/')
+            group = 'twist [rad]' if component.startswith('r') else 'deflection [m]'
+            for what, rows in present.items():
+                if name in rows.names:
+                    values = self._beside(rows.t, rows.columns([name]))[:, 0]
+                    yield f'{group}/{what} {link} {component}', values
+        for name, values in self._torque.items():
+            yield f'{self._torque_group(name)}/{name}', values
+        if (residual := topics.rows(RESIDUAL)) is not None:
+            columns = self._beside(residual.t, residual.position).T
+            for name, values in zip(residual.names, columns, strict=True):
+                yield f'residual/{name}', values
+
+    def _torque_group(self, joint: str) -> str:
+        kinds = {
+            body.joint.name: body.joint.kind for body in self._robot.tree.bodies if body.joint
+        }
+        return 'force [N]' if kinds[joint] is JointKind.PRISMATIC else 'torque [N m]'
+
+    def _beside(self, t: Array, values: Array) -> Array:
+        """Return columns (k, m) of another topic at the moments; NaN outside of it."""
+        return np.column_stack(
+            [np.interp(self.t, t, column, left=np.nan, right=np.nan) for column in values.T]
+        )
+
+
+def _known(columns: Mapping[str, Array], index: int) -> dict[str, float]:
+    """Return what was recorded at a moment, by name."""
+    row = {name: float(column[index]) for name, column in columns.items()}
+    return {name: value for name, value in row.items() if math.isfinite(value)}
+
+
+class _Topics:
+    """The topics of JointState in a bag that show a robot's state, thinned while read."""
+
+    def __init__(self, path: Path, start: float, end: float, rate: float) -> None:
+        self._path = path
+        self.window = '' if start == -math.inf and end == math.inf else f' in {start:g}–{end:g} s'
+        wanted = {*STATES.values(), *TORQUES, *DEFLECTIONS, RESIDUAL}
+        contents = bag_contents(path)
+        self._all = tuple(topic.name for topic in contents.topics)
+        states = {t.name for t in contents.topics if t.type == JOINT_STATE and t.messages}
+        self._found = {suffix: name for suffix in wanted if (name := _find(states, suffix))}
+        span = 1e-9 * (contents.end_ns - contents.start_ns)
+        span = min(end, span) - max(start, 0.0)
+        period = max(1.0 / rate, span / MOST_MOMENTS)
+        self._rows = self._read(start, end, period) if self._found else {}
+
+    def rows(self, suffix: str) -> _Rows | None:
+        """Return a topic's rows, None if it has none."""
+        return self._rows.get(self._found.get(suffix, ''))
+
+    def described(self) -> tuple[str, ...]:
+        """Return the names of all topics in the bag."""
+        return self._all
+
+    def _read(self, start: float, end: float, period: float) -> dict[str, _Rows]:
+        columns: dict[str, JointStateColumns] = {}
+        due: dict[str, int] = {}
+        step = round(1e9 * period)
+        first_ns, slack = -1, round(1e9 * (1.0 + period))
+        for topic, _, log_ns, raw in read_raw(self._path, set(self._found.values())):
+            if first_ns < 0:
+                first_ns = log_ns
+            if topic not in columns:
+                columns[topic] = JointStateColumns(topic)
+                due[topic] = log_ns
+            elif log_ns < due[topic] or not _near(log_ns - first_ns, start, end, slack):
+                continue
+            due[topic] = max(due[topic] + step, log_ns + step // 2)
+            columns[topic].append(raw, log_ns)
+        series = {topic: column.series() for topic, column in columns.items()}
+        origin_ns = min(int(one.stamp_ns.min()) for one in series.values())
+        cut = {topic: _cut(one, origin_ns, start, end) for topic, one in series.items()}
+        return {topic: rows for topic, rows in cut.items() if len(rows.t)}
+
+
+def _near(since_ns: int, start: float, end: float, slack: int) -> bool:
+    """Say whether a log time may be that of a stamp between start and end [s]."""
+    return 1e9 * start - slack <= since_ns <= 1e9 * end + slack
+
+
+def _cut(series: JointSeries, origin_ns: int, start: float, end: float) -> _Rows:
+    """Return what is between start and end, its times ascending."""
+    stamps, order = np.unique(series.stamp_ns, return_index=True)
+    t = np.asarray((stamps - origin_ns) * 1e-9, dtype=np.float64)
+    order = order[(t >= start) & (t <= end)]
+    t = t[(t >= start) & (t <= end)]
+    fields = (series.position[order], series.velocity[order], series.effort[order])
+    return _Rows(t, series.names, *fields)
+
+
+def _find(names: set[str], suffix: str) -> str:
+    """Return the topic with this name or, failing that, ending; '' if there is none."""
+    exact = [name for name in names if name.lstrip('/') == suffix]
+    return next(iter(exact + sorted(n for n in names if n.endswith(f'/{suffix}'))), '')
+
+
+def _worth_showing(present: Mapping[str, _Rows]) -> list[str]:
+    """Return the deflections that are not negligible beside others of their kind."""
+    peaks: dict[str, float] = {}
+    for rows in present.values():
+        for name, column in zip(rows.names, rows.position.T, strict=True):
+            largest = float(np.nanmax(np.abs(column), initial=0.0))
+            peaks[name] = max(peaks.get(name, 0.0), largest)
+    largest_of = {
+        kind: max((p for n, p in peaks.items() if n.rpartition('/')[2][:1] == kind), default=0.0)
+        for kind in ('u', 'r')
+    }
+    return [
+        name
+        for name, peak in peaks.items()
+        if (kind := name.rpartition('/')[2]) in SHOWN_COMPONENTS
+        and peak > max(NEGLIGIBLE * largest_of[kind[0]], 1e-12)
+    ]

@@ -1,0 +1,175 @@
+"""What all pictures of a run share: camera, field of view, exaggeration, strain's colour scale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.viewer.bending import Bending, exaggerated, strain_colours
+from denoc_ros.viewer.camera import AUTO, Camera, camera
+from denoc_ros.viewer.outline import reach
+
+Array = NDArray[np.float64]
+
+LOOKED_AT = 48  # instants that decide what the pictures have to hold
+STRAINS_LOOKED_AT = 500  # instants that the largest strain is taken from
+SCALES = (1, 2, 5, 10, 20, 50, 100)
+SHOWN = 0.1  # of the robot's reach: what a chosen scale exaggerates the deflection to, at most
+NEGLIGIBLE = 1e-9  # of the reach: rounding, no deflection
+AMBIENT = 0.55  # of the light: what comes from everywhere
+LIGHT = np.array([-0.34, 0.54, 0.77])  # where the rest comes from: right, up, towards the eye
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """A robot in the picture, what is behind first.
+
+    Attributes
+    ----------
+    corners : (f, 3, 2) array
+        Right and up [m].
+    colours : (f, 3) array
+        Red, green, blue of 0 .. 1, shaded.
+    """
+
+    corners: Array
+    colours: Array
+
+
+class Staging:
+    """How a robot is put in the picture.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its workspace is used.
+    states : (k, n) array
+        All that is to be shown; some of it decides what is left open.
+    scale : float
+        What deflections are drawn larger by; 0: chosen so that they are seen.
+    view : str
+        As of `denoc_ros.viewer.camera.camera`.
+    folder : Path, optional
+        Where relative names of mesh files start.
+
+    Attributes
+    ----------
+    scale : float
+    camera : Camera
+    low, high : (3,) arrays
+        The box around all that is shown: right, up, towards the eye [m].
+    box : pair of (3,) arrays
+        The same along the base axes, with the base in it [m].
+    strain : float
+        Largest bending strain [-]; 0 where nothing bends.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        states: Array,
+        scale: float = 0.0,
+        view: str = AUTO,
+        folder: Path | None = None,
+    ) -> None:
+        self._robot = robot
+        self._bending = Bending(robot, folder)
+        self._faces = self._all_faces()
+        some = states[np.linspace(0, len(states) - 1, min(LOOKED_AT, len(states))).astype(int)]
+        straight = np.array([self.vertices(q, 0.0) for q in some])
+        self.scale = scale or self._chosen_scale(some, straight)
+        bent = np.array([self.vertices(q) for q in some])
+        every = np.concatenate([straight, bent]).reshape(-1, 3)
+        self.box = (np.minimum(every.min(axis=0), 0.0), np.maximum(every.max(axis=0), 0.0))
+        self.camera: Camera = camera(view, every)
+        seen = self.camera.project(every)
+        self.low, self.high = seen.min(axis=0), seen.max(axis=0)
+        more = states[:: max(1, len(states) // STRAINS_LOOKED_AT)]
+        self.strain = max((_largest(self._bending.strains(q)) for q in more), default=0.0)
+
+    @property
+    def flexible(self) -> bool:
+        """Whether anything can bend."""
+        return bool(self._bending.flexible)
+
+    def vertices(self, q: Array, scale: float | None = None) -> Array:
+        """Return all vertices (v, 3) [m, base frame] at coordinates (n,).
+
+        `scale` is what deflections are drawn larger by, by default that of the staging.
+        """
+        factor = self.scale if scale is None else scale
+        shape = self._bending.at(exaggerated(self._robot, q, factor))
+        rigid = [
+            part.vertices @ pose[:3, :3].T + pose[:3, 3]
+            for part, pose in zip(self._bending.rigid, shape.poses, strict=True)
+        ]
+        return np.concatenate([*rigid, *shape.surfaces])
+
+    def robot(self, q: Array) -> Triangles:
+        """Return the robot at coordinates (n,), flexible links in the colour of their strain.
+
+        A triangle has that of the corner that is strained most.
+        """
+        strains = self._bending.strains(q)
+        colours = [np.broadcast_to(part.colour, part.faces.shape) for part in self._bending.rigid]
+        colours += [
+            strain_colours(_strongest(strain[part.faces]), self.strain)
+            for part, strain in zip(self._bending.flexible, strains, strict=True)
+        ]
+        seen = self.camera.project(self.vertices(q))[self._faces]
+        tint = np.concatenate(colours) / 255.0
+        order = np.argsort(seen[:, :, 2].mean(axis=1))
+        shaded = np.minimum(_shade(seen)[:, np.newaxis] * tint, 1.0)
+        return Triangles(seen[order, :, :2], shaded[order])
+
+    def ghost(self, q: Array) -> Array:
+        """Return the triangles (f, 3, 2) of the undeflected robot with the joints of q (n,)."""
+        return self.camera.project(self.vertices(q, 0.0))[self._faces][:, :, :2]
+
+    def _all_faces(self) -> NDArray[np.int64]:
+        parts: list[tuple[NDArray[np.int64], int]] = [
+            (part.faces, len(part.vertices)) for part in self._bending.rigid
+        ]
+        parts += [
+            (part.faces, len(surface))
+            for part, surface in zip(
+                self._bending.flexible,
+                self._bending.at(np.zeros(self._robot.n)).surfaces,
+                strict=True,
+            )
+        ]
+        firsts = np.cumsum([0, *(count for _, count in parts)])
+        return np.concatenate([f + first for (f, _), first in zip(parts, firsts, strict=False)])
+
+    def _chosen_scale(self, states: Array, straight: Array) -> float:
+        size = reach(self._robot)
+        bent = np.array([self.vertices(q, 1.0) for q in states])
+        largest = float(np.linalg.norm(bent - straight, axis=2).max(initial=0.0))
+        if largest <= NEGLIGIBLE * size:
+            return 1.0
+        return float(max((s for s in SCALES if s * largest <= SHOWN * size), default=1))
+
+
+def _strongest(strains: Array) -> Array:
+    """Return the strain (f,) of largest magnitude of each triangle's corners (f, 3)."""
+    corner = np.argmax(np.abs(strains), axis=1)
+    return np.asarray(strains[np.arange(len(strains)), corner])
+
+
+def _largest(strains: Sequence[Array]) -> float:
+    return max((float(np.abs(strain).max(initial=0.0)) for strain in strains), default=0.0)
+
+
+def _shade(corners: Array) -> Array:
+    """Return the brightness (f,) of triangles (f, 3, 3), whichever way round they go."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    facing = np.abs(normal @ LIGHT) / np.maximum(length, 1e-300)
+    brightness = AMBIENT + (1.0 - AMBIENT) * facing
+    # what faces the eye has the colours of the colour bar
+    return np.asarray(brightness / (AMBIENT + (1.0 - AMBIENT) * LIGHT[2]))

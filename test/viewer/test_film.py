@@ -1,0 +1,209 @@
+"""Films and strips: as many frames as they should have, and a robot that moves in them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from simulated_bags import SimulatedBag
+
+from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.errors import ConfigError
+from denoc_ros.viewer.camera import best_view
+from denoc_ros.viewer.film import Look, frame_times, write_film, write_strip
+from denoc_ros.viewer.picture import nice_step
+from denoc_ros.viewer.recorded import RecordedRun
+from denoc_ros.viewer.staging import SHOWN, Staging
+
+SMALL = Look(size=(320, 240), scale=5.0)
+MOVED = 40  # of 255: more than what compression changes
+
+
+@pytest.fixture(scope='module')
+def recorded_motion(simulated_bag: SimulatedBag) -> RecordedRun:
+    return RecordedRun(simulated_bag.path, simulated_bag.robot)
+
+
+def share_that_differs(first: NDArray[np.uint8], last: NDArray[np.uint8]) -> float:
+    gap = np.abs(first.astype(int) - last.astype(int)).max(axis=-1)
+    return float(np.mean(gap > MOVED))
+
+
+def test_gif_has_a_frame_per_time_and_moves(
+    recorded_motion: RecordedRun, simulated_bag: SimulatedBag, tmp_path: Path
+) -> None:
+    path = tmp_path / 'run.gif'
+    frames = write_film(recorded_motion, simulated_bag.robot, path, SMALL, fps=12.0)
+    duration = recorded_motion.t[-1] - recorded_motion.t[0]
+    assert frames == round(12.0 * duration)
+    with Image.open(path) as film:
+        assert film.size == SMALL.size
+        assert film.n_frames == frames
+        shown = 0
+        first = np.asarray(film.convert('RGB'))
+        for k in range(frames):
+            film.seek(k)
+            shown += film.info['duration']
+        # a GIF counts in hundredths of a second
+        assert shown == pytest.approx(1e3 * frames / 12.0, abs=10.0)
+        assert share_that_differs(first, np.asarray(film.convert('RGB'))) > 0.01
+
+
+def test_mp4_has_a_frame_per_time_and_moves(
+    recorded_motion: RecordedRun, simulated_bag: SimulatedBag, tmp_path: Path
+) -> None:
+    path = tmp_path / 'run.mp4'
+    done: list[float] = []
+    frames = write_film(recorded_motion, simulated_bag.robot, path, SMALL, 20.0, 2.0, done.append)
+    duration = recorded_motion.t[-1] - recorded_motion.t[0]
+    assert frames == round(20.0 * duration / 2.0) == len(done)
+    assert done[-1] == pytest.approx((frames - 1) * 2.0 / 20.0)
+    reader = imageio_ffmpeg.read_frames(str(path))
+    about = next(reader)
+    assert about['size'] == SMALL.size
+    assert about['fps'] == 20.0
+    pictures = [np.frombuffer(raw, np.uint8).reshape(240, 320, 3) for raw in reader]
+    assert len(pictures) == frames
+    assert share_that_differs(pictures[0], pictures[-1]) > 0.01
+
+
+def test_strip_shows_moments_that_differ(
+    recorded_motion: RecordedRun, simulated_bag: SimulatedBag, tmp_path: Path
+) -> None:
+    path = tmp_path / 'run.png'
+    write_strip(recorded_motion, simulated_bag.robot, path, Look(size=(640, 480)), count=2)
+    with Image.open(path) as image:
+        assert image.width == 640
+        assert image.height <= 480
+        pixels = np.asarray(image.convert('RGB'))
+    one = pixels.copy()
+    write_strip(recorded_motion, simulated_bag.robot, path, Look(size=(640, 480), scale=1.0), 2)
+    with Image.open(path) as image:
+        other = np.asarray(image.convert('RGB'))
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 50
+    # another exaggeration is another picture
+    assert one.shape != other.shape or share_that_differs(one, other) > 0.001
+
+
+@pytest.mark.parametrize('factor', [2.0, 10.0, 100.0])
+def test_scale_moves_the_tip_by_its_factor(repository: Path, factor: float) -> None:
+    robot = load_robot(repository / 'config/robots/one_flexible_link.urdf', gravity=(0, 0, 0))
+    q = np.zeros(robot.n)
+    q[robot.flexible_indices[0]] = 1e-6
+    staging = Staging(robot, q[np.newaxis], factor)
+    straight, once, drawn = (
+        staging.camera.project(staging.vertices(q, scale)) for scale in (0.0, 1.0, None)
+    )
+    tip = int(np.argmax(np.linalg.norm(once - straight, axis=1)))
+    moved = np.linalg.norm((drawn - straight)[tip, :2]) / np.linalg.norm(
+        (once - straight)[tip, :2]
+    )
+    # foreshortening and the section's turn are of second order: 1e-6 m times 100
+    assert moved == pytest.approx(factor, rel=1e-3)
+    assert staging.ghost(q).reshape(-1, 2).max(axis=0) == pytest.approx(
+        straight[:, :2].max(axis=0), abs=1e-12
+    )
+
+
+def test_chosen_scale_shows_the_deflection_and_does_not_overdo_it(
+    simulated_bag: SimulatedBag,
+) -> None:
+    robot, states = simulated_bag.robot, simulated_bag.run.q[::50]
+
+    def drawn(scale: float) -> float:
+        gaps = [staging.vertices(q, scale) - staging.vertices(q, 0.0) for q in states]
+        return max(float(np.linalg.norm(gap, axis=1).max()) for gap in gaps)
+
+    staging = Staging(robot, states)
+    size = float(np.linalg.norm(staging.high - staging.low))
+    assert drawn(staging.scale) < 2.0 * SHOWN * size
+    assert staging.scale == 100.0 or drawn(2.5 * staging.scale) > SHOWN * size / 2.0
+    straight = np.zeros_like(states)
+    assert Staging(robot, straight).scale == 1.0
+
+
+def test_strain_is_that_of_the_curvature(repository: Path) -> None:
+    """The colour bar ends at half the thickness times the largest curvature of what is shown."""
+    robot = load_robot(repository / 'config/robots/one_flexible_link.urdf', gravity=(0, 0, 0))
+    q = np.zeros(robot.n)
+    q[robot.flexible_indices[0]] = 0.01
+    staging = Staging(robot, q[np.newaxis], 20.0)
+    twice = Staging(robot, 2.0 * q[np.newaxis], 1.0)
+    assert staging.strain > 0.0
+    # the strain is the true one, however much larger the deflection is drawn
+    assert twice.strain == pytest.approx(2.0 * staging.strain, rel=1e-12)
+    colours = staging.robot(q).colours
+    assert np.ptp(colours[:, 0] - colours[:, 2]) > 0.5
+    assert np.ptp(np.diff(staging.robot(np.zeros(robot.n)).colours, axis=1)) < 0.3
+
+
+def test_view_is_onto_the_plane_of_the_motion() -> None:
+    points = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
+    assert best_view(points) == 'iso'
+    for axis, view in enumerate(('front', 'side', 'top')):
+        flat = points.copy()
+        flat[:, axis] *= 0.05
+        assert best_view(flat) == view
+
+
+def test_frame_times_fill_the_run() -> None:
+    times = frame_times(2.0, 5.0, 10.0, 0.5)
+    assert len(times) == 60
+    assert times[0] == 2.0
+    np.testing.assert_allclose(np.diff(times), 0.05)
+    assert times[-1] == pytest.approx(4.95)
+    with pytest.raises(
+        ConfigError, match=r'fps must be > 0, got -1.*\n.*speed must be > 0, got 0'
+    ):
+        frame_times(0.0, 1.0, -1.0, 0.0)
+
+
+def test_grid_steps_are_round() -> None:
+    assert [nice_step(size) for size in (0.7, 1.0, 1.1, 3.0, 6.0, 0.013)] == pytest.approx(
+        [1.0, 1.0, 2.0, 5.0, 10.0, 0.02]
+    )
+
+
+def test_bad_pictures_are_refused_with_every_finding(
+    recorded_motion: RecordedRun, simulated_bag: SimulatedBag, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError) as refused:
+        Look(scale=-1.0, view='below', size=(33, 20_000))
+    assert len(refused.value.findings) == 3
+    with pytest.raises(ConfigError, match=r'must end in \.mp4 or \.gif'):
+        write_film(recorded_motion, simulated_bag.robot, tmp_path / 'run.avi')
+    with pytest.raises(ConfigError, match=r'must end in \.png'):
+        write_strip(recorded_motion, simulated_bag.robot, tmp_path / 'run.jpg')
+    with pytest.raises(ConfigError, match='number of moments must be 1 to 24, got 0'):
+        write_strip(recorded_motion, simulated_bag.robot, tmp_path / 'run.png', count=0)
+
+
+@pytest.mark.parametrize('suffix', ['.gif', '.mp4'])
+def test_an_unfinished_film_is_taken_away(
+    recorded_motion: RecordedRun, simulated_bag: SimulatedBag, tmp_path: Path, suffix: str
+) -> None:
+    def interrupt(elapsed: float) -> None:
+        if elapsed > 0.2:
+            raise KeyboardInterrupt
+
+    path = tmp_path / f'run{suffix}'
+    with pytest.raises(KeyboardInterrupt):
+        write_film(recorded_motion, simulated_bag.robot, path, SMALL, progress=interrupt)
+    assert not path.exists()
+
+
+def test_films_need_neither_viser_nor_a_display() -> None:
+    check = (
+        'import sys, denoc_ros.viewer.film as film; '
+        'print(sorted({"viser", "tkinter", "matplotlib.pyplot"} & set(sys.modules)))'
+    )
+    found = subprocess.run(
+        [sys.executable, '-c', check], capture_output=True, text=True, check=True
+    )
+    assert found.stdout.strip() == '[]'

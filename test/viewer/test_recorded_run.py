@@ -1,0 +1,156 @@
+"""A recorded run gives moments that are the bag's own numbers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated_bags import PERIOD, SimulatedBag, make_mechanism_bag
+
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.errors import BagError
+from denoc_ros.viewer import recorded
+from denoc_ros.viewer.recorded import RecordedRun
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+STAMP = 1e-9  # s: stamps are whole nanoseconds
+
+
+def written(path: Path, topics: dict[str, list[tuple[float, dict[str, object]]]]) -> Path:
+    """Write messages (time, fields) of JointState topics."""
+    with BagWriter(path) as bag:
+        for topic in topics:
+            bag.add_topic(topic, JOINT_STATE)
+        rows = [(t, topic, fields) for topic, rows in topics.items() for t, fields in rows]
+        for t, topic, fields in sorted(rows, key=lambda row: row[0]):
+            bag.write_message(topic, 10**18 + round(t * 1e9), **fields)
+    return path
+
+
+def test_every_moment_is_the_bags_own(simulated_bag: SimulatedBag) -> None:
+    run, truth = (
+        RecordedRun(simulated_bag.path, simulated_bag.robot, rate=1000.0),
+        simulated_bag.run,
+    )
+    assert run.source == 'plant'
+    assert len(run) == len(truth.t)
+    np.testing.assert_allclose(run.t, truth.t, rtol=0.0, atol=STAMP)
+    robot = simulated_bag.robot
+    for k in (0, 123, len(run) - 1):
+        moment = run[k]
+        np.testing.assert_array_equal(moment.q, truth.q[k])
+        assert moment.qd is not None
+        np.testing.assert_array_equal(moment.qd, truth.qd[k])
+        assert moment.torque == dict(
+            zip(robot.joint_names, truth.torque[k, robot.joint_indices], strict=True)
+        )
+        # the bag has the products of another order of summation
+        shown = moment.channels['deflection [m]/true link_2 uy']
+        assert shown == pytest.approx(robot.tip_deflection('link_2', truth.q[k])[1], abs=1e-14)
+        assert moment.channels['torque [N m]/joint_1'] == moment.torque['joint_1']
+
+
+def test_thinning_leaves_out_moments_and_changes_none(simulated_bag: SimulatedBag) -> None:
+    run = RecordedRun(simulated_bag.path, simulated_bag.robot, rate=40.0)
+    duration = len(simulated_bag.run.t) * PERIOD
+    assert len(run) == pytest.approx(40.0 * duration, abs=2)
+    rows = np.round(run.t / PERIOD).astype(int)
+    np.testing.assert_array_equal(run.q, simulated_bag.run.q[rows])
+
+
+def test_a_run_of_any_length_has_a_bounded_number_of_moments(
+    simulated_bag: SimulatedBag, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorded, 'MOST_MOMENTS', 30)
+    assert 25 <= len(RecordedRun(simulated_bag.path, simulated_bag.robot)) <= 31
+
+
+def test_a_window_has_the_moments_within_it(simulated_bag: SimulatedBag) -> None:
+    run = RecordedRun(simulated_bag.path, simulated_bag.robot, start=0.5, end=1.1, rate=1000.0)
+    truth = simulated_bag.run
+    within = (truth.t > 0.5 - PERIOD / 2) & (truth.t < 1.1 + PERIOD / 2)
+    np.testing.assert_array_equal(run.q, truth.q[within])
+    with pytest.raises(BagError, match=r'must have a modal state or joint_states .* in 7–8 s'):
+        RecordedRun(simulated_bag.path, simulated_bag.robot, start=7.0, end=8.0)
+
+
+def test_between_moments_motion_is_linear(simulated_bag: SimulatedBag) -> None:
+    run = RecordedRun(simulated_bag.path, simulated_bag.robot)
+    middle = 0.25 * run.t[10] + 0.75 * run.t[11]
+    expected = 0.25 * run.q[10] + 0.75 * run.q[11]
+    np.testing.assert_allclose(run.at(np.array([middle]))[0], expected, rtol=1e-12)
+
+
+def test_joints_alone_leave_the_links_straight(simulated_bag: SimulatedBag) -> None:
+    robot = simulated_bag.robot
+    run = RecordedRun(simulated_bag.path, robot, source='joints', rate=1000.0)
+    joints = robot.joint_indices
+    np.testing.assert_array_equal(run.q[:, joints], simulated_bag.run.q[:, joints])
+    assert not run.q[:, robot.flexible_indices].any()
+
+
+def test_loops_give_the_joints_that_were_not_recorded(repository: Path, tmp_path: Path) -> None:
+    whole = make_mechanism_bag(repository, tmp_path, 'rrrr')
+    robot, truth = whole.robot, whole.run
+    names = ['joint_1', 'joint_3']
+    places = robot.joint_indices[[0, 2]]
+    rows: list[tuple[float, dict[str, object]]] = [
+        (t, {'name': names, 'position': q[places]}) for t, q in zip(truth.t, truth.q, strict=True)
+    ]
+    run = RecordedRun(written(tmp_path / 'two.mcap', {'/joint_states': rows}), robot)
+    # the driven motion closes loops to its own bound, 1e-8
+    assert max(np.abs(robot.closure(q)).max() for q in run.q) < 1e-7
+    np.testing.assert_allclose(run.at(truth.t[:1])[0][places], truth.q[0, places], atol=1e-12)
+
+
+def test_what_predictor_and_plant_said_stands_side_by_side(
+    simulated_bag: SimulatedBag, tmp_path: Path
+) -> None:
+    robot = simulated_bag.robot
+    names, at = list(robot.coordinate_names), np.arange(0.0, 1.0, 0.01)
+    state: dict[str, object] = {'name': names, 'position': np.zeros(robot.n)}
+
+    def tips(factor: float) -> list[tuple[float, dict[str, object]]]:
+        fields = ['link_1/uy', 'link_2/uy', 'link_2/rx']
+        return [(t, {'name': fields, 'position': [factor * t, 1e-9, 0.0]}) for t in at]
+
+    path = written(
+        tmp_path / 'both.mcap',
+        {
+            '/predictor/modal_state': [(t, state) for t in at],
+            '/predictor/tip_deflection': tips(0.9),
+            '/plant/true_deflection': tips(1.0),
+            '/predictor/sensor_residual': [(t, {'name': ['gauge'], 'position': [t]}) for t in at],
+        },
+    )
+    run = RecordedRun(path, robot, rate=1000.0)
+    assert run.source == 'predictor'
+    # what does not bend beside what does is left out
+    assert run.names == (
+        'deflection [m]/predicted link_1 uy',
+        'deflection [m]/true link_1 uy',
+        'residual/gauge',
+    )
+    channels = run[50].channels
+    assert channels['deflection [m]/predicted link_1 uy'] == pytest.approx(0.45, abs=1e-9)
+    assert channels['deflection [m]/true link_1 uy'] == pytest.approx(0.5, abs=1e-9)
+    assert channels['residual/gauge'] == pytest.approx(0.5, abs=1e-9)
+    assert run[50].torque is None
+
+
+def test_what_does_not_show_the_robot_is_refused(
+    repository: Path, simulated_bag: SimulatedBag, tmp_path: Path
+) -> None:
+    other = load_robot(repository / 'config/robots/ur10.urdf')
+    with pytest.raises(BagError, match=re.escape("state or joint_states of robot 'ur10")):
+        RecordedRun(simulated_bag.path, other)
+    with pytest.raises(BagError, match='source must be one of plant, predictor, replay, joints'):
+        RecordedRun(simulated_bag.path, simulated_bag.robot, source='tea')
+    with pytest.raises(BagError, match='must have predictor/modal_state of robot'):
+        RecordedRun(simulated_bag.path, simulated_bag.robot, source='predictor')
+    empty = written(tmp_path / 'empty.mcap', {'/joint_states': []})
+    with pytest.raises(BagError, match=r'bag must have .*, got topics /joint_states'):
+        RecordedRun(empty, simulated_bag.robot)
