@@ -7,7 +7,7 @@ from setuptools import find_packages, setup
 
 HERE = Path(__file__).parent
 NAME = 'denoc_ros'
-NODES = ('feedforward', 'predictor', 'recorder', 'plant')
+NODES = ('feedforward', 'predictor', 'recorder', 'plant', 'viewer')
 
 
 def package_version() -> str:

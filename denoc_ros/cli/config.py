@@ -16,7 +16,8 @@ import yaml
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.overrides import FAMILIES
 
-NODES = ('plant', 'feedforward', 'predictor', 'recorder')
+NODES = ('plant', 'feedforward', 'predictor', 'recorder', 'viewer')
+WHEN_ASKED = ('viewer',)  # started only where the file has them
 OF_ROBOTS = ('plant', 'feedforward', 'predictor')
 KEYS = (
     'robot',
@@ -69,7 +70,7 @@ class SessionConfig:
     nodes : mapping
         Node -> flat parameters, the plant's among them.
     without : frozenset of str
-        Nodes that are not started: `nodes: {NAME: false}`.
+        Nodes that are not started: `nodes: {NAME: false}`, and the viewer where `nodes` has none.
     plant_model : mapping
         Overrides of the model that are true of the plant only.
     phases : tuple of Phase
@@ -189,13 +190,15 @@ class _Checker:
         self._known('the configuration', raw, KEYS)
         plant = flatten(self._mapping('plant', raw.get('plant')))
         listed = self._mapping('nodes', raw.get('nodes'))
-        without = frozenset(name for name in NODES if listed.get(name) is False)
+        without = frozenset(n for n in NODES if listed.get(n, n not in WHEN_ASKED) is False)
         nodes = self._nodes('nodes', {k: v for k, v in listed.items() if k not in without})
         nodes['plant'] = {**nodes.get('plant', {}), **_split(plant, FAMILIES)[1]}
         mechanism = self._mechanism(raw)
         if mechanism:
             for name in OF_ROBOTS:
                 nodes[name] = {**mechanism, **nodes.get(name, {})}
+            shape = {name: value for name, value in mechanism.items() if name == 'posture'}
+            nodes['viewer'] = {**shape, **nodes.get('viewer', {})}
         model = flatten(self._mapping('model', raw.get('model')))
         return SessionConfig(
             path=self._file,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.config import Parameters, Phase, SessionConfig
+from denoc_ros.cli.config import WHEN_ASKED, Parameters, Phase, SessionConfig
 from denoc_ros.cli.node_parameters import node_parameters, node_table, write_parameters
 from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
@@ -22,8 +22,8 @@ LEAD = 0.6  # s from publishing a reference to its start
 SETTLING = 0.1  # s until what was asked for has come about
 LONGEST_SILENCE = 10.0  # s without diagnostics after which a node counts as stuck
 TAIL = 0.2  # s a phase goes on behind its reference
-STOP_ORDER = ('player', 'feedforward', 'predictor', 'plant', 'recorder')
-START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward')
+STOP_ORDER = ('player', 'viewer', 'feedforward', 'predictor', 'plant', 'recorder')
+START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward', 'viewer')
 
 
 @dataclass(frozen=True)
@@ -124,6 +124,8 @@ class Session:
         self._processes.start(name, ['-m', f'denoc_ros.nodes.{name}', *arguments])
         self._driver.wait_active(name, START_TIMEOUT)
         self._progress.say(f'{name}: active after {time.perf_counter() - began:.1f} s')
+        if address := self._driver.diagnostics(f'{name}: page').get('address'):
+            self._progress.say(f'open {address}')
 
     def _adapt(self, phase: Phase) -> None:
         """Give the nodes the phase's parameters: live ones are set, others need a new start."""
@@ -182,7 +184,8 @@ class Session:
         return start - time.perf_counter()
 
     def _check_silence(self) -> None:
-        for name in self._names:
+        # the viewer gives way to everybody: a run does not end for want of it
+        for name in set(self._names) - set(WHEN_ASKED):
             silence = self._driver.silence(name)
             if silence > LONGEST_SILENCE:
                 raise ProcessError(

@@ -59,6 +59,9 @@ def add_parser(subparsers: Any) -> None:
         metavar='PATH=VALUE',
         help='change a value of the configuration or the model (beam.LINK.y.ei=9e4); repeatable',
     )
+    parser.add_argument(
+        '--view', action='store_true', help='show the robot in the browser; prints the address'
+    )
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
 
 
@@ -73,6 +76,8 @@ def run(args: argparse.Namespace) -> int:
         config = dataclasses.replace(config, duration=args.duration)
     if args.record is not None:
         config = dataclasses.replace(config, record=args.record)
+    if args.view:
+        config = _viewed(config)
     with _terminated_like_interrupted():
         folder, summary = bring_up(config, args.input, args.output)
     if args.json:
@@ -212,6 +217,16 @@ def new_folder(output: Path | None) -> Path:
         (folder / 'parameters').mkdir()
         return folder
     raise ConfigError('--output', [TAKEN.format(output)])
+
+
+def _viewed(config: SessionConfig) -> SessionConfig:
+    """Return the session with the viewer, on a free port unless it says which."""
+    viewer = {'port': 0, **config.nodes.get('viewer', {})}
+    return dataclasses.replace(
+        config,
+        nodes={**config.nodes, 'viewer': viewer},
+        without=config.without - {'viewer'},
+    )
 
 
 def _require_ros() -> None:

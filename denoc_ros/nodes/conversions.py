@@ -228,6 +228,14 @@ class JointStateReader:
         self._known = raw[12 : self._end]
 
 
+def joint_names(raw: bytes) -> tuple[str, ...]:
+    """Return the names of a JointState message; InputError `malformed` where there are none."""
+    reader = CdrReader(raw)
+    reader.stamp_ns()
+    reader.string()
+    return tuple(reader.strings())
+
+
 def require_finite(what: str, values: Array) -> None:
     """Refuse values that are not all finite."""
     # faster than np.isfinite(values).all() for the few elements of a message

@@ -137,8 +137,10 @@ class Driver:
 
     def _says_active(self, name: str) -> bool:
         loop = self.diagnostics(f'{name}: loop')
+        page = self.diagnostics(f'{name}: page')
         recording = self.diagnostics(f'{name}: recording')
-        return 'active' in (loop.get('state'), loop.get('')) or 'path' in recording
+        said = (loop.get('state'), loop.get(''), page.get('state'))
+        return 'active' in said or 'path' in recording
 
     def trigger(self, service: str) -> None:
         """Call a Trigger service; NodeError when it fails or does not answer."""

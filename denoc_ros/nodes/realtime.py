@@ -9,6 +9,7 @@ import ctypes
 import gc
 import os
 from collections.abc import Mapping
+from pathlib import Path
 
 PR_SET_TIMERSLACK = 29
 MCL_CURRENT_AND_FUTURE = 3
@@ -48,6 +49,16 @@ def lock_memory(wanted: bool) -> dict[str, str]:
     if _LIBC.mlockall(MCL_CURRENT_AND_FUTURE) != 0:
         return {'lock_memory': f'{REFUSED}: {os.strerror(ctypes.get_errno())}'}
     return {'lock_memory': 'taken: mlockall'}
+
+
+def lower_priority(niceness: int) -> dict[str, str]:
+    """Let others go before all threads that are, and those to come; return as for a thread."""
+    for task in Path('/proc/self/task').iterdir():
+        try:
+            os.setpriority(os.PRIO_PROCESS, int(task.name), niceness)
+        except OSError as error:
+            return {'niceness': f'{REFUSED}: {niceness}, {error.strerror}'}
+    return {'niceness': f'taken: {niceness}'}
 
 
 def settle_garbage() -> dict[str, str]:

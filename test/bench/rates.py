@@ -20,10 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench.rates_blocks import LOOPS, Bench, Block
+from bench.rates_blocks import LOOPS, NODES, Bench, Block
 
 from denoc_ros.cli.config import SessionConfig, load_config
-from denoc_ros.cli.session import START_ORDER
 from denoc_ros.errors import DenocError
 
 LATE_LIMIT = {1000.0: 0.02, 500.0: 0.005}  # share of deadlines, by rate [Hz]
@@ -69,8 +68,7 @@ class Campaign:
             found[kind] = {
                 'late_share': {node: self.median(kind, node) for node in LOOPS},
                 'processor': {
-                    node: float(np.median([b.processor[node] for b in blocks]))
-                    for node in START_ORDER
+                    node: float(np.median([b.processor[node] for b in blocks])) for node in NODES
                 },
                 'missing': self.missing(kind),
                 'published': sum(block.published for block in blocks),
@@ -118,7 +116,7 @@ def table(campaign: Campaign) -> list[str]:
         f'{"":12}{"late ours (worst)":>20}{"late bare (worst)":>20}{"limit":>8}'
         f'{"p99 ours":>11}{"p99 bare":>11}{"core ours":>11}{"core bare":>11}',
     ]
-    for node in START_ORDER:
+    for node in NODES:
         line = f'{node:12}'
         if node in LOOPS:
             for blocks in (campaign.ours, campaign.bare):

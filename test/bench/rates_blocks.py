@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from denoc_ros.cli.config import SessionConfig
 from denoc_ros.cli.processes import Processes, free_domain
 from denoc_ros.cli.progress import Progress
-from denoc_ros.cli.session import START_ORDER, STOP_ORDER, Session, Task
+from denoc_ros.cli.session import STOP_ORDER, Session, Task
 from denoc_ros.cli.up import new_folder
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
@@ -30,6 +30,7 @@ from denoc_ros.nodes.driver import Driver
 from denoc_ros.simulation.reference import trajectory_from_config
 
 LOOPS = ('plant', 'predictor', 'feedforward')
+NODES = ('recorder', *LOOPS)  # in the order they start
 INPUTS = {
     'plant': ('/feedforward/commands',),
     'predictor': ('/joint_states',),
@@ -244,7 +245,7 @@ class Bench:
         folder: Path,
     ) -> None:
         given = {} if priority is None else {'thread_priority': priority}
-        nodes = {name: dict(config.nodes.get(name, {})) for name in START_ORDER}
+        nodes = {name: dict(config.nodes.get(name, {})) for name in NODES}
         for name in LOOPS:
             nodes[name] |= {'update_rate': rate, **given}
         reference = {**config.reference, 'duration': seconds}
@@ -272,7 +273,7 @@ class Bench:
                 session = Session(self._config, self._task, folder, processes, driver, Progress())
                 shares = session.run()
             window = driver.window
-        journals = {name: read(folder / f'{name}.npz') for name in START_ORDER}
+        journals = {name: read(folder / f'{name}.npz') for name in NODES}
         recording = read_recording(next((folder / 'bag').glob('*.mcap')))
         if not self._specs:
             self._specs = self._bare_specs(journals, recording, window)
@@ -319,12 +320,12 @@ class Bench:
         with domain() as environment:
             processes = WatchedProcesses(folder, environment)
             try:
-                for name in START_ORDER:
+                for name in NODES:
                     more = {'bag': str(bag)} if name == 'recorder' else {}
                     spec = folder / f'{name}.json'
                     spec.write_text(json.dumps({**self._specs[name], **more}))
                     processes.start_bare(name, spec)
-                wait_for([folder / f'{name}.ready' for name in START_ORDER], processes)
+                wait_for([folder / f'{name}.ready' for name in NODES], processes)
                 window, before = Window(), processes.cpu_seconds()
                 time.sleep(self._seconds)
                 after = processes.cpu_seconds()
@@ -333,7 +334,7 @@ class Bench:
                 processes.stop_all(STOP_ORDER)
         elapsed = window.finish - window.begin
         shares = {name: (after[name] - before[name]) / elapsed for name in after}
-        journals = {name: read(folder / f'{name}.npz') for name in START_ORDER}
+        journals = {name: read(folder / f'{name}.npz') for name in NODES}
         return judge(journals, read_recording(bag), window, shares)
 
 

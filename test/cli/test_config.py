@@ -56,7 +56,7 @@ reference: {kind: circle}
 duration: -1
 record: perhaps
 colour: red
-nodes: {viewer: {}, plant: 3}
+nodes: {visor: {}, plant: 3}
 model: {beam.arm.y.ei: much, mass: 1}
 phases: [{name: a}, {name: a}, {feedforward: {}}]
 """
@@ -69,7 +69,7 @@ phases: [{name: a}, {name: a}, {feedforward: {}}]
         "reference's kind must be of book, points, sine, got 'circle'",
         r'duration must be a number >= 0 s .*, got -1',
         "record must be true or false, got 'perhaps'",
-        "nodes's keys must be of .*, got 'viewer'",
+        "nodes's keys must be of .*, got 'visor'",
         'nodes.plant must be a mapping, got int 3',
         "model beam.arm.y.ei must be a finite number or some, got 'much'",
         "model's paths must start with .*, got 'mass'",
@@ -111,6 +111,13 @@ def test_settings_reach_their_place(folder: Path) -> None:
 def test_a_bad_setting_is_refused(folder: Path, setting: str) -> None:
     with pytest.raises(ConfigError, match=f'--set must .*, got {setting!r}'):
         load_config(folder / 'good.yaml', [setting])
+
+
+def test_the_viewer_is_started_only_where_the_file_has_it(folder: Path) -> None:
+    assert 'viewer' in load_config(folder / 'good.yaml').without
+    for setting, started in (('{}', True), ('{port: 0}', True), ('false', False)):
+        config = load_config(folder / 'good.yaml', [f'nodes.viewer={setting}'])
+        assert ('viewer' not in config.without) == started
 
 
 def test_flatten_joins_names() -> None:

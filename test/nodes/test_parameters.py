@@ -103,7 +103,7 @@ def test_the_documentation_has_every_row() -> None:
     assert len(text.splitlines()) == len(TABLE.rows) + 2
 
 
-NODES = ('feedforward', 'plant', 'predictor', 'recorder')
+NODES = ('feedforward', 'plant', 'predictor', 'recorder', 'viewer')
 
 
 @pytest.mark.ros

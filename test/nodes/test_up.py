@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from viewer_client import ViewerClient
 
 from denoc_ros.bags.reader import bag_topics, read_attachment
 from denoc_ros.cli.session import LONGEST_SILENCE
@@ -95,12 +96,17 @@ def test_both_feedforwards_run_are_recorded_and_reported(tmp_path: Path) -> None
 
 def test_ctrl_c_ends_all_nodes_and_leaves_a_whole_bag(tmp_path: Path) -> None:
     run = tmp_path / 'run'
-    process = up(CANADARM, '--output', str(run), *PLANT_ONLY)
+    process = up(CANADARM, '--output', str(run), '--view', *PLANT_ONLY)
     assert process.stderr is not None
+    address = ''
     for line in process.stderr:
+        if line.startswith('open http'):
+            address = line.split()[1]
         if line.startswith('rigid feedforward:'):
             break
-    wait_for_recording(run)
+    with ViewerClient(address) as browser:
+        assert browser.receive(10.0)  # what the page has to begin with
+        wait_for_recording(run)
     process.send_signal(signal.SIGINT)
     status, _, err = finish(process)
     assert status == 130

@@ -1,0 +1,54 @@
+"""How often something that may wait is done; nothing here needs ROS."""
+
+from __future__ import annotations
+
+SLOWEST = 1.0  # s between two rounds of whatever cost
+SMOOTHING = 0.2  # weight of the newest round in the mean cost
+
+
+class Pace:
+    """Rounds at a rate, and at a lower one where they take more than their share of the time.
+
+    Parameters
+    ----------
+    rate : float
+        Hz, at most.
+    share : float
+        Of the time that rounds may take.
+
+    Attributes
+    ----------
+    period : float
+        s between rounds, as things are.
+    """
+
+    def __init__(self, rate: float, share: float) -> None:
+        self._shortest = 1.0 / rate
+        self._share = share
+        self._cost = 0.0
+        self._due = 0.0
+        self.period = self._shortest
+
+    def begin(self, now: float) -> None:
+        """Start with a round at once [s]; what rounds cost is remembered."""
+        self._due = now
+
+    def late(self, now: float) -> float:
+        """Return how late the round that is due begins [s]."""
+        return max(0.0, now - self._due)
+
+    def wait(self, now: float, cost: float) -> float:
+        """Return how long to wait until the next round [s].
+
+        Parameters
+        ----------
+        now : float
+            s, at the end of a round.
+        cost : float
+            s that it took, or kept a processor, whichever is more.
+        """
+        self._cost += SMOOTHING * (cost - self._cost)
+        self.period = min(max(self._shortest, self._cost / self._share), SLOWEST)
+        # rounds keep their times; those that were missed are not made up for
+        self._due = max(self._due + self.period, now)
+        return self._due - now

@@ -1,0 +1,213 @@
+"""The viewer node: what the robot does now, in the browser."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sensor_msgs.msg import JointState
+
+from denoc_ros.errors import ConfigError
+from denoc_ros.nodes.diagnostics import WARN, Status, realtime_status
+from denoc_ros.nodes.live_moments import LiveMoments
+from denoc_ros.nodes.model_node import ModelNode
+from denoc_ros.nodes.pace import Pace
+from denoc_ros.nodes.polled_inputs import PolledInputs
+from denoc_ros.nodes.process import run
+from denoc_ros.nodes.realtime import lower_priority
+from denoc_ros.nodes.viewer_parameters import TABLE
+from denoc_ros.viewer.moment import Moment
+
+if TYPE_CHECKING:
+    from denoc_ros.viewer.page import Page
+
+LOOK_PERIOD = 0.2  # s between looks whether anybody watches
+LINGER = 2.0  # s that the inputs stay open when the last one has gone: a page that is reloaded
+
+NO_VISER = 'viser must be importable, got: {}; pip install "denoc_ros[viewer]"'
+EXPOSED = 'the page is served beyond this machine ({}): whoever reaches it can look'
+
+
+class ViewerNode(ModelNode):
+    """Draws the newest state on a page, as often as it can without being in anybody's way.
+
+    While nobody watches it listens to nothing.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('viewer', TABLE, **options)
+        self.page: Page | None = None
+        self.exposed = ''
+        self._thread: threading.Thread | None = None
+        self._stopped = threading.Event()
+        self._reset_wanted = False
+        self._drawn = self._drawn_reported = 0
+        self._reported = time.perf_counter()
+        self.offer('~/reset', self._reset)
+
+    # ---- configure
+
+    def configure(self) -> None:
+        """Give way to other processes, load the robot, serve the page."""
+        if self.owns_process:
+            self.knobs.update(lower_priority(self.settings.integer('niceness')))
+        super().configure()
+
+    def prepare(self) -> None:
+        """Build the page and what reads the topics."""
+        settings, robot = self.settings, self.robot
+        posture = self.posture(robot, settings)
+        states = settings.texts('state_topics')
+        others = settings.text('effort_topic'), settings.text('residual_topic')
+        topics = [self.resolve_topic_name(name) for name in (*states, *others) if name]
+        if not states or len(set(topics)) < len(topics):
+            raise ConfigError(
+                self.get_fully_qualified_name(),
+                [f"parameter 'state_topics' must name topics different from all, got {topics}"],
+            )
+        self.moments = LiveMoments(robot, posture, states, *others, settings.number('timeout'))
+        self.page = self._serve()
+        if robot.tree.loops:
+            posture = robot.assemble(posture)
+        self.page.show(Moment(0.0, posture))
+        self.inputs = PolledInputs(self, dict.fromkeys(self.moments.topics, JointState))
+        self.get_logger().info(f'open {self.page.address}')
+        if self.exposed:
+            self.get_logger().warning(self.exposed)
+
+    def _serve(self) -> Page:
+        """Return the page, served."""
+        try:
+            from denoc_ros.viewer.page import LOOPBACK, Page
+        except ImportError as error:
+            name = self.get_fully_qualified_name()
+            raise ConfigError(name, [NO_VISER.format(error)]) from error
+        settings = self.settings
+        path, host = settings.text('urdf_path'), settings.text('host')
+        self.exposed = '' if host in LOOPBACK else EXPOSED.format(host)
+        return Page(
+            self.robot,
+            host,
+            settings.integer('port'),
+            scale=settings.number('deflection_scale'),
+            folder=Path(path).parent if path else None,
+        )
+
+    def cleanup(self) -> None:
+        """Take the page down."""
+        if self.page is not None:
+            self.page.close()
+            self.inputs.close()
+            self.page = None
+
+    # ---- drawing, in a thread of its own
+
+    def activate(self) -> None:
+        """Start to draw."""
+        settings = self.settings
+        self.pace = Pace(settings.number('rate'), settings.number('share'))
+        self._stopped.clear()
+        self._thread = threading.Thread(target=self._run, name='drawing', daemon=True)
+        self._thread.start()
+
+    def deactivate(self) -> None:
+        """Stop drawing; the page stays as it is."""
+        self._stopped.set()
+        if self._thread is not None:
+            self._thread.join(5.0)
+
+    def _reset(self) -> str:
+        """Forget the topics' last stamps: what comes next may be older."""
+        self._reset_wanted = True
+        return 'from the next message on'
+
+    def _run(self) -> None:
+        try:
+            self._draw_while_watched()
+        except Exception as error:
+            self.fatal = f'drawing failed: {type(error).__name__}: {error}'
+        finally:
+            self.inputs.shut()
+
+    def _draw_while_watched(self) -> None:
+        assert self.page is not None
+        seen = time.perf_counter() - LINGER
+        while not self._stopped.is_set():
+            now = time.perf_counter()
+            if self.page.clients:
+                seen = now
+            if now - seen >= LINGER:
+                self.inputs.shut()
+                self._stopped.wait(LOOK_PERIOD)
+                continue
+            if not self.inputs.is_open:
+                self._listen(now)
+            self._stopped.wait(self._draw(now))
+
+    def _listen(self, now: float) -> None:
+        self.inputs.open()
+        self.moments.forget()
+        self.pace.begin(now)
+        self._used = time.process_time()
+
+    def _draw(self, now: float) -> float:
+        """Draw the newest; return how long to wait [s]."""
+        assert self.page is not None
+        if self._reset_wanted:
+            self._reset_wanted = False
+            self.inputs.forget()
+            self.moments.forget()
+        late = self.pace.late(now)
+        self.inputs.take(self.moments.take)
+        moment = self.moments.moment(now)
+        if moment is not None:
+            self.page.show(moment)
+            self._drawn += 1
+        # of all threads: the server's, which sends, and the middleware's
+        used = time.process_time()
+        spent, self._used = used - self._used, used
+        end = time.perf_counter()
+        return self.pace.wait(end, max(end - now + late, spent))
+
+    # ---- diagnostics
+
+    def statuses(self) -> list[Status]:
+        """Return what is drawn, for whom, how often."""
+        page = self.page
+        if page is None or self.state not in ('active', 'inactive'):
+            return [Status('page', message=self.state)]
+        now = time.perf_counter()
+        drawn, before = self._drawn, self._drawn_reported
+        rate = (drawn - before) / max(now - self._reported, 1e-3)
+        self._drawn_reported, self._reported = drawn, now
+        clients = page.clients
+        status = Status('page', message=f'open {page.address}')
+        status.values = {
+            'state': self.state,
+            'address': page.address,
+            'clients': clients,
+            'rate_hz': rate,
+            'drawn': drawn,
+            'source': self.moments.source or 'none',
+        }
+        if self.state == 'active':
+            status.values['allowed_rate_hz'] = 1.0 / self.pace.period
+        if self.exposed:
+            status.worsen(WARN, self.exposed)
+        if clients and self.inputs.is_open and not self.moments.source:
+            topics = ', '.join(self.settings.texts('state_topics'))
+            status.worsen(WARN, f'nothing to draw: no fresh message on {topics}')
+        return [status, realtime_status(self.knobs)]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the node (console script `denoc-viewer`)."""
+    sys.exit(run(ViewerNode, arguments))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,193 @@
+"""The viewer node on real DDS, its page to a client that does not draw."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from node_robots import GRAVITY, two_links
+from sensor_msgs.msg import JointState
+from viewer_client import ViewerClient
+
+from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.nodes.viewer import ViewerNode
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> str:
+    file = tmp_path / 'arm.urdf'
+    file.write_text(two_links())
+    return str(file)
+
+
+@pytest.fixture
+def viewer(graph: Any, urdf: str) -> Any:
+    def make(**parameters: Any) -> Any:
+        given = {'urdf_path': urdf, 'gravity': GRAVITY, 'port': 0, **parameters}
+        node = graph.add(ViewerNode, parameters=given)
+        node.shown = []
+        node.page.show = node.shown.append
+        return node
+
+    return make
+
+
+@pytest.fixture
+def watch() -> Iterator[Any]:
+    """Watch a page until the test ends, or until what is returned is called."""
+    ends: list[Any] = []
+
+    def begin(address: str) -> Any:
+        client = ViewerClient(address)
+        stop = threading.Event()
+
+        def receive() -> None:
+            while not stop.is_set():
+                client.receive(0.05)
+            client.close()
+
+        thread = threading.Thread(target=receive)
+        thread.start()
+
+        def end() -> None:
+            stop.set()
+            thread.join(5.0)
+
+        ends.append(end)
+        return end
+
+    yield begin
+    for end in ends:
+        end()
+
+
+def stamped(names: Any, position: Any, effort: Any = ()) -> JointState:
+    message = JointState(name=list(names), position=list(position), effort=list(effort))
+    seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
+    message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanoseconds
+    return message
+
+
+def test_it_listens_and_draws_only_while_somebody_watches(
+    graph: Any, viewer: Any, watch: Any, urdf: str
+) -> None:
+    node = viewer()
+    states = graph.probe.create_publisher(JointState, 'joint_states', 10)
+    graph.spin(0.5)
+    assert states.get_subscription_count() == 0
+    leave = watch(node.page.address)
+    graph.until(lambda: states.get_subscription_count() > 0)
+
+    def drawn() -> bool:
+        states.publish(stamped(['j2', 'j1'], [0.2, 0.1], [4.0, 3.0]))
+        return len(node.shown) > 5
+
+    graph.until(drawn)
+    robot = load_robot(urdf)
+    wanted = np.zeros(robot.n)
+    wanted[robot.joint_indices] = 0.1, 0.2
+    np.testing.assert_array_equal(node.shown[-1].q, wanted)
+    assert node.shown[-1].torque == {'j1': 3.0, 'j2': 4.0}
+    graph.until(lambda: graph.value('viewer: page', 'clients') == '1')
+    assert graph.value('viewer: page', 'address') == node.page.address
+    leave()
+    graph.until(lambda: states.get_subscription_count() == 0)
+    count = len(node.shown)
+    graph.spin(0.3)
+    assert len(node.shown) == count
+
+
+def test_garbage_and_second_publishers_are_counted_and_not_drawn(
+    graph: Any, viewer: Any, watch: Any
+) -> None:
+    node = viewer()
+    watch(node.page.address)
+    states = graph.publisher(JointState, 'joint_states')
+
+    def refused(cause: str, message: JointState) -> bool:
+        states.publish(message)
+        return graph.value('viewer: inputs', f'/joint_states rejected {cause}') is not None
+
+    graph.until(lambda: refused('non_finite', stamped(['j1', 'j2'], [float('nan'), 0.0])))
+    graph.until(lambda: refused('unknown_joint', stamped(['six'], [0.0])))
+    assert node.shown == []
+    second = graph.publisher(JointState, 'joint_states')
+    good = stamped(['j1', 'j2'], [0.1, 0.2])
+    graph.until(lambda: refused('second_publisher', good))
+    graph.probe.destroy_publisher(second)
+
+    def drawn() -> bool:
+        states.publish(stamped(['j1', 'j2'], [0.1, 0.2]))
+        return bool(node.shown)
+
+    graph.until(drawn)
+
+
+def test_it_draws_at_its_rate_however_fast_the_topic_is(
+    graph: Any, viewer: Any, watch: Any
+) -> None:
+    node = viewer(rate=10.0)
+    watch(node.page.address)
+    states = graph.publisher(JointState, 'joint_states')
+
+    def drawn() -> bool:
+        states.publish(stamped(['j1', 'j2'], [0.1, 0.2]))
+        return len(node.shown) > 15
+
+    graph.until(drawn)
+    times = np.array([moment.t for moment in node.shown])
+    # rounds keep their times: a late one is followed by one that is early as much
+    assert np.median(np.diff(times)) == pytest.approx(0.1, abs=0.03)
+    assert len(times) <= 10.0 * (times[-1] - times[0]) + 2
+
+
+def test_beyond_loopback_it_warns(graph: Any, viewer: Any) -> None:
+    viewer(host='0.0.0.0')
+    graph.until(lambda: 'viewer: page' in graph.diagnostics)
+    status = graph.diagnostics['viewer: page']
+    assert status.level == b'\x01'
+    assert 'beyond this machine (0.0.0.0)' in status.message
+
+
+def test_what_cannot_be_served_fails_the_configuration(graph: Any, urdf: str) -> None:
+    taken = graph.add(ViewerNode, parameters={'urdf_path': urdf, 'port': 0})
+    port = int(taken.page.address.rpartition(':')[2])
+    for given, says in (
+        ({'port': port}, str(port)),
+        ({'host': 'no.such.host.invalid'}, 'no.such.host.invalid'),
+        ({'state_topics': []}, "'state_topics' must name"),
+    ):
+        node = graph.add(
+            ViewerNode, start=False, parameters={'urdf_path': urdf, 'port': 0, **given}
+        )
+        node.trigger_configure()
+        assert node.state == 'unconfigured'
+        assert says in node.failure
+
+
+def test_it_can_be_configured_again(graph: Any, viewer: Any, watch: Any) -> None:
+    node = viewer()
+    node.trigger_deactivate()
+    node.trigger_cleanup()
+    gone = node.page
+    assert gone is None
+    node.trigger_configure()
+    node.trigger_activate()
+    assert node.state == 'active', node.failure
+    shown: list[Any] = []
+    node.page.show = shown.append
+    watch(node.page.address)
+    states = graph.publisher(JointState, 'joint_states')
+
+    def drawn() -> bool:
+        states.publish(stamped(['j1', 'j2'], [0.1, 0.2]))
+        return bool(shown)
+
+    graph.until(drawn)
