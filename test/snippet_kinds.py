@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from launch_stand_in import arguments as launch_arguments
 from pages import Snippet
 
 from denoc_ros.cli.config import NODES, find_file, load_config, load_yaml
@@ -136,10 +137,10 @@ def check_parameters(node: str, values: Any) -> None:
 def check_launch(words: list[str]) -> None:
     """The launch file exists and declares the arguments."""
     assert words[0] == 'denoc_ros', words
-    source = (ROOT / 'launch' / words[1]).read_text(encoding='utf-8')
+    declared = launch_arguments(ROOT / 'launch' / words[1])
     for word in words[2:]:
         name = word.partition(':=')[0]
-        assert re.search(rf"Argument\(\s*'{name}'", source), f'{words[1]} has no argument {name}'
+        assert name in declared, f'{words[1]} has no argument {name}'
 
 
 def check_ros_name(word: str) -> None:

@@ -1,0 +1,169 @@
+"""What the launch files have in common; `launch` and `launch_ros` come with a full ROS only."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+WITH_ROBOT = ('feedforward', 'predictor', 'plant', 'viewer')
+WITH_RATE = ('feedforward', 'predictor', 'plant')
+PACKAGE = 'denoc_ros'
+
+
+@dataclass(frozen=True)
+class Argument:
+    """A launch argument; one without a default must be given."""
+
+    name: str
+    description: str
+    default: str | None = None
+    choices: tuple[str, ...] = ()
+
+
+ROBOT = Argument('urdf', 'file of the robot')
+URDF = Argument('urdf', 'file of the robot; empty: what params or robot_description say', '')
+RECORD = Argument('record', 'record all topics into a bag', 'false', ('true', 'false'))
+OUTPUT = Argument('output', "the bag's folder, which must not exist; empty: by the time", '')
+VIEWER = Argument('viewer', 'show the robot in the browser', 'false', ('true', 'false'))
+RVIZ = Argument('rviz', "start RViz with the package's configuration", 'false', ('true', 'false'))
+RATE = Argument('update_rate', 'rate of the loops [Hz]; empty: what params say', '')
+BAG = Argument('bag', 'the recording whose joint states are played')
+SPEED = Argument('speed', 'of the clock the recording is played by', '1.0')
+
+
+def description(
+    nodes: Sequence[str],
+    *arguments: Argument,
+    urdf: Argument = URDF,
+    file: str = 'bringup.yaml',
+) -> Any:
+    """Return a launch description of nodes.
+
+    Parameters
+    ----------
+    nodes : sequence of str
+        Those that always run. Beside them run, where there are such arguments and they say so,
+        the recorder, the viewer, RViz and the player of a bag.
+    *arguments : Argument
+        Of the launch file beside `urdf` and `params`.
+    urdf : Argument
+        The robot's.
+    file : str
+        The parameter file in config/ that is taken where `params` is empty.
+    """
+    from launch.actions import DeclareLaunchArgument, OpaqueFunction
+    from launch.substitutions import LaunchConfiguration
+
+    from launch import LaunchDescription
+
+    params = Argument('params', f'file of parameters; empty: config/{file} of the package', '')
+    everything = (urdf, params, *arguments)
+
+    def start(context: Any) -> list[Any]:
+        given = {each.name: LaunchConfiguration(each.name).perform(context) for each in everything}
+        return actions(nodes, given, file)
+
+    declared = [
+        DeclareLaunchArgument(
+            each.name,
+            default_value=each.default,
+            description=each.description,
+            choices=list(each.choices) or None,
+        )
+        for each in everything
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=start)])
+
+
+def simulation(record: str = 'false', output: str = '') -> Any:
+    """Return the launch description of a simulated robot under control.
+
+    Parameters
+    ----------
+    record, output : str
+        Defaults of these arguments.
+    """
+    return description(
+        ('plant', 'predictor', 'feedforward'),
+        RATE,
+        replace(RECORD, default=record),
+        replace(OUTPUT, default=output),
+        VIEWER,
+        RVIZ,
+        urdf=ROBOT,
+    )
+
+
+def actions(nodes: Sequence[str], given: Mapping[str, str], file: str) -> list[Any]:
+    """Return what a launch file starts when its arguments are as given."""
+    from launch.substitutions import PathJoinSubstitution
+    from launch_ros.substitutions import FindPackageShare
+
+    config = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config'])
+    switches = {'recorder': 'record', 'viewer': 'viewer'}
+    wanted = [name for name, switch in switches.items() if on(given, switch)]
+    params = given['params'] or PathJoinSubstitution([config, file])
+    found = [node(name, params, given) for name in (*nodes, *wanted)]
+    if on(given, 'rviz'):
+        found.append(rviz(PathJoinSubstitution([config, 'denoc.rviz'])))
+    if 'bag' in given:
+        found.append(player(given['bag'], given['speed'], nodes))
+    return found
+
+
+def on(given: Mapping[str, str], switch: str) -> bool:
+    """Say whether a switch is there and on."""
+    return given.get(switch) == 'true'
+
+
+def node(name: str, params: Any, given: Mapping[str, str]) -> Any:
+    """Return a node with a file's parameters, and over them those that were given."""
+    from launch_ros.actions import LifecycleNode
+    from launch_ros.parameter_descriptions import ParameterValue
+
+    own: dict[str, Any] = {}
+    # a text stays a text: without its type it would be read as YAML
+    if name in WITH_ROBOT and given.get('urdf'):
+        own['urdf_path'] = ParameterValue(given['urdf'], value_type=str)
+    if name in WITH_RATE and given.get('update_rate'):
+        own['update_rate'] = float(given['update_rate'])
+    if name == 'recorder' and given.get('output'):
+        own['output'] = ParameterValue(given['output'], value_type=str)
+    return LifecycleNode(
+        package=PACKAGE,
+        executable=name,
+        name=name,
+        namespace='',
+        output='screen',
+        parameters=[params, own] if own else [params],
+    )
+
+
+def rviz(configuration: Any) -> Any:
+    """Return RViz with a configuration file."""
+    from launch_ros.actions import Node
+
+    return Node(package='rviz2', executable='rviz2', name='rviz', arguments=['-d', configuration])
+
+
+def player(bag: str, speed: str, listeners: Sequence[str]) -> Any:
+    """Return what plays a bag's joint states when all who are to listen do, and ends it all."""
+    from launch.actions import ExecuteProcess, Shutdown
+
+    return ExecuteProcess(
+        cmd=[
+            sys.executable,
+            '-m',
+            'denoc_ros.nodes.player',
+            bag,
+            '--speed',
+            speed,
+            '--listeners',
+            *listeners,
+        ],
+        name='player',
+        output='screen',
+        on_exit=Shutdown(reason='the recording is over'),
+    )

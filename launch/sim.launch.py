@@ -1,0 +1,12 @@
+"""A simulated robot under control: ros2 launch denoc_ros sim.launch.py urdf:=ROBOT."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from denoc_ros.nodes import launching
+
+
+def generate_launch_description() -> Any:
+    """Return the launch description."""
+    return launching.simulation()

@@ -1,0 +1,182 @@
+"""Launch files: arguments that are described, nodes and parameters that there are."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import py_compile
+from argparse import ArgumentParser
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+from launch_stand_in import Context, ExecuteProcess, LifecycleNode, Node, arguments, started
+
+from denoc_ros.cli.config import NODES
+
+ROOT = Path(__file__).resolve().parent.parent
+FILES = sorted((ROOT / 'launch').glob('*.launch.py'))
+ROBOT = str(ROOT / 'config' / 'robots' / 'canadarm.urdf')
+# what each starts when it is given no more than it needs
+STARTS = {
+    'bringup': {'predictor', 'feedforward'},
+    'feedforward': {'feedforward'},
+    'replay': {'predictor', 'feedforward', 'viewer', 'player'},
+    'sim': {'plant', 'predictor', 'feedforward'},
+    'simulation': {'plant', 'predictor', 'feedforward', 'recorder'},
+}
+NEEDED = {
+    'bringup': {},
+    'feedforward': {},
+    'replay': {'bag': 'run/bag', 'urdf': ROBOT},
+    'sim': {'urdf': ROBOT},
+    'simulation': {'urdf': ROBOT},
+}
+
+
+def path(name: str) -> Path:
+    return ROOT / 'launch' / f'{name}.launch.py'
+
+
+def context() -> Context:
+    return Context({'denoc_ros': ROOT})
+
+
+def start(name: str, **given: str) -> dict[str, Any]:
+    """Return what a launch file starts, by name."""
+    found = started(path(name), {**NEEDED[name], **given}, context())
+    named = {label(process): process for process in found}
+    assert len(named) == len(found)
+    return named
+
+
+def label(process: ExecuteProcess) -> str:
+    return str(process.node_name if isinstance(process, Node) else process.options['name'])
+
+
+def test_every_launch_file_is_tried() -> None:
+    assert [file.name for file in FILES] == [f'{name}.launch.py' for name in sorted(STARTS)]
+
+
+@pytest.mark.parametrize('file', FILES, ids=lambda file: file.stem)
+def test_it_compiles_and_imports_nothing_that_is_not_there(file: Path, tmp_path: Path) -> None:
+    py_compile.compile(str(file), str(tmp_path / 'compiled'), doraise=True)
+    for statement in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
+        if isinstance(statement, ast.ImportFrom) and statement.module:
+            assert importlib.util.find_spec(statement.module), statement.module
+
+
+@pytest.mark.parametrize('name', sorted(STARTS))
+def test_it_starts_these_nodes_with_the_arguments_it_needs(name: str) -> None:
+    assert set(start(name)) == STARTS[name]
+    declared = arguments(path(name))
+    required = {each.name for each in declared.values() if each.default_value is None}
+    assert required == set(NEEDED[name])
+    for argument in required:
+        given = {key: value for key, value in NEEDED[name].items() if key != argument}
+        with pytest.raises(RuntimeError, match=argument):
+            started(path(name), given, context())
+
+
+@pytest.mark.parametrize('name', sorted(STARTS))
+def test_every_argument_is_described_and_has_an_effect(name: str) -> None:
+    for argument in arguments(path(name)).values():
+        assert argument.description
+        base = {'record': 'true'} if argument.name == 'output' else {}
+        if argument.choices is not None:
+            other = next(each for each in argument.choices if each != argument.default_value)
+        elif argument.name == 'params':
+            other = str(ROOT / 'config' / 'plant.yaml')
+        else:
+            other = '7.5'  # a path, a rate or a speed
+        after = shown(start(name, **base, **{argument.name: other}))
+        assert after != shown(start(name, **base))
+
+
+def shown(processes: dict[str, Any]) -> dict[str, Any]:
+    where = context()
+    return {
+        name: (
+            process.command(where),
+            process.parameters(where) if isinstance(process, Node) else None,
+        )
+        for name, process in processes.items()
+    }
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('name', sorted(STARTS))
+def test_nodes_are_executables_of_ours_and_take_their_parameters(name: str) -> None:
+    switches = {'record', 'viewer'} & set(arguments(path(name)))
+    given = dict.fromkeys(switches, 'true')
+    rates = {'update_rate': '500'} if 'update_rate' in arguments(path(name)) else {}
+    outputs = {'output': '12'} if 'output' in arguments(path(name)) else {}
+    for node, process in start(name, urdf=ROBOT, **given, **rates, **outputs).items():
+        if not isinstance(process, LifecycleNode):
+            continue
+        assert (process.package, process.executable) == ('denoc_ros', node)
+        assert node in NODES
+        assert (ROOT / 'scripts' / node).is_file()
+        parameters = process.parameters(context())
+        table = import_module(f'denoc_ros.nodes.{node}_parameters').TABLE
+        settings = table.settings(parameters, node)
+        if node == 'recorder':
+            assert settings.text('output') == '12'  # which YAML would take for a number
+            continue
+        assert settings.text('urdf_path') == ROBOT
+        if rates and node != 'viewer':
+            assert settings.number('update_rate') == 500.0
+
+
+def test_what_params_say_stays_where_an_argument_is_empty(tmp_path: Path) -> None:
+    file = tmp_path / 'mine.yaml'
+    file.write_text('predictor: {ros__parameters: {urdf_path: mine.urdf, update_rate: 250.0}}')
+    predictor = start('bringup', params=str(file))['predictor']
+    assert predictor.parameters(context()) == {'urdf_path': 'mine.urdf', 'update_rate': 250.0}
+
+
+def test_rviz_opens_the_package_s_configuration() -> None:
+    rviz = start('bringup', rviz='true')['rviz']
+    assert rviz.package == rviz.executable == 'rviz2'
+    *_, flag, file = rviz.command(context())
+    assert flag == '-d'
+    assert Path(file) == ROOT / 'config' / 'denoc.rviz'
+
+
+@pytest.mark.ros
+def test_the_player_is_called_as_its_command_line_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    from denoc_ros.nodes import player
+
+    processes = start('replay', speed='0.5')
+    command = processes['player'].command(context())
+    assert command[1:3] == ['-m', 'denoc_ros.nodes.player']
+    seen: list[Any] = []
+    parse = ArgumentParser.parse_args
+
+    def stop(parser: Any, given: Any) -> Any:
+        seen.append(parse(parser, given))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ArgumentParser, 'parse_args', stop)
+    with pytest.raises(KeyboardInterrupt):
+        player.main(command[3:])
+    options = seen[0]
+    assert (str(options.bag), options.speed) == ('run/bag', 0.5)
+    # those that the player waits for are there
+    assert set(options.listeners) == {'predictor', 'feedforward'} <= set(processes)
+
+
+def test_a_switch_is_on_or_off() -> None:
+    with pytest.raises(RuntimeError, match='viewer'):
+        start('bringup', viewer='maybe')
+
+
+def test_it_loads_with_the_launch_of_ros_where_that_is_installed() -> None:
+    real = importlib.util.find_spec('launch_ros')
+    for file in FILES if real else ():
+        source = import_module('launch.launch_description_sources')
+        loaded = source.PythonLaunchDescriptionSource(str(file))
+        description = loaded.get_launch_description(import_module('launch').LaunchContext())
+        declared = {each.name for each in description.get_launch_arguments()}
+        assert declared == set(arguments(file))
