@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -161,18 +160,6 @@ def channels_of(path: str | Path) -> list[Channel]:
 def is_table(path: Path) -> bool:
     """Say whether a path is that of a table."""
     return path.suffix.lower() in READERS
-
-
-def file_hash(path: str | Path) -> str:
-    """Return the SHA-256 of a file, or of a bag folder's files in the order of their names."""
-    path = Path(path)
-    digest = hashlib.sha256()
-    parts = sorted(p for p in path.rglob('*') if p.is_file()) if path.is_dir() else [path]
-    for part in parts:
-        with part.open('rb') as stream:
-            while block := stream.read(1 << 20):
-                digest.update(block)
-    return digest.hexdigest()
 
 
 def _deflection_unit(channel: Channel) -> str:

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import yaml
 
+from denoc_ros.bags.digest import file_hash
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.analysis import DecayAnalysis
-from denoc_ros.identification.channel import Reading, file_hash
+from denoc_ros.identification.channel import Reading
 from denoc_ros.identification.damping import SCALING, Assigned
 from denoc_ros.identification.modes import Modes
 from denoc_ros.identification.quality import Quality

@@ -14,7 +14,6 @@ from denoc_ros.errors import BagError
 from denoc_ros.identification.channel import (
     Channel,
     channels_of,
-    file_hash,
     joint_positions,
     read_record,
 )
@@ -141,13 +140,3 @@ def test_what_a_file_does_not_have_is_said_with_what_it_has(bag: Path, tmp_path:
         (tmp_path / name).write_text(text)
         with pytest.raises(BagError, match='table must'):
             read_record(tmp_path / name, Channel(field='a'))
-
-
-def test_the_hash_is_of_the_bytes(tmp_path: Path) -> None:
-    first, second = tmp_path / 'a', tmp_path / 'b'
-    for folder in (first, second):
-        folder.mkdir()
-        (folder / 'x.mcap').write_bytes(b'1')
-    assert file_hash(first) == file_hash(second)
-    (second / 'x.mcap').write_bytes(b'2')
-    assert file_hash(first) != file_hash(second)
