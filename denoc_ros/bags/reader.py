@@ -21,6 +21,7 @@ from denoc_ros.errors import BagError
 Stamp = Literal['header', 'log']
 
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
+SESSION_ATTACHMENT = 'session.json'  # what a simulated run was
 DESCRIPTION_TOPIC = 'robot_description'
 
 

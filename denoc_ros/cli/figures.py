@@ -1,39 +1,54 @@
-"""Figures of a run as inline SVG: small multiples, units on every axis, one legend each."""
+"""Figures of a page as inline SVG: small panels, units on every axis, colours by CSS variables."""
 
 from __future__ import annotations
 
 import io
 import itertools
-import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from html import escape
 
 import numpy as np
-from matplotlib.artist import Artist
+from markupsafe import Markup
+from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
 from denoc_ros.cli.measures import LoopMeasure
 
 Array = NDArray[np.float64]
 
-# Colour-blind safe; a phase keeps its colour in every figure.
-PHASE_COLOURS = ('#d1622b', '#1f6fb2', '#2e8b57', '#8e5ea2')
-TRUTH_COLOUR = '#20242a'
-DIFFERENCE_COLOUR = '#9ca3af'
-MUTED = '#6b7280'
+# Names of the page's CSS variables: a phase keeps its colour in every figure and every theme.
+PHASE_COLOURS = ('series-1', 'series-2', 'series-3', 'series-4')
+TRUTH_COLOUR = 'ink'
+DIFFERENCE_COLOUR = 'difference'
+BAR_COLOUR = 'bars'
+GRID_COLOUR = 'line'
+AXIS_COLOUR = 'muted'
+COLOURS = (
+    *PHASE_COLOURS,
+    TRUTH_COLOUR,
+    DIFFERENCE_COLOUR,
+    BAR_COLOUR,
+    GRID_COLOUR,
+    AXIS_COLOUR,
+)
 PIXELS = 900  # columns a curve is thinned to: finer than a page shows
-WIDTH = 9.6  # inches of a full-width figure
+WIDTH, LONE_WIDTH = 4.4, 5.0  # inches of a panel: text of 10 points is read on a phone too
+HISTOGRAM_HEIGHT = 2.0  # inches
 LAST_PERIOD = 2.0  # nominal periods a histogram shows
-SCALES = ((1.0, ''), (1e-3, 'm'), (1e-6, 'µ'))
+PLAIN = (1.0, '')
+SCALES = ((1e6, 'M'), (1e3, 'k'), PLAIN, (1e-3, 'm'), (1e-6, 'µ'))
 STYLE = {
     'font.family': 'sans-serif',
-    'font.size': 9.0,
+    'font.size': 10.0,
     'svg.fonttype': 'none',
     'path.simplify': True,
 }
+AXIS_LABEL = 'axis-label'  # class of the groups that hold an axis' label
 
 
 @dataclass(frozen=True)
@@ -41,7 +56,7 @@ class Curve:
     """One line of a panel."""
 
     label: str
-    colour: str
+    colour: str  # one of COLOURS
     t: Array  # (k,) s, or what the panel's x label says
     y: Array  # (k,) in the panel's unit
     dashed: bool = False
@@ -54,50 +69,63 @@ class Panel:
     """One axes of a figure."""
 
     title: str
-    unit: str  # SI, scaled by a prefix where the values are small
+    unit: str  # SI, scaled by a prefix where the values are small; '': a plain number
     curves: Sequence[Curve]
     x_label: str = 'time [s]'
     log_x: bool = False
     log_y: bool = False
 
 
-def line_figure(panels: Sequence[Panel], height: float = 1.9) -> str:
-    """Return panels, over time if they say nothing else, as one SVG in one or two columns.
+@dataclass(frozen=True)
+class Drawing:
+    """A panel as the page shows it: its caption, and an `<svg>` element."""
+
+    title: str
+    svg: Markup
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Panels that share a legend; one label alone needs none."""
+
+    drawings: Sequence[Drawing]
+    legend: Sequence[Curve] = ()
+
+
+def line_figure(panels: Sequence[Panel], height: float = 1.9) -> Figure:
+    """Return panels, over time if they say nothing else, as a figure.
 
     Parameters
     ----------
     panels : sequence of Panel
         In reading order.
     height : float
-        Of a row [inch].
+        Of a panel [inch].
     """
-    columns = 1 if len(panels) == 1 else 2
-    rows = math.ceil(len(panels) / columns)
-    figure = Figure(figsize=(WIDTH, height * rows + 0.75), layout='constrained')
-    axes = figure.subplots(rows, columns, squeeze=False)
-    for axis, panel in zip(axes.flat, panels, strict=False):
-        _draw_lines(axis, panel)
-    for axis in axes.flat[len(panels) :]:
-        axis.set_axis_off()
-    for k, panel in enumerate(panels):
-        below = panels[k + columns] if k + columns < len(panels) else None
-        if below is None or below.x_label != panel.x_label:
-            axes.flat[k].set_xlabel(panel.x_label)
-    _shared_legend(figure, list(axes.flat[: len(panels)]))
-    return _svg(figure)
+    width = LONE_WIDTH if len(panels) == 1 else WIDTH
+    drawings = [
+        Drawing(panel.title, _svg(partial(_draw_lines, panel=panel), width, height))
+        for panel in panels
+    ]
+    entries: dict[str, Curve] = {}
+    for curve in itertools.chain.from_iterable(panel.curves for panel in panels):
+        if curve.label:
+            entries.setdefault(curve.label, curve)
+    return Figure(drawings, list(entries.values()) if len(entries) > 1 else ())
 
 
-def histogram_figure(loops: Sequence[LoopMeasure]) -> str:
+def histogram_figure(loops: Sequence[LoopMeasure]) -> Figure:
     """Return a histogram of loop periods per node, counts on a logarithmic axis."""
-    columns = min(3, len(loops))
-    rows = math.ceil(len(loops) / columns)
-    figure = Figure(figsize=(WIDTH, 2.3 * rows + 0.35), layout='constrained')
-    axes = figure.subplots(rows, columns, squeeze=False)
-    for axis, loop in zip(axes.flat, loops, strict=False):
-        _draw_histogram(axis, loop)
-    for axis in axes.flat[len(loops) :]:
-        axis.set_axis_off()
-    return _svg(figure)
+    width = LONE_WIDTH if len(loops) == 1 else WIDTH
+    return Figure(
+        [
+            Drawing(
+                f'{loop.node}, {1.0 / loop.nominal:g} Hz',
+                _svg(partial(_draw_histogram, loop=loop), width, HISTOGRAM_HEIGHT),
+            )
+            for loop in loops
+        ]
+    )
 
 
 def thin(t: Array, y: Array, columns: int = PIXELS) -> tuple[Array, Array]:
@@ -123,92 +151,108 @@ def thin(t: Array, y: Array, columns: int = PIXELS) -> tuple[Array, Array]:
     return t[index], y[index]
 
 
-def scale_of(values: Sequence[Array]) -> tuple[float, str]:
-    """Return the SI prefix (factor and letter) that brings the largest value above 1."""
+def scale_of(values: Iterable[Array]) -> tuple[float, str]:
+    """Return the SI prefix (factor and letter) that brings the largest value close above 1."""
     peak = max((float(np.nanmax(np.abs(v))) for v in values if np.isfinite(v).any()), default=0.0)
     if peak == 0.0:
-        return SCALES[0]
+        return PLAIN
     return next((entry for entry in SCALES if peak >= entry[0]), SCALES[-1])
 
 
-def _draw_lines(axis: Axes, panel: Panel) -> None:
-    factor, prefix = scale_of([curve.y for curve in panel.curves]) if panel.unit else SCALES[0]
+def _draw_lines(axis: Axes, panel: Panel) -> str:
+    """Draw a panel; return what it shows in words."""
+    # a logarithmic axis has its powers of ten, a plain number or a percentage takes no prefix
+    plain = panel.log_y or not panel.unit or panel.unit.startswith('%')
+    factor, prefix = PLAIN if plain else scale_of(curve.y for curve in panel.curves)
     for curve in panel.curves:
         t, y = (curve.t, curve.y) if curve.marker else thin(curve.t, curve.y)
         style = (0, (4, 2)) if curve.dashed else 'solid'
         look = {'ls': 'none', 'marker': curve.marker, 'ms': 4.0} if curve.marker else {'ls': style}
-        if curve.error is not None:
-            bars = curve.error / factor
-            axis.errorbar(
-                t, y / factor, bars, color=curve.colour, lw=1.1, label=curve.label, **look
-            )
+        colour = _stand_in(curve.colour)
+        if curve.error is None:
+            axis.plot(t, y / factor, color=colour, lw=1.2, **look)
         else:
-            axis.plot(t, y / factor, color=curve.colour, lw=1.1, label=curve.label, **look)
+            axis.errorbar(t, y / factor, curve.error / factor, color=colour, lw=1.2, **look)
     if panel.log_x:
         axis.set_xscale('log')
     if panel.log_y:
         axis.set_yscale('log')
-    axis.set_title(panel.title, loc='left', fontsize=9.5, color=TRUTH_COLOUR)
-    axis.set_ylabel(f'[{prefix}{panel.unit}]' if panel.unit else '')
+    label = f'[{prefix}{panel.unit or 1}]'
+    axis.set_xlabel(panel.x_label)
+    axis.set_ylabel(label)
     _tidy(axis)
+    return _described(panel, label)
 
 
-def _draw_histogram(axis: Axes, loop: LoopMeasure) -> None:
+def _draw_histogram(axis: Axes, loop: LoopMeasure) -> str:
     """Draw the bars up to LAST_PERIOD nominal periods; what is beyond is said in words."""
     edges = loop.edges * loop.nominal * 1e3
     shown = int(np.searchsorted(loop.edges, LAST_PERIOD, side='right')) - 1
     counts = loop.counts[:shown]
     beyond = int(loop.counts.sum() - counts.sum())
-    axis.stairs(counts, edges[: shown + 1], fill=True, color='#7aa6c9')
-    axis.axvline(1e3 * loop.nominal, color=PHASE_COLOURS[0], lw=0.9)
+    axis.stairs(counts, edges[: shown + 1], fill=True, color=_stand_in(BAR_COLOUR))
+    axis.axvline(1e3 * loop.nominal, color=_stand_in(PHASE_COLOURS[0]), lw=0.9)
     axis.set_yscale('log')
     axis.set_ylim(bottom=0.7)
     axis.set_xlim(0.0, LAST_PERIOD * loop.nominal * 1e3)
-    axis.set_title(f'{loop.node}, {1.0 / loop.nominal:g} Hz', loc='left', fontsize=9.5)
     label = 'period [ms]'
     if beyond:
         label += f'   (longer: {beyond}, max {1e3 * loop.longest:.3g} ms)'
-    axis.set_xlabel(label, fontsize=8.5)
-    axis.set_ylabel('ticks')
+    axis.set_xlabel(label)
+    axis.set_ylabel('ticks [1]')
     _tidy(axis)
+    return f'Histogram of {loop.ticks} periods of {loop.node} [ms]'
 
 
 def _tidy(axis: Axes) -> None:
-    axis.grid(True, color='#e5e7eb', lw=0.6)
+    axis.set_facecolor('none')
+    axis.grid(True, color=_stand_in(GRID_COLOUR), lw=0.7)
     axis.set_axisbelow(True)
     for side in ('top', 'right'):
         axis.spines[side].set_visible(False)
+    muted = _stand_in(AXIS_COLOUR)
     for side in ('left', 'bottom'):
-        axis.spines[side].set_color('#9ca3af')
-    axis.tick_params(colors=MUTED, labelsize=8)
+        axis.spines[side].set_color(muted)
+    axis.tick_params(which='both', colors=muted, labelsize=9)
+    for one in (axis.xaxis, axis.yaxis):
+        one.label.set_color(_stand_in(TRUTH_COLOUR))
+        one.label.set_gid(AXIS_LABEL)
+        one.offsetText.set_color(muted)
     axis.margins(x=0.01)
 
 
-def _shared_legend(figure: Figure, axes: Sequence[Axes]) -> None:
-    """Put one legend on top for all panels instead of one over the data of each."""
-    entries: dict[str, Artist] = {}
-    for axis in axes:
-        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
-            entries.setdefault(label, handle)
-    if len(entries) > 1:
-        figure.legend(
-            list(entries.values()),
-            list(entries),
-            loc='outside upper left',
-            ncols=len(entries),
-            frameon=False,
-        )
+def _described(panel: Panel, y_label: str) -> str:
+    """Return what a panel shows, in words, for those who do not see it."""
+    values = [curve.y[np.isfinite(curve.y)] for curve in panel.curves]
+    values = [one for one in values if len(one)]
+    extent = ''
+    if values:
+        low, high = min(map(np.min, values)), max(map(np.max, values))
+        extent = f', from {low:.3g} to {high:.3g} {panel.unit}'.rstrip()
+    named = ', '.join(dict.fromkeys(curve.label for curve in panel.curves if curve.label))
+    return f'{panel.title} {y_label} over {panel.x_label}{extent}' + (f': {named}' * bool(named))
 
 
-def _svg(figure: Figure) -> str:
-    """Return the figure as an `<svg>` element that scales with the page."""
-    from matplotlib import rc_context
+def _stand_in(colour: str) -> str:
+    """Return the colour that is drawn in place of a CSS variable, which matplotlib cannot have."""
+    return f'#0102{COLOURS.index(colour):02x}'
 
+
+def _svg(draw: Callable[[Axes], str], width: float, height: float) -> Markup:
+    """Return what is drawn, and put in words, as an `<svg>` element that scales with the page."""
     text = io.StringIO()
     with rc_context(STYLE):
-        figure.savefig(text, format='svg', metadata={'Date': None})
+        canvas = Canvas(figsize=(width, height), layout='constrained', facecolor='none')
+        label = draw(canvas.subplots())
+        canvas.savefig(text, format='svg', metadata={'Date': None})
     svg = text.getvalue()
     svg = svg[svg.index('<svg') :]
     svg = re.sub(r'<metadata>.*?</metadata>', '', svg, flags=re.DOTALL)
     svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r'(\.\d{2})\d+', r'\1', path[0]), svg)
-    return re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', 'class="figure"', svg, count=1)
+    for colour in COLOURS:
+        svg = svg.replace(_stand_in(colour), f'var(--{colour})')
+    svg = svg.replace(f'id="{AXIS_LABEL}"', f'class="{AXIS_LABEL}"')
+    # what nothing refers to need not have a name, which would not be the only one on the page
+    svg = re.sub(r' id="[A-Za-z0-9.]+_\d+"', '', svg)
+    described = f'role="img" aria-label="{escape(label)}"'
+    return Markup(re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', lambda _: described, svg, count=1))

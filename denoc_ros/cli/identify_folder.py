@@ -31,7 +31,10 @@ COLUMNS: dict[str, type] = {
 }
 OF_MODES = ('frequency_hz', 'damping_ratio', 'bound', 'amplitude', 'snr_db')
 # what does not change a row
-APART = ('paths', 'output', 'json', 'workers', 'scheduler', 'verb', 'action', 'act', 'execute')
+APART = (
+    *('paths', 'output', 'json', 'workers', 'scheduler'),
+    *('verb', 'action', 'act', 'execute', 'command'),
+)
 DOUBTFUL = 2
 
 

@@ -9,13 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from markupsafe import Markup
-
 from denoc_ros.cli.identify_inputs import add_channel_options, channel_of
 from denoc_ros.cli.text_table import text_table
 
 if TYPE_CHECKING:
-    from denoc_ros.cli.sections import Section
+    from denoc_ros.cli.pages import Page, Section
     from denoc_ros.identification.channel import Reading
     from denoc_ros.identification.forced import ForcedModes
     from denoc_ros.identification.records import Record
@@ -74,8 +72,8 @@ def run_forced(args: argparse.Namespace) -> int:
     document = forced_result(response, source.name, answer, found, versions())
     if args.output:
         write_result(args.output, document)
-        page = forced_page(document, answer, found)
-        (args.output / 'report.html').write_text(page, encoding='utf-8')
+        page = forced_page(document, answer, found, args.command)
+        (args.output / 'report.html').write_text(page.html(), encoding='utf-8')
     print(json.dumps(document, indent=2) if args.json else as_text(document))
     return exit_status(document['verdict'])
 
@@ -139,27 +137,20 @@ def as_text(document: Mapping[str, Any]) -> str:
     return '\n'.join([*lines, f'verdict: {document["verdict"]}'])
 
 
-def forced_page(document: Mapping[str, Any], record: Record, found: ForcedModes) -> str:
-    """Return the HTML page of modes from torque and response."""
-    from denoc_ros.cli.identify_page import about
-    from denoc_ros.cli.pages import render_page
-    from denoc_ros.cli.sections import Card
+def forced_page(
+    document: Mapping[str, Any], record: Record, found: ForcedModes, command: str
+) -> Page:
+    """Return the page of modes from torque and response."""
+    from denoc_ros.cli.identify_about import mode_cards, modes_found, result_page
 
-    cards = [
-        Card('Verdict', document['verdict'], f'{100.0 * document["explained"]:.1f} % explained')
-    ]
-    for mode in document['modes'][:4]:
-        low, high = mode['interval']
-        note = f'95 %: {low:.4g} … {high:.4g}, {mode["verdict"]}'
-        label = f'{mode["frequency_hz"]:.4g} Hz'
-        cards.append(Card(label, f'ζ {mode["damping_ratio"]:.4g}', note))
-    return render_page(
-        'identify.html.j2',
-        title=f'Forced response of {record.name}',
-        session={'versions': document['versions']},
-        subtitle=f'{document["source"]["file"]} · {document["method"]}',
-        cards=cards,
-        sections=[_response(record, found), about(document)],
+    explained = f'{100.0 * document["explained"]:.1f} % of the response explained'
+    return result_page(
+        document,
+        f'Forced response of {record.name}',
+        f'{modes_found(document)}; {explained}',
+        mode_cards(document),
+        [_response(record, found)],
+        command,
     )
 
 
@@ -167,7 +158,7 @@ def _response(record: Record, found: ForcedModes) -> Section:
     import numpy as np
 
     from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
-    from denoc_ros.cli.sections import Section
+    from denoc_ros.cli.pages import Section
 
     panels = [
         Panel(
@@ -188,7 +179,7 @@ def _response(record: Record, found: ForcedModes) -> Section:
     return Section(
         'Frequency response',
         'Ratio of the transforms at the lines that the input excites, and the fitted modes.',
-        [Markup(line_figure(panels, ROW))],
+        [line_figure(panels, ROW)],
     )
 
 

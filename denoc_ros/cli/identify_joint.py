@@ -70,8 +70,8 @@ def run_joint(args: argparse.Namespace) -> int:
         from denoc_ros.cli.identify_joint_page import joint_page
 
         write_result(args.output, document)
-        page = joint_page(document, reading.record, fit)
-        (args.output / 'report.html').write_text(page, encoding='utf-8')
+        page = joint_page(document, reading.record, fit, args.command)
+        (args.output / 'report.html').write_text(page.html(), encoding='utf-8')
     print(json.dumps(document, indent=2) if args.json else as_text(document))
     return exit_status(document['verdict'])
 

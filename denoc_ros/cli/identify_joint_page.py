@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from denoc_ros.cli.figures import (
     DIFFERENCE_COLOUR,
@@ -16,9 +15,8 @@ from denoc_ros.cli.figures import (
     Panel,
     line_figure,
 )
-from denoc_ros.cli.identify_page import about
-from denoc_ros.cli.pages import render_page
-from denoc_ros.cli.sections import Card, Section, Table, engineering
+from denoc_ros.cli.identify_about import result_page
+from denoc_ros.cli.pages import Card, Page, Section, Table, engineering
 from denoc_ros.cli.text_table import cell_text
 from denoc_ros.identification.joint import FrictionModel, JointFit
 from denoc_ros.identification.records import Record
@@ -27,8 +25,8 @@ from denoc_ros.identification.swing import swing_angles
 ROW = 2.3  # inches
 
 
-def joint_page(document: Mapping[str, Any], record: Record, fit: JointFit) -> str:
-    """Return the HTML page of one joint's friction.
+def joint_page(document: Mapping[str, Any], record: Record, fit: JointFit, command: str) -> Page:
+    """Return the page of one joint's friction.
 
     Parameters
     ----------
@@ -38,25 +36,22 @@ def joint_page(document: Mapping[str, Any], record: Record, fit: JointFit) -> st
         The swing.
     fit : JointFit
         What was found.
+    command : str
+        The command line.
     """
-    source = document['source']
-    return render_page(
-        'identify.html.j2',
-        title=f'Friction of {record.name}',
-        session={'versions': document['versions']},
-        subtitle=f'{source["file"]} · {document["method"]}',
-        cards=_cards(document),
-        sections=[
-            _swing(record, fit),
-            _models(record, fit),
-            _decrement(document),
-            about(document),
-        ],
+    return result_page(
+        document,
+        f'Friction of {record.name}',
+        f'{" and ".join(document["terms"]).capitalize()} friction explain the swing to '
+        f'{engineering(fit.residual, "rad")} rms',
+        _cards(document),
+        [_swing(record, fit), _models(record, fit), _decrement(document)],
+        command,
     )
 
 
 def _cards(document: Mapping[str, Any]) -> list[Card]:
-    cards = [Card('Verdict', document['verdict'], '; '.join(document['reasons'][:1]))]
+    cards = [Card('Small swings', f'{document["frequency_hz"]:.4g} Hz', 'without friction')]
     for name, one in document['terms'].items():
         low, high = one['interval']
         note = f'95 %: {low:.4g} … {high:.4g}'
@@ -85,7 +80,7 @@ def _swing(record: Record, fit: JointFit) -> Section:
         'Measured and simulated',
         'The equation of motion with the friction that was found. What is left is '
         f'{engineering(fit.residual, "rad")} rms while the joint moves.',
-        [Markup(line_figure(panels, ROW))],
+        [line_figure(panels, ROW)],
     )
 
 
@@ -104,7 +99,7 @@ def _models(record: Record, fit: JointFit) -> Section:
     return Section(
         'Which terms matter',
         'Each set of terms fitted to the same swing.',
-        [Markup(line_figure([panel], ROW))],
+        [line_figure([panel], ROW)],
         [Table(['terms', 'residual, rms', ''], rows)],
     )
 

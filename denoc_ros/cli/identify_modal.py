@@ -73,8 +73,8 @@ def run_modal(args: argparse.Namespace) -> int:
         from denoc_ros.identification.result import write_result
 
         write_result(args.output, document)
-        page = decay_page(document, analysis)
-        (args.output / 'report.html').write_text(page, encoding='utf-8')
+        page = decay_page(document, analysis, args.command)
+        (args.output / 'report.html').write_text(page.html(), encoding='utf-8')
     print(json.dumps(document, indent=2) if args.json else as_text(document))
     return exit_status(document['verdict'])
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from numpy.typing import NDArray
 
 from denoc_ros.cli.figures import (
@@ -17,8 +16,8 @@ from denoc_ros.cli.figures import (
     Panel,
     line_figure,
 )
-from denoc_ros.cli.pages import render_page
-from denoc_ros.cli.sections import Card, Section, Table, engineering
+from denoc_ros.cli.identify_about import mode_cards, modes_found, result_page
+from denoc_ros.cli.pages import Page, Section, Table, engineering
 from denoc_ros.cli.text_table import cell_text
 from denoc_ros.identification.analysis import (
     DecayAnalysis,
@@ -34,8 +33,8 @@ ROW = 2.3  # inches
 SLICES = 12  # of a waterfall
 
 
-def decay_page(document: Mapping[str, Any], analysis: DecayAnalysis) -> str:
-    """Return the HTML page of one recording's modes.
+def decay_page(document: Mapping[str, Any], analysis: DecayAnalysis, command: str) -> Page:
+    """Return the page of one recording's modes.
 
     Parameters
     ----------
@@ -43,40 +42,25 @@ def decay_page(document: Mapping[str, Any], analysis: DecayAnalysis) -> str:
         The result, as in result.yaml.
     analysis : DecayAnalysis
         What it is from.
+    command : str
+        The command line.
     """
-    source = document['source']
-    found = [
-        _decay(analysis),
-        _held_out(analysis),
-        _envelopes(analysis),
-        _amplitude_dependence(analysis),
-        _waterfall(analysis),
-        _residual(analysis),
-        _methods(document),
-        about(document),
-    ]
-    return render_page(
-        'identify.html.j2',
-        title=f'Modes of {analysis.record.name}',
-        session={'versions': document['versions']},
-        subtitle=f'{source["file"]} · {document["method"]}',
-        cards=_cards(document),
-        sections=[section for section in found if section is not None],
+    return result_page(
+        document,
+        f'Modes of {analysis.record.name}',
+        modes_found(document),
+        mode_cards(document),
+        [
+            _decay(analysis),
+            _held_out(analysis),
+            _envelopes(analysis),
+            _amplitude_dependence(analysis),
+            _waterfall(analysis),
+            _residual(analysis),
+            _methods(document),
+        ],
+        command,
     )
-
-
-def _cards(document: Mapping[str, Any]) -> list[Card]:
-    cards = [Card('Verdict', document['verdict'], f'{len(document["modes"])} modes')]
-    for mode in document['modes'][:4]:
-        low, high = mode['interval']
-        cards.append(
-            Card(
-                f'{mode["frequency_hz"]:.4g} Hz',
-                f'ζ {mode["damping_ratio"]:.4g}',
-                f'95 %: {low:.4g} … {high:.4g}, {mode["verdict"]}',
-            )
-        )
-    return cards
 
 
 def _decay(analysis: DecayAnalysis) -> Section:
@@ -101,7 +85,7 @@ def _decay(analysis: DecayAnalysis) -> Section:
         'Measured and fitted',
         f'Damped cosines, an offset and a drift. What is left has a standard deviation of '
         f'{engineering(modes.noise, record.unit)}.',
-        [Markup(line_figure(panels, ROW))],
+        [line_figure(panels, ROW)],
     )
 
 
@@ -128,7 +112,7 @@ def _held_out(analysis: DecayAnalysis) -> Section | None:
         'Measured and simulated, held out',
         f'Modes identified up to {split:.4g} s, simulated on. They miss what was measured by '
         f'{engineering(error, record.unit)} rms, {100.0 * error / swing:.2g} % of its own.',
-        [Markup(line_figure([panel], ROW))],
+        [line_figure([panel], ROW)],
     )
 
 
@@ -160,7 +144,7 @@ def _envelopes(analysis: DecayAnalysis) -> Section | None:
         'Decay of each mode',
         'Crests of the record without the other modes, on a logarithmic axis: a damping that does '
         'not depend on amplitude is a straight line down to the noise.',
-        [Markup(line_figure(panels, ROW))],
+        [line_figure(panels, ROW)],
     )
 
 
@@ -212,7 +196,7 @@ def _waterfall(analysis: DecayAnalysis) -> Section | None:
         f'Spectra of windows of {window:.3g} s moved along the decay, each a step above the '
         'one before. Where two modes melt into one peak, or the window is longer than twice the '
         "mode's time constant, the method does not hold.",
-        [Markup(line_figure([panel], 2.0 * ROW))],
+        [line_figure([panel], 2.0 * ROW)],
     )
 
 
@@ -249,7 +233,7 @@ def _amplitude_dependence(analysis: DecayAnalysis) -> Section | None:
         'The same mode fitted in windows along its decay. Where the windows differ by more than '
         'noise explains, one number does not describe the damping, and the interval is the one '
         'of the windows.',
-        [Markup(line_figure(panels, ROW))],
+        [line_figure(panels, ROW)],
     )
 
 
@@ -274,7 +258,7 @@ def _residual(analysis: DecayAnalysis) -> Section:
     return Section(
         'Spectrum of the residual',
         'A peak that is left is a mode or a line that was not found; a flat residual is noise.',
-        [Markup(line_figure([panel], ROW))],
+        [line_figure([panel], ROW)],
         [Table(['line [Hz]', 'amplitude', 'is no mode but'], rows)] if rows else [],
     )
 
@@ -295,17 +279,4 @@ def _methods(document: Mapping[str, Any]) -> Section | None:
         'Methods',
         'What other methods say of the same decay, and why they differ or do not apply.',
         tables=[Table(['mode', 'method', 'ζ', 'remark'], rows)],
-    )
-
-
-def about(document: Mapping[str, Any]) -> Section:
-    """Return the section on where a record is from and what it is worth."""
-    source = {**document['source'], **document['source']['calibration']}
-    source.pop('calibration')
-    both = {**source, **document['window'], **document['quality']}
-    rows = [[name.replace('_', ' '), cell_text(value)] for name, value in both.items()]
-    return Section(
-        'Record',
-        'Where it is from and what it is worth.',
-        tables=[Table(['', ''], rows, folded=True, title='source, calibration, quality')],
     )

@@ -68,6 +68,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = build_parser(arguments).parse_args(arguments)
     except SystemExit as stop:
         return int(stop.code or 0)
+    from denoc_ros.cli.provenance import command_line
+
+    args.command = command_line(arguments)
     _show_log()
     try:
         status = int(args.execute(args))

@@ -27,12 +27,19 @@ POSES = 2000  # per phase: enough for an rms, each costs a pass over the links
 
 @dataclass(frozen=True)
 class Deflection:
-    """One deflection of a phase, predicted and true."""
+    """One deflection of a phase, predicted and true; at least one of them is there."""
 
     name: str  # link/component
     t: Array  # (k,) s since the phase began
-    predicted: Array  # (k,) m or rad
+    predicted: Array | None  # (k,) m or rad, None where nothing predicts
     true: Array | None  # (k,), None where there is no judge
+
+    @property
+    def error(self) -> Array | None:
+        """Predicted minus true, (k,); None where there is only one of them."""
+        if self.predicted is None or self.true is None:
+            return None
+        return np.asarray(self.predicted - self.true)
 
     @property
     def unit(self) -> str:
@@ -305,17 +312,17 @@ def _positions(robot: Robot, frame: str, states: Array) -> Array:
 def _deflections(recording: Recording, start: float, end: float) -> tuple[Deflection, ...]:
     predicted = _cut(recording.series('predictor/tip_deflection'), start, end)
     true = _cut(recording.series('plant/true_deflection'), start, end)
-    if predicted is None:
+    shown, judge = predicted or true, true or predicted
+    if shown is None or judge is None:
         return ()
-    judge = true or predicted
-    names = [name for name in predicted.names if name in judge.names]
+    names = [name for name in shown.names if name in judge.names]
     peaks = {name: peak(judge.column(name)) for name in names}
     return tuple(
         Deflection(
             name,
-            predicted.t,
-            predicted.column(name),
-            None if true is None else true.select((name,)).at(predicted.t)[:, 0],
+            shown.t,
+            None if predicted is None else predicted.column(name),
+            None if true is None else true.select((name,)).at(shown.t)[:, 0],
         )
         for name in names
         if _matters(name, peaks)
@@ -337,16 +344,17 @@ def _phase_summary(phase: PhaseMeasures) -> dict[str, Any]:
         summary['tip_error'] = _extent(phase.tip_error.values[:, 0])
     if phase.torque is not None:
         summary['torque'] = _columns(phase.torque)
-    judged = [entry for entry in phase.deflections if entry.true is not None]
-    if judged:
-        summary['deflection_error'] = {entry.name: _deflection_error(entry) for entry in judged}
+    judged = {entry.name: deflection_error(entry) for entry in phase.deflections}
+    if found := {name: error for name, error in judged.items() if error is not None}:
+        summary['deflection_error'] = found
     return summary
 
 
-def _deflection_error(entry: Deflection) -> dict[str, float]:
-    assert entry.true is not None
-    error = rms(entry.predicted - entry.true)
-    largest = peak(entry.true)
+def deflection_error(entry: Deflection) -> dict[str, float] | None:
+    """Return rms [m, rad], true peak and percent of it; None without prediction or truth."""
+    if entry.error is None or entry.true is None:
+        return None
+    error, largest = rms(entry.error), peak(entry.true)
     return {'rms': error, 'peak': largest, 'percent_of_peak': 100.0 * error / largest}
 
 

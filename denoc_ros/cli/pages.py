@@ -1,18 +1,101 @@
-"""The HTML pages' templates."""
+"""The one look of all HTML pages: a verdict, figures of merit, sections, provenance."""
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from denoc_ros.cli.figures import Figure
+
+Tone = Literal['good', 'doubtful', 'bad']
+
+PREFIXES = ((1e6, 'M'), (1e3, 'k'), (1.0, ''), (1e-3, 'm'), (1e-6, 'µ'), (1e-9, 'n'))
+UNKNOWN = '–'
 
 
-def render_page(template: str, **values: Any) -> str:
-    """Return one of the package's Jinja templates filled in, with HTML escaped."""
-    from jinja2 import Environment, PackageLoader
+@dataclass(frozen=True)
+class Table:
+    """A table: its heading row, then rows of text."""
 
-    environment = Environment(
-        loader=PackageLoader('denoc_ros.cli', '.'),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return str(environment.get_template(template).render(**values))
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    folded: bool = False
+    title: str = ''
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section of a page."""
+
+    title: str
+    text: str
+    figures: Sequence[Figure] = ()
+    tables: Sequence[Table] = ()
+
+
+@dataclass(frozen=True)
+class Card:
+    """A figure of merit on top of a page."""
+
+    label: str
+    value: str
+    note: str = ''
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a page comes down to, in one sentence."""
+
+    text: str
+    tone: Tone = 'good'
+
+
+@dataclass(frozen=True)
+class Page:
+    """All that a page shows.
+
+    Attributes
+    ----------
+    title, subtitle : str
+        Its heading and the line below.
+    verdict : Verdict
+        What it comes down to.
+    cards : sequence of Card
+        Figures of merit.
+    sections : sequence of Section or None
+        In reading order; None is left out.
+    provenance : mapping
+        What it was made from and with, as `denoc_ros.cli.provenance.provenance` says it.
+    """
+
+    title: str
+    subtitle: str
+    verdict: Verdict
+    cards: Sequence[Card]
+    sections: Sequence[Section | None]
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+    def html(self) -> str:
+        """Return it as HTML that needs nothing else, light and dark; texts are escaped."""
+        from jinja2 import Environment, PackageLoader
+
+        environment = Environment(
+            loader=PackageLoader('denoc_ros.cli', 'templates'),
+            autoescape=True,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        return str(environment.get_template('page.html.j2').render(page=self))
+
+
+def engineering(value: float, unit: str) -> str:
+    """Return a number with three digits and an SI prefix, such as `1.23 mrad`."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    size = abs(float(f'{value:.3g}'))  # as shown: 999.7 µs is 1 ms
+    # below the last prefix, and at zero, the number stands as it is
+    factor, prefix = next((entry for entry in PREFIXES if size >= entry[0]), (1.0, ''))
+    return f'{value / factor:.3g} {prefix}{unit}'

@@ -106,6 +106,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
     from tqdm import tqdm
 
+    from denoc_ros.cli.provenance import named_file, named_text, provenance
     from denoc_ros.cli.replay_page import page
     from denoc_ros.cli.report import find_bag, read_session
     from denoc_ros.replay.bag import replay_bag
@@ -136,13 +137,19 @@ def run(args: argparse.Namespace) -> int:
     ) as bar:
         replay = replay_bag(bag, robot, None if args.no_output else output, settings, bar.update)
     summary = {'output': None if args.no_output else str(output), **summarize(replay)}
-    report.write_text(page(replay, summary, robot), encoding='utf-8')
+    sources = {'bag': named_file(bag), 'robot': named_text(_robot_name(args), robot.tree.source)}
+    shown = page(replay, summary, robot, provenance(args.command, sources))
+    report.write_text(shown.html(), encoding='utf-8')
     if args.json:
         print(json.dumps({**summary, 'report': str(report)}, indent=2, allow_nan=False))
     else:
         print('\n'.join(lines(replay, summary)))
         print(f'report  {report}')
     return DOUBTFUL if summary['doubts'] else 0
+
+
+def _robot_name(args: argparse.Namespace) -> str:
+    return Path(args.robot).name if args.robot else 'the one in the bag'
 
 
 def _default_output(run: Path, bag: Path) -> Path:

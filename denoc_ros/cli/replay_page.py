@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from markupsafe import Markup
-
 from denoc_ros.cli.figures import (
     DIFFERENCE_COLOUR,
     PHASE_COLOURS,
@@ -15,11 +13,10 @@ from denoc_ros.cli.figures import (
     Panel,
     line_figure,
 )
-from denoc_ros.cli.pages import render_page
-from denoc_ros.cli.sections import Card, Section, Table, engineering
-from denoc_ros.cli.versions import versions
+from denoc_ros.cli.pages import UNKNOWN, Card, Page, Section, Table, Verdict, engineering
+from denoc_ros.cli.sections import Units
+from denoc_ros.cli.text_table import cell_text
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.model.tree import JointKind
 from denoc_ros.replay.bag import MEASURED, Replay
 from denoc_ros.replay.friction import TERMS
 
@@ -32,12 +29,11 @@ LOOKS: Mapping[str, Look] = {
     'flexible': (PHASE_COLOURS[1], True),
 }
 DEFLECTION_LOOKS = ((TRUTH_COLOUR, False), (PHASE_COLOURS[2], False), (PHASE_COLOURS[1], True))
-UNKNOWN = '–'
 SMALL = 1e-3  # of the largest deflection of its kind: not drawn
 
 
-def page(replay: Replay, summary: Summary, robot: Robot) -> str:
-    """Return the HTML page of a replay.
+def page(replay: Replay, summary: Summary, robot: Robot, provenance: Mapping[str, str]) -> Page:
+    """Return the page of a replay.
 
     Parameters
     ----------
@@ -47,60 +43,78 @@ def page(replay: Replay, summary: Summary, robot: Robot) -> str:
         Its numbers, as `denoc_ros.replay.summary.summarize` gives them.
     robot : Robot
         What it was replayed on.
+    provenance : mapping
+        What the page was made from and with.
     """
-    units = _units(robot)
-    sections = (
-        _torque(replay, summary, units),
-        _shares(summary),
-        _friction(summary, units),
-        _deflection(replay, summary),
-        _doubts(summary),
-        _what(summary, robot),
-    )
-    text: str = render_page(
-        'replay.html.j2',
-        title=f'Replay of {replay.plan.source.path.resolve().stem}',
-        session={
-            'bag': summary['bag'],
-            'robot': robot.tree.name,
-            'way': f'{summary["derivative"]}, {summary["cutoff_hz"]:.3g} Hz',
-            'versions': versions(),
-        },
-        duration=replay.duration,
+    units = Units.of(robot)
+    path = replay.plan.source.path
+    return Page(
+        title=f'Replay of {path.resolve().stem}',
+        subtitle=f'{path.name} · {robot.tree.name} · {replay.duration:.4g} s · '
+        f'{summary["derivative"]}, {summary["cutoff_hz"]:.3g} Hz',
+        verdict=_verdict(summary),
         cards=_cards(summary),
-        sections=[section for section in sections if section is not None],
+        sections=[
+            _torque(replay, summary, units),
+            _shares(summary),
+            _friction(summary, units),
+            _deflection(replay, summary),
+            _doubts(summary),
+            _what(summary, robot),
+        ],
+        provenance=provenance,
     )
-    return text
 
 
-def _units(robot: Robot) -> dict[str, str]:
-    joints = [body.joint for body in robot.tree.bodies if body.joint is not None]
-    return {j.name: 'N' if j.kind is JointKind.PRISMATIC else 'N m' for j in joints}
+def _verdict(summary: Summary) -> Verdict:
+    if summary['doubts']:
+        return Verdict(f'{"; ".join(summary["doubts"])}.', 'doubtful')
+    found = [
+        f'the {model} model misses {share} % of the measured effort'
+        for model, share in _missed(summary).items()
+    ]
+    if worst := _worst_deflections(summary):
+        percent, name, topic = max(worst)
+        found.append(f'deflection agrees with {topic} to {percent:.2g} % of its peak ({name})')
+    text = '; '.join(found) or f'{summary["samples"]} joint states replayed, none with an effort'
+    return Verdict(f'{text[0].upper()}{text[1:]}.')
+
+
+def _missed(summary: Summary) -> dict[str, str]:
+    """Return by model what it misses of the measured effort, rms of all joints [%], in words."""
+    shares = {}
+    for model, joints in summary['torque'].items():
+        square = sum(one['rms'] ** 2 for one in joints.values())
+        whole = sum(one['measured_rms'] ** 2 for one in joints.values())
+        if whole:
+            share = 100.0 * (square / whole) ** 0.5
+            shares[model] = f'{float(f"{share:.3g}"):g}'
+    return shares
+
+
+def _worst_deflections(summary: Summary) -> list[tuple[float, str, str]]:
+    """Return by topic the deflection that agrees least: percent of its peak, name, topic."""
+    found = []
+    for topic, agreements in summary['deflection'].items():
+        percents = [
+            (100.0 * one['rms'] / one['measured_peak'], name, topic)
+            for name, one in agreements.items()
+            if one['measured_peak'] and name.rpartition('/')[2] in ('uy', 'uz')
+        ]
+        found += [max(percents)] if percents else []
+    return found
 
 
 def _cards(summary: Summary) -> list[Card]:
     cards = [Card('Joint states', f'{summary["samples"]}', summary['joint_states'])]
-    for model, joints in summary['torque'].items():
-        if joints:
-            square = sum(one['rms'] ** 2 for one in joints.values())
-            whole = sum(one['measured_rms'] ** 2 for one in joints.values())
-            share = 100.0 * (square / whole) ** 0.5 if whole else float('nan')
-            cards.append(
-                Card(f'Off by, {model}', f'{float(f"{share:.3g}"):g} %', 'of the effort, rms')
-            )
-    for topic, agreements in summary['deflection'].items():
-        percents = [
-            (100.0 * one['rms'] / one['measured_peak'], name)
-            for name, one in agreements.items()
-            if one['measured_peak'] and name.rpartition('/')[2] in ('uy', 'uz')
-        ]
-        if percents:
-            worst, name = max(percents)
-            cards.append(Card('Deflection, worst', f'{worst:.2g} %', f'{name} over {topic}'))
+    for model, share in _missed(summary).items():
+        cards.append(Card(f'Off by, {model}', f'{share} %', 'of the effort, rms'))
+    for percent, name, topic in _worst_deflections(summary):
+        cards.append(Card('Deflection, worst', f'{percent:.2g} %', f'{name} over {topic}'))
     return cards
 
 
-def _torque(replay: Replay, summary: Summary, units: Mapping[str, str]) -> Section:
+def _torque(replay: Replay, summary: Summary, units: Units) -> Section:
     traces = replay.torque_traces
     figures = []
     for model in (name for name in traces if name != MEASURED):
@@ -108,7 +122,7 @@ def _torque(replay: Replay, summary: Summary, units: Mapping[str, str]) -> Secti
         panels = [
             Panel(
                 joint,
-                units[joint],
+                units.effort(joint),
                 [
                     Curve(name, LOOKS[name][0], *traces[name].curve(joint), LOOKS[name][1])
                     for name in shown
@@ -116,7 +130,7 @@ def _torque(replay: Replay, summary: Summary, units: Mapping[str, str]) -> Secti
             )
             for joint in replay.plan.joints
         ]
-        figures.append(Markup(line_figure(panels)))
+        figures.append(line_figure(panels))
     head = ['joint', 'effort rms']
     head += [f'{m}: {what}' for m in summary['torque'] for what in ('rms', 'bias', 'lag')]
     rows = []
@@ -124,10 +138,10 @@ def _torque(replay: Replay, summary: Summary, units: Mapping[str, str]) -> Secti
         models = [model[joint] for model in summary['torque'].values() if joint in model]
         row = [joint]
         for k, one in enumerate(models):
-            row += [engineering(one['measured_rms'], units[joint])] if k == 0 else []
+            row += [engineering(one['measured_rms'], units.effort(joint))] if k == 0 else []
             row += [
-                engineering(one['rms'], units[joint]),
-                engineering(one['bias'], units[joint]),
+                engineering(one['rms'], units.effort(joint)),
+                engineering(one['bias'], units.effort(joint)),
                 UNKNOWN if one['lag'] is None else engineering(one['lag'], 's'),
             ]
         rows.append(row)
@@ -157,7 +171,7 @@ def _shares(summary: Summary) -> Section:
     )
 
 
-def _friction(summary: Summary, units: Mapping[str, str]) -> Section | None:
+def _friction(summary: Summary, units: Units) -> Section | None:
     if summary['friction'] is None:
         return None
     head = ('joint', *TERMS, 'rms before', 'rms after', 'explained')
@@ -171,7 +185,9 @@ def _friction(summary: Summary, units: Mapping[str, str]) -> Section | None:
             known = formal is not None and spread is not None
             errors = f' ± {spread:.2g} (formally {formal:.2g})' if known else ''
             cells.append(f'{fit[term]:.4g}{errors}')
-        rms = [engineering(fit[f'rms_{when}'], units[joint]) for when in ('before', 'after')]
+        rms = [
+            engineering(fit[f'rms_{when}'], units.effort(joint)) for when in ('before', 'after')
+        ]
         rows.append([joint, *cells, *rms, _percent(fit['explained'])])
     return Section(
         'Friction, fitted',
@@ -209,7 +225,7 @@ def _deflection(replay: Replay, summary: Summary) -> Section | None:
         'Deflection of the flexible links',
         'Tip deflection in the beam frame along the recorded joint motion, beside what the bag '
         'has of it.',
-        [Markup(line_figure(panels))],
+        [line_figure(panels)],
         [Table(('topic', 'deflection', 'peak', 'replay off by, rms'), rows)] if rows else [],
     )
 
@@ -245,7 +261,7 @@ def _doubts(summary: Summary) -> Section | None:
 
 def _what(summary: Summary, robot: Robot) -> Section:
     keys = ('joint_states', 'effort', 'samples', 'incomplete', 'repeated', 'motions', 'period_s')
-    rows = [[key.replace('_', ' '), f'{summary[key]}'] for key in keys]
+    rows = [[key.replace('_', ' '), cell_text(summary[key])] for key in keys]
     for key in ('joints', 'held_joints', 'ignored_joints'):
         rows.append([key.replace('_', ' '), ', '.join(summary[key]) or UNKNOWN])
     rows += [[path, f'{value}'] for path, value in robot.tree.overrides.items()]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,15 +13,19 @@ from typing import TYPE_CHECKING, Any
 from denoc_ros.errors import BagError, DenocError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from denoc_ros.bags.series import Diagnostic
+    from denoc_ros.cli.balance import Balance
     from denoc_ros.cli.measures import LoopMeasure, PhaseMeasures
+    from denoc_ros.cli.pages import Page
     from denoc_ros.cli.recording import Recording
     from denoc_ros.dynamics.robot import Robot
 
 BAG_FOLDER = 'bag'
 SESSION_FILE = 'session.json'
+SIMULATED = 'simulate'  # kind of a session
+EARTH = (0.0, 0.0, -9.81)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -29,7 +34,8 @@ def add_parser(subparsers: Any) -> None:
         'report',
         help='write the HTML report of a run or of any bag',
         description='Write one HTML page: tracking, deflection predicted over true, torque, loop '
-        'periods, node statistics; whatever of these the bag has.',
+        'periods, node statistics, energy and closed loops of a simulation; whatever of these the '
+        'bag has.',
     )
     parser.add_argument('run', metavar='RUN', type=Path, help="a run's directory, or a bag")
     parser.add_argument(
@@ -44,7 +50,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    page, summary = make_report(args.run)
+    page, summary = make_report(args.run, args.command)
     output = args.output or default_output(args.run)
     output.write_text(page, encoding='utf-8')
     print(json.dumps(summary, indent=2, allow_nan=False) if args.json else output)
@@ -58,30 +64,37 @@ def default_output(run_path: Path) -> Path:
     return Path(f'{run_path.resolve().stem}.html')
 
 
-def make_report(run_path: Path) -> tuple[str, dict[str, Any]]:
+def make_report(run_path: Path, command: str = '') -> tuple[str, dict[str, Any]]:
     """Return a run's HTML page and its numbers.
 
     Parameters
     ----------
     run_path : Path
-        A directory made by `denoc up`, or a bag.
+        A directory made by `denoc up`, or a bag, such as `denoc simulate` writes.
+    command : str
+        The command line, for the page's foot.
 
     Raises
     ------
     BagError
         When there is no readable bag.
     """
+    from denoc_ros.cli.balance import balance
     from denoc_ros.cli.measures import loop_measures, measure, summarize, warnings
     from denoc_ros.cli.recording import Recording
 
     bag = find_bag(run_path)
     session = read_session(run_path)
     recording = Recording(bag)
-    robot, tip = _robot(recording, session)
+    robot = _robot(recording, session)
+    tip = session.get('tip') or (list(robot.tree.frames)[-1] if robot else '')
     phases = measure(recording, robot, tip)
     statuses = recording.diagnostics()
     loops = loop_measures(statuses, recording.begin_ns)
     warned = warnings(statuses, recording.begin_ns)
+    simulated = None
+    if robot is not None and session.get('kind') == SIMULATED:
+        simulated = balance(recording, robot)
     summary = {
         'bag': str(bag),
         'robot': session.get('robot', ''),
@@ -91,8 +104,10 @@ def make_report(run_path: Path) -> tuple[str, dict[str, Any]]:
         'warnings': warned,
         'messages': recording.counts,
         'recorder': _latest(statuses).get('recorder: recording', {}),
+        **({'simulated': simulated.summary()} if simulated else {}),
     }
-    return _render(recording, session, phases, loops, warned, statuses), summary
+    found = _Found(recording, session, robot, phases, loops, warned, statuses, simulated)
+    return _page(found, command).html(), summary
 
 
 def find_bag(run_path: Path) -> Path:
@@ -104,63 +119,115 @@ def find_bag(run_path: Path) -> Path:
 
 
 def read_session(run_path: Path) -> dict[str, Any]:
-    """Return what a run's directory says of it; nothing for a bare bag."""
+    """Return what a run's directory, or a bag of `denoc simulate`, says of it; else nothing."""
+    from denoc_ros.bags.reader import SESSION_ATTACHMENT, read_attachment
+
     file = run_path / SESSION_FILE
-    return dict(json.loads(file.read_text(encoding='utf-8'))) if file.is_file() else {}
+    try:
+        if file.is_file():
+            text = file.read_bytes()
+        else:
+            text = read_attachment(run_path, SESSION_ATTACHMENT)
+    except BagError:
+        return {}
+    return dict(json.loads(text))
 
 
-def _robot(recording: Recording, session: dict[str, Any]) -> tuple[Robot | None, str]:
-    """Return the recorded robot and its tip, for the tip's error; None where it is not known."""
+def _robot(recording: Recording, session: dict[str, Any]) -> Robot | None:
+    """Return the recorded robot as the session had it; None where it is not known."""
     from denoc_ros.bags.reader import read_description
 
     text = read_description(recording.path)
-    if not text or 'plant/true_modal_state' not in ' '.join(recording.topics):
-        return None, ''
+    if not text:
+        return None
     from denoc_ros.dynamics.robot import load_robot
 
     try:
-        robot = load_robot(text, gravity=tuple(session.get('gravity', (0.0, 0.0, -9.81))))
+        robot = load_robot(
+            text,
+            gravity=tuple(session.get('gravity', EARTH)),
+            geometric_stiffness=session.get('geometric_stiffness', True),
+        )
+        overrides = session.get('model', {})
+        return robot.with_overrides(overrides) if overrides else robot
     except DenocError as error:
-        print(f'denoc report: tip error left out: {error}', file=sys.stderr)
-        return None, ''
-    return robot, session.get('tip') or list(robot.tree.frames)[-1]
+        print(f'denoc report: the robot is left out: {error}', file=sys.stderr)
+        return None
 
 
 def _latest(statuses: Sequence[Diagnostic]) -> dict[str, dict[str, str]]:
     return {status.name: status.values for status in statuses}
 
 
-def _render(
-    recording: Recording,
-    session: dict[str, Any],
-    phases: Sequence[PhaseMeasures],
-    loops: Sequence[LoopMeasure],
-    warned: dict[str, tuple[int, str]],
-    statuses: Sequence[Diagnostic],
-) -> str:
-    from denoc_ros.cli import sections
-    from denoc_ros.cli.pages import render_page
+@dataclass(frozen=True)
+class _Found:
+    """All that a report shows."""
 
-    begun = datetime.fromtimestamp(recording.origin_ns * 1e-9, tz=timezone.utc)
-    return render_page(
-        'report.html.j2',
-        title=session.get('name') or recording.path.resolve().stem,
-        begun=begun.strftime('%Y-%m-%d %H:%M:%S UTC'),
-        session=session,
-        duration=recording.duration,
-        cards=sections.cards(phases, loops),
-        sections=[
-            section
-            for section in (
-                sections.tracking(phases),
-                sections.deflection(phases),
-                sections.torque(phases),
-                sections.motion(phases),
-                sections.loops(loops),
-                sections.warned(warned),
-                sections.nodes(statuses),
-                sections.topics(recording),
-            )
-            if section is not None
+    recording: Recording
+    session: dict[str, Any]
+    robot: Robot | None
+    phases: Sequence[PhaseMeasures]
+    loops: Sequence[LoopMeasure]
+    warned: dict[str, tuple[int, str]]
+    statuses: Sequence[Diagnostic]
+    simulated: Balance | None
+
+
+def _page(found: _Found, command: str) -> Page:
+    from denoc_ros.cli import balance, sections
+    from denoc_ros.cli.pages import Page
+
+    phases, duration = found.phases, found.recording.duration
+    units = sections.Units.of(found.robot)
+    simulated = found.simulated
+    return Page(
+        title=found.session.get('name') or found.recording.path.resolve().stem,
+        subtitle=' · '.join(_subtitle(found)),
+        verdict=balance.verdict(simulated)
+        if simulated
+        else sections.verdict(phases, found.warned, duration, units),
+        cards=[
+            *(balance.cards(simulated) if simulated else ()),
+            *sections.cards(phases, found.loops, units),
         ],
+        sections=[
+            sections.tracking(phases, units),
+            sections.motion(phases, units),
+            sections.deflection(phases),
+            sections.torque(phases, units),
+            *(balance.sections(simulated) if simulated else ()),
+            sections.loops(found.loops),
+            sections.warned(found.warned),
+            sections.nodes(found.statuses),
+            sections.topics(found.recording),
+        ],
+        provenance=_provenance(found, command),
     )
+
+
+def _subtitle(found: _Found) -> Iterator[str]:
+    recording, session = found.recording, found.session
+    if session.get('kind') == SIMULATED:
+        yield f'{recording.duration:.4g} s simulated'
+    else:
+        begun = datetime.fromtimestamp(recording.origin_ns * 1e-9, tz=timezone.utc)
+        yield begun.strftime('%Y-%m-%d %H:%M:%S UTC')
+        yield f'{recording.duration:.1f} s recorded'
+    if robot := session.get('robot'):
+        yield Path(robot).name
+
+
+def _provenance(found: _Found, command: str) -> dict[str, str]:
+    from denoc_ros.bags.reader import read_description
+    from denoc_ros.cli.provenance import named_file, named_text, provenance
+
+    session = found.session
+    robot = Path(session.get('robot', '')).name or 'the one in the bag'
+    ran = session.get('command', '')
+    sources = {
+        'command of the run': ran if ran != command else '',
+        'bag': named_file(found.recording.path),
+        'robot': named_text(robot, read_description(found.recording.path)),
+        'scenario': session.get('scenario', ''),
+    }
+    return provenance(command, sources, session.get('versions'))

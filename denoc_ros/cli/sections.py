@@ -5,10 +5,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
-from markupsafe import Markup
 
 from denoc_ros.cli.figures import (
     DIFFERENCE_COLOUR,
@@ -19,74 +17,55 @@ from denoc_ros.cli.figures import (
     histogram_figure,
     line_figure,
 )
-from denoc_ros.cli.measures import LoopMeasure, PhaseMeasures, peak, rms
+from denoc_ros.cli.measures import LoopMeasure, PhaseMeasures, deflection_error, peak, rms
+from denoc_ros.cli.pages import UNKNOWN, Card, Section, Table, Verdict, engineering
+from denoc_ros.model.tree import JointKind
 
 if TYPE_CHECKING:
     from denoc_ros.bags.series import Diagnostic
+    from denoc_ros.cli.measures import Deflection
     from denoc_ros.cli.recording import Recording, Series
+    from denoc_ros.dynamics.robot import Robot
 
-PREFIXES = ((1e6, 'M'), (1e3, 'k'), (1.0, ''), (1e-3, 'm'), (1e-6, 'µ'), (1e-9, 'n'))
 HIDDEN_KEYS = ('histogram_edges', 'histogram_counts')
 
 
 @dataclass(frozen=True)
-class Table:
-    """A table: its heading row, then rows of text."""
+class Units:
+    """Units of joints by their names; those of joints that are not known turn."""
 
-    head: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    folded: bool = False
-    title: str = ''
+    prismatic: frozenset[str] = frozenset()
 
+    @classmethod
+    def of(cls, robot: Robot | None) -> Units:
+        """Return those of a robot's joints."""
+        bodies = robot.tree.bodies if robot is not None else ()
+        joints = [body.joint for body in bodies if body.joint is not None]
+        return cls(frozenset(j.name for j in joints if j.kind is JointKind.PRISMATIC))
 
-@dataclass(frozen=True)
-class Section:
-    """One section of the page."""
+    def position(self, joint: str) -> str:
+        """Return that of its position."""
+        return 'm' if joint in self.prismatic else 'rad'
 
-    title: str
-    text: str
-    figures: Sequence[Markup] = ()
-    tables: Sequence[Table] = ()
-
-
-@dataclass(frozen=True)
-class Card:
-    """A figure of merit on top of the page."""
-
-    label: str
-    value: str
-    note: str = ''
+    def effort(self, joint: str) -> str:
+        """Return that of its force or torque."""
+        return 'N' if joint in self.prismatic else 'N m'
 
 
-def engineering(value: float, unit: str) -> str:
-    """Return a number with three digits and an SI prefix, such as `1.23 mrad`."""
-    if not np.isfinite(value):
-        return '–'
-    size = abs(float(f'{value:.3g}'))  # as shown: 999.7 µs is 1 ms
-    factor, prefix = next((entry for entry in PREFIXES if size >= entry[0]), PREFIXES[-1])
-    if size == 0.0:
-        factor, prefix = 1.0, ''
-    return f'{value / factor:.3g} {prefix}{unit}'
-
-
-def cards(phases: Sequence[PhaseMeasures], loops: Sequence[LoopMeasure]) -> list[Card]:
+def cards(
+    phases: Sequence[PhaseMeasures], loops: Sequence[LoopMeasure], units: Units
+) -> list[Card]:
     """Return what a reader wants to know first."""
     found = []
     for label, series, unit in (
-        ('Joint tracking error, rms', 'error', 'rad'),
+        ('Joint tracking error, rms', 'error', _common(phases, units)),
         ('Tip off its reference, rms', 'tip_error', 'm'),
     ):
         values = [(p.name, getattr(p, series)) for p in phases if getattr(p, series) is not None]
         shown = [f'{engineering(rms(s.values), unit)}' for _, s in values]
         if values:
             found.append(Card(label, ' → '.join(shown), ' → '.join(name for name, _ in values)))
-    percents = [
-        (100.0 * rms(entry.predicted - entry.true) / peak(entry.true), entry.name)
-        for phase in phases
-        for entry in phase.deflections
-        if entry.true is not None
-    ]
-    if percents:
+    if percents := _percents(phases):
         worst, name = max(percents)
         found.append(Card('Deflection prediction, worst', f'{worst:.2g} %', f'of peak, {name}'))
     if loops:
@@ -95,87 +74,144 @@ def cards(phases: Sequence[PhaseMeasures], loops: Sequence[LoopMeasure]) -> list
     return found
 
 
-def tracking(phases: Sequence[PhaseMeasures]) -> Section | None:
+def verdict(
+    phases: Sequence[PhaseMeasures],
+    warned: Mapping[str, tuple[int, str]],
+    duration: float,
+    units: Units,
+) -> Verdict:
+    """Return a recorded run in one sentence; what the nodes warned of makes it doubtful."""
+    found = []
+    errors = [(rms(p.error.values), p.name) for p in phases if p.error is not None]
+    if errors:
+        (least, name), unit = min(errors), _common(phases, units)
+        said = f' ({name})' if len(errors) > 1 else ''
+        found.append(f'joints follow their reference to {engineering(least, unit)} rms{said}')
+    if percents := _percents(phases):
+        found.append(f'deflection is predicted to {max(percents)[0]:.2g} % of its peak or better')
+    # late ticks have a card of their own
+    spoke = [name for name in sorted(warned) if not name.endswith(': loop')]
+    if spoke:
+        found.append(f'nodes warned: {", ".join(spoke)}')
+    text = '; '.join(found) or f'{duration:.4g} s are recorded'
+    return Verdict(f'{text[0].upper()}{text[1:]}.', 'doubtful' if spoke else 'good')
+
+
+def _common(phases: Sequence[PhaseMeasures], units: Units) -> str:
+    """Return the unit of all joints' errors together."""
+    names = (name for p in phases if p.error is not None for name in p.error.names)
+    return ' or '.join(sorted({units.position(name) for name in names}, reverse=True))
+
+
+def _percents(phases: Sequence[PhaseMeasures]) -> list[tuple[float, str]]:
+    errors = [(deflection_error(entry), entry) for phase in phases for entry in phase.deflections]
+    return [(error['percent_of_peak'], entry.name) for error, entry in errors if error is not None]
+
+
+def tracking(phases: Sequence[PhaseMeasures], units: Units) -> Section | None:
     """Return the section on joint and tip tracking errors."""
     shown = [(k, phase) for k, phase in enumerate(phases) if phase.error is not None]
     if not shown:
         return None
-    panels = _by_column([(k, p.name, p.error) for k, p in shown], lambda name: name, 'rad')
+    panels = _by_column([(k, p.name, p.error) for k, p in shown], units.position)
     tips = [(k, p.name, p.tip_error) for k, p in shown if p.tip_error is not None]
-    panels += _by_column(tips, lambda name: f'tip ({name}), distance', 'm')
+    panels += [
+        dataclasses.replace(panel, title=_tip_title(panel.title, ', distance'))
+        for panel in _by_column(tips, _metres)
+    ]
     errors = [(phase.name, phase.error) for _, phase in shown]
-    rows = _compared(errors, lambda name: name, 'rad')
-    rows += _compared([(name, tip) for _, name, tip in tips], lambda n: f'tip ({n})', 'm')
+    rows = _compared(errors, units.position)
+    for name, *cells in _compared([(name, tip) for _, name, tip in tips], _metres):
+        rows.append([_tip_title(name), *cells])
     return Section(
         'Tracking error',
         'Reference minus measured position of each joint; for the tip, how far it is from where '
         'the undeformed robot on the reference would have it. A feedforward of the flexible model '
         'makes the joints follow: the links still swing, and the tip with them.',
-        [_svg(line_figure(panels))],
-        [Table(_compared_head([name for name, _ in errors]), rows)],
+        [line_figure(panels)],
+        [Table(_compared_head([name for name, _ in errors], 'joint'), rows)],
     )
+
+
+def _tip_title(name: str, what: str = '') -> str:
+    return f'tip ({name}){what}'
+
+
+def _metres(_name: str) -> str:
+    return 'm'
 
 
 def deflection(phases: Sequence[PhaseMeasures]) -> Section | None:
     """Return the section on predicted over true deflection."""
     figures, rows = [], []
+    predicted = any(e.predicted is not None for phase in phases for e in phase.deflections)
     for k, phase in enumerate(phases):
         if not phase.deflections:
             continue
-        colour = _colour(k)
-        panels = []
-        for entry in phase.deflections:
-            title = _deflection_title(entry.name, phase.name, len(phases) > 1)
-            curves = [Curve('predicted', colour, entry.t, entry.predicted, True)]
-            if entry.true is not None:
-                gap = entry.predicted - entry.true
-                curves.insert(0, Curve('true (plant)', TRUTH_COLOUR, entry.t, entry.true))
-                curves.append(Curve('difference', DIFFERENCE_COLOUR, entry.t, gap))
-                error, largest = rms(gap), peak(entry.true)
-                rows.append(
-                    [
-                        phase.name,
-                        entry.name,
-                        engineering(largest, entry.unit),
-                        engineering(error, entry.unit),
-                        f'{100.0 * error / largest:.2g} %',
-                    ]
-                )
-            panels.append(Panel(title, entry.unit, curves))
-        figures.append(_svg(line_figure(panels)))
+        panels = [
+            Panel(
+                _deflection_title(entry.name, phase.name, len(phases) > 1),
+                entry.unit,
+                _deflection_curves(entry, _colour(k)),
+            )
+            for entry in phase.deflections
+        ]
+        figures.append(line_figure(panels))
+        rows += [_deflection_row(phase.name, entry, predicted) for entry in phase.deflections]
     if not figures:
         return None
-    head = ('phase', 'deflection', 'true peak', 'error rms', 'of peak')
-    judged = 'over the true one of the plant' if rows else '(no truth to compare with here)'
-    return Section(
-        'Deflection of the flexible links',
-        f'Tip deflection in the beam frame as the predictor has it, {judged}.',
-        figures,
-        [Table(head, rows)] if rows else [],
-    )
+    head = ['phase', 'deflection', 'peak']
+    text = 'Tip deflection in the beam frame'
+    if predicted:
+        head += ['error rms', 'of peak']
+        judged = any(e.true is not None for phase in phases for e in phase.deflections)
+        beside = 'over the true one of the plant' if judged else '(no truth to compare with here)'
+        text += f' as the predictor has it, {beside}'
+    return Section('Deflection of the flexible links', f'{text}.', figures, [Table(head, rows)])
 
 
-def torque(phases: Sequence[PhaseMeasures]) -> Section | None:
-    """Return the section on the torque that was commanded."""
-    shown = [(k, p.name, p.torque) for k, p in enumerate(phases) if p.torque is not None]
+def _deflection_curves(entry: Deflection, colour: str) -> list[Curve]:
+    curves = []
+    if entry.true is not None:
+        curves.append(Curve('true (plant)', TRUTH_COLOUR, entry.t, entry.true))
+    if entry.predicted is not None:
+        curves.append(Curve('predicted', colour, entry.t, entry.predicted, True))
+    if entry.error is not None:
+        curves.append(Curve('difference', DIFFERENCE_COLOUR, entry.t, entry.error))
+    return curves
+
+
+def _deflection_row(phase: str, entry: Deflection, predicted: bool) -> list[str]:
+    shown = entry.predicted if entry.true is None else entry.true
+    row = [phase, entry.name, UNKNOWN if shown is None else engineering(peak(shown), entry.unit)]
+    error = deflection_error(entry)
+    if error is not None:
+        return [*row, engineering(error['rms'], entry.unit), f'{error["percent_of_peak"]:.2g} %']
+    return [*row, UNKNOWN, UNKNOWN] if predicted else row
+
+
+def torque(phases: Sequence[PhaseMeasures], units: Units) -> Section | None:
+    """Return the section on the torque that was commanded, or else recorded with the states."""
+    commanded = [(k, p.name, p.torque) for k, p in enumerate(phases) if p.torque is not None]
+    recorded = [(k, p.name, p.effort) for k, p in enumerate(phases) if p.effort is not None]
+    shown = commanded or recorded
     if not shown:
         return None
-    panels = _by_column(shown, lambda name: name, 'N m')
-    text = 'What the feedforward node commanded (N m; N for a prismatic joint).'
-    if len(phases) == 1 and phases[0].effort is not None:
+    panels = _by_column(shown, units.effort)
+    title, text = 'Feedforward torque', 'What the feedforward node commanded.'
+    if not commanded:
+        title, text = 'Torque', 'Effort of the joints as recorded with their states.'
+    elif len(phases) == 1 and phases[0].effort is not None:
         panels = [_beside(panel, phases[0].effort) for panel in panels]
-        text = 'What the feedforward node computed, and the effort measured beside it (N m; N).'
+        text = 'What the feedforward node computed, and the effort measured beside it.'
     torques = [(name, series) for _, name, series in shown]
-    rows = _compared(torques, lambda name: name, 'N m')
+    head = _compared_head([name for name, _ in torques], 'joint')
     return Section(
-        'Feedforward torque',
-        text,
-        [_svg(line_figure(panels))],
-        [Table(_compared_head([name for name, _ in torques]), rows)],
+        title, text, [line_figure(panels)], [Table(head, _compared(torques, units.effort))]
     )
 
 
-def motion(phases: Sequence[PhaseMeasures]) -> Section | None:
+def motion(phases: Sequence[PhaseMeasures], units: Units) -> Section | None:
     """Return the section on the measured motion, for runs that show no tracking error."""
     shown = [
         (k, p.name, p.joints)
@@ -184,8 +220,8 @@ def motion(phases: Sequence[PhaseMeasures]) -> Section | None:
     ]
     if not shown:
         return None
-    panels = _by_column(shown, lambda name: name, 'rad')
-    return Section('Measured joints', 'Positions as recorded.', [_svg(line_figure(panels, 1.5))])
+    panels = _by_column(shown, units.position)
+    return Section('Joint motion', 'Positions as recorded.', [line_figure(panels, 1.5)])
 
 
 def loops(measures: Sequence[LoopMeasure]) -> Section | None:
@@ -210,7 +246,7 @@ def loops(measures: Sequence[LoopMeasure]) -> Section | None:
         'Loop periods',
         'Time between ticks from the first phase on, by each node itself; median and p99 are of '
         'the last second.',
-        [_svg(histogram_figure(measures))],
+        [histogram_figure(measures)],
         [Table(head, rows)],
     )
 
@@ -232,32 +268,42 @@ def nodes(statuses: Iterable[Diagnostic]) -> Section | None:
     tables = [
         Table(
             ('key', 'value'),
-            [[key, value] for key, value in status.values.items() if key not in HIDDEN_KEYS],
+            [
+                [key, _without_folder(value, status)]
+                for key, value in status.values.items()
+                if key not in HIDDEN_KEYS
+            ],
             folded=True,
-            title=f'{name} — {status.message}',
+            title=f'{name} — {_without_folder(status.message, status)}',
         )
         for name, status in sorted(last.items())
     ]
     return Section('Node statistics', 'The last word of each on /diagnostics.', [], tables)
 
 
+def _without_folder(text: str, status: Diagnostic) -> str:
+    """Return a text of a status with the file that it writes by its name only."""
+    path = status.values.get('path', '')
+    return text.replace(path, Path(path).name) if path else text
+
+
 def topics(recording: Recording) -> Section:
     """Return the section on what the bag holds."""
     counts = recording.counts
     rows = [[name, kind, str(counts[name])] for name, kind in sorted(recording.topics.items())]
-    text = f'{recording.path}: {sum(counts.values())} messages.'
+    text = f'{recording.path.name}: {sum(counts.values())} messages.'
     return Section('Recorded topics', text, [], [Table(('topic', 'type', 'messages'), rows)])
 
 
 def _by_column(
-    shown: Sequence[tuple[int, str, Series | None]], title: Callable[[str], str], unit: str
+    shown: Sequence[tuple[int, str, Series | None]], unit: Callable[[str], str]
 ) -> list[Panel]:
     """Return one panel per column name, with a curve for each phase that has it."""
     names = dict.fromkeys(name for _, _, s in shown if s is not None for name in s.names)
     return [
         Panel(
-            title(name),
-            unit,
+            name,
+            unit(name),
             [
                 Curve(phase, _colour(k), series.t, series.column(name))
                 for k, phase, series in shown
@@ -268,23 +314,24 @@ def _by_column(
     ]
 
 
-def _compared_head(names: Sequence[str]) -> list[str]:
+def _compared_head(names: Sequence[str], first: str) -> list[str]:
     """Return the heading of a table of rms and largest value, phase beside phase."""
-    return ['', *(f'{name}: {what}' for name in names for what in ('rms', 'largest'))]
+    of = [f'{name}: ' for name in names] if len(names) > 1 else ['']
+    return [first, *(f'{name}{what}' for name in of for what in ('rms', 'largest'))]
 
 
 def _compared(
-    shown: Sequence[tuple[str, Series | None]], title: Callable[[str], str], unit: str
+    shown: Sequence[tuple[str, Series | None]], unit: Callable[[str], str]
 ) -> list[list[str]]:
     """Return one row per column name: rms and largest value in each phase."""
     names = dict.fromkeys(name for _, s in shown if s is not None for name in s.names)
     rows = []
     for name in names:
-        row = [title(name)]
+        row = [name]
         for _, series in shown:
             values = series.column(name) if series and name in series.names else None
             for measure in (rms, peak):
-                row.append('–' if values is None else engineering(measure(values), unit))
+                row.append(UNKNOWN if values is None else engineering(measure(values), unit(name)))
         rows.append(row)
     return rows
 
@@ -306,7 +353,3 @@ def _deflection_title(name: str, phase: str, several: bool) -> str:
 
 def _colour(k: int) -> str:
     return PHASE_COLOURS[k % len(PHASE_COLOURS)]
-
-
-def _svg(text: str) -> Markup:
-    return Markup(text)

@@ -34,6 +34,9 @@ def add_parser(subparsers: Any) -> None:
         required=True,
         help='new .mcap file or bag folder; with --vary a folder of Parquet files, added to',
     )
+    parser.add_argument(
+        '--report', metavar='FILE', type=Path, help='also write the HTML page of the run'
+    )
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
     varied = parser.add_argument_group('many runs, with the model varied')
     varied.add_argument(
@@ -57,19 +60,51 @@ def run(args: argparse.Namespace) -> int:
     if args.vary:
         from denoc_ros.cli.monte_carlo import run_varied
 
+        if args.report:
+            raise ConfigError('--report', ['the page is of one run, got --vary'])
         return run_varied(args)
     if args.output.exists():
         raise BagError(f'{args.output}: output must not exist yet, got an existing one')
     robot, scenario, description = load(args.robot, args.scenario)
     result = scenario.run(robot, progress=not args.json)
+    session = session_of(args, robot, scenario, result)
     with tqdm(total=len(result.t), disable=True if args.json else None, leave=False) as bar:
-        write_run(result, robot, args.output, description, scenario.reference, bar.update)
-    summary = summarize(robot, result)
+        write_run(result, robot, args.output, description, scenario.reference, bar.update, session)
+    summary = {'output': str(args.output), **summarize(robot, result)}
+    if args.report:
+        from denoc_ros.cli.report import make_report
+
+        args.report.write_text(make_report(args.output, args.command)[0], encoding='utf-8')
+        summary['report'] = str(args.report)
     if args.json:
-        print(json.dumps({'output': str(args.output), **summary}, indent=2))
+        print(json.dumps(summary, indent=2))
     else:
         _print(args.output, summary)
     return 0
+
+
+def session_of(
+    args: argparse.Namespace, robot: Robot, scenario: Scenario, result: Run
+) -> dict[str, Any]:
+    """Return what a run was, ready for JSON, so that its bag alone tells it."""
+    from denoc_ros.cli.provenance import named_file
+    from denoc_ros.cli.report import SIMULATED
+    from denoc_ros.cli.versions import versions
+
+    return {
+        'kind': SIMULATED,
+        'name': Path(args.scenario).stem,
+        'robot': Path(args.robot).name,
+        'scenario': named_file(find_given(args.scenario, 'scenario')),
+        'gravity': robot.gravity.tolist(),
+        'geometric_stiffness': robot.geometric_stiffness,
+        'model': dict(robot.tree.overrides),
+        'method': scenario.method,
+        'rtol': scenario.rtol,
+        'evaluations': result.evaluations,
+        'command': args.command,
+        'versions': versions(),
+    }
 
 
 def load(robot: str, scenario: str) -> tuple[Robot, Scenario, str]:
@@ -87,7 +122,7 @@ def load(robot: str, scenario: str) -> tuple[Robot, Scenario, str]:
     """
     from denoc_ros.cli.config import read_yaml
 
-    robot_file, scenario_file = _find(robot, 'robot'), _find(scenario, 'scenario')
+    robot_file, scenario_file = find_given(robot, 'robot'), find_given(scenario, 'scenario')
     values = read_yaml(scenario_file)
     loaded, made = prepare(robot_file, values, str(scenario_file))
     return loaded, made, robot_file.read_text(encoding='utf-8')
@@ -158,7 +193,8 @@ def summarize(robot: Robot, result: Run) -> dict[str, Any]:
     }
 
 
-def _find(path: str, whose: str) -> Path:
+def find_given(path: str, whose: str) -> Path:
+    """Return a file that is here or where the package is installed; else ConfigError."""
     from denoc_ros.cli.config import find_file
 
     found = find_file(Path(path), Path())
@@ -178,3 +214,5 @@ def _print(output: Path, summary: dict[str, Any]) -> None:
     for title, unit in (('largest_torque', 'N m or N'), ('largest_deflection', 'm or rad')):
         for name, value in summary[title].items():
             print(f'  {title.replace("_", " ")} {name}: {show(value)} {unit}')
+    if 'report' in summary:
+        print(f'report  {summary["report"]}')

@@ -6,13 +6,10 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
-from markupsafe import Markup
 from numpy.typing import NDArray
 
-from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
-from denoc_ros.cli.pages import render_page
-from denoc_ros.cli.sections import Card, Section, Table, engineering
-from denoc_ros.cli.versions import versions
+from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Figure, Panel, line_figure
+from denoc_ros.cli.pages import Card, Page, Section, Table, Verdict, engineering
 from denoc_ros.simulation.scenario import Scenario
 from denoc_ros.simulation.stability import (
     ACCEPTED_DEVIATION,
@@ -33,8 +30,8 @@ LOOKS: Mapping[str, Look] = {
 SMALLEST = 1e-17  # what a deviation of zero is drawn as
 
 
-def page(study: Study, scenario: Scenario, names: Mapping[str, str]) -> str:
-    """Return the HTML page of a study.
+def page(study: Study, scenario: Scenario, subtitle: str, provenance: Mapping[str, str]) -> Page:
+    """Return the page of a study.
 
     Parameters
     ----------
@@ -42,35 +39,40 @@ def page(study: Study, scenario: Scenario, names: Mapping[str, str]) -> str:
         What was found.
     scenario : Scenario
         What was studied.
-    names : mapping
-        `robot` and `scenario`, as the page shows them.
+    subtitle : str
+        Which robot and scenario.
+    provenance : mapping
+        What the page was made from and with.
     """
-    session = {
-        **names,
-        'method': scenario.method,
-        'rtol': scenario.rtol,
-        'step': float(study.times[1] - study.times[0]),
-        'versions': versions(),
-    }
-    return render_page(
-        'stability.html.j2',
+    duration = study.times[-1] - study.times[0]
+    step = study.times[1] - study.times[0]
+    return Page(
         title='Numerical stability: recursion and Cholesky',
-        session=session,
-        duration=float(study.times[-1] - study.times[0]),
+        subtitle=f'{subtitle} · {duration:g} s · {scenario.method}, tolerance '
+        f'{scenario.rtol:g}, output every {step:g} s',
+        verdict=_verdict(study),
         cards=_cards(study),
         sections=[
-            section
-            for section in (
-                _deviation(study),
-                _from_desired(study),
-                _power(study),
-                _accelerations(study),
-                _growth(study),
-                _cost(study),
-            )
-            if section is not None
+            _deviation(study),
+            _from_desired(study),
+            _power(study),
+            _accelerations(study),
+            _growth(study),
+            _cost(study),
         ],
+        provenance=provenance,
     )
+
+
+def _verdict(study: Study) -> Verdict:
+    if study.acceptable:
+        text = (
+            'The recursion stays with the solution to the end; the algorithms differ by '
+            f'{study.difference:.1e} rad or m at most.'
+        )
+        return Verdict(text)
+    least = min(study.runs['recursion'].acceptable)
+    return Verdict(f'The recursion stays with the solution only up to {least:.4g} s.', 'doubtful')
 
 
 def _cards(study: Study) -> list[Card]:
@@ -104,23 +106,28 @@ def _curves(study: Study, values: Callable[[Measures], Array]) -> list[Curve]:
 
 
 def _by_joint(
-    study: Study, unit: str, values: Callable[[Measures, int], Array], truth: Array | None = None
-) -> Markup:
+    study: Study,
+    unit: str,
+    values: Callable[[Measures, int], Array],
+    truth: Array | None = None,
+    log: bool = False,
+) -> Figure:
     panels = []
     for k, (name, one) in enumerate(zip(study.joint_names, study.joint_units, strict=True)):
         curves = _curves(study, partial(_column, values, k))
         if truth is not None:
             curves.insert(0, Curve('solution', TRUTH_COLOUR, study.solution.t, truth[:, k]))
-        panels.append(Panel(name, unit.format(one), curves))
-    return Markup(line_figure(panels))
+        panels.append(Panel(name, unit.format(one), curves, log_y=log))
+    return line_figure(panels)
 
 
 def _column(values: Callable[[Measures, int], Array], k: int, one: Measures) -> Array:
     return values(one, k)
 
 
-def _decades(size: Array) -> Array:
-    return np.asarray(np.log10(np.maximum(size, SMALLEST)))
+def _visible(size: Array) -> Array:
+    """Return sizes that a logarithmic axis can show."""
+    return np.asarray(np.maximum(size, SMALLEST))
 
 
 def _deviation(study: Study) -> Section:
@@ -129,7 +136,7 @@ def _deviation(study: Study) -> Section:
         if study.exact
         else f'the same equations by {SOLUTION_METHOD} at tolerance {SOLUTION_TOLERANCES[0]:g}'
     )
-    head = ['', *study.joint_names]
+    head = ['algorithm', *study.joint_names]
     rows = [
         [f'{LOOKS[name][0]}: acceptable up to [s]', *(f'{t:.4g}' for t in one.acceptable)]
         for name, one in study.runs.items()
@@ -140,10 +147,10 @@ def _deviation(study: Study) -> Section:
     ]
     return Section(
         'Zero-eigenvalue deviation',
-        f'How far each joint is from the solution: {right}. Powers of ten; accepted up to '
+        f'How far each joint is from the solution: {right}. Accepted up to '
         f'{ACCEPTED_DEVIATION:g} rad or m. Where the curves lie on each other, the error is the '
         "integrator's.",
-        [_by_joint(study, 'log₁₀ {}', lambda one, k: _decades(one.deviation[:, k]))],
+        [_by_joint(study, '{}', lambda one, k: _visible(one.deviation[:, k]), log=True)],
         [Table(head, rows)],
     )
 
@@ -182,8 +189,8 @@ def _power(study: Study) -> Section:
         'Power difference',
         'Torques times the difference of simulated and right rates. Accepted up to '
         f'{100 * ACCEPTED_POWER:g} % of the largest power.',
-        [Markup(line_figure(panels, height=2.3))],
-        [Table(['', 'largest', 'acceptable up to'], rows)],
+        [line_figure(panels, height=2.3)],
+        [Table(['algorithm', 'largest', 'acceptable up to'], rows)],
     )
 
 
@@ -216,14 +223,14 @@ def _growth(study: Study) -> Section:
     t, colour = study.spectrum_times, LOOKS['recursion'][1]
     panels = [
         Panel('growth of small errors', '%/s', [Curve('', colour, t, 100.0 * study.growth)]),
-        Panel('condition number', 'log₁₀', [Curve('', colour, t, _decades(study.condition))]),
+        Panel('condition number', '', [Curve('', colour, t, study.condition)], log_y=True),
     ]
     return Section(
         'What the motion itself does',
         'The largest real part of the eigenvalues of the equations linearized along the solution: '
         'an error grows by this rate whatever the algorithm, as that of an upright pendulum does. '
         'A factorization of the inertia matrix loses at most its condition number times 1e-16.',
-        [Markup(line_figure(panels, height=2.3))],
+        [line_figure(panels, height=2.3)],
     )
 
 
@@ -238,7 +245,7 @@ def _cost(study: Study) -> Section:
         ]
         for name, one in study.runs.items()
     ]
-    head = ['', 'evaluations', 'processor time', 'one forward dynamics', 'ended early']
+    head = ['algorithm', 'evaluations', 'processor time', 'one forward dynamics', 'ended early']
     return Section(
         'Cost',
         'Processor time of the whole integration, torques and integrator included, the least of '

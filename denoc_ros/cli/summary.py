@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from denoc_ros.cli.sections import engineering
+from denoc_ros.cli.pages import engineering
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:

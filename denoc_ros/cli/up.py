@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     if args.view:
         config = _viewed(config)
     with _terminated_like_interrupted():
-        folder, summary = bring_up(config, args.input, args.output)
+        folder, summary = bring_up(config, args.input, args.output, args.command)
     if args.json:
         print(json.dumps(summary, indent=2, allow_nan=False))
     else:
@@ -88,7 +88,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def bring_up(
-    config: SessionConfig, bag: Path | None = None, output: Path | None = None
+    config: SessionConfig,
+    bag: Path | None = None,
+    output: Path | None = None,
+    command: str = '',
 ) -> tuple[Path, dict[str, Any]]:
     """Run a session from start to report.
 
@@ -100,6 +103,8 @@ def bring_up(
         Recorded joint states to run on instead of the plant.
     output : Path, optional
         The run's directory, which must not exist; default runs/<time>.
+    command : str
+        The command line, for the report's foot.
 
     Returns
     -------
@@ -138,7 +143,7 @@ def bring_up(
         'ROS_DOMAIN_ID': os.environ.get('ROS_DOMAIN_ID') or str(free_domain()),
     }
     os.environ.update(environment)
-    _write_session(folder, config, environment)
+    _write_session(folder, config, environment, command)
     processes = Processes(folder / 'logs', environment)
     shares = _drive(config, task, folder, processes, progress)
     return folder, _conclude(config, folder, shares, progress)
@@ -236,7 +241,9 @@ def _require_ros() -> None:
         raise DenocError(NO_ROS.format(error)) from error
 
 
-def _write_session(folder: Path, config: SessionConfig, environment: dict[str, str]) -> None:
+def _write_session(
+    folder: Path, config: SessionConfig, environment: dict[str, str], command: str
+) -> None:
     from denoc_ros.cli.versions import versions
 
     session = {
@@ -246,6 +253,7 @@ def _write_session(folder: Path, config: SessionConfig, environment: dict[str, s
         'gravity': list(config.gravity),
         'tip': config.tip,
         'environment': environment,
+        'command': command,
         'versions': versions(),
     }
     (folder / 'session.json').write_text(json.dumps(session, indent=2))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.bags.columns import JOINT_STATE
-from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT
+from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, SESSION_ATTACHMENT
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
@@ -37,6 +39,7 @@ def write_run(
     description: str = '',
     reference: Trajectory | None = None,
     progress: Any = None,
+    session: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a run as MCAP; stamps are the run's own times, from 0.
 
@@ -54,6 +57,8 @@ def write_run(
         What the joints that mimic none were meant to do.
     progress : callable, optional
         Called with 1 after each output time.
+    session : mapping, optional
+        What the run was, to be attached: ready for JSON.
 
     Raises
     ------
@@ -65,6 +70,8 @@ def write_run(
             bag.add_topic(topic, kind)
         if description:
             bag.attach(DESCRIPTION_ATTACHMENT, description)
+        if session:
+            bag.attach(SESSION_ATTACHMENT, json.dumps(session, indent=2), 'application/json')
         if reference is not None:
             bag.add_topic('/reference', TRAJECTORY)
             bag.write_message('/reference', 0, **_reference(robot, reference))

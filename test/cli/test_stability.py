@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from page_look import require_one_look
 from planar_chains import PlanarLink, planar_chain
 
 from denoc_ros.cli.main import main
@@ -56,9 +57,9 @@ def test_page_stands_alone(pendulum: Path, capsys: pytest.CaptureFixture[str]) -
         'Cost',
     ):
         assert f'<h2>{heading}</h2>' in text
-    assert text.count('<svg') == 5
-    for outside in ('<script', 'src=', '<link', '@import'):
-        assert outside not in text
+    # of one joint: two deviations, accelerations; power, its difference, growth, condition number
+    assert text.count('<figure>') == 7
+    require_one_look(text, str(page.parent))
     shown = capsys.readouterr().out
     assert 'recursion: acceptable to 0.5 s' in shown
     assert 'cholesky: acceptable to 0.5 s' in shown

@@ -1,0 +1,159 @@
+"""What only a simulated run shows: its energies, and how well its loops stay closed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
+from denoc_ros.cli.pages import Card, Section, Verdict, engineering
+from denoc_ros.cli.recording import Recording
+from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+
+CLOSED = 1e-9  # m or rad: what a simulation keeps its loops to
+SMALLEST = 1e-17  # what an error of zero is drawn as
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Energies and closure of a simulated run.
+
+    Attributes
+    ----------
+    t : (k,) array
+        Times [s].
+    kinetic, potential : (k,) arrays
+        Energies [J]; potential as `Robot.energy` has it.
+    work : (k,) array or None
+        Done by the joints' efforts since the start, by the trapezoidal rule [J].
+    closure : (k,) array or None
+        Largest error of the loops [m or rad]; None for a robot without loops.
+    """
+
+    t: Array
+    kinetic: Array
+    potential: Array
+    work: Array | None
+    closure: Array | None
+
+    @property
+    def total(self) -> Array:
+        """Kinetic and potential energy, (k,) [J]."""
+        return np.asarray(self.kinetic + self.potential)
+
+    @property
+    def change(self) -> float:
+        """Largest change of the total energy [J]."""
+        return float(np.max(np.abs(self.total - self.total[0])))
+
+    @property
+    def open(self) -> float | None:
+        """Largest error of the loops in the whole run [m or rad]."""
+        return None if self.closure is None else float(np.max(self.closure))
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers, ready for JSON: SI units."""
+        return {
+            'largest_kinetic_energy': float(np.max(self.kinetic)),
+            'largest_energy_change': self.change,
+            'work': None if self.work is None else float(self.work[-1]),
+            'closure_error': self.open,
+        }
+
+
+def balance(recording: Recording, robot: Robot) -> Balance | None:
+    """Return the energies of a simulated run; None where it does not have the robot's states.
+
+    Parameters
+    ----------
+    recording : Recording
+        With the topic plant/true_modal_state.
+    robot : Robot
+        As it was simulated.
+    """
+    state = recording.series('plant/true_modal_state')
+    rates = recording.series('plant/true_modal_state', 'velocity')
+    names = tuple(robot.coordinate_names)
+    if state is None or rates is None or set(state.names) != set(names):
+        return None
+    q = np.ascontiguousarray(state.select(names).values)
+    qd = np.ascontiguousarray(rates.select(names).values)
+    kinetic, potential = robot.energy(q, qd).T
+    closure = np.max(np.abs(robot.closure(q)), axis=1) if robot.tree.loops else None
+    return Balance(state.t, kinetic, potential, _work(recording), closure)
+
+
+def _work(recording: Recording) -> Array | None:
+    effort = recording.series('joint_states', 'effort')
+    rates = recording.series('joint_states', 'velocity')
+    if effort is None or rates is None:
+        return None
+    power = np.sum(effort.values * rates.values, axis=1)
+    steps = 0.5 * (power[1:] + power[:-1]) * np.diff(effort.t)
+    return np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def verdict(found: Balance) -> Verdict:
+    """Return a simulation in one sentence; loops that open make it doubtful."""
+    text = f'The simulation went to its end at {found.t[-1]:.4g} s'
+    if found.open is None:
+        return Verdict(f'{text}.')
+    closed = found.open <= CLOSED
+    kept = f'stay closed to {found.open:.1e}' if closed else f'open by {found.open:.1e}'
+    return Verdict(f'{text}; its loops {kept} m or rad.', 'good' if closed else 'doubtful')
+
+
+def cards(found: Balance) -> list[Card]:
+    """Return the figures of merit of a simulation."""
+    shown = [
+        Card('Largest kinetic energy', engineering(float(np.max(found.kinetic)), 'J')),
+        Card('Change of total energy', engineering(found.change, 'J'), 'largest, from the start'),
+    ]
+    if found.work is not None:
+        shown.append(
+            Card('Work of the joints', engineering(float(found.work[-1]), 'J'), 'to the end')
+        )
+    if found.open is not None:
+        shown.append(Card('Loops open by', f'{found.open:.1e}', 'm or rad, largest'))
+    return shown
+
+
+def sections(found: Balance) -> Sequence[Section]:
+    """Return the sections on energy, and on loops where there are any."""
+    curves = [
+        Curve('kinetic', PHASE_COLOURS[0], found.t, found.kinetic),
+        Curve(
+            'potential, from the start',
+            PHASE_COLOURS[1],
+            found.t,
+            found.potential - found.potential[0],
+        ),
+    ]
+    total = found.total - found.potential[0]
+    panels = [Panel('energies', 'J', curves)]
+    balanced = [Curve('total', TRUTH_COLOUR, found.t, total - total[0])]
+    if found.work is not None:
+        balanced.append(Curve('work of the joints', PHASE_COLOURS[2], found.t, found.work, True))
+    panels.append(Panel('total energy and work, from the start', 'J', balanced))
+    shown = [
+        Section(
+            'Energy',
+            'What the joints put in and the total energy does not have went into friction and '
+            'damping, and the little that the sum over the recorded times misses. Potential: '
+            'gravity and strain.',
+            [line_figure(panels)],
+        )
+    ]
+    if found.closure is not None:
+        error = Curve('', PHASE_COLOURS[1], found.t, np.maximum(found.closure, SMALLEST))
+        panel = Panel('largest error of the loops', 'm or rad', [error], log_y=True)
+        shown.append(
+            Section('Closed loops', 'How far the loops are from closed.', [line_figure([panel])])
+        )
+    return shown
