@@ -17,6 +17,7 @@ VERBS = (
     'simulate',
     'up',
     'replay',
+    'view',
     'identify',
     'report',
     'calibrate',

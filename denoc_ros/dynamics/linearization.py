@@ -32,7 +32,7 @@ class NaturalModes(NamedTuple):
     damping_ratios: Array
 
 
-def _steps(robot: Robot) -> Array:
+def difference_steps(robot: Robot) -> Array:
     """Return the difference step of each coordinate: rad, or a share of the beam's length."""
     steps = np.full(robot.n, STEP)
     for body in robot.tree.bodies:
@@ -43,7 +43,7 @@ def _steps(robot: Robot) -> Array:
     return steps
 
 
-def _derivative(function: Callable[[Array], Array], x: Array, steps: Array) -> Array:
+def derivative(function: Callable[[Array], Array], x: Array, steps: Array) -> Array:
     """Return the derivative (m, len(x)) of a vector function by central differences."""
     columns = []
     for j, step in enumerate(steps):
@@ -63,7 +63,7 @@ def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None =
     def load(state: Array) -> Array:
         return robot.inverse_dynamics(state, zero, zero, wrenches) - elastic * state
 
-    tangent: Array = _derivative(load, q, _steps(robot))
+    tangent: Array = derivative(load, q, difference_steps(robot))
     symmetric: Array = 0.5 * (tangent + tangent.T) + np.diag(elastic)
     return symmetric
 

@@ -67,6 +67,10 @@ class BentLink:
     Attributes
     ----------
     link : str
+    outline : Outline
+        The undeformed surface.
+    vertices : int
+        Their number.
     faces : (f, 3) int array
     colour : of the undeformed surface
     stations : (s,) array
@@ -80,13 +84,14 @@ class BentLink:
     """
 
     def __init__(self, robot: Robot, outline: Outline) -> None:
-        self.link, self.colour = outline.link, outline.colour
+        self.outline, self.link, self.colour = outline, outline.link, outline.colour
         self._body, self._own = _flexible_body(robot, self.link)
         beam = self._body.beam
         assert beam is not None
         to_beam = np.linalg.inv(self._body.frame)
         vertices = outline.vertices @ to_beam[:3, :3].T + to_beam[:3, 3]
         vertices, self.faces = cut_along(vertices, outline.faces, beam.length)
+        self.vertices = len(vertices)
         on_beam = np.clip(vertices[:, 0], 0.0, beam.length)
         self.stations, self._station = np.unique(
             np.round(on_beam / (SAME * beam.length)) * SAME * beam.length, return_inverse=True
@@ -178,12 +183,15 @@ class Bending:
         self.flexible = tuple(BentLink(robot, o) for o in drawn if o.link in bends)
         self.links = tuple(dict.fromkeys(outline.link for outline in drawn))
 
+    def poses(self, q: Array) -> dict[str, Array]:
+        """Return the poses (4, 4) of the link frames by link at coordinates (n,)."""
+        return {link: self._robot.frame_pose(link, q) for link in self.links}
+
     def at(self, q: Array) -> Shape:
         """Return where everything stands at coordinates (n,) (see :func:`exaggerated`)."""
-        robot = self._robot
-        pose = {link: robot.frame_pose(link, q) for link in self.links}
+        pose = self.poses(q)
         return Shape(
-            np.array([pose[part.link] for part in self.rigid]).reshape(-1, 4, 4),
+            np.reshape([pose[part.link] for part in self.rigid], (-1, 4, 4)),
             tuple(part.place(pose[part.link], q) for part in self.flexible),
         )
 

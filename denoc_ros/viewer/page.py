@@ -4,24 +4,42 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 
+import numpy as np
 import rich
 import viser
 
+from denoc_ros.dynamics.borders import as_states
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError
+from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.viewer.charts import Charts
+from denoc_ros.viewer.controls import Controls
+from denoc_ros.viewer.modes import ModePlayer
 from denoc_ros.viewer.moment import Moment
+from denoc_ros.viewer.playback import Playback
+from denoc_ros.viewer.posing import JointSliders, start_configuration
+from denoc_ros.viewer.view import Look, View
 
 LOOPBACK = ('127.0.0.1', 'localhost', '::1')
+
+
+class _Server(viser.ViserServer):
+    """A server that never opens a tunnel to a public one, whoever asks for it."""
+
+    def request_share_url(self, verbose: bool = True) -> None:
+        return None
 
 
 class Page:
     """A web page that shows a robot, served from this process.
 
-    Nothing is loaded from elsewhere, and nothing is drawn while no browser looks.
+    Nothing is loaded from elsewhere, and nothing is drawn while no browser looks. Any thread may
+    call its methods.
 
     Parameters
     ----------
@@ -34,7 +52,7 @@ class Page:
     title : str
         Above the controls; default the robot's name.
     scale : float
-        What the deflection is drawn larger by at first.
+        What deflections are drawn larger by at first, 1 to 100.
     folder : path, optional
         Where relative names of mesh files start.
 
@@ -42,6 +60,8 @@ class Page:
     ----------
     address : str
         What a browser opens.
+    server : viser.ViserServer
+        For further controls.
 
     Raises
     ------
@@ -60,28 +80,81 @@ class Page:
     ) -> None:
         _check_address(host, port)
         rich.get_console().quiet = True  # viser prints its banner through it
-        self._robot = robot.copy()
-        self._server = viser.ViserServer(host, port, label=title or robot.tree.name, verbose=False)
+        self._lock = threading.RLock()
+        self._title = title
+        self.server = _Server(host, port, label=title or robot.tree.name, verbose=False)
         shown = f'[{host}]' if ':' in host else host
-        self.address = f'http://{shown}:{self._server.get_port()}'
+        self.address = f'http://{shown}:{self.server.get_port()}'
+        gui = self.server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, control_width='medium')
+        self._controls = Controls(gui, Look(scale=scale), self._redraw)
+        self._charts = Charts(gui)
+        self._panel: Playback | JointSliders | None = None
+        self._player: ModePlayer | None = None
+        self._adopt(robot, folder)
+        self.server.on_client_connect(lambda _: self._redraw())
 
     @property
     def clients(self) -> int:
         """Number of browsers that look."""
-        return len(self._server.get_clients())
+        return len(self.server.get_clients())
 
     def show(self, moment: Moment) -> None:
         """Draw an instant; cheap, and next to nothing while no browser looks.
 
-        Any thread may call it, but one at a time.
+        Raises
+        ------
+        StateError
+            Its coordinates are not this robot's, or not finite.
         """
+        with self._lock:
+            self._check(moment)
+            self._charts.add(moment.t, moment.channels)
+            self._present(moment)
 
-    def play(self, moments: Sequence[Moment]) -> None:
-        """Offer a recorded run: play, pause, scrub."""
+    def play(self, run: Sequence[Moment]) -> None:
+        """Offer a recorded run to be played and scrubbed.
+
+        Raises
+        ------
+        StateError
+            It has no moments, or not this robot's.
+        """
+        if not len(run):
+            raise StateError('page: a run must have moments, got none')
+        self._check(run[0])
+        with self._lock:
+            self._close_panel()
+            playback = Playback(self.server.gui, run, self._show_recorded, self._watched)
+            names = list(run[0].channels)
+            values = [[moment.channels.get(name, np.nan) for name in names] for moment in run]
+            self._charts.record(playback.times, names, np.array(values))
+            self._panel = playback
+        playback.show()
+
+    def pose(self) -> None:
+        """Offer sliders for the joints."""
+        with self._lock:
+            self._close_panel()
+            start = start_configuration(self._view.robot)
+            sliders = JointSliders(self.server.gui, self._view.robot, start, self.show)
+            self._panel = sliders
+        sliders.move()
+
+    def change_robot(self, robot: Robot, folder: Path | None = None) -> None:
+        """Show another robot; its run or its sliders have to be asked for anew."""
+        with self._lock:
+            self._close_panel()
+            self._adopt(robot, folder)
 
     def close(self) -> None:
         """Stop serving; a second call does nothing."""
-        self._server.stop()
+        with self._lock:
+            self._close_panel()
+            if self._player is not None:
+                self._player.close()
+                self._player = None
+                self.server.stop()
 
     def __enter__(self) -> Page:
         return self
@@ -93,6 +166,59 @@ class Page:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def _adopt(self, robot: Robot, folder: Path | None) -> None:
+        if self._player is not None:
+            self._player.close()
+        self.server.scene.reset()
+        self.server.gui.set_panel_label(self._title or robot.tree.name)
+        self._view = View(self.server, robot.copy(), folder)
+        self._moment = Moment(0.0, start_configuration(self._view.robot))
+        self._player = ModePlayer(
+            self.server.gui, robot, lambda: self._moment.q, self._draw_mode, self._redraw
+        )
+        self._redraw()
+
+    def _close_panel(self) -> None:
+        if self._panel is not None:
+            self._panel.close()
+            self._panel = None
+        self._charts.clear()
+
+    def _check(self, moment: Moment) -> None:
+        as_states('q', moment.q, self._view.robot.n)
+        if not np.isfinite(moment.q).all():
+            raise StateError('page: coordinates must be finite, got some that are not')
+
+    def _watched(self) -> bool:
+        return self.clients > 0
+
+    def _show_recorded(self, moment: Moment) -> None:
+        with self._lock:
+            self._charts.point(moment.t)
+            self._present(moment)
+
+    def _present(self, moment: Moment) -> None:
+        self._moment = moment
+        if self._player is None or not self._player.playing:
+            self._draw(moment, self._controls.look)
+
+    def _draw_mode(self, moment: Moment) -> None:
+        with self._lock:
+            if self._player is not None and self._player.playing:
+                # its amplitude is chosen to be seen: nothing is to make it larger
+                self._draw(moment, replace(self._controls.look, scale=1.0))
+
+    def _redraw(self) -> None:
+        with self._lock:
+            self._present(self._moment)
+
+    def _draw(self, moment: Moment, look: Look) -> None:
+        if not self.clients:
+            return
+        with self.server.atomic():
+            self._controls.explain(self._view.draw(moment, look))
+            self._charts.draw()
 
 
 def _check_address(host: str, port: int) -> None:

@@ -1,0 +1,111 @@
+"""Natural modes of a mechanism whose loops stay closed, and the joints that hold it still."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.constraints import RANK, jacobian, least_solution
+from denoc_ros.dynamics.linearization import NaturalModes, derivative, difference_steps, stiffness
+from denoc_ros.dynamics.mobility import rank_of
+from denoc_ros.kernels.handle import DAMPING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+def independent_joints(robot: Robot, q: Array) -> tuple[str, ...]:
+    """Return joints that, held, leave no other joint to move; those nearest to the base first.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) array
+        A closed configuration.
+
+    Returns
+    -------
+    tuple of str
+        In coordinate order; all joints where there are neither loops nor mimic joints.
+    """
+    rows = jacobian(robot, q)[0]
+    bound = list(robot.joint_indices)
+    rank = rank_of(rows[:, bound]) if len(rows) else 0
+    followers = {b.joint.name for b in robot.tree.bodies if b.joint and b.joint.mimic}
+    held = []
+    for name, index in sorted(
+        zip(robot.joint_names, robot.joint_indices, strict=True),
+        key=lambda pair: (pair[0] in followers, _depth(robot, pair[0])),
+    ):
+        others = [k for k in bound if k != index]
+        if not len(rows) or (others and rank_of(rows[:, others]) == rank):
+            bound = others
+            held.append(name)
+    return tuple(name for name in robot.joint_names if name in held)
+
+
+def mechanism_modes(robot: Robot, q: Array, held: Sequence[str]) -> NaturalModes:
+    """Return the natural modes at rest at q with some joints held and the loops closed.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) array
+        A closed configuration at rest, in equilibrium for exact load stiffness.
+    held : names of joints
+        The others move as the loops let them.
+
+    Returns
+    -------
+    NaturalModes
+
+    Notes
+    -----
+    Motion in the null space Z of the free coordinates' closure Jacobian: Z^T I Z and
+    Z^T (K - d(J^T lambda)/dq) Z, with the multipliers lambda that balance gravity and elasticity.
+    """
+    fixed = robot.indices(held)
+    free = np.setdiff1d(np.arange(robot.n), fixed)
+    rows = jacobian(robot, q)[0]
+    tangent = stiffness(robot, q)
+    if len(rows):
+        zero = np.zeros(robot.n)
+        load = robot.inverse_dynamics(q, zero, zero)[free]
+        multipliers = least_solution(rows[:, free].T, load)[0]
+        turning = derivative(
+            lambda x: multipliers @ jacobian(robot, x)[0], q, difference_steps(robot)
+        )
+        tangent = tangent - 0.5 * (turning + turning.T)
+        allowed = scipy.linalg.null_space(rows[:, free], rcond=RANK)
+    else:
+        allowed = np.eye(len(free))
+    basis = np.zeros((robot.n, allowed.shape[1]))
+    basis[free] = allowed
+    if not basis.size:
+        return NaturalModes(np.zeros(0), basis, np.zeros(0))
+    squares, vectors = scipy.linalg.eigh(
+        basis.T @ tangent @ basis, basis.T @ robot.inertia_matrix(q) @ basis
+    )
+    shapes = basis @ vectors
+    omega = np.sqrt(np.abs(squares))
+    modal = np.einsum('ij,i,ij->j', shapes, robot.lowered.diagonals[DAMPING], shapes)
+    ratios = np.divide(modal, 2.0 * omega, out=np.zeros_like(modal), where=omega > 0.0)
+    return NaturalModes(np.sign(squares) * omega / (2.0 * np.pi), shapes, ratios)
+
+
+def _depth(robot: Robot, joint: str) -> int:
+    """Return how many bodies carry a joint's body."""
+    bodies = robot.tree.bodies
+    at = next(k for k, body in enumerate(bodies) if body.joint and body.joint.name == joint)
+    depth = 0
+    while bodies[at].attachment.body >= 0:
+        at = bodies[at].attachment.body
+        depth += 1
+    return depth

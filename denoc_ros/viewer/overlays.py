@@ -1,0 +1,185 @@
+"""Arrows of torques and reactions, and where loops close, on a page."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.reactions import Reactions, reactions
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import DenocError
+from denoc_ros.model.tree import JointKind
+from denoc_ros.viewer.moment import Moment
+from denoc_ros.viewer.outline import Colour, reach
+
+Array = NDArray[np.float64]
+
+LONGEST = 0.22  # of the robot's reach: the arrow of the largest that was seen
+TORQUE: Colour = (22, 140, 90)
+REACTION: Colour = (235, 130, 20)
+REACTION_MOMENT: Colour = (140, 70, 190)
+PARENT_PIN: Colour = (210, 40, 120)
+CHILD_PIN: Colour = (30, 30, 30)
+LEAST = 1e-3  # of the largest: shorter arrows are left out
+
+
+class Arrows:
+    """Arrows of one unit; the largest ever seen has the longest.
+
+    Parameters
+    ----------
+    scene : viser's scene
+    name : str
+    reach : float [m]
+        Of the robot.
+    colour : red, green, blue of 0 .. 255
+
+    Attributes
+    ----------
+    largest : float
+        In the arrows' unit.
+    """
+
+    def __init__(self, scene: Any, name: str, reach: float, colour: Colour) -> None:
+        self.largest = 0.0
+        self._length = LONGEST * reach
+        self._none = np.zeros((1, 2, 3), np.float32)
+        self._handle = scene.add_arrows(
+            f'/{name}',
+            self._none,
+            colour,
+            shaft_radius=0.004 * reach,
+            head_radius=0.011 * reach,
+            head_length=0.03 * reach,
+            visible=False,
+        )
+
+    def draw(self, feet: Array, vectors: Array) -> None:
+        """Draw vectors (k, 3) from points (k, 3) of the base frame."""
+        sizes = np.linalg.norm(vectors, axis=1)
+        self.largest = max(self.largest, float(sizes.max(initial=0.0)))
+        drawn = sizes > LEAST * self.largest
+        self._handle.visible = bool(drawn.any())
+        if drawn.any():
+            tips = feet[drawn] + self._length / self.largest * vectors[drawn]
+            self._handle.points = np.stack([feet[drawn], tips], axis=1).astype(np.float32)
+
+    def hide(self) -> None:
+        """Draw none."""
+        self._handle.visible = False
+
+
+class Overlays:
+    """What a moment's forces look like.
+
+    Parameters
+    ----------
+    scene : viser's scene
+    robot : Robot
+        Not shared with another thread.
+    """
+
+    def __init__(self, scene: Any, robot: Robot) -> None:
+        self._robot = robot
+        size = reach(robot)
+        self.torques = Arrows(scene, 'torques', size, TORQUE)
+        self.forces = Arrows(scene, 'reaction_forces', size, REACTION)
+        self.moments = Arrows(scene, 'reaction_moments', size, REACTION_MOMENT)
+        self._turning = [
+            (body.name, body.joint.name, body.joint.axis)
+            for body in robot.tree.bodies
+            if body.joint is not None and body.joint.kind is not JointKind.FIXED
+        ]
+        self._ends = [end.frame for loop in robot.tree.loops for end in (loop.parent, loop.child)]
+        self._pins = None
+        if self._ends:
+            self._pins = scene.add_point_cloud(
+                '/loops',
+                np.zeros((len(self._ends), 3)),
+                np.tile([PARENT_PIN, CHILD_PIN], (len(self._ends) // 2, 1)),
+                point_size=0.018 * size,
+                point_shape='circle',
+                precision='float32',
+            )
+
+    def draw_torques(self, moment: Moment, drawn: Array) -> None:
+        """Draw what actuators give, along the joints' axes, at coordinates as drawn (n,)."""
+        if moment.torque is None:
+            self.torques.hide()
+            return
+        feet, vectors = [], []
+        for link, joint, axis in self._turning:
+            value = moment.torque.get(joint, np.nan)
+            if np.isfinite(value):
+                pose = self._robot.frame_pose(link, drawn)
+                feet.append(pose[:3, 3])
+                vectors.append(value * (pose[:3, :3] @ axis))
+        self.torques.draw(np.reshape(feet, (-1, 3)), np.reshape(vectors, (-1, 3)))
+
+    def draw_reactions(self, moment: Moment, drawn: Array) -> None:
+        """Draw what joints and loops transmit, at coordinates as drawn (n,)."""
+        found = reactions_of(self._robot, moment)
+        if found is None:
+            self.hide_reactions()
+            return
+        tree, robot = self._robot.tree, self._robot
+        origins = [
+            (robot.frame_pose(body.name, drawn) @ body.frame)[:3, 3] for body in tree.bodies
+        ]
+        pins = [robot.frame_pose(loop.child.frame, drawn)[:3, 3] for loop in tree.loops]
+        feet = np.reshape([*origins, *pins], (-1, 3))
+        wrenches = np.concatenate([found.joints, found.loops])
+        self.forces.draw(feet, wrenches[:, :3])
+        self.moments.draw(feet, wrenches[:, 3:])
+
+    def hide_reactions(self) -> None:
+        """Draw no reactions."""
+        self.forces.hide()
+        self.moments.hide()
+
+    def draw_loops(self, drawn: Array | None) -> None:
+        """Draw both frames of every loop at coordinates as drawn (n,); None: not."""
+        if self._pins is None:
+            return
+        self._pins.visible = drawn is not None
+        if drawn is not None:
+            places = [self._robot.frame_pose(end, drawn)[:3, 3] for end in self._ends]
+            self._pins.points = np.array(places, np.float32)
+
+
+def reactions_of(robot: Robot, moment: Moment) -> Reactions | None:
+    """Return the reactions of a moment: under its torque, or with the joints held.
+
+    Parameters
+    ----------
+    robot : Robot
+    moment : Moment
+        Without torques the joints are taken to move on at their rates; without rates to rest.
+
+    Returns
+    -------
+    Reactions or None
+        None where the dynamics have no answer (a singular configuration).
+    """
+    q = moment.q
+    qd = np.zeros(robot.n) if moment.qd is None else moment.qd
+    try:
+        if moment.torque is not None:
+            tau = np.zeros(robot.n)
+            known = [moment.torque.get(name, 0.0) for name in robot.joint_names]
+            tau[robot.joint_indices] = np.nan_to_num(known)
+            qdd, multipliers = robot.constrained_forward_dynamics(q, qd, tau)
+        elif robot.tree.loops:
+            joints = [body.joint for body in robot.tree.bodies if body.joint is not None]
+            moved = sum(j.kind is not JointKind.FIXED and j.mimic is None for j in joints)
+            qd = np.zeros(robot.n)
+            _, qdd, multipliers = robot.constrained_hybrid_dynamics(q, qd, np.zeros(moved))
+        else:
+            qdd, multipliers = np.zeros(robot.n), np.zeros(0)
+            held = np.zeros(len(robot.joint_names))
+            qdd[robot.flexible_indices] = robot.hybrid_dynamics(q, qd, held)[1]
+        return reactions(robot, q, qd, qdd, multipliers)
+    except DenocError:
+        return None

@@ -1,0 +1,168 @@
+"""One robot on a page: surfaces, arrows and loops at a moment, as the controls want them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.viewer.bending import exaggerated
+from denoc_ros.viewer.moment import Moment
+from denoc_ros.viewer.outline import reach
+from denoc_ros.viewer.overlays import Overlays
+from denoc_ros.viewer.surfaces import Surfaces
+
+Array = NDArray[np.float64]
+
+STEPS = (1.0, 2.0, 5.0, 10.0)  # of the strain scale, per decade
+LEAST_STRAIN = 1e-6
+PARALLEL = 1e-6
+OBLIQUE, FACING = np.array([1.1, -1.5, 0.8]), np.array([0.25, -0.25, 1.9])
+
+
+@dataclass(frozen=True)
+class Look:
+    """What is to be drawn, and how."""
+
+    scale: float = 1.0  # of the deflection
+    strain: bool = True  # coloured
+    ghost: bool = True
+    torques: bool = True
+    reactions: bool = False
+    loops: bool = True
+
+
+@dataclass(frozen=True)
+class Legend:
+    """What colours and arrows stand for; 0 where there is none yet."""
+
+    strain: float  # [-] at the ends of the colours
+    torque: float  # [N m, N] of the longest arrow
+    force: float  # [N]
+    moment: float  # [N m]
+
+
+class View:
+    """A robot in viser's scene.
+
+    Parameters
+    ----------
+    server : viser's server
+    robot : Robot
+        Not shared with another thread.
+    folder : path, optional
+        Where relative names of mesh files start.
+    """
+
+    def __init__(self, server: Any, robot: Robot, folder: Path | None = None) -> None:
+        self.robot = robot
+        self._surfaces = Surfaces(server.scene, robot, folder)
+        self._overlays = Overlays(server.scene, robot)
+        self._limit = 0.0
+        self._stand(server)
+
+    @property
+    def bends(self) -> bool:
+        """Whether any link does."""
+        return bool(self._surfaces.bending.flexible)
+
+    def draw(self, moment: Moment, look: Look) -> Legend:
+        """Draw a moment."""
+        robot, bending = self.robot, self._surfaces.bending
+        drawn = exaggerated(robot, moment.q, look.scale)
+        strains = bending.strains(moment.q)
+        largest = max((float(np.abs(strain).max(initial=0.0)) for strain in strains), default=0.0)
+        self._limit = (
+            max(self._limit, round_up(largest)) if largest > LEAST_STRAIN else self._limit
+        )
+        self._surfaces.draw(bending.at(drawn), strains, self._limit if look.strain else None)
+        still = bending.poses(exaggerated(robot, moment.q, 0.0)) if look.ghost else None
+        self._surfaces.draw_ghost(still)
+        self._draw_overlays(moment, look, drawn)
+        arrows = self._overlays
+        return Legend(
+            self._limit if look.strain else 0.0,
+            arrows.torques.largest if look.torques else 0.0,
+            arrows.forces.largest if look.reactions else 0.0,
+            arrows.moments.largest if look.reactions else 0.0,
+        )
+
+    def _draw_overlays(self, moment: Moment, look: Look, drawn: Array) -> None:
+        overlays = self._overlays
+        if look.torques:
+            overlays.draw_torques(moment, drawn)
+        else:
+            overlays.torques.hide()
+        if look.reactions:
+            overlays.draw_reactions(moment, drawn)
+        else:
+            overlays.hide_reactions()
+        overlays.draw_loops(drawn if look.loops else None)
+
+    def _stand(self, server: Any) -> None:
+        """Put the ground under the robot and the camera before it."""
+        robot, size = self.robot, reach(self.robot)
+        up = (
+            -robot.gravity / np.linalg.norm(robot.gravity) if robot.gravity.any() else np.eye(3)[2]
+        )
+        axis = np.eye(3)[int(np.argmax(np.abs(up)))] * np.sign(up[np.argmax(np.abs(up))])
+        server.scene.set_up_direction(tuple(float(x) for x in axis))
+        facing = flat_direction(robot)
+        if facing is None or abs(facing @ axis) > PARALLEL:
+            turn = _turn_to(axis)
+            offset = turn @ OBLIQUE
+            server.scene.add_grid(
+                '/ground',
+                width=4.0 * size,
+                height=4.0 * size,
+                cell_size=_nice(size / 5.0),
+                section_size=5.0 * _nice(size / 5.0),
+                plane=('yz', 'xz', 'xy')[int(np.argmax(np.abs(axis)))],
+                position=tuple(float(x) for x in -0.02 * size * axis),
+            )
+        else:
+            side = np.cross(axis, facing)
+            offset = FACING @ np.array([side, axis, facing])
+        centre = self._centre()
+        server.initial_camera.up = tuple(float(x) for x in axis)
+        server.initial_camera.position = tuple(float(x) for x in centre + 0.75 * size * offset)
+        server.initial_camera.look_at = tuple(float(x) for x in centre)
+
+    def _centre(self) -> Array:
+        zero = np.zeros(self.robot.n)
+        places = [self.robot.frame_pose(frame, zero)[:3, 3] for frame in self.robot.tree.frames]
+        return np.asarray((np.min(places, axis=0) + np.max(places, axis=0)) / 2.0)
+
+
+def flat_direction(robot: Robot) -> Array | None:
+    """Return the common direction of a planar robot's joints, None for one that is not."""
+    zero = np.zeros(robot.n)
+    axes = [
+        robot.frame_pose(body.name, zero)[:3, :3] @ body.joint.axis
+        for body in robot.tree.bodies
+        if body.joint is not None and body.joint.kind.name == 'REVOLUTE'
+    ]
+    if not axes or max(np.linalg.norm(np.cross(axes[0], axis)) for axis in axes) > PARALLEL:
+        return None
+    return np.asarray(axes[0])
+
+
+def round_up(value: float) -> float:
+    """Return the next of 1, 2, 5, 10, … times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(step * power for step in STEPS if value <= step * power * (1.0 + 1e-12))
+
+
+def _nice(length: float) -> float:
+    return round_up(length)
+
+
+def _turn_to(axis: Array) -> Array:
+    """Return a rotation that takes z to one of the coordinate axes, or its opposite."""
+    other = np.eye(3)[(int(np.argmax(np.abs(axis))) + 1) % 3]
+    return np.column_stack([other, np.cross(axis, other), axis])
