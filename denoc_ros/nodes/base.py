@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import time
 import traceback
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -19,6 +20,7 @@ from std_srvs.srv import Trigger
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.conversions import InputError
 from denoc_ros.nodes.diagnostics import DiagnosticsPublisher, Status, input_status
+from denoc_ros.nodes.inputs import Handler, Input
 from denoc_ros.nodes.messages import wait_until_delivered
 from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
 from denoc_ros.nodes.realtime import make_thread_timely, settle_garbage
@@ -83,6 +85,7 @@ class DenocNode(LifecycleNode):
         self.owns_process = False
         self.knobs: dict[str, str] = {}
         self.monitors: list[InputMonitor] = []
+        self._to_log: deque[str] = deque()
         self._shown: dict[str, Value] = {}
         self._showing = False
         given = {
@@ -171,34 +174,27 @@ class DenocNode(LifecycleNode):
         self,
         message_type: type,
         topic: str,
-        handle: Callable[[bytes], None],
+        handle: Handler,
         qos: QoSProfile = NEWEST,
-        monitor: InputMonitor | None = None,
     ) -> InputMonitor:
-        """Subscribe to raw messages; `handle` parses and stores, or raises InputError.
+        """Subscribe to raw messages that the executor serves.
 
-        `handle` calls `monitor.accept(stamp_ns, now)` on the monitor returned here.
+        `handle(raw, arrived)` parses and stores, or raises InputError; it calls
+        `monitor.accept(stamp_ns, arrived)` on the monitor returned here.
         """
+        return self.subscribe(message_type, topic, handle, qos).monitor
+
+    def subscribe(self, message_type: type, topic: str, handle: Handler, qos: QoSProfile) -> Input:
+        """Subscribe as `listen` does; return the input itself."""
         limit = self.settings.integer('max_publishers') if 'max_publishers' in self.settings else 1
-        watch = monitor or InputMonitor(topic, limit)
-        self.monitors.append(watch)
-
-        # one argument only: rclpy 7.1.6's EventsExecutor fails on raw messages with their info
-        def on_message(raw: bytes) -> None:
-            try:
-                watch.check_publishers(publishers())
-                handle(raw)
-            except InputError as error:
-                self.refuse(watch, error)
-
-        subscription = self.create_subscription(message_type, topic, on_message, qos, raw=True)
-        publishers = subscription.handle.get_publisher_count
-        return watch
+        monitor = InputMonitor(topic, limit)
+        self.monitors.append(monitor)
+        return Input(self, message_type, topic, handle, qos, monitor)
 
     def refuse(self, monitor: InputMonitor, error: InputError) -> None:
-        """Count a bad message; log the first of each cause."""
-        if monitor.reject(error):
-            self.get_logger().warning(f'{monitor.topic} rejected ({error.cause}): {error}')
+        """Count a bad message; the first of each cause is logged within a second."""
+        if monitor.reject(error):  # not here: a log that blocks must not block a loop
+            self._to_log.append(f'{monitor.topic} rejected ({error.cause}): {error}')
 
     def offer(self, name: str, act: Callable[[], str], service: type = Trigger) -> None:
         """Offer a Trigger service: `act` returns a message or raises DenocError."""
@@ -212,6 +208,10 @@ class DenocNode(LifecycleNode):
             return response
 
         self.create_service(service, name, on_request)
+
+    def wall_at(self, moment: float) -> float:
+        """Return what the clock that stamps showed at a moment of the steady clock [s]."""
+        return 1e-9 * self.stamp_ns() - (time.perf_counter() - moment)
 
     def stamp_ns(self) -> int:
         """Return now for headers [ns]: the system's time, or simulated time where in use."""
@@ -227,6 +227,8 @@ class DenocNode(LifecycleNode):
         return []
 
     def _every_second(self) -> None:
+        while self._to_log:
+            self.get_logger().warning(self._to_log.popleft())
         statuses = self.statuses()
         if self.monitors:
             statuses.append(input_status(self.monitors, time.perf_counter()))

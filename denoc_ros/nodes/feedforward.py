@@ -118,20 +118,22 @@ class FeedforwardNode(RobotNode):
         if self._connected:
             return
         self._connected = True
-        qos_in = EVERY_MESSAGE if self.by_message else NEWEST
-        self.joint_input: InputMonitor = self.listen(
-            JointState, 'joint_states', self._on_joint_state, qos_in
-        )
+        handle = self._on_joint_state
+        if self.by_message:  # the messages are the clock
+            self.joint_input = self.listen(JointState, 'joint_states', handle, EVERY_MESSAGE)
+        else:
+            self.joint_input = self.measure(JointState, 'joint_states', handle)
         self.reference_input: InputMonitor | None = None
         if not self.from_joints:
+            qos = EVERY_MESSAGE if self.by_message else NEWEST
             self.reference_input = self.listen(
-                JointTrajectory, 'reference', self._on_reference, qos_in
+                JointTrajectory, 'reference', self._on_reference, qos
             )
 
-    # ---- inputs: callbacks only store, the tick consumes
+    # ---- inputs: what is stored here, the tick consumes
 
-    def _on_joint_state(self, raw: bytes) -> None:
-        reader, now = self._reader, time.perf_counter()
+    def _on_joint_state(self, raw: bytes, now: float) -> None:
+        reader = self._reader
         reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now))
         if not self.from_joints:
             return
@@ -142,9 +144,9 @@ class FeedforwardNode(RobotNode):
         else:
             self.follower.offer_point(now, *point)
 
-    def _on_reference(self, raw: bytes) -> None:
+    def _on_reference(self, raw: bytes, now: float) -> None:
         assert self.reference_input is not None
-        message, now = read_trajectory(raw, self.joints), time.perf_counter()
+        message = read_trajectory(raw, self.joints)
         if self.by_message and not message.is_streamed:
             raise InputError(
                 'not_streamed',

@@ -171,7 +171,7 @@ class PlantNode(RobotNode):
         if self._connected:
             return
         self._connected = True
-        self.command_input = self.listen(
+        self.command_input = self.measure(
             Float64MultiArray, self.settings.text('command'), self._on_command
         )
         if self._has_feedback:
@@ -185,12 +185,12 @@ class PlantNode(RobotNode):
 
     # ---- inputs
 
-    def _on_command(self, raw: bytes) -> None:
+    def _on_command(self, raw: bytes, now: float) -> None:
         self._reader.read(raw)
-        self.command_input.accept(0, time.perf_counter())
+        self.command_input.accept(0, now)
 
-    def _on_reference(self, raw: bytes) -> None:
-        message, now = read_trajectory(raw, self.joints), time.perf_counter()
+    def _on_reference(self, raw: bytes, now: float) -> None:
+        message = read_trajectory(raw, self.joints)
         self.reference_input.accept(message.stamp_ns or None, now)  # 0 starts now
         self.follower.offer(message, now, self.stamp_ns())
 

@@ -21,7 +21,7 @@ from denoc_ros.estimation.clock import StampClock
 from denoc_ros.estimation.fusion import FusionSettings, StrainFusion
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
-from denoc_ros.nodes.base import NEWEST, STATE
+from denoc_ros.nodes.base import STATE
 from denoc_ros.nodes.conversions import JointStateReader, read_trajectory
 from denoc_ros.nodes.diagnostics import WARN, Status
 from denoc_ros.nodes.markers import CentreLines
@@ -137,11 +137,11 @@ class PredictorNode(RobotNode):
         if self._connected:
             return
         self._connected = True
-        self.joint_input = self.listen(JointState, 'joint_states', self._on_joint_state)
+        self.joint_input = self.measure(JointState, 'joint_states', self._on_joint_state)
         self.reference_input = self.listen(JointTrajectory, 'reference', self._on_reference)
         if self.by_torque and self.by_command:
             topic = self.settings.text('effort_topic')
-            self.effort_input = self.listen(JointState, topic, self._on_effort, NEWEST)
+            self.effort_input = self.measure(JointState, topic, self._on_effort)
         self.create_timer(SEARCH_PERIOD, self._search, clock=self.steady_clock)
         if rate := self.settings.number('marker_rate'):
             self._markers = self.create_publisher(MarkerArray, '~/markers', STATE)
@@ -151,13 +151,13 @@ class PredictorNode(RobotNode):
         """Take the publishers down; the next configure makes them for its robot."""
         self.outputs.close()
 
-    # ---- inputs: callbacks only store, the tick consumes
+    # ---- inputs: what is stored here, the tick consumes
 
-    def _on_joint_state(self, raw: bytes) -> None:
-        reader, now = self._reader, time.perf_counter()
+    def _on_joint_state(self, raw: bytes, now: float) -> None:
+        reader = self._reader
         measured = self.by_torque and not self.by_command
         reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now), measured)
-        taken = self._stamps.taken_at(1e-9 * reader.stamp_ns, now, 1e-9 * self.stamp_ns())
+        taken = self._stamps.taken_at(1e-9 * reader.stamp_ns, now, self.wall_at(now))
         self._queue.append(
             (
                 taken,
@@ -167,13 +167,13 @@ class PredictorNode(RobotNode):
             )
         )
 
-    def _on_effort(self, raw: bytes) -> None:
-        reader, now = self._effort_reader, time.perf_counter()
+    def _on_effort(self, raw: bytes, now: float) -> None:
+        reader = self._effort_reader
         reader.read(raw, lambda stamp_ns: self.effort_input.accept(stamp_ns, now), True)
         self.observer.take_effort(reader.effort)
 
-    def _on_reference(self, raw: bytes) -> None:
-        message, now = read_trajectory(raw, self.joints), time.perf_counter()
+    def _on_reference(self, raw: bytes, now: float) -> None:
+        message = read_trajectory(raw, self.joints)
         self.reference_input.accept(message.stamp_ns or None, now)  # 0 starts now
         measured = self._reader.position if self.joint_input.received else None
         self.follower.offer(message, now, self.stamp_ns(), measured)

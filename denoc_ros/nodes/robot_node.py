@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
 from denoc_ros.nodes.diagnostics import ERROR, Status, loop_status, realtime_status
+from denoc_ros.nodes.inputs import Handler, Input
 from denoc_ros.nodes.model_node import ModelNode
 from denoc_ros.nodes.parameters import ParameterTable
 from denoc_ros.nodes.realtime import lock_memory
+from denoc_ros.nodes.safety import InputMonitor
 from denoc_ros.nodes.timing import Loop, LoopStatistics
+
+# what a flood at 10 kHz brings between two ticks at 1 kHz, and some more
+WITHIN_A_TICK = QoSProfile(depth=16, reliability=ReliabilityPolicy.BEST_EFFORT)
+REST_PERIOD = 0.02  # s between looks at the measurements while no loop runs
 
 
 class RobotNode(ModelNode):
     """Loads the robot on configure and runs `tick` in a thread of its own while active.
+
+    The loop takes its measurements itself, at the beginning of a tick: a callback in another
+    thread would hold the interpreter just when the loop is due.
 
     A node overrides `prepare` (build and run once everything that `tick` uses), `tick` and, where
     it has more to say, `statuses`.
@@ -27,6 +39,34 @@ class RobotNode(ModelNode):
         super().__init__(name, table, **options)
         self.loop: Loop | None = None
         self.last_statistics: LoopStatistics | None = None
+        self._measurements: list[Input] = []
+        self._rest: Any = None  # the timer that takes them while no loop runs
+
+    # ---- measurements
+
+    def measure(self, message_type: type, topic: str, handle: Handler) -> InputMonitor:
+        """Subscribe as `listen` does; the loop takes the messages."""
+        measurement = self.subscribe(message_type, topic, handle, WITHIN_A_TICK)
+        self._measurements.append(measurement)
+        if self._rest is None:
+            self._rest = self.create_timer(
+                REST_PERIOD, self._take_measurements, clock=self.steady_clock
+            )
+        return measurement.monitor
+
+    @property
+    def subscriptions(self) -> Iterator[Any]:
+        """Yield those that the executor serves."""
+        own = {id(measurement.subscription) for measurement in self._measurements}
+        return (each for each in super().subscriptions if id(each) not in own)
+
+    def _take_measurements(self) -> None:
+        for measurement in self._measurements:
+            measurement.take()
+
+    def _turn(self, steps: int) -> None:
+        self._take_measurements()
+        self.tick(steps)
 
     # ---- what a node of this kind does
 
@@ -45,11 +85,14 @@ class RobotNode(ModelNode):
 
     def activate(self) -> None:
         """Start the loop."""
+        if self._rest is not None:
+            self._rest.cancel()
+            self._take_measurements()
         self.begin()
         settings = self.settings
         self.loop = Loop(
             settings.number('update_rate'),
-            self.tick,
+            self._turn,
             settings.integer('thread_priority'),
             settings.integer('cpu_affinity'),
         )
@@ -59,6 +102,8 @@ class RobotNode(ModelNode):
         """Stop the loop."""
         if self.loop is not None:
             self.loop.stop()
+        if self._rest is not None:
+            self._rest.reset()
 
     @property
     def period(self) -> float:

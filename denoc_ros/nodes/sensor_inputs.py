@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
@@ -16,8 +15,8 @@ from std_msgs.msg import Float64, Float64MultiArray
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.model.sensors import WRENCH_FIELDS, wrench_field
 from denoc_ros.model.tree import Sensor, Tree
-from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.conversions import CdrReader, InputError
+from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.safety import InputMonitor
 
 Array = NDArray[np.float64]
@@ -95,7 +94,7 @@ class SensorInputs:
 
     Parameters
     ----------
-    node : DenocNode
+    node : RobotNode
         It subscribes.
 
     Attributes
@@ -113,7 +112,7 @@ class SensorInputs:
         steady clock [s], and calibrated.
     """
 
-    def __init__(self, node: DenocNode) -> None:
+    def __init__(self, node: RobotNode) -> None:
         self._node = node
         self.sensors: tuple[Sensor, ...] = ()
         self.places = np.zeros(0, dtype=np.intp)
@@ -174,14 +173,15 @@ class SensorInputs:
         watch: list[InputMonitor] = []
         clock = StampClock()
 
-        def handle(raw: bytes) -> None:
-            self._take(raw, reader, self._members.get(topic, []), watch[0], clock)
+        def handle(raw: bytes, now: float) -> None:
+            self._take(raw, now, reader, self._members.get(topic, []), watch[0], clock)
 
-        watch.append(self._node.listen(message_type, topic, handle))
+        watch.append(self._node.measure(message_type, topic, handle))
 
     def _take(
         self,
         raw: bytes,
+        now: float,
         reader: Reader,
         members: Sequence[Member],
         monitor: InputMonitor,
@@ -191,9 +191,9 @@ class SensorInputs:
         for (_, sensor, _), (_, value) in zip(members, read, strict=True):
             if not math.isfinite(value):
                 raise InputError('non_finite', f'{sensor.name} must be finite, got {value}')
-        stamp_ns, now = read[0][0] if read else 0, time.perf_counter()
+        stamp_ns = read[0][0] if read else 0
         monitor.accept(stamp_ns, now)
-        taken = clock.taken_at(1e-9 * stamp_ns, now, 1e-9 * self._node.stamp_ns())
+        taken = clock.taken_at(1e-9 * stamp_ns, now, self._node.wall_at(now))
         for (place, sensor, _), (_, raw_value) in zip(members, read, strict=True):
             value = sensor.gain * raw_value + sensor.offset - self._tare[place]
             self.values[place] = value

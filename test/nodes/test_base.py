@@ -36,9 +36,9 @@ class Listener(DenocNode):
         self.monitor = self.listen(JointState, 'joint_states', self.on_state)
         self.offer('~/fail', self.fail)
 
-    def on_state(self, raw: bytes) -> None:
+    def on_state(self, raw: bytes, now: float) -> None:
         self.reader.read(raw)
-        self.monitor.accept(self.reader.stamp_ns, 0.0)
+        self.monitor.accept(self.reader.stamp_ns, now)
 
     def fail(self) -> str:
         raise ConfigError('here', ['nothing goes'])

@@ -1,0 +1,117 @@
+"""What a loop takes itself of its measurements, and when it says they came."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import pytest
+from sensor_msgs.msg import JointState
+
+from denoc_ros.nodes.conversions import JointStateReader
+from denoc_ros.nodes.parameters import ParameterTable
+from denoc_ros.nodes.robot_node import WITHIN_A_TICK, RobotNode
+from denoc_ros.nodes.shared_parameters import (
+    input_parameters,
+    lifecycle_parameters,
+    loop_parameters,
+    robot_parameters,
+)
+
+pytestmark = pytest.mark.ros
+
+DELIVERY = 0.2  # s that a message may take to this process
+
+
+TABLE = ParameterTable(
+    [*lifecycle_parameters(), *robot_parameters(), *loop_parameters(), *input_parameters()]
+)
+
+
+class Taker(RobotNode):
+    """Takes joint states; no loop runs, so a timer does it, or a test."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('taker', TABLE, **options)
+        self.arrivals: list[float] = []
+        self.reader = JointStateReader(['a'])
+        self.monitor = self.measure(JointState, 'joint_states', self._on_state)
+
+    def _on_state(self, raw: bytes, now: float) -> None:
+        self.reader.read(raw, lambda stamp_ns: self.monitor.accept(stamp_ns, now))
+        self.arrivals.append(now)
+
+
+def state(stamp: int, name: str = 'a') -> JointState:
+    message = JointState(name=[name], position=[1.0])
+    message.header.stamp.sec = stamp
+    return message
+
+
+@pytest.fixture
+def taker(graph: Any) -> Any:
+    node = graph.add(Taker, start=False)
+    node._rest.cancel()
+    return node
+
+
+@pytest.fixture
+def publisher(graph: Any, taker: Any) -> Any:
+    return graph.publisher(JointState, 'joint_states', depth=100)
+
+
+def test_only_taking_takes(graph: Any, taker: Any, publisher: Any) -> None:
+    publisher.publish(state(1))
+    graph.spin(0.2)
+    assert taker.arrivals == []
+    taker._take_measurements()
+    assert len(taker.arrivals) == 1
+
+
+def test_without_a_loop_measurements_are_taken_all_the_same(graph: Any, taker: Any) -> None:
+    publisher = graph.publisher(JointState, 'joint_states')
+    taker._rest.reset()
+    publisher.publish(state(1))
+    graph.until(lambda: len(taker.arrivals) == 1)
+
+
+def test_arrival_is_when_it_came_not_when_it_was_taken(taker: Any, publisher: Any) -> None:
+    taker._take_measurements()
+    sent = []
+    for stamp in (1, 2, 3):
+        sent.append(time.perf_counter())
+        publisher.publish(state(stamp))
+        time.sleep(0.3)
+    taker._take_measurements()
+    assert len(taker.arrivals) == 3
+    for before, arrival in zip(sent, taker.arrivals, strict=True):
+        assert before - 1e-3 < arrival < before + DELIVERY
+
+
+@pytest.mark.parametrize('jump', [-3600.0, 3600.0])
+def test_arrival_bears_a_clock_that_is_set(
+    taker: Any, publisher: Any, monkeypatch: pytest.MonkeyPatch, jump: float
+) -> None:
+    taker._take_measurements()
+    before = time.perf_counter()
+    publisher.publish(state(1))
+    time.sleep(0.1)
+    wall = time.time_ns
+    monkeypatch.setattr(time, 'time_ns', lambda: wall() + round(1e9 * jump))
+    taker._take_measurements()
+    assert before - 1e-3 < taker.arrivals[0] <= time.perf_counter()
+
+
+def test_newest_of_a_flood_are_taken_and_bad_ones_counted(
+    graph: Any, taker: Any, publisher: Any
+) -> None:
+    depth = WITHIN_A_TICK.depth
+    for stamp in range(1, 3 * depth):
+        publisher.publish(state(stamp, 'a' if stamp % 2 else 'b'))
+    time.sleep(0.2)
+    taker._take_measurements()
+    assert taker.reader.stamp_ns == (3 * depth - 1) * 10**9
+    assert taker.monitor.accepted == depth // 2
+    assert taker.monitor.rejected == {'unknown_joint': depth // 2}
+    taker._take_measurements()
+    assert taker.monitor.accepted == depth // 2
