@@ -155,10 +155,10 @@ def read_attachment(path: str | Path, name: str) -> bytes:
     BagError
         When the bag cannot be read or has no such attachment.
     """
-    source = _require_readable(Path(path))
+    source = require_readable(Path(path))
     found: set[str] = set()
     for part in sorted(source.glob('*.mcap')) if source.is_dir() else [source]:
-        with _only_bag_errors(source), part.open('rb') as stream:
+        with only_bag_errors(source), part.open('rb') as stream:
             for attachment in make_reader(stream).iter_attachments():
                 if attachment.name == name:
                     return bytes(attachment.data)
@@ -236,9 +236,9 @@ def _connections(path: Path, reader: Any, topics: Collection[str] | None) -> lis
 
 @contextmanager
 def _open(path: Path) -> Iterator[Any]:
-    source = _require_readable(path)
+    source = require_readable(path)
     parts = source.glob('*.mcap') if source.is_dir() else [source]
-    with _only_bag_errors(path):
+    with only_bag_errors(path):
         for part in parts:
             if part.suffix == '.mcap':
                 require_small_chunks(part)
@@ -247,7 +247,8 @@ def _open(path: Path) -> Iterator[Any]:
 
 
 @contextmanager
-def _only_bag_errors(path: Path) -> Iterator[None]:
+def only_bag_errors(path: Path) -> Iterator[None]:
+    """Turn whatever is raised while a bag is read into a BagError that names it."""
     # damaged files lead the readers below to errors of nearly every kind
     try:
         yield
@@ -258,7 +259,14 @@ def _only_bag_errors(path: Path) -> Iterator[None]:
         raise BagError(f'{path}: bag must be readable, got: {reason}') from error
 
 
-def _require_readable(path: Path) -> Path:
+def require_readable(path: Path) -> Path:
+    """Return what is to be opened of a bag: a finished folder or a file.
+
+    Raises
+    ------
+    BagError
+        When there is none; for an unfinished recording it says how to recover it.
+    """
     if not path.exists():
         raise BagError(f'{path}: bag must exist, got nothing there')
     if path.is_dir():

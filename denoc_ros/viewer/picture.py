@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,26 +10,22 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, MultipleLocator
+from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from denoc_ros.viewer.bending import strain_colours
 from denoc_ros.viewer.recorded import RecordedRun
 from denoc_ros.viewer.staging import Staging
+from denoc_ros.viewer.strip_charts import GRID, INK, MUTED, chart_groups, draw_charts
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
-INK, MUTED, GRID, PAPER, GHOST = '#20242a', '#6b7280', '#e5e7eb', '#ffffff', '#d3d8df'
-CURVES = ('#d1622b', '#1f6fb2', '#2e8b57', '#8e5ea2', '#b8860b', '#4b5563')
-MOST_CURVES = 6  # of a chart; the largest are shown
-MOST_CHARTS = 3
+PAPER, GHOST = '#ffffff', '#d3d8df'
 HEADER, FOOTER, GAP, LEAST_STRIP = 52, 46, 24, 240  # pixels, of a strip
 LEAST_HEIGHT = 300  # pixels; a lower picture has no charts
 MARGIN = 0.06  # of the field of view
 SQUARES = 10  # of a grid along its longer side, at most
-PREFIXES = ((1.0, ''), (1e-3, 'm'), (1e-6, 'µ'))
-KILO = (1e3, 'k')
 BEHIND = 0.5  # drawn before the robot
 
 
@@ -86,8 +81,9 @@ class Picture:
     def __init__(
         self, run: RecordedRun, staging: Staging, title: str, size: tuple[int, int]
     ) -> None:
+        self._run = run
         self._figure, self._canvas = _figure(size)
-        groups = _groups(run) if size[1] >= LEAST_HEIGHT else {}
+        groups = chart_groups(run) if size[1] >= LEAST_HEIGHT else {}
         bottom = 0.3 if groups else 0.07
         bar = 0.08 if staging.strain > 0.0 else 0.0
         scene = self._figure.add_axes((0.05, bottom, 0.93 - bar, 0.93 - bottom))
@@ -95,7 +91,7 @@ class Picture:
         if bar:
             low = bottom + 0.06
             _colour_bar(self._figure, (0.93, low, 0.012, 0.76 - bottom), staging)
-        self._cursors = _charts(self._figure, run, groups)
+        self._cursors = draw_charts(self._figure, run, groups)
         self._figure.text(0.02, 0.955, title, size=11, weight='bold', color=INK)
         self._figure.text(0.98, 0.955, _stated(run, staging), size=9, color=MUTED, ha='right')
         self._time = self._figure.text(0.5, 0.955, '', size=11, color=INK, ha='center')
@@ -110,7 +106,7 @@ class Picture:
     def draw(self, t: float, q: Array) -> Pixels:
         """Return the frame (height, width, 3) at a time [s] with coordinates (n,)."""
         self._scene.show(q)
-        self._time.set_text(f't = {t:.2f} s')
+        self._time.set_text(_when(self._run, t))
         for cursor in self._cursors:
             cursor.set_xdata([t, t])
         self._canvas.restore_region(self._still)
@@ -159,7 +155,7 @@ def strip(
     for k, (t, q) in enumerate(zip(times, states, strict=True)):
         axes = figure.add_subplot(grid[k // columns, k % columns])
         Scene(axes, staging, k == (rows - 1) * columns, k == 0).show(q)
-        axes.set_title(f't = {t:.2f} s', loc='left', size=10, color=INK, pad=3)
+        axes.set_title(_when(run, float(t)), loc='left', size=10, color=INK, pad=3)
     if staging.strain > 0.0:
         _colour_bar(figure, (0.93, bottom, 0.012, top - bottom - 0.13), staging)
     line = {'y': 1.0 - 0.5 * HEADER / height, 'va': 'center'}
@@ -186,6 +182,11 @@ def _figure(size: tuple[int, int]) -> tuple[Figure, FigureCanvasAgg]:
     dpi = max(62.0, size[0] / 10.24)
     figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, facecolor=PAPER)
     return figure, FigureCanvasAgg(figure)
+
+
+def _when(run: RecordedRun, t: float) -> str:
+    phase = run.phase(t)
+    return f't = {t:.2f} s · {phase}' if phase else f't = {t:.2f} s'
 
 
 def _stated(run: RecordedRun, staging: Staging) -> str:
@@ -300,61 +301,3 @@ def _colour_bar(
     )
     for side in axes.spines.values():
         side.set_visible(False)
-
-
-def _groups(run: RecordedRun) -> dict[str, list[str]]:
-    """Return the channels of each chart, by what they show and in which unit."""
-    groups: dict[str, list[str]] = {}
-    for name in run.names:
-        if np.isfinite(run.channel(name)).any():
-            groups.setdefault(name.partition('/')[0], []).append(name)
-    return dict(list(groups.items())[:MOST_CHARTS])
-
-
-def _charts(figure: Figure, run: RecordedRun, groups: dict[str, list[str]]) -> list[Any]:
-    """Draw the charts; return the lines that mark the time."""
-    cursors = []
-    width = 0.93 / max(len(groups), 1)
-    for k, (group, names) in enumerate(groups.items()):
-        axes = figure.add_axes((0.055 + k * width, 0.07, width - 0.06, 0.15))
-        _chart(axes, run, group, names)
-        cursors.append(axes.axvline(run.t[0], color=INK, lw=1.0))
-    return cursors
-
-
-def _chart(axes: Axes, run: RecordedRun, group: str, names: Sequence[str]) -> None:
-    columns = {name: run.channel(name) for name in names}
-    peaks = {name: float(np.nanmax(np.abs(values))) for name, values in columns.items()}
-    largest = sorted(names, key=lambda name: -peaks[name])[:MOST_CURVES]
-    what, _, unit = group.rstrip(']').partition(' [')
-    factor, prefix = _prefix(max(peaks.values())) if unit else (1.0, '')
-    shown = [name for name in names if name in largest]
-    for k, name in enumerate(shown):
-        label = name.partition('/')[2]
-        style: Any = (0, (4, 2)) if label.startswith('predicted') else 'solid'
-        axes.plot(
-            run.t, columns[name] / factor, color=CURVES[k % len(CURVES)], lw=1.1, label=label,
-            ls=style,
-        )  # fmt: skip
-    left_out = f', {len(shown)} of {len(names)}' if len(shown) < len(names) else ''
-    title = f'{what}{left_out} [{prefix}{unit}]' if unit else f'{what}{left_out}'
-    axes.set_title(title, loc='left', size=8.5, color=INK, pad=3)
-    axes.legend(
-        fontsize=6.5, frameon=False, loc='lower right', bbox_to_anchor=(1.02, 0.98), ncols=3,
-        handlelength=1.4, columnspacing=0.8, labelcolor=MUTED, borderpad=0.0, labelspacing=0.2,
-    )  # fmt: skip
-    axes.set_xlim(run.t[0], run.t[-1] if run.t[-1] > run.t[0] else run.t[0] + 1.0)
-    axes.set_xlabel('time [s]', size=8, color=MUTED, labelpad=1)
-    axes.grid(True, color=GRID, lw=0.6)
-    axes.tick_params(colors=MUTED, labelsize=7.5, length=2)
-    axes.yaxis.set_major_locator(MaxNLocator(4))
-    for side in axes.spines.values():
-        side.set_color(GRID)
-
-
-def _prefix(peak: float) -> tuple[float, str]:
-    if peak >= 2e3:
-        return KILO
-    if peak == 0.0:
-        return PREFIXES[0]
-    return next((entry for entry in PREFIXES if peak >= entry[0]), PREFIXES[-1])

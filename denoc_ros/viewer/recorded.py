@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.bags.columns import JOINT_STATE, JointStateColumns
-from denoc_ros.bags.reader import bag_contents, read_raw
-from denoc_ros.bags.series import JointSeries
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
 from denoc_ros.model.tree import JointKind
 from denoc_ros.viewer.moment import Moment
+from denoc_ros.viewer.thinned_topics import Rows, ThinnedTopics
 
 Array = NDArray[np.float64]
 
@@ -40,25 +37,6 @@ RESIDUAL = 'predictor/sensor_residual'
 SHOWN_COMPONENTS = ('uy', 'uz', 'rx')
 NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: not worth a strip chart
 RATE = 60.0  # Hz, of the moments kept
-MOST_MOMENTS = 20_000  # of one run, whatever its length
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """Columns over time: seconds since the run's origin, ascending."""
-
-    t: Array  # (k,)
-    names: tuple[str, ...]
-    position: Array  # (k, names)
-    velocity: Array
-    effort: Array
-
-    def has(self, names: Sequence[str]) -> bool:
-        return set(names) <= set(self.names) and bool(len(self.t))
-
-    def columns(self, names: Sequence[str], field: str = 'position') -> Array:
-        values: Array = getattr(self, field)
-        return np.ascontiguousarray(values[:, [self.names.index(name) for name in names]])
 
 
 class RecordedRun(Sequence[Moment]):
@@ -77,7 +55,7 @@ class RecordedRun(Sequence[Moment]):
         What is taken of the run [s since its origin].
     rate : float
         Moments per second at most; fewer where the run is so long that they would be more than
-        `MOST_MOMENTS`.
+        `thinned_topics.MOST_ROWS`.
 
     Attributes
     ----------
@@ -91,6 +69,8 @@ class RecordedRun(Sequence[Moment]):
         Where the torque came from; '' where there is none.
     names : tuple of str
         Of the channels.
+    phases : tuple of (float, str)
+        When a phase of the run began [s] and its name; '' where one ended.
 
     Raises
     ------
@@ -111,7 +91,9 @@ class RecordedRun(Sequence[Moment]):
     ) -> None:
         self.path = path
         self._robot = robot
-        topics = _Topics(path, start, end, rate)
+        wanted = {*STATES.values(), *TORQUES, *DEFLECTIONS, RESIDUAL}
+        topics = ThinnedTopics(path, wanted, start, end, rate)
+        self.phases = topics.phases
         self.source, rows = self._state(topics, source)
         self.t = rows.t
         self.q, self._qd = self._coordinates(rows)
@@ -145,11 +127,15 @@ class RecordedRun(Sequence[Moment]):
         """Return the coordinates (m, n) at times (m,) [s], linearly between the moments."""
         return np.column_stack([np.interp(t, self.t, column) for column in self.q.T])
 
+    def phase(self, t: float) -> str:
+        """Return the name of the phase at a time [s], '' outside of all."""
+        return next((name for start, name in reversed(self.phases) if start <= t), '')
+
     def channel(self, name: str) -> Array:
         """Return a channel at all moments, (k,)."""
         return self._channels[name]
 
-    def _state(self, topics: _Topics, wanted: str) -> tuple[str, _Rows]:
+    def _state(self, topics: ThinnedTopics, wanted: str) -> tuple[str, Rows]:
         if wanted and wanted not in STATES:
             raise BagError(f'source must be one of {", ".join(STATES)}, got {wanted!r}')
         for source in (wanted,) if wanted else STATES:
@@ -164,10 +150,10 @@ class RecordedRun(Sequence[Moment]):
         raise BagError(
             f'{self.path}: bag must have {asked} of robot {self._robot.tree.name!r} '
             f'({", ".join(self._robot.joint_names)}){topics.window}, got topics '
-            f'{", ".join(topics.described()) or "(none)"}'
+            f'{", ".join(topics.names) or "(none)"}'
         )
 
-    def _coordinates(self, rows: _Rows) -> tuple[Array, Array | None]:
+    def _coordinates(self, rows: Rows) -> tuple[Array, Array | None]:
         robot = self._robot
         if rows.has(robot.coordinate_names):
             q = rows.columns(robot.coordinate_names)
@@ -186,7 +172,7 @@ class RecordedRun(Sequence[Moment]):
             row[:] = now
         return q, None
 
-    def _find_torque(self, topics: _Topics) -> tuple[str, dict[str, Array]]:
+    def _find_torque(self, topics: ThinnedTopics) -> tuple[str, dict[str, Array]]:
         for topic in TORQUES:
             rows = topics.rows(topic)
             if rows is None:
@@ -197,7 +183,7 @@ class RecordedRun(Sequence[Moment]):
                 return topic, dict(zip(names, self._beside(rows.t, effort).T, strict=True))
         return '', {}
 
-    def _find_channels(self, topics: _Topics) -> Iterator[tuple[str, Array]]:
+    def _find_channels(self, topics: ThinnedTopics) -> Iterator[tuple[str, Array]]:
         found = {what: topics.rows(topic) for topic, what in DEFLECTIONS.items()}
         present = {what: rows for what, rows in found.items() if rows is not None}
         for name in _worth_showing(present):
@@ -233,73 +219,7 @@ def _known(columns: Mapping[str, Array], index: int) -> dict[str, float]:
     return {name: value for name, value in row.items() if math.isfinite(value)}
 
 
-class _Topics:
-    """The topics of JointState in a bag that show a robot's state, thinned while read."""
-
-    def __init__(self, path: Path, start: float, end: float, rate: float) -> None:
-        self._path = path
-        self.window = '' if start == -math.inf and end == math.inf else f' in {start:g}–{end:g} s'
-        wanted = {*STATES.values(), *TORQUES, *DEFLECTIONS, RESIDUAL}
-        contents = bag_contents(path)
-        self._all = tuple(topic.name for topic in contents.topics)
-        states = {t.name for t in contents.topics if t.type == JOINT_STATE and t.messages}
-        self._found = {suffix: name for suffix in wanted if (name := _find(states, suffix))}
-        span = 1e-9 * (contents.end_ns - contents.start_ns)
-        span = min(end, span) - max(start, 0.0)
-        period = max(1.0 / rate, span / MOST_MOMENTS)
-        self._rows = self._read(start, end, period) if self._found else {}
-
-    def rows(self, suffix: str) -> _Rows | None:
-        """Return a topic's rows, None if it has none."""
-        return self._rows.get(self._found.get(suffix, ''))
-
-    def described(self) -> tuple[str, ...]:
-        """Return the names of all topics in the bag."""
-        return self._all
-
-    def _read(self, start: float, end: float, period: float) -> dict[str, _Rows]:
-        columns: dict[str, JointStateColumns] = {}
-        due: dict[str, int] = {}
-        step = round(1e9 * period)
-        first_ns, slack = -1, round(1e9 * (1.0 + period))
-        for topic, _, log_ns, raw in read_raw(self._path, set(self._found.values())):
-            if first_ns < 0:
-                first_ns = log_ns
-            if topic not in columns:
-                columns[topic] = JointStateColumns(topic)
-                due[topic] = log_ns
-            elif log_ns < due[topic] or not _near(log_ns - first_ns, start, end, slack):
-                continue
-            due[topic] = max(due[topic] + step, log_ns + step // 2)
-            columns[topic].append(raw, log_ns)
-        series = {topic: column.series() for topic, column in columns.items()}
-        origin_ns = min(int(one.stamp_ns.min()) for one in series.values())
-        cut = {topic: _cut(one, origin_ns, start, end) for topic, one in series.items()}
-        return {topic: rows for topic, rows in cut.items() if len(rows.t)}
-
-
-def _near(since_ns: int, start: float, end: float, slack: int) -> bool:
-    """Say whether a log time may be that of a stamp between start and end [s]."""
-    return 1e9 * start - slack <= since_ns <= 1e9 * end + slack
-
-
-def _cut(series: JointSeries, origin_ns: int, start: float, end: float) -> _Rows:
-    """Return what is between start and end, its times ascending."""
-    stamps, order = np.unique(series.stamp_ns, return_index=True)
-    t = np.asarray((stamps - origin_ns) * 1e-9, dtype=np.float64)
-    order = order[(t >= start) & (t <= end)]
-    t = t[(t >= start) & (t <= end)]
-    fields = (series.position[order], series.velocity[order], series.effort[order])
-    return _Rows(t, series.names, *fields)
-
-
-def _find(names: set[str], suffix: str) -> str:
-    """Return the topic with this name or, failing that, ending; '' if there is none."""
-    exact = [name for name in names if name.lstrip('/') == suffix]
-    return next(iter(exact + sorted(n for n in names if n.endswith(f'/{suffix}'))), '')
-
-
-def _worth_showing(present: Mapping[str, _Rows]) -> list[str]:
+def _worth_showing(present: Mapping[str, Rows]) -> list[str]:
     """Return the deflections that are not negligible beside others of their kind."""
     peaks: dict[str, float] = {}
     for rows in present.values():

@@ -1,0 +1,78 @@
+"""Strip charts of a recorded run beside its pictures: one per quantity, a line for the time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from denoc_ros.viewer.recorded import RecordedRun
+
+INK, MUTED, GRID = '#20242a', '#6b7280', '#e5e7eb'
+CURVES = ('#d1622b', '#1f6fb2', '#2e8b57', '#8e5ea2', '#b8860b', '#4b5563')
+MOST_CURVES = 6  # of a chart; the largest are shown
+MOST_CHARTS = 3
+PREFIXES = ((1.0, ''), (1e-3, 'm'), (1e-6, 'µ'))
+KILO = (1e3, 'k')
+
+
+def chart_groups(run: RecordedRun) -> dict[str, list[str]]:
+    """Return the channels of each chart, by what they show and in which unit."""
+    groups: dict[str, list[str]] = {}
+    for name in run.names:
+        if np.isfinite(run.channel(name)).any():
+            groups.setdefault(name.partition('/')[0], []).append(name)
+    return dict(list(groups.items())[:MOST_CHARTS])
+
+
+def draw_charts(figure: Figure, run: RecordedRun, groups: dict[str, list[str]]) -> list[Any]:
+    """Draw the charts; return the lines that mark the time."""
+    cursors = []
+    width = 0.93 / max(len(groups), 1)
+    for k, (group, names) in enumerate(groups.items()):
+        axes = figure.add_axes((0.055 + k * width, 0.07, width - 0.06, 0.15))
+        _chart(axes, run, group, names)
+        cursors.append(axes.axvline(run.t[0], color=INK, lw=1.0))
+    return cursors
+
+
+def _chart(axes: Axes, run: RecordedRun, group: str, names: Sequence[str]) -> None:
+    columns = {name: run.channel(name) for name in names}
+    peaks = {name: float(np.nanmax(np.abs(values))) for name, values in columns.items()}
+    largest = sorted(names, key=lambda name: -peaks[name])[:MOST_CURVES]
+    what, _, unit = group.rstrip(']').partition(' [')
+    factor, prefix = _prefix(max(peaks.values())) if unit else (1.0, '')
+    shown = [name for name in names if name in largest]
+    for k, name in enumerate(shown):
+        label = name.partition('/')[2]
+        style: Any = (0, (4, 2)) if label.startswith('predicted') else 'solid'
+        axes.plot(
+            run.t, columns[name] / factor, color=CURVES[k % len(CURVES)], lw=1.1, label=label,
+            ls=style,
+        )  # fmt: skip
+    left_out = f', {len(shown)} of {len(names)}' if len(shown) < len(names) else ''
+    title = f'{what}{left_out} [{prefix}{unit}]' if unit else f'{what}{left_out}'
+    axes.set_title(title, loc='left', size=8.5, color=INK, pad=3)
+    axes.legend(
+        fontsize=6.5, frameon=False, loc='lower right', bbox_to_anchor=(1.02, 0.98), ncols=3,
+        handlelength=1.4, columnspacing=0.8, labelcolor=MUTED, borderpad=0.0, labelspacing=0.2,
+    )  # fmt: skip
+    axes.set_xlim(run.t[0], run.t[-1] if run.t[-1] > run.t[0] else run.t[0] + 1.0)
+    axes.set_xlabel('time [s]', size=8, color=MUTED, labelpad=1)
+    axes.grid(True, color=GRID, lw=0.6)
+    axes.tick_params(colors=MUTED, labelsize=7.5, length=2)
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    for side in axes.spines.values():
+        side.set_color(GRID)
+
+
+def _prefix(peak: float) -> tuple[float, str]:
+    if peak >= 2e3:
+        return KILO
+    if peak == 0.0:
+        return PREFIXES[0]
+    return next((entry for entry in PREFIXES if peak >= entry[0]), PREFIXES[-1])
