@@ -11,6 +11,7 @@ from pathlib import Path
 from bench.rates_blocks import WatchedProcesses, domain
 
 from denoc_ros.cli.node_parameters import write_parameters
+from denoc_ros.cli.processes import Processes
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.driver import Driver
 
@@ -26,6 +27,10 @@ class SignalledProcesses(WatchedProcesses):
     def start_watched(self, name: str, arguments: Sequence[str]) -> None:
         """Start a module under the eyes of a journal."""
         self.start(name, ['-m', *arguments])
+
+    def start_plain(self, name: str, arguments: Sequence[str]) -> None:
+        """Start a module with nothing beside it."""
+        Processes.start(self, name, ['-m', *arguments])
 
     def signal(self, name: str, number: int) -> None:
         self._running[name].send_signal(number)

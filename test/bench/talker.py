@@ -2,8 +2,9 @@
 
 `python -m bench.talker load TOPICS RATE BYTES` publishes numbered messages on `/load/t0`, …;
 `python -m bench.talker garbage RATE` publishes joint states and references that must be refused;
-`python -m bench.talker joints RATE JOINT …` publishes good joint states of a robot that stands.
-SIGUSR1 begins, SIGUSR2 pauses, SIGINT ends; `joints` begins by itself.
+`python -m bench.talker joints RATE JOINT …` publishes good joint states of a robot that stands,
+`python -m bench.talker moving RATE JOINT …` of one whose joints swing.
+SIGUSR1 begins, SIGUSR2 pauses, SIGINT ends; `joints` and `moving` begin by themselves.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from denoc_ros.nodes.realtime import make_thread_timely
 DEPTH = 500  # ten seconds of the load that a busy reader may still ask for
 NUMBER = struct.Struct('<Q')
 NUMBER_OFFSET = 4 + 4 + 4 + 4  # behind encapsulation, no dimensions, offset and length
+SWING, SWINGING = 0.2, 3.0  # rad, rad/s
 RELIABLE = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -72,13 +74,17 @@ def garbage(node: Node) -> Callable[[], None]:
     return talk
 
 
-def joints(node: Node, names: list[str]) -> Callable[[], None]:
-    """Return what publishes good joint states."""
+def joints(node: Node, names: list[str], swing: float = 0.0) -> Callable[[], None]:
+    """Return what publishes good joint states of joints that swing [rad]."""
     message = JointStateMessage(names, ('position', 'velocity'))
     publisher = node.create_publisher(JointState, 'joint_states', 10)
 
     def talk() -> None:
-        message.stamp(time.time_ns())
+        stamp_ns = time.time_ns()
+        message.stamp(stamp_ns)
+        phase = SWINGING * (1e-9 * stamp_ns % (math.tau / SWINGING))
+        message.position[:] = swing * math.sin(phase)
+        message.velocity[:] = swing * SWINGING * math.cos(phase)
         publisher.publish(message.bytes())
 
     return talk
@@ -86,7 +92,7 @@ def joints(node: Node, names: list[str]) -> Callable[[], None]:
 
 def main() -> None:
     kind, *arguments = sys.argv[1:]
-    told: list[Any] = [kind == 'joints', False]  # talks, ends
+    told: list[Any] = [kind in ('joints', 'moving'), False]  # talks, ends
     signal.signal(signal.SIGUSR1, lambda *_: told.__setitem__(0, True))
     signal.signal(signal.SIGUSR2, lambda *_: told.__setitem__(0, False))
     signal.signal(signal.SIGINT, lambda *_: told.__setitem__(1, True))
@@ -98,7 +104,8 @@ def main() -> None:
     elif kind == 'garbage':
         rate, talk = float(arguments[0]), garbage(node)
     else:
-        rate, talk = float(arguments[0]), joints(node, arguments[1:])
+        swing = SWING if kind == 'moving' else 0.0
+        rate, talk = float(arguments[0]), joints(node, arguments[1:], swing)
         make_thread_timely(30)
     gc.freeze()
     gc.disable()

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from bench.journal import Entries
 from bench.rates import measure, table
-from bench.rates_blocks import LOOPS, Window, loop_share, missing_messages
+from bench.rates_blocks import LOOPS, NODES, Window, loop_share, missing_messages
 
 from denoc_ros.cli.config import load_config
-from denoc_ros.cli.session import START_ORDER
 
 
 def keys(*values: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
@@ -45,5 +44,5 @@ def test_campaign_loses_nothing_and_has_its_numbers() -> None:
         assert found['published'] > 0.5 * 9 * 200.0
         assert set(found['late_share']) == set(LOOPS)
         assert all(0.0 <= share <= 1.0 for share in found['late_share'].values())
-        assert all(found['processor'][node] > 0.0 for node in START_ORDER)
-    assert len(table(campaign)) == 2 + len(START_ORDER) + 2
+        assert all(found['processor'][node] > 0.0 for node in NODES)
+    assert len(table(campaign)) == 2 + len(NODES) + 2
