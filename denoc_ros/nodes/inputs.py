@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile
 
 from denoc_ros.nodes.conversions import InputError
 from denoc_ros.nodes.safety import InputMonitor
 
-if TYPE_CHECKING:
-    from denoc_ros.nodes.base import DenocNode
-
 # raw message, and when it arrived on the steady clock [s]
 Handler = Callable[[bytes, float], None]
+
+
+class Subscriber(Protocol):
+    """What makes the subscription, and hears of what is refused."""
+
+    create_subscription: Callable[..., Any]
+
+    def refuse(self, monitor: InputMonitor, error: InputError) -> None:
+        """Count a bad message."""
 
 
 class Input:
@@ -23,7 +29,7 @@ class Input:
 
     Parameters
     ----------
-    node : DenocNode
+    node : Subscriber
     message_type : type
     topic : str
     handle : callable
@@ -41,7 +47,7 @@ class Input:
 
     def __init__(
         self,
-        node: DenocNode,
+        node: Subscriber,
         message_type: type,
         topic: str,
         handle: Handler,

@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
 
 from rclpy.node import Node
 
 from denoc_ros.nodes.base import NEWEST, DenocNode
-from denoc_ros.nodes.conversions import InputError
+from denoc_ros.nodes.inputs import Input
 from denoc_ros.nodes.safety import InputMonitor
 
 Admit = Callable[[int], None]
-Handler = Callable[[str, bytes, Admit], None]
+# takes a topic, as it was given, a raw message, and what admits its stamp [ns]
+Taker = Callable[[str, bytes, Admit], None]
+
+
+class _Aside(Node):
+    """A hidden node that no executor serves: its subscriptions come and go in any thread."""
+
+    def __init__(self, owner: DenocNode) -> None:
+        super().__init__(
+            f'_{owner.get_name()}_inputs',
+            namespace=owner.get_namespace(),
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self.refuse = owner.refuse
 
 
 class PolledInputs:
     """Subscriptions of which the newest message is taken now and then, by one thread.
 
-    They belong to a hidden node that no executor serves: a callback for each message would take
-    more time than all that is made of the few that are looked at.
+    A callback for each message would take more time than all that is made of the few that are
+    looked at.
 
     Parameters
     ----------
@@ -29,83 +42,60 @@ class PolledInputs:
         Whose inputs they are: its name space, its diagnostics.
     topics : mapping of str to type
         Message types by topic.
+    take : callable
+        Takes a topic, as it is given here, the raw message, and what admits its stamp [ns]; may
+        raise InputError, which is counted.
     """
 
-    def __init__(self, node: DenocNode, topics: Mapping[str, type]) -> None:
-        self._owner = node
-        self._topics = {node.resolve_topic_name(topic): kind for topic, kind in topics.items()}
-        self._given = dict(zip(self._topics, topics, strict=True))
+    def __init__(self, node: DenocNode, topics: Mapping[str, type], take: Taker) -> None:
         limit = node.settings.integer('max_publishers')
-        self._monitors = {topic: InputMonitor(topic, limit) for topic in self._topics}
+        self._owner, self._topics, self._take = node, topics, take
+        self._names = {topic: node.resolve_topic_name(topic) for topic in topics}
+        self._monitors = {topic: InputMonitor(self._names[topic], limit) for topic in topics}
         node.monitors.extend(self._monitors.values())
-        self._subscriptions: dict[str, Any] = {}
-        self._node = Node(
-            f'_{node.get_name()}_inputs',
-            namespace=node.get_namespace(),
-            use_global_arguments=False,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
+        self._inputs: list[Input] = []
+        self._node = _Aside(node)
 
     @property
     def is_open(self) -> bool:
         """Whether there are subscriptions."""
-        return bool(self._subscriptions)
+        return bool(self._inputs)
 
     def open(self) -> None:
         """Subscribe; what the topics said before is forgotten."""
         self.forget()
         for topic, kind in self._topics.items():
-            if topic not in self._subscriptions:
-                self._subscriptions[topic] = self._node.create_subscription(
-                    kind, topic, _never, NEWEST, raw=True
-                )
+            monitor = self._monitors[topic]
+            handle = partial(self._hand_on, topic, monitor)
+            name = self._names[topic]
+            self._inputs.append(Input(self._node, kind, name, handle, NEWEST, monitor))
 
     def shut(self) -> None:
         """Subscribe to nothing any more."""
-        for subscription in self._subscriptions.values():
-            self._node.destroy_subscription(subscription)
-        self._subscriptions.clear()
+        for each in self._inputs:
+            self._node.destroy_subscription(each.subscription)
+        self._inputs.clear()
 
     def forget(self) -> None:
         """Forget the last stamps: what comes next may be older."""
         for monitor in self._monitors.values():
             monitor.reset()
 
+    def take(self) -> None:
+        """Hand the newest message of each topic on, where there is a new one."""
+        for each in self._inputs:
+            each.take()
+
     def close(self) -> None:
-        """Leave the graph; counts are those of the next configuration then."""
+        """Leave the graph, and the owner's diagnostics."""
         self.shut()
         self._node.destroy_node()
         for monitor in self._monitors.values():
             self._owner.monitors.remove(monitor)
 
-    def take(self, handle: Handler) -> None:
-        """Hand the newest message of each topic over, where there is a new one.
-
-        Parameters
-        ----------
-        handle : callable
-            Takes the topic, as it was given, the raw message, and what admits its stamp [ns]:
-            either may raise InputError, which is counted.
-        """
-        for topic, subscription in self._subscriptions.items():
-            monitor, reader = self._monitors[topic], subscription.handle
-            with reader:
-                taken = reader.take_message(subscription.msg_type, True)
-                publishers = reader.get_publisher_count()
-            if taken is None:
-                continue
-            admit = partial(_admit, monitor, time.perf_counter())
-            try:
-                monitor.check_publishers(publishers)
-                handle(self._given[topic], taken[0], admit)
-            except InputError as error:
-                self._owner.refuse(monitor, error)
+    def _hand_on(self, topic: str, monitor: InputMonitor, raw: bytes, arrived: float) -> None:
+        self._take(topic, raw, partial(_admit, monitor, arrived))
 
 
-def _admit(monitor: InputMonitor, now: float, stamp_ns: int) -> None:
-    monitor.accept(stamp_ns, now)
-
-
-def _never(_raw: bytes) -> None:
-    """Stand for the callback that rclpy asks for; no executor calls it."""
+def _admit(monitor: InputMonitor, arrived: float, stamp_ns: int) -> None:
+    monitor.accept(stamp_ns, arrived)

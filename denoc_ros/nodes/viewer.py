@@ -74,7 +74,8 @@ class ViewerNode(ModelNode):
         if robot.tree.loops:
             posture = robot.assemble(posture)
         self.page.show(Moment(0.0, posture))
-        self.inputs = PolledInputs(self, dict.fromkeys(self.moments.topics, JointState))
+        topics_of_type = dict.fromkeys(self.moments.topics, JointState)
+        self.inputs = PolledInputs(self, topics_of_type, self.moments.take)
         self.get_logger().info(f'open {self.page.address}')
         if self.exposed:
             self.get_logger().warning(self.exposed)
@@ -162,7 +163,7 @@ class ViewerNode(ModelNode):
             self.inputs.forget()
             self.moments.forget()
         late = self.pace.late(now)
-        self.inputs.take(self.moments.take)
+        self.inputs.take()
         moment = self.moments.moment(now)
         if moment is not None:
             self.page.show(moment)
