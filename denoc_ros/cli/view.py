@@ -1,4 +1,4 @@
-"""`denoc view`: a page in the browser that shows a robot, a run, or the book's systems."""
+"""`denoc view`: a page in the browser that shows a robot, a run, or the book's systems; films."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from denoc_ros.cli.film import add_film_options, wants_pictures, write_pictures
+from denoc_ros.cli.recorded_run import add_run_options, open_run
+
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
     from denoc_ros.viewer.page import Page
@@ -17,27 +20,37 @@ if TYPE_CHECKING:
 DEFAULT_PORT = 8080
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 FIRST = 'canadarm'  # that the gallery shows
+BAG_SUFFIXES = ('.mcap', '.db3')
+PAGE_RATE = 60.0  # moments per second of a run, at most
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'view',
-        help='show a robot in the browser: bent links, forces, natural modes',
+        help='show a robot or a run in the browser: bent links, forces, natural modes; films',
         description='Serve a page that shows a robot as it bends, on this machine only unless '
         '--host says otherwise, until interrupted. Without a robot: a gallery of the systems in '
-        'the book.',
+        'the book. With --video or --strip: write a film or a picture of a run instead.',
     )
-    parser.add_argument('robot', nargs='?', help='a URDF file; default the gallery')
+    parser.add_argument(
+        'shown',
+        nargs='?',
+        metavar='ROBOT|RUN',
+        help="a URDF file, a bag, or a run's directory; default the gallery",
+    )
     parser.add_argument(
         '--gravity',
         nargs=3,
         type=float,
         metavar=('X', 'Y', 'Z'),
-        help='in the base frame [m/s^2], default 0 0 -9.81',
+        help="in the base frame [m/s^2], default the run's, else 0 0 -9.81",
     )
     parser.add_argument(
-        '--scale', type=float, default=1.0, help='what deflections are drawn larger by, 1 to 100'
+        '--scale',
+        type=float,
+        help='what deflections are drawn larger by, 1 to 100; default 1, of films chosen so that '
+        'they are seen',
     )
     parser.add_argument('--host', default='127.0.0.1', help='interface to listen on')
     parser.add_argument(
@@ -46,16 +59,38 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         '--no-browser', action='store_true', help='open no browser, where there is a display'
     )
+    add_run_options(parser)
+    add_film_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
     from denoc_ros.errors import ConfigError
+
+    if args.scale is not None and not 1.0 <= args.scale <= 100.0:
+        raise ConfigError('denoc view', [f'--scale must be 1 to 100, got {args.scale:g}'])
+    run_path = Path(args.shown) if args.shown is not None and is_run(args.shown) else None
+    if wants_pictures(args):
+        if run_path is None:
+            raise ConfigError(
+                '--video, --strip',
+                [f'a run must be given, a bag or a directory, got {args.shown}'],
+            )
+        for file in write_pictures(args, run_path):
+            print(file)
+        return 0
+    return _serve_until_interrupted(args, run_path)
+
+
+def is_run(path: str) -> bool:
+    """Say whether a path is that of a run, not of a robot."""
+    return Path(path).is_dir() or Path(path).suffix in BAG_SUFFIXES
+
+
+def _serve_until_interrupted(args: argparse.Namespace, run_path: Path | None) -> int:
     from denoc_ros.viewer.page import LOOPBACK
 
-    if not 1.0 <= args.scale <= 100.0:
-        raise ConfigError('denoc view', [f'--scale must be 1 to 100, got {args.scale:g}'])
-    with _gallery(args) if args.robot is None else _robot_page(args) as page:
+    with _page(args, run_path) as page:
         if args.host not in LOOPBACK:
             print(
                 f'denoc view: warning: the page is served beyond this machine ({args.host}): '
@@ -69,11 +104,24 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _page(args: argparse.Namespace, run_path: Path | None) -> Page:
+    if run_path is not None:
+        return _run_page(args, run_path)
+    return _gallery(args) if args.shown is None else _robot_page(args)
+
+
+def _run_page(args: argparse.Namespace, path: Path) -> Page:
+    opened = open_run(args, path, PAGE_RATE)
+    page = _serve(args, opened.robot, title=opened.title, folder=opened.folder)
+    page.play(opened.run)
+    return page
+
+
 def _robot_page(args: argparse.Namespace) -> Page:
     from denoc_ros.cli.config import find_file
     from denoc_ros.dynamics.robot import load_robot
 
-    file = find_file(Path(args.robot), Path()) or Path(args.robot)
+    file = find_file(Path(args.shown), Path()) or Path(args.shown)
     robot = load_robot(file, gravity=args.gravity or STANDARD_GRAVITY)
     page = _serve(args, robot, folder=file.parent)
     page.pose()
@@ -98,7 +146,7 @@ def _gallery(args: argparse.Namespace) -> Page:
 def _serve(args: argparse.Namespace, robot: Robot, **options: Any) -> Page:
     from denoc_ros.viewer.page import Page
 
-    return Page(robot, args.host, args.port, scale=args.scale, **options)
+    return Page(robot, args.host, args.port, scale=args.scale or 1.0, **options)
 
 
 def book_systems() -> dict[str, tuple[Path, tuple[float, ...]]]:

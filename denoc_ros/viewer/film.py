@@ -122,7 +122,7 @@ def write_film(
     robot: Robot,
     path: Path,
     look: Look | None = None,
-    fps: float = 0.0,
+    fps: float | None = None,
     speed: float = 1.0,
     progress: Callable[[float], object] | None = None,
 ) -> int:
@@ -137,8 +137,8 @@ def write_film(
     path : Path
         A new file or one to replace, `.mp4` or `.gif`.
     look : Look, optional
-    fps : float
-        Frames per second; 0: 30, of a GIF 20.
+    fps : float, optional
+        Frames per second; default 30, of a GIF 20.
     speed : float
         Seconds of the run per second of the film: below 1 is slow motion.
     progress : callable, optional
@@ -157,7 +157,7 @@ def write_film(
         When the encoder is missing or fails.
     """
     suffix, look = require_suffix(path, FILM_SUFFIXES), look or Look()
-    fps = fps or FPS[suffix]
+    fps = FPS[suffix] if fps is None else fps
     times = frame_times(float(run.t[0]), float(run.t[-1]), fps, speed)
     states = run.at(times)
     staging = Staging(robot, states, look.scale, look.view, look.folder)

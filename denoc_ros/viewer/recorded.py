@@ -68,7 +68,7 @@ class RecordedRun(Sequence[Moment]):
     torque_topic : str
         Where the torque came from; '' where there is none.
     names : tuple of str
-        Of the channels.
+        Of the channels; they are NaN where their topic was not recorded.
     phases : tuple of (float, str)
         When a phase of the run began [s] and its name; '' where one ended.
 
@@ -93,12 +93,18 @@ class RecordedRun(Sequence[Moment]):
         self._robot = robot
         wanted = {*STATES.values(), *TORQUES, *DEFLECTIONS, RESIDUAL}
         topics = ThinnedTopics(path, wanted, start, end, rate)
+        if end < 0.0 or start > topics.duration:
+            raise BagError(
+                f'{path}: run must have moments from {start:g} to {end:g} s, '
+                f'got one of {topics.duration:.3g} s'
+            )
         self.phases = topics.phases
         self.source, rows = self._state(topics, source)
         self.t = rows.t
         self.q, self._qd = self._coordinates(rows)
         self.torque_topic, self._torque = self._find_torque(topics)
-        self._channels = dict(self._find_channels(topics))
+        found = self._find_channels(topics)
+        self._channels = {name: column for name, column in found if np.isfinite(column).any()}
         self.names = tuple(self._channels)
 
     def __len__(self) -> int:
@@ -120,7 +126,7 @@ class RecordedRun(Sequence[Moment]):
             q=self.q[index].copy(),
             qd=None if self._qd is None else self._qd[index].copy(),
             torque=_known(self._torque, index) or None,
-            channels=_known(self._channels, index),
+            channels={name: float(column[index]) for name, column in self._channels.items()},
         )
 
     def at(self, t: Array) -> Array:
@@ -149,7 +155,7 @@ class RecordedRun(Sequence[Moment]):
         asked = f'{STATES[wanted]}' if wanted else 'a modal state or joint_states'
         raise BagError(
             f'{self.path}: bag must have {asked} of robot {self._robot.tree.name!r} '
-            f'({", ".join(self._robot.joint_names)}){topics.window}, got topics '
+            f'({", ".join(self._robot.joint_names)}), got topics '
             f'{", ".join(topics.names) or "(none)"}'
         )
 
@@ -214,7 +220,7 @@ class RecordedRun(Sequence[Moment]):
 
 
 def _known(columns: Mapping[str, Array], index: int) -> dict[str, float]:
-    """Return what was recorded at a moment, by name."""
+    """Return what is known at a moment, by name."""
     row = {name: float(column[index]) for name, column in columns.items()}
     return {name: value for name, value in row.items() if math.isfinite(value)}
 

@@ -24,8 +24,7 @@ def chart_groups(run: RecordedRun) -> dict[str, list[str]]:
     """Return the channels of each chart, by what they show and in which unit."""
     groups: dict[str, list[str]] = {}
     for name in run.names:
-        if np.isfinite(run.channel(name)).any():
-            groups.setdefault(name.partition('/')[0], []).append(name)
+        groups.setdefault(name.partition('/')[0], []).append(name)
     return dict(list(groups.items())[:MOST_CHARTS])
 
 

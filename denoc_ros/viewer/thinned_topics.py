@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.bags.columns import JOINT_STATE, JointStateColumns
 from denoc_ros.bags.definitions import decode, message_types
-from denoc_ros.bags.reader import BagContents, bag_contents, read_raw
+from denoc_ros.bags.reader import bag_contents, read_raw
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.bags.thinning import read_thinned
 
@@ -71,8 +70,8 @@ class ThinnedTopics:
     ----------
     names : tuple of str
         All topics of the bag.
-    window : str
-        What was asked for, in words; '' for everything.
+    duration : float
+        Of the whole bag [s].
     phases : tuple of (float, str)
         What the bag says on /up/phase, and when [s].
 
@@ -86,12 +85,12 @@ class ThinnedTopics:
         self, path: Path, wanted: Collection[str], start: float, end: float, rate: float
     ) -> None:
         self._path, self._start, self._end = path, start, end
-        self.window = '' if start == -math.inf and end == math.inf else f' in {start:g}–{end:g} s'
         contents = bag_contents(path)
+        self.duration = 1e-9 * (contents.end_ns - contents.start_ns)
         self.names = tuple(topic.name for topic in contents.topics)
         states = {t.name for t in contents.topics if t.type == JOINT_STATE and t.messages}
         self._found = {suffix: name for suffix in wanted if (name := _find(states, suffix))}
-        series = self._read(self._period(contents, rate)) if self._found else {}
+        series = self._read(self._period(rate)) if self._found else {}
         origin_ns = min((int(one.stamp_ns.min()) for one in series.values()), default=0)
         self._rows = {topic: _cut(one, origin_ns, start, end) for topic, one in series.items()}
         self.phases = tuple(((ns - origin_ns) * 1e-9, name) for ns, name in self._marks())
@@ -101,10 +100,9 @@ class ThinnedTopics:
         rows = self._rows.get(self._found.get(suffix, ''))
         return rows if rows is not None and len(rows.t) else None
 
-    def _period(self, contents: BagContents, rate: float) -> float:
+    def _period(self, rate: float) -> float:
         """Return the time between kept messages [s]."""
-        duration = 1e-9 * (contents.end_ns - contents.start_ns)
-        return max(1.0 / rate, (min(self._end, duration) - max(self._start, 0.0)) / MOST_ROWS)
+        return max(1.0 / rate, (min(self._end, self.duration) - max(self._start, 0.0)) / MOST_ROWS)
 
     def _read(self, period: float) -> dict[str, JointSeries]:
         columns = {topic: JointStateColumns(topic) for topic in self._found.values()}

@@ -1,0 +1,106 @@
+"""A recorded run as the command line names it: bag, robot, and what of it is taken."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from denoc_ros.errors import BagError, ConfigError
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.viewer.recorded import RecordedRun
+
+SOURCES = ('plant', 'predictor', 'replay', 'joints')
+EARTH = (0.0, 0.0, -9.81)
+
+
+@dataclass(frozen=True)
+class OpenedRun:
+    """A run and its robot.
+
+    Attributes
+    ----------
+    run : RecordedRun
+    robot : Robot
+    title : str
+        The robot's name and the run's.
+    folder : Path or None
+        Where relative names of the robot's mesh files start, where it came from a file.
+    """
+
+    run: RecordedRun
+    robot: Robot
+    title: str
+    folder: Path | None
+
+
+def add_run_options(parser: argparse.ArgumentParser) -> None:
+    """Declare what says which part of a run is taken, and of which robot it is."""
+    group = parser.add_argument_group('a recorded run')
+    group.add_argument(
+        '--robot', help='its URDF file, here or where the package is installed; default: the '
+        'one in the bag',
+    )  # fmt: skip
+    group.add_argument(
+        '--source',
+        choices=SOURCES,
+        default='',
+        help='where the deflection comes from: the first of these that the bag has',
+    )
+    group.add_argument(
+        '--from', dest='start', type=float, metavar='S', default=-math.inf, help='begin there [s]'
+    )
+    group.add_argument(
+        '--to', dest='end', type=float, metavar='S', default=math.inf, help='end there [s]'
+    )
+
+
+def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
+    """Open a run.
+
+    Parameters
+    ----------
+    args : Namespace
+        Of `add_run_options`, and `gravity`.
+    path : Path
+        A bag, or the directory of a run.
+    rate : float
+        Moments per second, at most.
+
+    Raises
+    ------
+    BagError, ConfigError, ModelError
+        The run cannot be read, or not with this robot.
+    """
+    from denoc_ros.bags.reader import read_description
+    from denoc_ros.cli.config import find_file
+    from denoc_ros.cli.report import find_bag, read_session
+    from denoc_ros.dynamics.robot import load_robot
+    from denoc_ros.viewer.recorded import RecordedRun
+
+    if not args.start < args.end:
+        raise ConfigError(
+            '--to', [f'it must be beyond --from, got {args.start:g} to {args.end:g}']
+        )
+    bag, session = find_bag(path), read_session(path)
+    source: str | Path = ''
+    if args.robot is not None:
+        source = find_file(Path(args.robot), Path()) or Path(args.robot)
+    elif not (source := read_description(bag)):
+        raise BagError(f'{bag}: bag must hold the robot where --robot is not given, got none')
+    robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
+    run = RecordedRun(bag, robot, args.source, args.start, args.end, rate)
+    file = source if isinstance(source, Path) else _session_robot(session)
+    name = session.get('name') or path.resolve().stem
+    title = robot.tree.name if name == robot.tree.name else f'{robot.tree.name}: {name}'
+    return OpenedRun(run, robot, title, file.parent if file is not None else None)
+
+
+def _session_robot(session: dict[str, object]) -> Path | None:
+    """Return the file that the run's robot came from, for the meshes beside it."""
+    file = Path(str(session.get('robot', '')))
+    return file if file.is_file() else None
