@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from denoc_ros.cli.arguments import add_gravity
 from denoc_ros.cli.suggestion import add_suggestion, check_options, run_suggestion
 from denoc_ros.cli.text_table import Row, cell_text, text_table
 
@@ -27,14 +28,7 @@ def add_parser(subparsers: Any) -> None:
         'list links, joints, beams, natural frequencies and masses.',
     )
     parser.add_argument('robot', help='the URDF file, here or where the package is installed')
-    parser.add_argument(
-        '--gravity',
-        nargs=3,
-        type=float,
-        default=(0.0, 0.0, -9.81),
-        metavar=('X', 'Y', 'Z'),
-        help='in the base frame [m/s^2], default 0 0 -9.81',
-    )
+    add_gravity(parser)
     parser.add_argument('--json', action='store_true', help='print JSON for machines')
     add_suggestion(parser)
 

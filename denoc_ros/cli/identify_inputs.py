@@ -8,13 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from denoc_ros.errors import BagError, ConfigError
+from denoc_ros.cli.arguments import add_gravity, given_file, named_values, require
+from denoc_ros.errors import ConfigError
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
     from denoc_ros.identification.channel import Channel
-
-DESCRIPTION = 'robot_description.urdf'
 
 
 def add_channel_options(parser: argparse.ArgumentParser, window: bool = True) -> None:
@@ -96,7 +95,7 @@ def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> No
             '--robot',
             metavar='URDF',
             default='',
-            help='whose coefficients are wanted; default: the one attached to the bag',
+            help='whose coefficients are wanted; default: the one in the bag',
         )
     group.add_argument(
         '--at',
@@ -111,51 +110,29 @@ def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> No
         default='held',
         help='whether the joints were locked while it rang; default: held',
     )
-    group.add_argument(
-        '--gravity',
-        metavar='M/S2',
-        nargs=3,
-        type=float,
-        default=(0.0, 0.0, -9.81),
-        help='in the base frame; default: 0 0 -9.81',
-    )
+    add_gravity(group)
 
 
 def load_named_robot(path: str, gravity: Sequence[float]) -> Robot:
     """Return the robot of a file; one that is not here is looked for among the installed."""
-    from denoc_ros.cli.config import find_file
     from denoc_ros.dynamics.robot import load_robot
 
-    found = find_file(Path(path), Path())
-    if found is None:
-        raise ConfigError(path, ['the robot must be a file, got none of this name'])
-    return load_robot(found, gravity=tuple(gravity))
+    return load_robot(given_file(path, 'robot'), gravity=tuple(gravity))
 
 
 def attached_robot(path: Path, gravity: Sequence[float]) -> Robot | None:
     """Return the robot that a bag came with, None where it came with none."""
-    from denoc_ros.bags.reader import read_attachment
+    from denoc_ros.bags.reader import read_description
     from denoc_ros.dynamics.robot import load_robot
     from denoc_ros.identification.channel import is_table
 
-    if is_table(path) or path.suffix == '.db3':
-        return None
-    try:
-        text = read_attachment(path, DESCRIPTION).decode('utf-8')
-    except BagError:
-        return None
-    return load_robot(text, gravity=tuple(gravity))
+    text = '' if is_table(path) else read_description(path)
+    return load_robot(text, gravity=tuple(gravity)) if text else None
 
 
 def joint_values(settings: Sequence[str]) -> dict[str, float]:
     """Return JOINT=VALUE settings as a mapping; ConfigError with every finding."""
-    values, findings = {}, []
-    for setting in settings:
-        name, _, text = setting.partition('=')
-        try:
-            values[name] = float(text)
-        except ValueError:
-            findings.append(f'it must be JOINT=VALUE, got {setting!r}')
-    if findings:
-        raise ConfigError('--at', findings)
+    findings: list[str] = []
+    values = named_values('--at', settings, 'JOINT=VALUE', float, findings)
+    require(findings)
     return values

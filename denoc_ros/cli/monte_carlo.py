@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from denoc_ros.cli.arguments import given_file, named_values, require
 from denoc_ros.cli.batch import FAILURE, Crew, Row, RowStore, crew_of, run_batch
 from denoc_ros.errors import ConfigError
 
@@ -21,6 +22,7 @@ NUMBERS = ('duration_s', 'energy_change')
 
 def run_varied(args: argparse.Namespace) -> int:
     """Run `denoc simulate` with --vary; exit status 1 when no run came to its end."""
+    from denoc_ros.cli.config import read_yaml
     from denoc_ros.cli.simulate import load
 
     ranges = read_ranges(args.vary)
@@ -31,7 +33,7 @@ def run_varied(args: argparse.Namespace) -> int:
         robot.with_overrides({path: ends[corner] for path, ends in ranges.items()})
     rows = vary(
         text,
-        _scenario_values(args.scenario),
+        read_yaml(given_file(args.scenario, 'scenario')),
         ranges,
         args.runs,
         args.seed,
@@ -120,19 +122,19 @@ def columns_of(robot: Any, ranges: Ranges) -> dict[str, type]:
 
 def read_ranges(settings: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Return PATH=LOW:HIGH as ranges by path; ConfigError with every finding."""
-    ranges, findings = {}, []
-    for setting in settings:
-        path, _, text = setting.partition('=')
-        try:
-            low, high = (float(end) for end in text.split(':'))
-        except ValueError:
-            low = high = math.nan
-        if not (path and math.isfinite(low) and math.isfinite(high) and low <= high):
-            findings.append(f'it must be PATH=LOW:HIGH with LOW <= HIGH, got {setting!r}')
-        ranges[path] = (low, high)
-    if findings:
-        raise ConfigError('--vary', findings)
+    findings: list[str] = []
+    form = 'PATH=LOW:HIGH with LOW <= HIGH'
+    ranges = named_values('--vary', settings, form, _range, findings)
+    require(findings)
     return ranges
+
+
+def _range(text: str) -> tuple[float, float]:
+    """Return LOW:HIGH as numbers; ValueError for what is no range."""
+    low, high = (float(end) for end in text.split(':'))
+    if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+        raise ValueError(text)
+    return low, high
 
 
 def summarize(rows: Sequence[Row], ranges: Ranges) -> dict[str, Any]:
@@ -151,16 +153,6 @@ def summarize(rows: Sequence[Row], ranges: Ranges) -> dict[str, Any]:
             }
     failures = [{'key': row['key'], 'failure': row[FAILURE]} for row in rows if row[FAILURE]]
     return {'runs': len(good), 'outcomes': outcomes, 'failures': failures}
-
-
-def _scenario_values(scenario: str) -> dict[str, Any]:
-    from pathlib import Path
-
-    from denoc_ros.cli.config import find_file, read_yaml
-
-    found = find_file(Path(scenario), Path())
-    assert found is not None  # it was loaded before
-    return read_yaml(found)
 
 
 def _lines(summary: Mapping[str, Any]) -> list[str]:

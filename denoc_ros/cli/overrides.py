@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from denoc_ros.errors import ConfigError
+from denoc_ros.cli.arguments import named_values, require
 
 
 def add_overrides(parser: argparse.ArgumentParser) -> None:
@@ -49,22 +49,19 @@ def overrides_of(settings: Sequence[str], payloads: Sequence[str]) -> dict[str, 
     for setting in settings:
         if (parsed := parse_setting(setting, findings)) is not None:
             overrides['.'.join(parsed[0])] = parsed[1]
-    for payload in payloads:
-        overrides.update(_payload(payload, findings))
-    if findings:
-        raise ConfigError('command line', findings)
+    form = 'LINK=MASS or LINK=MASS,X,Y,Z'
+    hung = named_values('--payload', payloads, form, _mass_and_centre, findings)
+    require(findings)
+    for link, (mass, *centre) in hung.items():
+        overrides[f'payload.{link}.mass'] = mass
+        if centre:
+            overrides[f'payload.{link}.com'] = centre
     return overrides
 
 
-def _payload(text: str, findings: list[str]) -> dict[str, Any]:
-    link, _, numbers = text.partition('=')
-    try:
-        values = [float(number) for number in numbers.split(',')]
-    except ValueError:
-        values = []
-    if not link or len(values) not in (1, 4):
-        findings.append(f'--payload must be LINK=MASS or LINK=MASS,X,Y,Z, got {text!r}')
-        return {}
-    mass, *centre = values
-    placed: dict[str, Any] = {f'payload.{link}.mass': mass}
-    return {**placed, f'payload.{link}.com': centre} if centre else placed
+def _mass_and_centre(text: str) -> list[float]:
+    """Return MASS or MASS,X,Y,Z as numbers; ValueError for another text."""
+    values = [float(number) for number in text.split(',')]
+    if len(values) not in (1, 4):
+        raise ValueError(text)
+    return values

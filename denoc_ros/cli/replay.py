@@ -8,16 +8,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from denoc_ros.cli.arguments import EARTH, add_gravity, named_values, require
 from denoc_ros.cli.overrides import add_overrides, overrides_of
 from denoc_ros.cli.text_table import Row, text_table
-from denoc_ros.errors import BagError, ConfigError
+from denoc_ros.errors import BagError
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
     from denoc_ros.replay.bag import Replay
 
 DOUBTFUL = 2
-EARTH = (0.0, 0.0, -9.81)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -55,13 +55,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _add_ways(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        '--gravity',
-        nargs=3,
-        type=float,
-        metavar=('X', 'Y', 'Z'),
-        help="in the base frame [m/s^2], default the run's, else 0 0 -9.81",
-    )
+    add_gravity(parser, None, "the run's, else 0 0 -9.81")
     parser.add_argument('--topic', default='', help='of the joint states (default: found)')
     parser.add_argument(
         '--joint',
@@ -157,10 +151,10 @@ def _default_output(run: Path, bag: Path) -> Path:
 
 
 def _renames(texts: list[str]) -> dict[str, str]:
-    bad = [f'--rename must be OLD=NEW, got {t!r}' for t in texts if t.find('=') < 1]
-    if bad:
-        raise ConfigError('command line', bad)
-    return dict(text.split('=', 1) for text in texts)
+    findings: list[str] = []
+    names = named_values('--rename', texts, 'OLD=NEW', str, findings)
+    require(findings)
+    return names
 
 
 def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robot:

@@ -10,6 +10,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from denoc_ros.cli.arguments import EARTH
 from denoc_ros.errors import BagError, DenocError
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 BAG_FOLDER = 'bag'
 SESSION_FILE = 'session.json'
 SIMULATED = 'simulate'  # kind of a session
-EARTH = (0.0, 0.0, -9.81)
 
 
 def add_parser(subparsers: Any) -> None:

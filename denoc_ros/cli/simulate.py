@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from denoc_ros.cli.arguments import given_file
 from denoc_ros.cli.batch import add_crew_options
 from denoc_ros.errors import BagError, ConfigError
 
@@ -95,7 +96,7 @@ def session_of(
         'kind': SIMULATED,
         'name': Path(args.scenario).stem,
         'robot': Path(args.robot).name,
-        'scenario': named_file(find_given(args.scenario, 'scenario')),
+        'scenario': named_file(given_file(args.scenario, 'scenario')),
         'gravity': robot.gravity.tolist(),
         'geometric_stiffness': robot.geometric_stiffness,
         'model': dict(robot.tree.overrides),
@@ -122,7 +123,7 @@ def load(robot: str, scenario: str) -> tuple[Robot, Scenario, str]:
     """
     from denoc_ros.cli.config import read_yaml
 
-    robot_file, scenario_file = find_given(robot, 'robot'), find_given(scenario, 'scenario')
+    robot_file, scenario_file = given_file(robot, 'robot'), given_file(scenario, 'scenario')
     values = read_yaml(scenario_file)
     loaded, made = prepare(robot_file, values, str(scenario_file))
     return loaded, made, robot_file.read_text(encoding='utf-8')
@@ -191,16 +192,6 @@ def summarize(robot: Robot, result: Run) -> dict[str, Any]:
         'largest_deflection': largest,
         'energy_change': result.energy_drift,
     }
-
-
-def find_given(path: str, whose: str) -> Path:
-    """Return a file that is here or where the package is installed; else ConfigError."""
-    from denoc_ros.cli.config import find_file
-
-    found = find_file(Path(path), Path())
-    if found is None:
-        raise ConfigError(path, [f'the {whose} must be a file, got none of this name'])
-    return found
 
 
 def _print(output: Path, summary: dict[str, Any]) -> None:

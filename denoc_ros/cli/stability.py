@@ -44,8 +44,9 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
     from tqdm import tqdm
 
+    from denoc_ros.cli.arguments import given_file
     from denoc_ros.cli.provenance import named_file, provenance
-    from denoc_ros.cli.simulate import find_given, load
+    from denoc_ros.cli.simulate import load
     from denoc_ros.cli.stability_page import page
     from denoc_ros.simulation.stability import study_stability
 
@@ -59,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         study = study_stability(robot, scenario, bar.update)
     summary = summarize(study, scenario)
     names = {'robot': Path(args.robot).name, 'scenario': Path(args.scenario).name}
-    given = ((name, find_given(getattr(args, name), name)) for name in names)
+    given = ((name, given_file(getattr(args, name), name)) for name in names)
     made = provenance(args.command, {name: named_file(file) for name, file in given})
     shown = page(study, scenario, ' · '.join(names.values()), made)
     args.output.write_text(shown.html(), encoding='utf-8')

@@ -1,0 +1,87 @@
+"""Arguments that verbs share: files, gravity, NAME=VALUE."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from denoc_ros.errors import ConfigError
+
+Value = TypeVar('Value')
+
+EARTH = (0.0, 0.0, -9.81)
+
+
+def add_gravity(
+    parser: Any, default: tuple[float, float, float] | None = EARTH, said: str = '0 0 -9.81'
+) -> None:
+    """Declare `--gravity`.
+
+    Parameters
+    ----------
+    parser : argument parser or group
+        What gets it.
+    default : tuple of float or None
+        (3,) base frame [m/s^2].
+    said : str
+        The default in words.
+    """
+    parser.add_argument(
+        '--gravity',
+        nargs=3,
+        type=float,
+        default=default,
+        metavar=('X', 'Y', 'Z'),
+        help=f'in the base frame [m/s^2], default {said}',
+    )
+
+
+def given_file(path: str, whose: str) -> Path:
+    """Return a file that is here or where the package is installed; ConfigError without one."""
+    from denoc_ros.cli.config import find_file
+
+    found = find_file(Path(path), Path())
+    if found is None:
+        raise ConfigError(path, [f'the {whose} must be a file, got none of this name'])
+    return found
+
+
+def named_values(
+    option: str,
+    texts: Sequence[str],
+    form: str,
+    read: Callable[[str], Value],
+    findings: list[str],
+) -> dict[str, Value]:
+    """Return NAME=VALUE texts as a mapping.
+
+    Parameters
+    ----------
+    option : str
+        Whose they are.
+    texts : sequence of str
+        As given on the command line.
+    form : str
+        What each must be, such as `JOINT=VALUE`.
+    read : callable
+        Returns a value from its text, ValueError for what is none.
+    findings : list of str
+        What each that is not of the form is added to.
+    """
+    values = {}
+    for text in texts:
+        name, equals, value = text.partition('=')
+        try:
+            if not (name and equals):
+                raise ValueError(text)
+            values[name] = read(value)
+        except ValueError:
+            findings.append(f'{option} must be {form}, got {text!r}')
+    return values
+
+
+def require(findings: Sequence[str]) -> None:
+    """Raise ConfigError with what was found on the command line, if anything."""
+    if findings:
+        raise ConfigError('command line', findings)
