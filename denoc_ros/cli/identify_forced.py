@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.identify_inputs import add_channel_options, channel_of
+from denoc_ros.cli.identify_inputs import add_channel_options, add_recording_options, channel_of
 from denoc_ros.cli.text_table import text_table
 
 if TYPE_CHECKING:
@@ -31,11 +29,7 @@ def add_actions(actions: Any) -> None:
         'and its response (--topic, --field). A table without times takes --rate; with --rate 1 '
         'frequencies are in cycles per sample.',
     )
-    parser.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
-    parser.add_argument(
-        '-o', '--output', metavar='FOLDER', type=Path, help='result.yaml and report.html'
-    )
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    add_recording_options(parser)
     group = parser.add_argument_group('the input')
     group.add_argument('--force-topic', default='', help='default: that of the response')
     group.add_argument('--force-field', required=True, help='as --field')
@@ -51,10 +45,10 @@ def add_actions(actions: Any) -> None:
 
 def run_forced(args: argparse.Namespace) -> int:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
+    from denoc_ros.cli.identify_outputs import give_result
     from denoc_ros.cli.versions import versions
     from denoc_ros.identification.channel import read_record
     from denoc_ros.identification.forced import fit_forced
-    from denoc_ros.identification.result import exit_status, write_result
 
     channel = channel_of(args)
     response = read_record(args.path, channel)
@@ -70,12 +64,12 @@ def run_forced(args: argparse.Namespace) -> int:
     force, answer = _together(read_record(args.path, source), response)
     found = fit_forced(force, answer)
     document = forced_result(response, source.name, answer, found, versions())
-    if args.output:
-        write_result(args.output, document)
-        page = forced_page(document, answer, found, args.command)
-        (args.output / 'report.html').write_text(page.html(), encoding='utf-8')
-    print(json.dumps(document, indent=2) if args.json else as_text(document))
-    return exit_status(document['verdict'])
+    return give_result(
+        args,
+        document,
+        as_text(document),
+        lambda: forced_page(document, answer, found, args.command),
+    )
 
 
 def forced_result(
@@ -141,7 +135,7 @@ def forced_page(
     document: Mapping[str, Any], record: Record, found: ForcedModes, command: str
 ) -> Page:
     """Return the page of modes from torque and response."""
-    from denoc_ros.cli.identify_about import mode_cards, modes_found, result_page
+    from denoc_ros.cli.identify_outputs import mode_cards, modes_found, result_page
 
     explained = f'{100.0 * document["explained"]:.1f} % of the response explained'
     return result_page(

@@ -16,6 +16,15 @@ if TYPE_CHECKING:
     from denoc_ros.identification.channel import Channel
 
 
+def add_recording_options(parser: argparse.ArgumentParser) -> None:
+    """Declare which recording is identified, and where its result goes."""
+    parser.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
+    parser.add_argument(
+        '-o', '--output', metavar='FOLDER', type=Path, help='result.yaml and report.html'
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+
+
 def add_channel_options(parser: argparse.ArgumentParser, window: bool = True) -> None:
     """Declare the options that say where in a file a signal stands."""
     group = parser.add_argument_group('the signal')

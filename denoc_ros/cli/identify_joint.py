@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.identify_inputs import add_channel_options, channel_of
+from denoc_ros.cli.identify_inputs import add_channel_options, add_recording_options, channel_of
 from denoc_ros.cli.text_table import text_table
 from denoc_ros.errors import ConfigError, IdentificationError
 
 if TYPE_CHECKING:
+    from denoc_ros.cli.pages import Page
     from denoc_ros.identification.channel import Reading
     from denoc_ros.identification.joint import JointFit
     from denoc_ros.identification.records import Record
@@ -29,11 +28,7 @@ def add_actions(actions: Any) -> None:
         'say which of them matter, and give the logarithmic decrement, exact and as printed in '
         'the book.',
     )
-    parser.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
-    parser.add_argument(
-        '-o', '--output', metavar='FOLDER', type=Path, help='result.yaml and report.html'
-    )
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    add_recording_options(parser)
     add_channel_options(parser)
     group = parser.add_argument_group('the joint')
     group.add_argument(
@@ -57,23 +52,22 @@ def add_actions(actions: Any) -> None:
 
 def run_joint(args: argparse.Namespace) -> int:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
+    from denoc_ros.cli.identify_outputs import give_result
     from denoc_ros.cli.versions import versions
     from denoc_ros.identification.channel import read_record
     from denoc_ros.identification.joint import fit_joint
-    from denoc_ros.identification.result import exit_status, write_result
 
     _check(args)
     reading = read_record(args.path, channel_of(args))
     fit = fit_joint(reading.record, args.inertia, args.gravity_torque, not args.spring)
     document = joint_result(reading, fit, args, versions())
-    if args.output:
+
+    def page() -> Page:
         from denoc_ros.cli.identify_joint_page import joint_page
 
-        write_result(args.output, document)
-        page = joint_page(document, reading.record, fit, args.command)
-        (args.output / 'report.html').write_text(page.html(), encoding='utf-8')
-    print(json.dumps(document, indent=2) if args.json else as_text(document))
-    return exit_status(document['verdict'])
+        return joint_page(document, reading.record, fit, args.command)
+
+    return give_result(args, document, as_text(document), page)
 
 
 def joint_result(

@@ -15,7 +15,7 @@ from denoc_ros.cli.figures import (
     Panel,
     line_figure,
 )
-from denoc_ros.cli.identify_about import result_page
+from denoc_ros.cli.identify_outputs import result_page
 from denoc_ros.cli.pages import Card, Page, Section, Table, engineering
 from denoc_ros.cli.text_table import cell_text
 from denoc_ros.identification.joint import FrictionModel, JointFit

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import glob
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -23,6 +22,7 @@ from denoc_ros.cli.text_table import text_table
 from denoc_ros.errors import BagError, DenocError
 
 if TYPE_CHECKING:
+    from denoc_ros.cli.pages import Page
     from denoc_ros.identification.analysis import DecayAnalysis
     from denoc_ros.identification.channel import Reading
     from denoc_ros.identification.damping import Assigned
@@ -60,23 +60,21 @@ def add_actions(actions: Any) -> None:
 
 def run_modal(args: argparse.Namespace) -> int:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
-    from denoc_ros.identification.result import exit_status
-
     paths, crew = recordings(args.paths), crew_of(args)
     if len(paths) > 1 or str(paths[0]) not in args.paths or crew != Crew():
         from denoc_ros.cli.identify_folder import run_folder
 
         return run_folder(args, paths, crew)
-    document, analysis = identify(args, paths[0])
-    if args.output:
-        from denoc_ros.cli.identify_page import decay_page
-        from denoc_ros.identification.result import write_result
+    from denoc_ros.cli.identify_outputs import give_result
 
-        write_result(args.output, document)
-        page = decay_page(document, analysis, args.command)
-        (args.output / 'report.html').write_text(page.html(), encoding='utf-8')
-    print(json.dumps(document, indent=2) if args.json else as_text(document))
-    return exit_status(document['verdict'])
+    document, analysis = identify(args, paths[0])
+
+    def page() -> Page:
+        from denoc_ros.cli.identify_page import decay_page
+
+        return decay_page(document, analysis, args.command)
+
+    return give_result(args, document, as_text(document), page)
 
 
 def recordings(names: Sequence[str]) -> list[Path]:

@@ -16,7 +16,7 @@ from denoc_ros.cli.figures import (
     Panel,
     line_figure,
 )
-from denoc_ros.cli.identify_about import mode_cards, modes_found, result_page
+from denoc_ros.cli.identify_outputs import mode_cards, modes_found, result_page
 from denoc_ros.cli.pages import Page, Section, Table, engineering
 from denoc_ros.cli.text_table import cell_text
 from denoc_ros.identification.analysis import (

@@ -1,14 +1,17 @@
-"""What the pages of `denoc identify` share: verdict, modes on cards, where the record is from."""
+"""What results of `denoc identify` share: files, page, verdict, where the record is from."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import argparse
+import json
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from denoc_ros.cli.pages import Card, Page, Section, Table, Tone, Verdict
 from denoc_ros.cli.provenance import provenance
 from denoc_ros.cli.text_table import cell_text
+from denoc_ros.identification.result import exit_status, write_result
 
 TONES: Mapping[str, Tone] = {'good': 'good', 'doubtful': 'doubtful', 'not identifiable': 'bad'}
 SHOWN = 4  # modes on cards
@@ -54,6 +57,17 @@ def result_page(
         sections=[*sections, _about(document)],
         provenance=provenance(command, sources, document['versions']),
     )
+
+
+def give_result(
+    args: argparse.Namespace, document: Mapping[str, Any], text: str, page: Callable[[], Page]
+) -> int:
+    """Write a result and its page where they are wanted, print it, return its exit status."""
+    if args.output:
+        write_result(args.output, document)
+        (args.output / 'report.html').write_text(page().html(), encoding='utf-8')
+    print(json.dumps(document, indent=2) if args.json else text)
+    return exit_status(document['verdict'])
 
 
 def mode_cards(document: Mapping[str, Any]) -> list[Card]:
