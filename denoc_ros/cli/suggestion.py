@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -84,6 +85,8 @@ def run_suggestion(args: argparse.Namespace, file: Path | str) -> int:
         _write(Path(args.output), suggestion.text)
         row['written'] = args.output
     print(json.dumps(row, indent=2, allow_nan=False) if args.json else _as_text(row))
+    for warning in robot.tree.warnings:
+        print(f'denoc check: warning: {warning}', file=sys.stderr)
     return 0 if proposed else DOUBTFUL
 
 

@@ -19,6 +19,7 @@ class LinkLoad:
     """A link's place in its robot, all joints at zero."""
 
     joint: PlainJoint | None  # that moves it, perhaps by way of fixed links; None: the base
+    axis: Array  # (3,) of that joint, in the link's frame; 0 without one
     own: RigidInertia  # about its frame
     carried: RigidInertia = field(default_factory=RigidInertia)  # all beyond it, in its frame
     moving: list[tuple[Array, Array]] = field(default_factory=list)  # (3,) place, axis of joints
@@ -47,14 +48,24 @@ def link_loads(robot: PlainRobot) -> dict[str, LinkLoad]:
         order.extend(joint.child for joint in children[link])
     loads: dict[str, LinkLoad] = {}
     for link in order:
-        before = above.get(link)
-        if before is not None and before.kind is JointKind.FIXED:
-            before = loads[before.parent].joint
-        loads[link] = LinkLoad(before, robot.links[link] or RigidInertia())
+        mover, axis = _moved_by(above.get(link), loads)
+        loads[link] = LinkLoad(mover, axis, robot.links[link] or RigidInertia())
     for link in reversed(order):
         for joint in children[link]:
             _add_child(loads[link], joint, loads[joint.child])
     return {link: loads[link] for link in robot.links}
+
+
+def _moved_by(
+    joint: PlainJoint | None, loads: dict[str, LinkLoad]
+) -> tuple[PlainJoint | None, Array]:
+    """Return the joint that moves the link behind a joint, and its axis in that link's frame."""
+    if joint is None:
+        return None, np.zeros(3)
+    if joint.kind is not JointKind.FIXED:
+        return joint, joint.axis
+    carrier = loads[joint.parent]
+    return carrier.joint, joint.origin[:3, :3].T @ carrier.axis
 
 
 def _add_child(load: LinkLoad, joint: PlainJoint, child: LinkLoad) -> None:

@@ -75,6 +75,7 @@ def read_plain(root: Element, findings: Findings, warnings: list[str]) -> PlainR
     """
     before = len(findings.items)
     Reader(root, 'robot', findings).text('name')
+    _check_expanded(root, findings)
     links = _check_names(root, 'link', findings)
     joints = _check_names(root, 'joint', findings)
     if not links:
@@ -88,6 +89,16 @@ def read_plain(root: Element, findings: Findings, warnings: list[str]) -> PlainR
     _check_structure(root, links, findings)
     clean = len(findings.items) == before
     return _load(root.get('name', ''), sound, root.findall('joint') if clean else [])
+
+
+def _check_expanded(root: Element, findings: Findings) -> None:
+    """Note what xacro would have replaced, once."""
+    for element in root.iterchildren('{*}*'):
+        name = etree.QName(element)
+        if 'xacro' in (name.namespace or ''):
+            rule = 'must be expanded first: xacro FILE.xacro > FILE.urdf'
+            findings.add('robot', f'xacro {rule}, got <xacro:{name.localname}>')
+            return
 
 
 def _check_names(root: Element, tag: str, findings: Findings) -> set[str]:

@@ -117,7 +117,7 @@ def suggested_beam(
     tip = _tip_load(load, line)
     mass_per_length, polar, modes = _shares(body, line, most, stiff, tip, wish.bandwidth)
     frequency = _first_frequency(stiff, line.length, most, tip)
-    sag, by_effort = _deflections(stiff, line.length, most, tip, load)
+    sag, by_effort = _deflections(stiff, line, most, tip, load)
     worth, reason = _judge(line.length, stiff, frequency, sag, by_effort, wish.bandwidth)
     share = min(1.0, mass_per_length * line.length / load.own.mass)
     if outer is None and share < UNCLEAR:
@@ -146,8 +146,7 @@ def _line_of(load: LinkLoad) -> BeamLine | None:
     end = max(places, key=lambda place: float(np.linalg.norm(place)), default=None)
     if end is None:
         end = 2.0 * load.own.first_moment / load.own.mass
-    across = [] if load.joint is None else [load.joint.axis]
-    return beam_line(load.own, end, [*across, *(axis for _, axis in load.moving)])
+    return beam_line(load.own, end, [load.axis, *(axis for _, axis in load.moving)])
 
 
 @dataclass(frozen=True)
@@ -218,17 +217,18 @@ def _first_frequency(
 
 
 def _deflections(
-    stiff: Stiffness, length: float, mass_per_length: float, tip: _TipLoad, load: LinkLoad
+    stiff: Stiffness, line: BeamLine, mass_per_length: float, tip: _TipLoad, load: LinkLoad
 ) -> tuple[float, float]:
     """Return the tip's deflection by weight, held level, and by the joint's effort [m]."""
-    ei = min(stiff.ei_y, stiff.ei_z)
+    length, ei = line.length, min(stiff.ei_y, stiff.ei_z)
     own = mass_per_length * length**4 / 8.0
     hung = tip.mass * (length**3 / 3.0 + tip.offset * length**2 / 2.0)
-    joint = load.joint
-    by_effort = math.nan
+    joint, by_effort = load.joint, math.nan
     if joint is not None and 0.0 < joint.limits.effort < math.inf:
+        # along the beam it pulls or twists
+        across = float(np.linalg.norm(np.cross(load.axis, line.frame[:3, 0])))
         lever = length if joint.kind is JointKind.REVOLUTE else 1.0
-        by_effort = joint.limits.effort / lever * length**3 / (3.0 * ei)
+        by_effort = across * joint.limits.effort / lever * length**3 / (3.0 * ei)
     return GRAVITY * (own + hung) / ei, by_effort
 
 

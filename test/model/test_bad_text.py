@@ -45,6 +45,11 @@ def test_a_doctype_in_another_encoding_is_refused(tmp_path: Path) -> None:
     [
         ('<robot name="a"><link name="b"></robot>', 'the XML must be well-formed, got: '),
         ('<robot name="a"/>', 'robot: links must be at least one, got none'),
+        (
+            '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="l"/>'
+            '<xacro:include filename="b"/></robot>',
+            'xacro must be expanded first: xacro FILE.xacro > FILE.urdf, got <xacro:include>',
+        ),
         ('<sdf name="a"/>', 'the root element must be <robot>, got <sdf>'),
         ('<robot name="a">\0</robot>', 'the XML must be well-formed'),
         ('<' * 100, 'the XML must be well-formed'),

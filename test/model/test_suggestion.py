@@ -14,6 +14,7 @@ from suggested_robots import ALUMINIUM, EI, GJ, LENGTH, MASS, Array, inertial, t
 
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.inertia import moved, total
+from denoc_ros.model.poses import number_text, rotation_rpy
 from denoc_ros.model.remainder import beam_inertia
 from denoc_ros.model.suggested_beam import BeamSuggestion
 from denoc_ros.model.suggestion import suggest_flexibility
@@ -145,6 +146,30 @@ def test_robots_in_use_keep_mass_centre_and_inertia(file: str, links: list[str] 
     assert after.mass == pytest.approx(before.mass, rel=1e-9)
     assert after.first_moment == pytest.approx(before.first_moment, rel=1e-9, abs=1e-9)
     assert after.inertia == pytest.approx(before.inertia, rel=1e-9, abs=1e-9)
+
+
+def test_effort_bends_by_what_of_it_is_across_the_link() -> None:
+    plain = tube_arm()
+    bent = boom(plain).effort_deflection
+    # tau length^2 / (3 EI)
+    assert bent == pytest.approx(60.0 * LENGTH**2 / (3.0 * EI), rel=ROUNDED)
+    axis = plain[plain.index('<axis') : plain.index('<limit')]
+    assert boom(plain.replace(axis, '<axis xyz="0 0 1"/>')).effort_deflection == 0.0
+    half = '<axis xyz="0 0.6 0.8"/>'
+    assert boom(plain.replace(axis, half)).effort_deflection == pytest.approx(0.6 * bent)
+    # the same tube, fixed to a bracket that stands aslant on the joint
+    bracket = (
+        '<link name="bracket"/><joint name="bolts" type="fixed"><parent link="bracket"/>'
+        '<child link="boom"/><origin rpy="0.3 -0.7 1.1"/></joint>'
+    )
+    turned = plain.replace('<child link="boom"/>', '<child link="bracket"/>').replace(
+        '<link name="tool">', f'{bracket}<link name="tool">', 1
+    )
+    rotation = rotation_rpy(np.array([0.3, -0.7, 1.1]))
+    hinge = number_text(*(rotation @ [float(x) for x in axis.split('"')[1].split()]))
+    assert boom(turned.replace(axis, f'<axis xyz="{hinge}"/>')).effort_deflection == pytest.approx(
+        bent
+    )
 
 
 def test_stiff_arm_is_left_rigid_and_a_long_one_is_not() -> None:
