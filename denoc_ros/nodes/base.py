@@ -184,12 +184,19 @@ class DenocNode(LifecycleNode):
         """
         return self.subscribe(message_type, topic, handle, qos).monitor
 
-    def subscribe(self, message_type: type, topic: str, handle: Handler, qos: QoSProfile) -> Input:
+    def subscribe(
+        self,
+        message_type: type,
+        topic: str,
+        handle: Handler,
+        qos: QoSProfile,
+        is_heavy: Callable[[bytes], bool] = lambda raw: False,
+    ) -> Input:
         """Subscribe as `listen` does; return the input itself."""
         limit = self.settings.integer('max_publishers') if 'max_publishers' in self.settings else 1
         monitor = InputMonitor(topic, limit)
         self.monitors.append(monitor)
-        return Input(self, message_type, topic, handle, qos, monitor)
+        return Input(self, message_type, topic, handle, qos, monitor, is_heavy)
 
     def refuse(self, monitor: InputMonitor, error: InputError) -> None:
         """Count a bad message; the first of each cause is logged within a second."""

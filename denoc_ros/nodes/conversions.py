@@ -295,6 +295,18 @@ def read_trajectory(raw: bytes, joints: Sequence[str]) -> TrajectoryMessage:
     return TrajectoryMessage(stamp_ns, times, columns[0], columns[1], columns[2], columns[3])
 
 
+def has_many_points(raw: bytes) -> bool:
+    """Say whether a JointTrajectory has more than one point; one that cannot be read has not."""
+    try:
+        reader = CdrReader(raw)
+        reader.stamp_ns()
+        reader.string()
+        reader.strings()
+        return reader.count() > 1
+    except InputError:
+        return False
+
+
 def _stack(what: str, rows: list[Array], count: int, places: NDArray[np.intp]) -> Array | None:
     """Return the points' values as (k, n); None if none of the points has any."""
     if not any(len(row) for row in rows):

@@ -16,8 +16,13 @@ from trajectory_msgs.msg import JointTrajectory
 from denoc_ros.dynamics.feedforward import Terms, TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError, StateError
-from denoc_ros.nodes.base import EVERY_MESSAGE, NEWEST
-from denoc_ros.nodes.conversions import InputError, JointStateReader, read_trajectory
+from denoc_ros.nodes.base import EVERY_MESSAGE
+from denoc_ros.nodes.conversions import (
+    InputError,
+    JointStateReader,
+    has_many_points,
+    read_trajectory,
+)
 from denoc_ros.nodes.diagnostics import ERROR, WARN, Status
 from denoc_ros.nodes.feedforward_parameters import TABLE
 from denoc_ros.nodes.model_node import driven_joints, is_override
@@ -118,16 +123,19 @@ class FeedforwardNode(RobotNode):
         if self._connected:
             return
         self._connected = True
-        handle = self._on_joint_state
-        if self.by_message:  # the messages are the clock
-            self.joint_input = self.listen(JointState, 'joint_states', handle, EVERY_MESSAGE)
-        else:
-            self.joint_input = self.measure(JointState, 'joint_states', handle)
         self.reference_input: InputMonitor | None = None
+        joints, reference = self._on_joint_state, self._on_reference
+        if self.by_message:  # the messages are the clock
+            self.joint_input = self.listen(JointState, 'joint_states', joints, EVERY_MESSAGE)
+            if not self.from_joints:
+                self.reference_input = self.listen(
+                    JointTrajectory, 'reference', reference, EVERY_MESSAGE
+                )
+            return
+        self.joint_input = self.listen_in_loop(JointState, 'joint_states', joints)
         if not self.from_joints:
-            qos = EVERY_MESSAGE if self.by_message else NEWEST
-            self.reference_input = self.listen(
-                JointTrajectory, 'reference', self._on_reference, qos
+            self.reference_input = self.listen_in_loop(
+                JointTrajectory, 'reference', reference, has_many_points
             )
 
     # ---- inputs: what is stored here, the tick consumes

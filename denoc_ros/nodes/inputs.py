@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -11,6 +12,7 @@ from rclpy.qos import QoSProfile
 from denoc_ros.nodes.conversions import InputError
 from denoc_ros.nodes.safety import InputMonitor
 
+HELD = 4  # heavy messages that wait; more of them in so short a time are a flood
 # raw message, and when it arrived on the steady clock [s]
 Handler = Callable[[bytes, float], None]
 
@@ -27,6 +29,9 @@ class Subscriber(Protocol):
 class Input:
     """A subscription whose messages a node takes by a callback or, with `take`, in its loop.
 
+    What would take a loop too long waits, with what comes after it, for `take_heavy` in another
+    thread.
+
     Parameters
     ----------
     node : Subscriber
@@ -37,6 +42,8 @@ class Input:
     qos : QoSProfile
     monitor : InputMonitor
         It counts.
+    is_heavy : callable
+        Says of a raw message whether a loop has no time for it.
 
     Attributes
     ----------
@@ -53,8 +60,11 @@ class Input:
         handle: Handler,
         qos: QoSProfile,
         monitor: InputMonitor,
+        is_heavy: Callable[[bytes], bool],
     ) -> None:
         self.monitor = monitor
+        self._is_heavy = is_heavy
+        self._heavy: deque[tuple[bytes, float]] = deque()
         self._node, self._handle = node, handle
         self._last_take = time.perf_counter()
         self._depth = qos.depth
@@ -78,7 +88,24 @@ class Input:
             now = time.perf_counter()
             waited = 1e-9 * (time.time_ns() - info['received_timestamp'])
             # whatever the wall clock was set to: it has come since the queue was last empty
-            self._give(raw, min(max(now - waited, before), now))
+            arrived = min(max(now - waited, before), now)
+            if self._heavy or self._is_heavy(raw):
+                self._hold(raw, arrived)
+            else:
+                self._give(raw, arrived)
+
+    def take_heavy(self) -> None:
+        """Handle what was too long for the loop."""
+        while self._heavy:
+            self._give(*self._heavy[0])
+            self._heavy.popleft()  # only now may the loop handle again what it takes
+
+    def _hold(self, raw: bytes, arrived: float) -> None:
+        if len(self._heavy) < HELD:
+            self._heavy.append((raw, arrived))
+        else:
+            rule = f'{self.monitor.topic} must have at most {HELD} long messages at a time'
+            self._node.refuse(self.monitor, InputError('flood', f'{rule}, got one more'))
 
     def _give(self, raw: bytes, arrived: float) -> None:
         try:

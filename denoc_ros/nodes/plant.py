@@ -22,7 +22,11 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import LATCHED, STATE
-from denoc_ros.nodes.conversions import CommandReader, read_trajectory
+from denoc_ros.nodes.conversions import (
+    CommandReader,
+    has_many_points,
+    read_trajectory,
+)
 from denoc_ros.nodes.diagnostics import WARN, Status
 from denoc_ros.nodes.messages import JointStateMessage
 from denoc_ros.nodes.model_node import driven_joints, is_override
@@ -171,11 +175,13 @@ class PlantNode(RobotNode):
         if self._connected:
             return
         self._connected = True
-        self.command_input = self.measure(
+        self.command_input = self.listen_in_loop(
             Float64MultiArray, self.settings.text('command'), self._on_command
         )
         if self._has_feedback:
-            self.reference_input = self.listen(JointTrajectory, 'reference', self._on_reference)
+            self.reference_input = self.listen_in_loop(
+                JointTrajectory, 'reference', self._on_reference, has_many_points
+            )
 
     def cleanup(self) -> None:
         """Take the publishers down; the next configure makes them for its robot."""

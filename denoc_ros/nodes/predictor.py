@@ -22,7 +22,11 @@ from denoc_ros.estimation.fusion import FusionSettings, StrainFusion
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.nodes.base import STATE
-from denoc_ros.nodes.conversions import JointStateReader, read_trajectory
+from denoc_ros.nodes.conversions import (
+    JointStateReader,
+    has_many_points,
+    read_trajectory,
+)
 from denoc_ros.nodes.diagnostics import WARN, Status
 from denoc_ros.nodes.markers import CentreLines
 from denoc_ros.nodes.model_node import driven_joints, is_override
@@ -137,11 +141,13 @@ class PredictorNode(RobotNode):
         if self._connected:
             return
         self._connected = True
-        self.joint_input = self.measure(JointState, 'joint_states', self._on_joint_state)
-        self.reference_input = self.listen(JointTrajectory, 'reference', self._on_reference)
+        self.joint_input = self.listen_in_loop(JointState, 'joint_states', self._on_joint_state)
+        self.reference_input = self.listen_in_loop(
+            JointTrajectory, 'reference', self._on_reference, has_many_points
+        )
         if self.by_torque and self.by_command:
             topic = self.settings.text('effort_topic')
-            self.effort_input = self.measure(JointState, topic, self._on_effort)
+            self.effort_input = self.listen_in_loop(JointState, topic, self._on_effort)
         self.create_timer(SEARCH_PERIOD, self._search, clock=self.steady_clock)
         if rate := self.settings.number('marker_rate'):
             self._markers = self.create_publisher(MarkerArray, '~/markers', STATE)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -17,14 +17,14 @@ from denoc_ros.nodes.timing import Loop, LoopStatistics
 
 # what a flood at 10 kHz brings between two ticks at 1 kHz, and some more
 WITHIN_A_TICK = QoSProfile(depth=16, reliability=ReliabilityPolicy.BEST_EFFORT)
-REST_PERIOD = 0.02  # s between looks at the measurements while no loop runs
+ASIDE_PERIOD = 0.02  # s between looks at what the loop does not take
 
 
 class RobotNode(ModelNode):
     """Loads the robot on configure and runs `tick` in a thread of its own while active.
 
-    The loop takes its measurements itself, at the beginning of a tick: a callback in another
-    thread would hold the interpreter just when the loop is due.
+    The loop takes its inputs itself, at the beginning of a tick: a callback in another thread
+    would hold the interpreter just when the loop is due.
 
     A node overrides `prepare` (build and run once everything that `tick` uses), `tick` and, where
     it has more to say, `statuses`.
@@ -39,33 +39,43 @@ class RobotNode(ModelNode):
         super().__init__(name, table, **options)
         self.loop: Loop | None = None
         self.last_statistics: LoopStatistics | None = None
-        self._measurements: list[Input] = []
-        self._rest: Any = None  # the timer that takes them while no loop runs
+        self._inputs: list[Input] = []
 
-    # ---- measurements
+    # ---- inputs
 
-    def measure(self, message_type: type, topic: str, handle: Handler) -> InputMonitor:
-        """Subscribe as `listen` does; the loop takes the messages."""
-        measurement = self.subscribe(message_type, topic, handle, WITHIN_A_TICK)
-        self._measurements.append(measurement)
-        if self._rest is None:
-            self._rest = self.create_timer(
-                REST_PERIOD, self._take_measurements, clock=self.steady_clock
-            )
-        return measurement.monitor
+    def listen_in_loop(
+        self,
+        message_type: type,
+        topic: str,
+        handle: Handler,
+        is_heavy: Callable[[bytes], bool] = lambda raw: False,
+    ) -> InputMonitor:
+        """Subscribe as `listen` does; the loop takes the messages, but for heavy ones."""
+        if not self._inputs:
+            self.create_timer(ASIDE_PERIOD, self._take_aside, clock=self.steady_clock)
+        added = self.subscribe(message_type, topic, handle, WITHIN_A_TICK, is_heavy)
+        self._inputs.append(added)
+        return added.monitor
 
     @property
     def subscriptions(self) -> Iterator[Any]:
         """Yield those that the executor serves."""
-        own = {id(measurement.subscription) for measurement in self._measurements}
+        own = {id(each.subscription) for each in self._inputs}
         return (each for each in super().subscriptions if id(each) not in own)
 
-    def _take_measurements(self) -> None:
-        for measurement in self._measurements:
-            measurement.take()
+    def _take_inputs(self) -> None:
+        for each in self._inputs:
+            each.take()
+
+    def _take_aside(self) -> None:
+        """Take what the loop leaves over, and everything while there is no loop."""
+        if self.loop is None or not self.loop.running:
+            self._take_inputs()
+        for each in self._inputs:
+            each.take_heavy()
 
     def _turn(self, steps: int) -> None:
-        self._take_measurements()
+        self._take_inputs()
         self.tick(steps)
 
     # ---- what a node of this kind does
@@ -85,9 +95,7 @@ class RobotNode(ModelNode):
 
     def activate(self) -> None:
         """Start the loop."""
-        if self._rest is not None:
-            self._rest.cancel()
-            self._take_measurements()
+        self._take_aside()
         self.begin()
         settings = self.settings
         self.loop = Loop(
@@ -102,8 +110,6 @@ class RobotNode(ModelNode):
         """Stop the loop."""
         if self.loop is not None:
             self.loop.stop()
-        if self._rest is not None:
-            self._rest.reset()
 
     @property
     def period(self) -> float:

@@ -176,7 +176,7 @@ class SensorInputs:
         def handle(raw: bytes, now: float) -> None:
             self._take(raw, now, reader, self._members.get(topic, []), watch[0], clock)
 
-        watch.append(self._node.measure(message_type, topic, handle))
+        watch.append(self._node.listen_in_loop(message_type, topic, handle))
 
     def _take(
         self,

@@ -20,6 +20,7 @@ from denoc_ros.nodes.conversions import (
     CommandReader,
     InputError,
     JointStateReader,
+    has_many_points,
     read_trajectory,
 )
 from denoc_ros.nodes.messages import (
@@ -112,6 +113,16 @@ def point(seconds: int, *rows: list[float]) -> JointTrajectoryPoint:
     made = JointTrajectoryPoint(**dict(zip(names, rows, strict=False)))
     made.time_from_start.sec = seconds
     return made
+
+
+def test_points_of_a_trajectory_are_counted_without_reading_them() -> None:
+    message = JointTrajectory(joint_names=['a'], points=[point(0, [1.0])])
+    message.header.frame_id = 'base'
+    assert not has_many_points(serialize_message(message))
+    message.points = [point(0, [1.0]), point(1, [2.0])]
+    raw = serialize_message(message)
+    assert has_many_points(raw)
+    assert not has_many_points(raw[:20])
 
 
 def test_trajectory_is_read_in_the_nodes_joint_order() -> None:

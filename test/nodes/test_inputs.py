@@ -9,6 +9,7 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from denoc_ros.nodes.conversions import JointStateReader
+from denoc_ros.nodes.inputs import HELD
 from denoc_ros.nodes.parameters import ParameterTable
 from denoc_ros.nodes.robot_node import WITHIN_A_TICK, RobotNode
 from denoc_ros.nodes.shared_parameters import (
@@ -20,6 +21,7 @@ from denoc_ros.nodes.shared_parameters import (
 
 pytestmark = pytest.mark.ros
 
+HEAVY = 200  # bytes
 DELIVERY = 0.2  # s that a message may take to this process
 
 
@@ -35,7 +37,9 @@ class Taker(RobotNode):
         super().__init__('taker', TABLE, **options)
         self.arrivals: list[float] = []
         self.reader = JointStateReader(['a'])
-        self.monitor = self.measure(JointState, 'joint_states', self._on_state)
+        self.monitor = self.listen_in_loop(
+            JointState, 'joint_states', self._on_state, lambda raw: len(raw) > HEAVY
+        )
 
     def _on_state(self, raw: bytes, now: float) -> None:
         self.reader.read(raw, lambda stamp_ns: self.monitor.accept(stamp_ns, now))
@@ -51,7 +55,7 @@ def state(stamp: int, name: str = 'a') -> JointState:
 @pytest.fixture
 def taker(graph: Any) -> Any:
     node = graph.add(Taker, start=False)
-    node._rest.cancel()
+    graph.executor.remove_node(node)  # no timer takes anything
     return node
 
 
@@ -64,25 +68,25 @@ def test_only_taking_takes(graph: Any, taker: Any, publisher: Any) -> None:
     publisher.publish(state(1))
     graph.spin(0.2)
     assert taker.arrivals == []
-    taker._take_measurements()
+    taker._take_inputs()
     assert len(taker.arrivals) == 1
 
 
 def test_without_a_loop_measurements_are_taken_all_the_same(graph: Any, taker: Any) -> None:
     publisher = graph.publisher(JointState, 'joint_states')
-    taker._rest.reset()
+    graph.executor.add_node(taker)
     publisher.publish(state(1))
     graph.until(lambda: len(taker.arrivals) == 1)
 
 
 def test_arrival_is_when_it_came_not_when_it_was_taken(taker: Any, publisher: Any) -> None:
-    taker._take_measurements()
+    taker._take_inputs()
     sent = []
     for stamp in (1, 2, 3):
         sent.append(time.perf_counter())
         publisher.publish(state(stamp))
         time.sleep(0.3)
-    taker._take_measurements()
+    taker._take_inputs()
     assert len(taker.arrivals) == 3
     for before, arrival in zip(sent, taker.arrivals, strict=True):
         assert before - 1e-3 < arrival < before + DELIVERY
@@ -92,13 +96,13 @@ def test_arrival_is_when_it_came_not_when_it_was_taken(taker: Any, publisher: An
 def test_arrival_bears_a_clock_that_is_set(
     taker: Any, publisher: Any, monkeypatch: pytest.MonkeyPatch, jump: float
 ) -> None:
-    taker._take_measurements()
+    taker._take_inputs()
     before = time.perf_counter()
     publisher.publish(state(1))
     time.sleep(0.1)
     wall = time.time_ns
     monkeypatch.setattr(time, 'time_ns', lambda: wall() + round(1e9 * jump))
-    taker._take_measurements()
+    taker._take_inputs()
     assert before - 1e-3 < taker.arrivals[0] <= time.perf_counter()
 
 
@@ -109,9 +113,42 @@ def test_newest_of_a_flood_are_taken_and_bad_ones_counted(
     for stamp in range(1, 3 * depth):
         publisher.publish(state(stamp, 'a' if stamp % 2 else 'b'))
     time.sleep(0.2)
-    taker._take_measurements()
+    taker._take_inputs()
     assert taker.reader.stamp_ns == (3 * depth - 1) * 10**9
     assert taker.monitor.accepted == depth // 2
     assert taker.monitor.rejected == {'unknown_joint': depth // 2}
-    taker._take_measurements()
+    taker._take_inputs()
     assert taker.monitor.accepted == depth // 2
+
+
+def heavy(stamp: int) -> JointState:
+    message = state(stamp)
+    message.header.frame_id = HEAVY * 'x'
+    return message
+
+
+def test_heavy_message_and_what_follows_it_wait_for_another_thread(
+    taker: Any, publisher: Any
+) -> None:
+    for message in (state(1), heavy(2), state(3)):
+        publisher.publish(message)
+    time.sleep(0.2)
+    taker._take_inputs()
+    assert taker.reader.stamp_ns == 1 * 10**9
+    taker._take_aside()
+    assert taker.reader.stamp_ns == 3 * 10**9
+    assert taker.monitor.accepted == 3
+    publisher.publish(state(4))
+    time.sleep(0.2)
+    taker._take_inputs()
+    assert taker.reader.stamp_ns == 4 * 10**9
+
+
+def test_flood_of_heavy_messages_is_refused(taker: Any, publisher: Any) -> None:
+    for stamp in range(1, HELD + 3):
+        publisher.publish(heavy(stamp))
+    time.sleep(0.2)
+    taker._take_inputs()
+    assert taker.monitor.rejected == {'flood': 2}
+    taker._take_aside()
+    assert taker.monitor.accepted == HELD
