@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.conversions import InputError
 from denoc_ros.nodes.diagnostics import DiagnosticsPublisher, Status, input_status
-from denoc_ros.nodes.inputs import Handler, Input
+from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.messages import wait_until_delivered
 from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
 from denoc_ros.nodes.realtime import make_thread_timely, settle_garbage
@@ -190,7 +190,7 @@ class DenocNode(LifecycleNode):
         topic: str,
         handle: Handler,
         qos: QoSProfile,
-        is_heavy: Callable[[bytes], bool] = lambda raw: False,
+        is_heavy: Callable[[bytes], bool] = never_heavy,
     ) -> Input:
         """Subscribe as `listen` does; return the input itself."""
         limit = self.settings.integer('max_publishers') if 'max_publishers' in self.settings else 1

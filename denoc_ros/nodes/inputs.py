@@ -17,6 +17,11 @@ HELD = 4  # heavy messages that wait; more of them in so short a time are a floo
 Handler = Callable[[bytes, float], None]
 
 
+def never_heavy(_raw: bytes) -> bool:
+    """Say that a loop has time for every message."""
+    return False
+
+
 class Subscriber(Protocol):
     """What makes the subscription, and hears of what is refused."""
 
@@ -60,7 +65,7 @@ class Input:
         handle: Handler,
         qos: QoSProfile,
         monitor: InputMonitor,
-        is_heavy: Callable[[bytes], bool],
+        is_heavy: Callable[[bytes], bool] = never_heavy,
     ) -> None:
         self.monitor = monitor
         self._is_heavy = is_heavy

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from denoc_ros.nodes.diagnostics import ERROR, Status, loop_status, realtime_status
-from denoc_ros.nodes.inputs import Handler, Input
+from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.model_node import ModelNode
 from denoc_ros.nodes.parameters import ParameterTable
 from denoc_ros.nodes.realtime import lock_memory
@@ -48,7 +48,7 @@ class RobotNode(ModelNode):
         message_type: type,
         topic: str,
         handle: Handler,
-        is_heavy: Callable[[bytes], bool] = lambda raw: False,
+        is_heavy: Callable[[bytes], bool] = never_heavy,
     ) -> InputMonitor:
         """Subscribe as `listen` does; the loop takes the messages, but for heavy ones."""
         if not self._inputs:

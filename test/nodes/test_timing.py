@@ -44,8 +44,7 @@ def test_a_long_tick_skips_deadlines_and_says_so() -> None:
     wait(loop, 20)
     loop.stop()
     statistics = loop.statistics()
-    assert max(steps) >= 9
-    assert steps[5] == max(steps)
+    assert steps[5] >= 9
     assert statistics.skipped_total == sum(steps) - len(steps)
     assert statistics.late_total >= 1
 
