@@ -83,9 +83,9 @@ def _film(args: argparse.Namespace, opened: OpenedRun, look: Look) -> None:
     from denoc_ros.cli.progress import Progress
     from denoc_ros.viewer.film import write_film
 
-    run = opened.run
-    with Progress().phase(f'drawing {args.video.name}', float(run.t[-1] - run.t[0])) as show:
-        write_film(run, opened.robot, args.video, look, args.fps, args.speed, show)
+    start, end = opened.run.span
+    with Progress().phase(f'drawing {args.video.name}', end - start) as show:
+        write_film(opened.run, opened.robot, args.video, look, args.fps, args.speed, show)
 
 
 def _size(text: str) -> tuple[int, int]:

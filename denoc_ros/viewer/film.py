@@ -126,7 +126,7 @@ def write_film(
     speed: float = 1.0,
     progress: Callable[[float], object] | None = None,
 ) -> int:
-    """Write a run as a film, MP4 or GIF.
+    """Write a run as a film, MP4 or GIF: its phases, or all of it where it has none.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def write_film(
     """
     suffix, look = require_suffix(path, FILM_SUFFIXES), look or Look()
     fps = FPS[suffix] if fps is None else fps
-    times = frame_times(float(run.t[0]), float(run.t[-1]), fps, speed)
+    times = frame_times(*run.span, fps, speed)
     states = run.at(times)
     staging = Staging(robot, states, look.scale, look.view, look.folder)
     title = look.title or robot.tree.name
@@ -205,7 +205,7 @@ def write_strip(
     if not 1 <= count <= 24:
         raise ConfigError('strip', [f'the number of moments must be 1 to 24, got {count}'])
     look = look or Look()
-    times = np.linspace(run.t[0], run.t[-1], count)
+    times = np.linspace(*run.span, count)
     staging = Staging(robot, run.at(times), look.scale, look.view, look.folder)
     pixels = strip(run, staging, look.title or robot.tree.name, look.size, times)
     image = Image.fromarray(pixels).quantize(256, dither=Image.Dither.NONE)

@@ -133,6 +133,15 @@ class RecordedRun(Sequence[Moment]):
         """Return the coordinates (m, n) at times (m,) [s], linearly between the moments."""
         return np.column_stack([np.interp(t, self.t, column) for column in self.q.T])
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """From the first phase's begin to the last one's end [s], or all where none is named."""
+        first, last = float(self.t[0]), float(self.t[-1])
+        begun = [t for t, name in self.phases if name]
+        ended = self.phases[-1][0] if self.phases and not self.phases[-1][1] else last
+        start, end = max(first, begun[0] if begun else first), min(last, ended)
+        return (start, end) if start < end else (first, last)
+
     def phase(self, t: float) -> str:
         """Return the name of the phase at a time [s], '' outside of all."""
         return next((name for start, name in reversed(self.phases) if start <= t), '')

@@ -15,12 +15,15 @@ from denoc_ros.viewer.camera import AUTO, Camera, camera
 from denoc_ros.viewer.outline import reach
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 LOOKED_AT = 48  # instants that decide what the pictures have to hold
 STRAINS_LOOKED_AT = 500  # instants that the largest strain is taken from
 SCALES = (1, 2, 5, 10, 20, 50, 100)
 SHOWN = 0.1  # of the robot's reach: what a chosen scale exaggerates the deflection to, at most
 NEGLIGIBLE = 1e-9  # of the reach: rounding, no deflection
+CLOSED = 1e-6  # of a surface's area: what the sum of its area vectors may be
+TINY = 1e-300
 AMBIENT = 0.55  # of the light: what comes from everywhere
 LIGHT = np.array([-0.34, 0.54, 0.77])  # where the rest comes from: right, up, towards the eye
 
@@ -79,7 +82,7 @@ class Staging:
     ) -> None:
         self._robot = robot
         self._bending = Bending(robot, folder)
-        self._faces = self._all_faces()
+        self._faces, self._outward = self._all_faces()
         some = states[np.linspace(0, len(states) - 1, min(LOOKED_AT, len(states))).astype(int)]
         straight = np.array([self.vertices(q, 0.0) for q in some])
         self.scale = scale or self._chosen_scale(some, straight)
@@ -122,29 +125,33 @@ class Staging:
             for part, strain in zip(self._bending.flexible, strains, strict=True)
         ]
         seen = self.camera.project(self.vertices(q))[self._faces]
-        tint = np.concatenate(colours) / 255.0
-        order = np.argsort(seen[:, :, 2].mean(axis=1))
-        shaded = np.minimum(_shade(seen)[:, np.newaxis] * tint, 1.0)
-        return Triangles(seen[order, :, :2], shaded[order])
+        normals = _normals(seen)
+        # the far side of a closed surface is hidden by its near side
+        shown = np.flatnonzero(self._outward * normals[:, 2] >= 0.0)
+        shown = shown[np.argsort(seen[shown, :, 2].mean(axis=1))]
+        tint = np.concatenate(colours)[shown] / 255.0
+        shaded = np.minimum(_shade(normals[shown])[:, np.newaxis] * tint, 1.0)
+        return Triangles(seen[shown, :, :2], shaded)
 
     def ghost(self, q: Array) -> Array:
         """Return the triangles (f, 3, 2) of the undeflected robot with the joints of q (n,)."""
         return self.camera.project(self.vertices(q, 0.0))[self._faces][:, :, :2]
 
-    def _all_faces(self) -> NDArray[np.int64]:
-        parts: list[tuple[NDArray[np.int64], int]] = [
-            (part.faces, len(part.vertices)) for part in self._bending.rigid
+    def _all_faces(self) -> tuple[Indices, Array]:
+        """Return all triangles, and for each +1 or -1 where its corners go round seen from outside
+        or inside of a closed surface, 0 where the surface is open.
+        """
+        flexible = self._bending.at(np.zeros(self._robot.n)).surfaces
+        surfaces = [part.vertices for part in self._bending.rigid] + list(flexible)
+        parts = [part.faces for part in self._bending.rigid]
+        parts += [part.faces for part in self._bending.flexible]
+        firsts = np.cumsum([0, *map(len, surfaces)])
+        faces = [part + first for part, first in zip(parts, firsts, strict=False)]
+        sides = [
+            np.full(len(part), _side(surface[part]))
+            for part, surface in zip(parts, surfaces, strict=True)
         ]
-        parts += [
-            (part.faces, len(surface))
-            for part, surface in zip(
-                self._bending.flexible,
-                self._bending.at(np.zeros(self._robot.n)).surfaces,
-                strict=True,
-            )
-        ]
-        firsts = np.cumsum([0, *(count for _, count in parts)])
-        return np.concatenate([f + first for (f, _), first in zip(parts, firsts, strict=False)])
+        return np.concatenate(faces), np.concatenate(sides)
 
     def _chosen_scale(self, states: Array, straight: Array) -> float:
         size = reach(self._robot)
@@ -165,11 +172,23 @@ def _largest(strains: Sequence[Array]) -> float:
     return max((float(np.abs(strain).max(initial=0.0)) for strain in strains), default=0.0)
 
 
-def _shade(corners: Array) -> Array:
-    """Return the brightness (f,) of triangles (f, 3, 3), whichever way round they go."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normal, axis=1)
-    facing = np.abs(normal @ LIGHT) / np.maximum(length, 1e-300)
-    brightness = AMBIENT + (1.0 - AMBIENT) * facing
+def _side(corners: Array) -> float:
+    """Return the sign of the volume within triangles (f, 3, 3), 0 where they enclose none."""
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if np.linalg.norm(areas.sum(axis=0)) > CLOSED * np.linalg.norm(areas, axis=1).sum():
+        return 0.0
+    middle = corners.mean(axis=(0, 1))
+    return float(np.sign(np.sum((corners[:, 0] - middle) * areas)))
+
+
+def _normals(corners: Array) -> Array:
+    """Return the unit normals (f, 3) of triangles (f, 3, 3)."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), TINY)[:, np.newaxis])
+
+
+def _shade(normals: Array) -> Array:
+    """Return the brightness (f,) of triangles by their normals, whichever way these point."""
+    brightness = AMBIENT + (1.0 - AMBIENT) * np.abs(normals @ LIGHT)
     # what faces the eye has the colours of the colour bar
     return np.asarray(brightness / (AMBIENT + (1.0 - AMBIENT) * LIGHT[2]))

@@ -35,7 +35,7 @@ def draw_charts(figure: Figure, run: RecordedRun, groups: dict[str, list[str]]) 
     for k, (group, names) in enumerate(groups.items()):
         axes = figure.add_axes((0.055 + k * width, 0.07, width - 0.06, 0.15))
         _chart(axes, run, group, names)
-        cursors.append(axes.axvline(run.t[0], color=INK, lw=1.0))
+        cursors.append(axes.axvline(run.span[0], color=INK, lw=1.0))
     return cursors
 
 
@@ -46,13 +46,13 @@ def _chart(axes: Axes, run: RecordedRun, group: str, names: Sequence[str]) -> No
     what, _, unit = group.rstrip(']').partition(' [')
     factor, prefix = _prefix(max(peaks.values())) if unit else (1.0, '')
     shown = [name for name in names if name in largest]
-    for k, name in enumerate(shown):
-        label = name.partition('/')[2]
-        style: Any = (0, (4, 2)) if label.startswith('predicted') else 'solid'
-        axes.plot(
-            run.t, columns[name] / factor, color=CURVES[k % len(CURVES)], lw=1.1, label=label,
-            ls=style,
-        )  # fmt: skip
+    whose = list(dict.fromkeys(_whose(name) for name in shown))
+    for name in shown:
+        label, colour = name.partition('/')[2], CURVES[whose.index(_whose(name)) % len(CURVES)]
+        # predicted over true: dashes leave both to be seen
+        style: Any = (0, (3, 2)) if label.startswith('predicted') else 'solid'
+        values = columns[name] / factor
+        axes.plot(run.t, values, color=colour, lw=1.2, ls=style, label=label)
     left_out = f', {len(shown)} of {len(names)}' if len(shown) < len(names) else ''
     title = f'{what}{left_out} [{prefix}{unit}]' if unit else f'{what}{left_out}'
     axes.set_title(title, loc='left', size=8.5, color=INK, pad=3)
@@ -60,13 +60,19 @@ def _chart(axes: Axes, run: RecordedRun, group: str, names: Sequence[str]) -> No
         fontsize=6.5, frameon=False, loc='lower right', bbox_to_anchor=(1.02, 0.98), ncols=3,
         handlelength=1.4, columnspacing=0.8, labelcolor=MUTED, borderpad=0.0, labelspacing=0.2,
     )  # fmt: skip
-    axes.set_xlim(run.t[0], run.t[-1] if run.t[-1] > run.t[0] else run.t[0] + 1.0)
+    start, end = run.span
+    axes.set_xlim(start, end if end > start else start + 1.0)
     axes.set_xlabel('time [s]', size=8, color=MUTED, labelpad=1)
     axes.grid(True, color=GRID, lw=0.6)
     axes.tick_params(colors=MUTED, labelsize=7.5, length=2)
     axes.yaxis.set_major_locator(MaxNLocator(4))
     for side in axes.spines.values():
         side.set_color(GRID)
+
+
+def _whose(name: str) -> str:
+    """Return what a channel is of, whether predicted or true."""
+    return name.partition('/')[2].split(' ', 1)[-1]
 
 
 def _prefix(peak: float) -> tuple[float, str]:

@@ -143,6 +143,20 @@ def test_strain_is_that_of_the_curvature(repository: Path) -> None:
     assert np.ptp(np.diff(staging.robot(np.zeros(robot.n)).colours, axis=1)) < 0.3
 
 
+def area(corners: NDArray[np.float64]) -> float:
+    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return float(np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]).sum())
+
+
+@pytest.mark.parametrize('name', ['one_flexible_link', 'ssrms', 'five_bar_ffff'])
+def test_of_closed_surfaces_the_near_side_is_drawn(repository: Path, name: str) -> None:
+    """Near and far side of a closed surface have the same area in the picture."""
+    robot = load_robot(repository / f'config/robots/{name}.urdf', gravity=(0, 0, 0))
+    q = np.zeros(robot.n)
+    staging = Staging(robot, q[np.newaxis], 1.0, 'iso')
+    assert area(staging.robot(q).corners) == pytest.approx(0.5 * area(staging.ghost(q)), rel=1e-9)
+
+
 def test_view_is_onto_the_plane_of_the_motion() -> None:
     points = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
     assert best_view(points) == 'iso'

@@ -160,6 +160,25 @@ def test_a_channel_is_nan_where_its_topic_was_not_recorded(
     assert run[-1].channels['residual/gauge'] == 3.0
 
 
+def test_phases_are_what_pictures_show(simulated_bag: SimulatedBag, tmp_path: Path) -> None:
+    robot, path = simulated_bag.robot, tmp_path / 'phases.mcap'
+    with BagWriter(path) as bag:
+        bag.add_topic('/joint_states', JOINT_STATE)
+        bag.add_topic('/up/phase', 'std_msgs/msg/String')
+        names = list(robot.joint_names)
+        marks = {20: 'one', 50: '', 60: 'two', 90: ''}
+        for k in range(100):
+            stamp = 10**18 + k * 10**8
+            bag.write_message('/joint_states', stamp, name=names, position=[0.0, 0.1 * k])
+            if k in marks:
+                bag.write_message('/up/phase', stamp, data=marks[k])
+    run = RecordedRun(path, robot)
+    assert run.span == pytest.approx((2.0, 9.0), abs=1e-9)
+    assert [run.phase(t) for t in (1.0, 3.0, 5.5, 7.0, 9.5)] == ['', 'one', '', 'two', '']
+    part = RecordedRun(path, robot, start=3.0, end=8.0)
+    assert part.span == pytest.approx((3.0, 8.0), abs=1e-9)
+
+
 def test_what_does_not_show_the_robot_is_refused(
     repository: Path, simulated_bag: SimulatedBag, tmp_path: Path
 ) -> None:
