@@ -19,7 +19,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint bench mechanisms rates soak longbag fuzz load longload readme venv clean
+.PHONY: demo test check browser lint bench mechanisms rates soak longbag fuzz load watched longload readme venv clean
 
 venv: $(STAMP)
 
@@ -79,6 +79,10 @@ longbag: $(STAMP)
 load: $(STAMP)
 	PYTHONPATH=test $(BIN)/python -m bench.recorder_load --seconds 60
 	PYTHONPATH=test $(BIN)/python -m bench.loop_lateness
+
+# three minutes: what the viewer costs the loops of the SSRMS beside it
+watched: $(STAMP)
+	PYTHONPATH=test $(BIN)/python -m bench.viewer_lateness
 
 # ten minutes, 3 GB on the disk
 longload: $(STAMP)

@@ -7,14 +7,14 @@ SMOOTHING = 0.2  # weight of the newest round in the mean cost
 
 
 class Pace:
-    """Rounds at a rate, and at a lower one where they take more than their share of the time.
+    """Rounds at a rate, and at a lower one where they take more than their share of a processor.
 
     Parameters
     ----------
     rate : float
         Hz, at most.
     share : float
-        Of the time that rounds may take.
+        Of a processor's time that rounds may take.
 
     Attributes
     ----------
@@ -33,10 +33,6 @@ class Pace:
         """Start with a round at once [s]; what rounds cost is remembered."""
         self._due = now
 
-    def late(self, now: float) -> float:
-        """Return how late the round that is due begins [s]."""
-        return max(0.0, now - self._due)
-
     def wait(self, now: float, cost: float) -> float:
         """Return how long to wait until the next round [s].
 
@@ -45,7 +41,7 @@ class Pace:
         now : float
             s, at the end of a round.
         cost : float
-            s that it took, or kept a processor, whichever is more.
+            s of processor time that it took.
         """
         self._cost += SMOOTHING * (cost - self._cost)
         self.period = min(max(self._shortest, self._cost / self._share), SLOWEST)

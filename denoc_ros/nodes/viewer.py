@@ -162,7 +162,6 @@ class ViewerNode(ModelNode):
             self._reset_wanted = False
             self.inputs.forget()
             self.moments.forget()
-        late = self.pace.late(now)
         self.inputs.take()
         moment = self.moments.moment(now)
         if moment is not None:
@@ -171,8 +170,7 @@ class ViewerNode(ModelNode):
         # of all threads: the server's, which sends, and the middleware's
         used = time.process_time()
         spent, self._used = used - self._used, used
-        end = time.perf_counter()
-        return self.pace.wait(end, max(end - now + late, spent))
+        return self.pace.wait(time.perf_counter(), spent)
 
     # ---- diagnostics
 

@@ -131,6 +131,7 @@ class Session:
         for loop in LOOPS:
             write_parameters(bench.folder / f'{loop}.yaml', {**given, **loose.get(loop, {})})
             bench.start_node(loop)
+        for loop in LOOPS:
             bench.driver.wait_active(loop, START_TIMEOUT)
         viewer = {'gravity': list(config.gravity), 'port': 0, 'rate': UPDATE_RATE}
         write_parameters(bench.folder / 'viewer.yaml', viewer)
