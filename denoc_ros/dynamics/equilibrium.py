@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from denoc_ros.dynamics.borders import as_vector
 from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
 from denoc_ros.dynamics.linearization import stiffness
 from denoc_ros.errors import SolverError
@@ -23,6 +25,20 @@ SETTLED = 1e-12  # relative change that ends the iteration
 FOLLOWED = 1e-7  # relative change above which the tangent no longer serves
 
 
+def static_deflection(
+    robot: Robot,
+    q_joints: ArrayLike,
+    wrenches: Mapping[str, ArrayLike] | None,
+    start: ArrayLike | None,
+) -> Array:
+    """Return the state (n,) whose amplitudes are in equilibrium at given joint positions."""
+    q = np.zeros(robot.n) if start is None else as_vector('start', start, (robot.n,)).copy()
+    q[robot.joint_indices] = as_vector('q_joints', q_joints, (len(robot.joint_indices),))
+    if len(robot.flexible_indices):
+        Equilibrium(robot, robot.flexible_indices, wrenches, closed=False).find(q)
+    return q
+
+
 class Equilibrium:
     """Coordinates at rest under gravity and elasticity, the others and the loops given.
 
@@ -32,6 +48,10 @@ class Equilibrium:
         Its workspace is used: do not share it with another thread.
     free : (f,) int array
         The coordinates that settle: amplitudes, and joints that the loops bind.
+    wrenches : mapping, optional
+        External loads, as the robot's verbs take them.
+    closed : bool
+        Whether loops and mimic joints hold; False: the open tree's equilibrium.
 
     Notes
     -----
@@ -39,11 +59,18 @@ class Equilibrium:
     without the change of J, which matters little where links are stiff.
     """
 
-    def __init__(self, robot: Robot, free: Int) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        free: Int,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        closed: bool = True,
+    ) -> None:
         self.robot = robot
+        self._wrenches = wrenches
         self.free = np.ascontiguousarray(free)
         self._force, self._zero = np.zeros((2, robot.n))
-        self._multipliers = np.zeros(len(robot.lowered.tie_names))
+        self._multipliers = np.zeros(len(robot.lowered.tie_names) if closed else 0)
         size = len(free) + len(self._multipliers)
         self._inverse: Array = np.zeros((size, size))
         self._found = False
@@ -64,7 +91,10 @@ class Equilibrium:
         self._multipliers[:] = 0.0
         share = np.inf
         for _ in range(ITERATIONS):
-            self._linearize(q)
+            try:
+                self._linearize(q)
+            except np.linalg.LinAlgError:
+                break
             last, share = share, self._step(q)
             if share <= SETTLED or (share <= FOLLOWED and share >= 0.5 * last):
                 self._found = True
@@ -93,11 +123,12 @@ class Equilibrium:
 
     def _linearize(self, q: Array) -> None:
         free, count = self.free, len(self.free)
-        rows = jacobian(self.robot, q)[0][:, free]
         tangent = np.zeros_like(self._inverse)
-        tangent[:count, :count] = stiffness(self.robot, q)[np.ix_(free, free)]
-        tangent[:count, count:] = -rows.T
-        tangent[count:, :count] = rows
+        tangent[:count, :count] = stiffness(self.robot, q, self._wrenches)[np.ix_(free, free)]
+        if len(self._multipliers):
+            rows = jacobian(self.robot, q)[0][:, free]
+            tangent[:count, count:] = -rows.T
+            tangent[count:, :count] = rows
         # links are up to 1e12 times stiffer than rows are large
         scale = np.sqrt(1.0 / np.maximum(np.abs(tangent).max(axis=1), 1e-300))
         scaled = np.linalg.pinv(tangent * scale * scale[:, None], rcond=RANK**2)
@@ -106,7 +137,9 @@ class Equilibrium:
     def _step(self, q: Array) -> float:
         """Take one step; return the change as a share of the free coordinates' size."""
         robot, free, count = self.robot, self.free, len(self.free)
-        robot.inverse_dynamics(q, self._zero, self._zero, out=self._force, check=False)
+        robot.inverse_dynamics(
+            q, self._zero, self._zero, self._wrenches, out=self._force, check=False
+        )
         residual = np.concatenate([self._force[free], np.zeros(len(self._multipliers))])
         if len(self._multipliers):
             rows = jacobian(robot, q)[0][:, free]

@@ -1,4 +1,4 @@
-"""Equilibrium and vibration about it: static deflection, natural frequencies and modes."""
+"""Vibration about an equilibrium: tangent stiffness, natural frequencies and modes."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics.borders import as_vector
-from denoc_ros.errors import SolverError
 from denoc_ros.kernels.handle import DAMPING, STIFFNESS
 
 if TYPE_CHECKING:
@@ -18,7 +16,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 STEP = 1e-3  # of a central difference of fourth order; rounding and truncation meet near 1e-11
-ITERATIONS = 50
 
 
 class NaturalModes(NamedTuple):
@@ -66,43 +63,6 @@ def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None =
     tangent: Array = derivative(load, q, difference_steps(robot))
     symmetric: Array = 0.5 * (tangent + tangent.T) + np.diag(elastic)
     return symmetric
-
-
-def static_deflection(
-    robot: Robot,
-    q_joints: ArrayLike,
-    wrenches: Mapping[str, ArrayLike] | None,
-    start: ArrayLike | None,
-) -> Array:
-    """Return the state (n,) whose amplitudes are in equilibrium at given joint positions."""
-    flexible = robot.flexible_indices
-    q = np.zeros(robot.n) if start is None else as_vector('start', start, (robot.n,)).copy()
-    q[robot.joint_indices] = as_vector('q_joints', q_joints, (len(robot.joint_indices),))
-    zero = np.zeros(robot.n)
-    if not len(flexible):
-        return q
-    scale = robot.lowered.diagonals[STIFFNESS][flexible]
-    change = np.inf
-    for _ in range(ITERATIONS):
-        residual = robot.inverse_dynamics(q, zero, zero, wrenches)[flexible]
-        tangent = stiffness(robot, q, wrenches)[np.ix_(flexible, flexible)]
-        try:
-            step = np.linalg.solve(tangent, -residual)
-        except np.linalg.LinAlgError:
-            break
-        q[flexible] += step
-        last, change = change, float(np.max(np.abs(step)))
-        size = 1e-3 + float(np.max(np.abs(q[flexible])))
-        if change <= 1e-14 * size or (change <= 1e-9 * size and change >= 0.5 * last):
-            return q
-        if not np.isfinite(change):
-            break
-    residual = robot.inverse_dynamics(np.nan_to_num(q), zero, zero, wrenches, check=False)
-    worst = float(np.max(np.abs(residual[flexible] / scale)))
-    raise SolverError(
-        f'{robot.tree.name}: static deflection must have an equilibrium near its start, '
-        f'got a residual of {worst:.3g} m after {ITERATIONS} Newton steps (buckling?)'
-    )
 
 
 def natural_modes(robot: Robot, q: Array, held: bool) -> NaturalModes:

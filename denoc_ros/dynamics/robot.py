@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics import linearization, structure
+from denoc_ros.dynamics import equilibrium, linearization, structure
 from denoc_ros.dynamics.batch import each_row, run_rows
 from denoc_ros.dynamics.borders import as_output, as_rows, as_states, as_vector, same_rows
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
@@ -271,10 +271,10 @@ class Robot(ConstrainedModel):
             Newton's iteration found no equilibrium (a load beyond buckling).
         """
         joints = as_states('q_joints', q_joints, len(self.joint_indices))
-        equilibrium: Array = each_row(
-            lambda row: linearization.static_deflection(self, row, wrenches, start), joints
+        states: Array = each_row(
+            lambda row: equilibrium.static_deflection(self, row, wrenches, start), joints
         )
-        return equilibrium
+        return states
 
     def natural_frequencies(self, q: ArrayLike, held: bool = True) -> Array:
         """Return the natural frequencies [Hz] at rest at q, ascending (see natural_modes)."""
