@@ -23,7 +23,7 @@ from denoc_ros.nodes.conversions import (
     has_many_points,
     read_trajectory,
 )
-from denoc_ros.nodes.diagnostics import ERROR, WARN, Status
+from denoc_ros.nodes.diagnostics import Status
 from denoc_ros.nodes.feedforward_parameters import TABLE
 from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.parameters import Settings, Value
@@ -34,6 +34,7 @@ from denoc_ros.nodes.safety import InputMonitor, SafeCommand, torque_limiter
 from denoc_ros.nodes.stamps import StampOf
 from denoc_ros.nodes.strain_feedback import StrainFeedback
 from denoc_ros.nodes.torque_output import TorqueOutput
+from denoc_ros.nodes.torque_status import TorqueStatus
 
 FINAL_COMMANDS = 5  # sent at the end, in case a reader misses some
 FINAL_SPACING = 0.005  # s
@@ -86,7 +87,7 @@ class FeedforwardNode(RobotNode):
         self._pending: TorqueFeedforward | None = None
         self._cause = 'waiting'
         self._message_time: int | None = None
-        self._clamped_reported = self._failures_reported = 0
+        self._said = TorqueStatus()
         self._model_failures = 0
         self._takeovers = 0
         self._reset_wanted = False
@@ -383,28 +384,13 @@ class FeedforwardNode(RobotNode):
         found = super().statuses()
         if self.state not in ('active', 'inactive'):
             return found
-        limiter = self.limiter
-        status = Status('torque', message=self._cause)
-        status.values = {
-            'cause': self._cause,
+        more = {
             'enabled': self.enabled,
             'model': self.torque_source.model,
-            'clamped': ' '.join(map(str, limiter.clamped.tolist())),
             'joints': ' '.join(self.joints),
             'takeovers': self._takeovers,
-            'non_finite': limiter.non_finite,
-            'model_failures': self._model_failures,
         }
-        clamped = int(limiter.clamped.sum())
-        if clamped > self._clamped_reported:
-            status.worsen(WARN, 'torque clamped')
-        self._clamped_reported = clamped
-        if self._cause.startswith('stale'):
-            status.worsen(WARN, self._cause)
-        failures = limiter.non_finite + self._model_failures
-        if failures > self._failures_reported:
-            status.worsen(ERROR, 'torque of the model not finite')
-        self._failures_reported = failures
+        status = self._said.status(self._cause, self.limiter, self._model_failures, more)
         return [*found, status]
 
 
