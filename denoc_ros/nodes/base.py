@@ -6,7 +6,7 @@ import gc
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -75,6 +75,7 @@ class DenocNode(LifecycleNode):
     """
 
     def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
+        self._unserved: set[int] = set()
         # the table decides: undeclared names are the members of its families
         super().__init__(name, allow_undeclared_parameters=True, **options)
         self.table = table
@@ -197,6 +198,20 @@ class DenocNode(LifecycleNode):
         monitor = InputMonitor(topic, limit)
         self.monitors.append(monitor)
         return Input(self, message_type, topic, handle, qos, monitor, is_heavy)
+
+    @property
+    def subscriptions(self) -> Iterator[Any]:
+        """Yield those that the executor serves."""
+        return (each for each in super().subscriptions if id(each) not in self._unserved)
+
+    def take_aside(self, subscription: Any) -> None:
+        """Keep the executor from a subscription: the node takes its messages itself."""
+        self._unserved.add(id(subscription))
+
+    def drop(self, subscription: Any) -> None:
+        """Destroy a subscription that was taken aside."""
+        self.destroy_subscription(subscription)
+        self._unserved.discard(id(subscription))
 
     def refuse(self, monitor: InputMonitor, error: InputError) -> None:
         """Count a bad message; the first of each cause is logged within a second."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile
@@ -20,6 +20,30 @@ Handler = Callable[[bytes, float], None]
 def never_heavy(_raw: bytes) -> bool:
     """Say that a loop has time for every message."""
     return False
+
+
+def arrived(subscription: Any, depth: int) -> Iterator[tuple[bytes, int, int]]:
+    """Yield what waits in a subscription that no executor serves.
+
+    Parameters
+    ----------
+    subscription : rclpy Subscription
+    depth : int
+        Of its queue: no more than that, as publishers go on meanwhile.
+
+    Yields
+    ------
+    raw : bytes
+    received_ns, sent_ns : int
+        When, by the system's clock; 0 where the middleware does not say.
+    """
+    take, kind = subscription.handle.take_message, subscription.msg_type
+    for _ in range(depth):
+        taken = take(kind, True)
+        if taken is None:
+            return
+        raw, info = taken
+        yield raw, info['received_timestamp'], info['source_timestamp']
 
 
 class Subscriber(Protocol):
@@ -78,26 +102,20 @@ class Input:
             message_type, topic, lambda raw: self._give(raw, time.perf_counter()), qos, raw=True
         )
         self._publishers = self.subscription.handle.get_publisher_count
-        self._take_message = self.subscription.handle.take_message
-        self._type = self.subscription.msg_type
 
     def take(self) -> None:
         """Handle all that has arrived since the last call, at most what the queue holds."""
         before = self._last_take
         self._last_take = time.perf_counter()
-        for _ in range(self._depth):
-            taken = self._take_message(self._type, True)
-            if taken is None:
-                return
-            raw, info = taken
+        for raw, received_ns, _ in arrived(self.subscription, self._depth):
             now = time.perf_counter()
-            waited = 1e-9 * (time.time_ns() - info['received_timestamp'])
+            waited = 1e-9 * (time.time_ns() - received_ns)
             # whatever the wall clock was set to: it has come since the queue was last empty
-            arrived = min(max(now - waited, before), now)
+            came = min(max(now - waited, before), now)
             if self._heavy or self._is_heavy(raw):
-                self._hold(raw, arrived)
+                self._hold(raw, came)
             else:
-                self._give(raw, arrived)
+                self._give(raw, came)
 
     def take_heavy(self) -> None:
         """Handle what was too long for the loop."""
@@ -105,16 +123,16 @@ class Input:
             self._give(*self._heavy[0])
             self._heavy.popleft()  # only now may the loop handle again what it takes
 
-    def _hold(self, raw: bytes, arrived: float) -> None:
+    def _hold(self, raw: bytes, came: float) -> None:
         if len(self._heavy) < HELD:
-            self._heavy.append((raw, arrived))
+            self._heavy.append((raw, came))
         else:
             rule = f'{self.monitor.topic} must have at most {HELD} long messages at a time'
             self._node.refuse(self.monitor, InputError('flood', f'{rule}, got one more'))
 
-    def _give(self, raw: bytes, arrived: float) -> None:
+    def _give(self, raw: bytes, came: float) -> None:
         try:
             self.monitor.check_publishers(self._publishers())
-            self._handle(raw, arrived)
+            self._handle(raw, came)
         except InputError as error:
             self._node.refuse(self.monitor, error)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from importlib import import_module
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +23,15 @@ from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 from denoc_ros.nodes.base import LATCHED, DenocNode
 from denoc_ros.nodes.diagnostics import ERROR, OK, WARN, Status
+from denoc_ros.nodes.inputs import arrived
 from denoc_ros.nodes.process import run
 from denoc_ros.nodes.recorder_parameters import TABLE
 
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
 MARK_TYPE = 'std_msgs/msg/String'
 QUEUE_DEPTH = 5000
+# s between looks into the queues: a callback for each message would cost several times as much
+TAKE_PERIOD = 0.005
 LOOK_PERIOD = 0.05  # s between looks at the graph: what is published before one is not recorded
 LOOKS_PER_CHECK = 20  # looks between checks of the offered QoS
 STALL_PERIODS = 5.0  # flush periods without progress of the writing thread that make a stall
@@ -58,7 +62,8 @@ class Recorder(DenocNode):
         self._told_lost = 0
         self._told_failure = False
         self._mark_topic = f'{self.get_fully_qualified_name()}/marks'
-        self._timer = self.create_timer(LOOK_PERIOD, self._look, clock=self.steady_clock)
+        self.create_timer(LOOK_PERIOD, self._look, clock=self.steady_clock)
+        self.create_timer(TAKE_PERIOD, self._take, clock=self.steady_clock)
         self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
         for name in ('start', 'stop', 'split', 'mark'):
             self.offer(f'~/{name}', getattr(self, name))
@@ -114,11 +119,10 @@ class Recorder(DenocNode):
     def stop(self) -> str:
         """Finish the bag; return what is in it."""
         writer = self._recording()
+        self._take()
         self.writer = None
-        for topic, recorded in self._topics.items():
-            for raw in arrived(recorded.subscription):
-                writer.put(topic, self.stamp_ns(), raw)
-            self.destroy_subscription(recorded.subscription)
+        for recorded in self._topics.values():
+            self.drop(recorded.subscription)
         count = len(self._topics)
         self._topics.clear()
         status = writer.close()
@@ -220,29 +224,39 @@ class Recorder(DenocNode):
         if not offers or same(matching(offers), recorded.qos):
             return
         self.get_logger().warning(f'{topic}: offered QoS changed, subscribing anew')
-        self.destroy_subscription(recorded.subscription)
+        self._take()
+        self.drop(recorded.subscription)
         self._subscribe(topic, recorded.type, message_class(recorded.type), matching(offers))
 
     def _subscribe(self, topic: str, name: str, message_type: type, qos: QoSProfile) -> None:
-        # bound once: this runs for every message of every topic
-        put = self._recording().put
-        now = self.stamp_ns if self._simulated() else time.time_ns
-
-        def on_message(raw: bytes) -> None:
-            put(topic, now(), raw)
-
         def on_lost(info: Any) -> None:
             self._missed[topic] += info.total_count_change
 
         subscription = self.create_subscription(
             message_type,
             topic,
-            on_message,
+            _never,
             qos,
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(message_lost=on_lost),
         )
+        self.take_aside(subscription)
         self._topics[topic] = Recorded(name, qos, subscription)
+
+    def _take(self) -> None:
+        """Put what has arrived since the last call into the bag, topics in the order of time."""
+        writer = self.writer
+        if writer is None:
+            return
+        now_ns, simulated = self.stamp_ns(), self._simulated()
+        taken = [
+            (now_ns if simulated or not received_ns else received_ns, topic, raw, sent_ns)
+            for topic, recorded in self._topics.items()
+            for raw, received_ns, sent_ns in arrived(recorded.subscription, QUEUE_DEPTH)
+        ]
+        taken.sort(key=itemgetter(0))
+        for log_ns, topic, raw, sent_ns in taken:
+            writer.put(topic, log_ns, raw, log_ns if simulated or not sent_ns else sent_ns)
 
     # ---- diagnostics
 
@@ -280,6 +294,10 @@ class Recorder(DenocNode):
         return [status]
 
 
+def _never(_raw: bytes) -> None:
+    """Stand for the callback of a subscription that no executor serves."""
+
+
 def message_class(type_name: str) -> type:
     """Return the Python class of `package/msg/Name`; BagError when it is not installed."""
     package, _, name = type_name.partition('/msg/')
@@ -288,20 +306,6 @@ def message_class(type_name: str) -> type:
     except (ImportError, AttributeError) as error:
         raise BagError(f'{type_name}: message type must be installed, got: {error}') from error
     return found
-
-
-def arrived(subscription: Any) -> Iterator[bytes]:
-    """Yield the messages that a subscription holds and no callback has had yet.
-
-    At most as many as its queue holds: publishers go on meanwhile.
-    """
-    handle = subscription.handle
-    with handle:
-        for _ in range(QUEUE_DEPTH):
-            taken = handle.take_message(subscription.msg_type, True)
-            if taken is None:
-                return
-            yield taken[0]
 
 
 def matching(offers: Sequence[Any]) -> QoSProfile:

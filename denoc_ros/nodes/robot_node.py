@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -54,14 +54,9 @@ class RobotNode(ModelNode):
         if not self._inputs:
             self.create_timer(ASIDE_PERIOD, self._take_aside, clock=self.steady_clock)
         added = self.subscribe(message_type, topic, handle, WITHIN_A_TICK, is_heavy)
+        self.take_aside(added.subscription)
         self._inputs.append(added)
         return added.monitor
-
-    @property
-    def subscriptions(self) -> Iterator[Any]:
-        """Yield those that the executor serves."""
-        own = {id(each.subscription) for each in self._inputs}
-        return (each for each in super().subscriptions if id(each) not in own)
 
     def _take_inputs(self) -> None:
         for each in self._inputs:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import Reader
@@ -257,3 +259,21 @@ def test_type_that_is_not_installed_is_left_out(
     node = graph.add(Recorder, output=str(tmp_path / 'run'))
     graph.spin(0.2)
     assert node._refused == {'/rosout'}
+
+
+def test_a_message_is_known_by_when_it_left_and_when_it_came(graph: Any, tmp_path: Path) -> None:
+    graph.add(Recorder, output=str(tmp_path / 'run'), topics=['/a', '/b'])
+    publishers = [graph.publisher(Float64, topic) for topic in ('/a', '/b')]
+    sent = []
+    for index in range(20):
+        before = time.time_ns()
+        publishers[index % 2].publish(Float64(data=float(index)))
+        sent.append((before, time.time_ns()))
+        graph.spin(0.01)
+    call(graph, 'stop')
+    with next((tmp_path / 'run').glob('*.mcap')).open('rb') as file:
+        kept = [message for _, _, message in make_reader(file).iter_messages()]
+    assert len(kept) == 20
+    for (before, after), message in zip(sent, kept, strict=True):
+        assert before <= message.publish_time <= after
+        assert message.publish_time <= message.log_time < after + 10**9
