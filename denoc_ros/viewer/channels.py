@@ -6,8 +6,6 @@ from collections.abc import Mapping
 
 from denoc_ros.model.tree import JointKind, Tree
 
-RESIDUAL = 'residual'
-
 
 def deflection_channel(what: str, tip: str) -> str:
     """Return the channel of a tip's component.
@@ -39,4 +37,4 @@ def torque_channels(tree: Tree) -> Mapping[str, str]:
 
 def residual_channel(sensor: str) -> str:
     """Return the channel of a sensor's measured minus predicted value."""
-    return f'{RESIDUAL}/{sensor}'
+    return f'residual/{sensor}'

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
-from denoc_ros.model.tree import JointKind
+from denoc_ros.viewer.channels import deflection_channel, residual_channel, torque_channels
 from denoc_ros.viewer.moment import Moment
 from denoc_ros.viewer.thinned_topics import Rows, ThinnedTopics
 
@@ -202,24 +202,17 @@ class RecordedRun(Sequence[Moment]):
         found = {what: topics.rows(topic) for topic, what in DEFLECTIONS.items()}
         present = {what: rows for what, rows in found.items() if rows is not None}
         for name in _worth_showing(present):
-            link, _, component = name.rpartition('/')
-            group = 'twist [rad]' if component.startswith('r') else 'deflection [m]'
             for what, rows in present.items():
                 if name in rows.names:
                     values = self._beside(rows.t, rows.columns([name]))[:, 0]
-                    yield f'{group}/{what} {link} {component}', values
+                    yield deflection_channel(what, name), values
+        torques = torque_channels(self._robot.tree)
         for name, values in self._torque.items():
-            yield f'{self._torque_group(name)}/{name}', values
+            yield torques[name], values
         if (residual := topics.rows(RESIDUAL)) is not None:
             columns = self._beside(residual.t, residual.position).T
             for name, values in zip(residual.names, columns, strict=True):
-                yield f'residual/{name}', values
-
-    def _torque_group(self, joint: str) -> str:
-        kinds = {
-            body.joint.name: body.joint.kind for body in self._robot.tree.bodies if body.joint
-        }
-        return 'force [N]' if kinds[joint] is JointKind.PRISMATIC else 'torque [N m]'
+                yield residual_channel(name), values
 
     def _beside(self, t: Array, values: Array) -> Array:
         """Return columns (k, m) of another topic at the moments; NaN outside of it."""

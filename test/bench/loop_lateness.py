@@ -8,8 +8,6 @@ ratios of the 99 % lateness with bootstrap intervals, and the processor time bes
 
 from __future__ import annotations
 
-import argparse
-import json
 import signal
 import sys
 import time
@@ -20,6 +18,7 @@ from typing import Any
 
 from bench.journal import read
 from bench.lateness import Array, p99, p99_ratio
+from bench.lateness_command import run
 from bench.load_bench import SETTLING, Bench, benched
 
 from denoc_ros.cli.config import load_config
@@ -173,21 +172,5 @@ def start(bench: Bench, joints: Sequence[str], gravity: Sequence[float]) -> None
     bench.driver.trigger('/recorder/stop')
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
-    parser.add_argument('--seconds', type=float, default=6.0, help='of a block, at most 15')
-    parser.add_argument('--blocks', type=int, default=6, help='of each kind')
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
-    args = parser.parse_args(argv)
-    try:
-        found = lateness(args.seconds, args.blocks)
-    except DenocError as error:
-        print(f'loop_lateness: {error}', file=sys.stderr)
-        return 1
-    text = json.dumps(found.record(), indent=2, allow_nan=False)
-    print(text if args.json else '\n'.join(found.text()))
-    return 0 if found.met else 2
-
-
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(run('loop_lateness', __doc__, lateness, 6.0))
