@@ -37,6 +37,16 @@ def add_gravity(
     )
 
 
+def add_stamp(parser: Any) -> None:
+    """Declare `--stamp` for a parser or a group."""
+    parser.add_argument(
+        '--stamp',
+        choices=('header', 'log'),
+        default='header',
+        help="a bag's times: header stamps (default) or when it was recorded",
+    )
+
+
 def given_file(path: str, whose: str) -> Path:
     """Return a file that is here or where the package is installed; ConfigError without one."""
     from denoc_ros.cli.config import find_file

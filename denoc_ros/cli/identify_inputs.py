@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from denoc_ros.cli.arguments import add_gravity, given_file, named_values, require
+from denoc_ros.cli.arguments import add_gravity, add_stamp, given_file, named_values, require
 from denoc_ros.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -41,12 +41,7 @@ def add_channel_options(parser: argparse.ArgumentParser, window: bool = True) ->
         default='position',
         help='of a JointState; default: position',
     )
-    group.add_argument(
-        '--stamp',
-        choices=('header', 'log'),
-        default='header',
-        help="a bag's times: header stamps (default) or when it was recorded",
-    )
+    add_stamp(group)
     group.add_argument('--time', metavar='COLUMN', default='', help="a table's times [s]")
     group.add_argument(
         '--rate', metavar='HZ', type=float, default=0.0, help='of a table without times'

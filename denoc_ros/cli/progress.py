@@ -1,4 +1,4 @@
-"""Progress of a session on stderr: bars on a terminal, plain lines elsewhere."""
+"""Progress on stderr: bars on a terminal; a session says plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -6,8 +6,25 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from tqdm import tqdm
+
+
+def share_bar(quiet: bool) -> Any:
+    """Return a bar for shares of some work that add up to 1: a context with `update`.
+
+    Parameters
+    ----------
+    quiet : bool
+        Whether there is none on a terminal either.
+    """
+    return tqdm(
+        total=1.0,
+        disable=True if quiet else None,
+        leave=False,
+        bar_format='{l_bar}{bar}| [{elapsed}<{remaining}]',
+    )
 
 
 class Progress:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.arguments import EARTH, add_gravity, named_values, require
+from denoc_ros.cli.arguments import EARTH, add_gravity, add_stamp, named_values, require
 from denoc_ros.cli.overrides import add_overrides, overrides_of
 from denoc_ros.cli.text_table import Row, text_table
 from denoc_ros.errors import BagError
@@ -83,12 +83,7 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--cutoff', type=float, default=20.0, metavar='HZ', help='of that, default 20'
     )
-    parser.add_argument(
-        '--stamp',
-        choices=('header', 'log'),
-        default='header',
-        help='time of a joint state: its own stamp (default) or when it was recorded',
-    )
+    add_stamp(parser)
     parser.add_argument(
         '--fit-friction',
         action='store_true',
@@ -98,8 +93,7 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    from tqdm import tqdm
-
+    from denoc_ros.cli.progress import share_bar
     from denoc_ros.cli.provenance import named_file, named_text, provenance
     from denoc_ros.cli.replay_page import page
     from denoc_ros.cli.report import find_bag, read_session
@@ -123,12 +117,7 @@ def run(args: argparse.Namespace) -> int:
     if not args.no_output and output.exists():
         raise BagError(f'{output}: output must not exist yet, got an existing one')
     robot = _robot(args, bag, read_session(args.bag))
-    with tqdm(
-        total=1.0,
-        disable=True if args.json else None,
-        leave=False,
-        bar_format='{l_bar}{bar}| [{elapsed}<{remaining}]',
-    ) as bar:
+    with share_bar(quiet=args.json) as bar:
         replay = replay_bag(bag, robot, None if args.no_output else output, settings, bar.update)
     summary = {'output': None if args.no_output else str(output), **summarize(replay)}
     sources = {'bag': named_file(bag), 'robot': named_text(_robot_name(args), robot.tree.source)}

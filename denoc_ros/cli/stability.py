@@ -42,21 +42,15 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    from tqdm import tqdm
-
     from denoc_ros.cli.arguments import given_file
+    from denoc_ros.cli.progress import share_bar
     from denoc_ros.cli.provenance import named_file, provenance
     from denoc_ros.cli.simulate import load
     from denoc_ros.cli.stability_page import page
     from denoc_ros.simulation.stability import study_stability
 
     robot, scenario, _ = load(args.robot, args.scenario)
-    with tqdm(
-        total=1.0,
-        disable=True if args.json else None,
-        leave=False,
-        bar_format='{l_bar}{bar}| [{elapsed}<{remaining}]',
-    ) as bar:
+    with share_bar(quiet=args.json) as bar:
         study = study_stability(robot, scenario, bar.update)
     summary = summarize(study, scenario)
     names = {'robot': Path(args.robot).name, 'scenario': Path(args.scenario).name}

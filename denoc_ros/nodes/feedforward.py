@@ -88,8 +88,7 @@ class FeedforwardNode(RobotNode):
         self._cause = 'waiting'
         self._message_time: int | None = None
         self._said = TorqueStatus()
-        self._model_failures = 0
-        self._takeovers = 0
+        self._model_failures = self._takeovers = 0
         self._reset_wanted = False
         self._cache(settings)
         self._connect()
@@ -303,8 +302,7 @@ class FeedforwardNode(RobotNode):
         torque = self.safe.torque(now, gravity)
         if torque is not None:
             self.q[:] = self._posture
-            self.qd[:] = 0.0
-            self.qdd[:] = 0.0
+            self.qd[:] = self.qdd[:] = 0.0
             self._publish(self.limiter.apply(torque))
 
     def deactivate(self) -> None:
@@ -329,8 +327,7 @@ class FeedforwardNode(RobotNode):
 
     def _on_enable(self, request: Any, response: Any) -> Any:
         self.enabled = bool(request.data)
-        if self.enabled:
-            self.stopped = False
+        self.stopped = self.stopped and not self.enabled
         response.success = True
         response.message = 'enabled' if self.enabled else 'disabled: safe command'
         return response
