@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from denoc_ros.cli.arguments import EARTH
 from denoc_ros.errors import BagError, ConfigError
 
 if TYPE_CHECKING:
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from denoc_ros.viewer.recorded import RecordedRun
 
 SOURCES = ('plant', 'predictor', 'replay', 'joints')
-EARTH = (0.0, 0.0, -9.81)
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,6 @@ def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
     BagError, ConfigError, ModelError
         The run cannot be read, or not with this robot.
     """
-    from denoc_ros.bags.reader import read_description
-    from denoc_ros.cli.config import find_file
     from denoc_ros.cli.report import find_bag, read_session
     from denoc_ros.dynamics.robot import load_robot
     from denoc_ros.viewer.recorded import RecordedRun
@@ -87,17 +85,31 @@ def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
             '--to', [f'it must be beyond --from, got {args.start:g} to {args.end:g}']
         )
     bag, session = find_bag(path), read_session(path)
-    source: str | Path = ''
-    if args.robot is not None:
-        source = find_file(Path(args.robot), Path()) or Path(args.robot)
-    elif not (source := read_description(bag)):
-        raise BagError(f'{bag}: bag must hold the robot where --robot is not given, got none')
+    source = robot_source(bag, args.robot)
     robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
     run = RecordedRun(bag, robot, args.source, args.start, args.end, rate)
     file = source if isinstance(source, Path) else _session_robot(session)
     name = session.get('name') or path.resolve().stem
     title = robot.tree.name if name == robot.tree.name else f'{robot.tree.name}: {name}'
     return OpenedRun(run, robot, title, file.parent if file is not None else None)
+
+
+def robot_source(bag: Path, given: str | None) -> str | Path:
+    """Return the file of the robot that was given, else the text of the recorded one.
+
+    Raises
+    ------
+    BagError
+        None was given and the bag has none.
+    """
+    from denoc_ros.bags.reader import read_description
+    from denoc_ros.cli.config import find_file
+
+    if given is not None:
+        return find_file(Path(given), Path()) or Path(given)
+    if text := read_description(bag):
+        return text
+    raise BagError(f'{bag}: bag must hold the robot where --robot is not given, got none')
 
 
 def _session_robot(session: dict[str, object]) -> Path | None:

@@ -148,17 +148,11 @@ def _renames(texts: list[str]) -> dict[str, str]:
 
 def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robot:
     """Return the robot that was asked for, or the recorded one, with what is to be changed."""
-    from denoc_ros.bags.reader import read_description
-    from denoc_ros.cli.config import find_file
+    from denoc_ros.cli.recorded_run import robot_source
     from denoc_ros.dynamics.robot import load_robot
 
     overrides = overrides_of(args.set, args.payload)
-    if args.robot is None:
-        source: str | Path = read_description(bag)
-        if not source:
-            raise BagError(f'{bag}: bag must hold the robot where --robot is not given, got none')
-    else:
-        source = find_file(Path(args.robot), Path()) or args.robot
+    source = robot_source(bag, args.robot)
     robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
     return robot.with_overrides(overrides) if overrides else robot
 

@@ -10,6 +10,7 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from denoc_ros.cli.arguments import EARTH, add_gravity
 from denoc_ros.cli.film import add_film_options, wants_pictures, write_pictures
 from denoc_ros.cli.recorded_run import add_run_options, open_run
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from denoc_ros.viewer.page import Page
 
 DEFAULT_PORT = 8080
-STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 FIRST = 'canadarm'  # that the gallery shows
 BAG_SUFFIXES = ('.mcap', '.db3')
 PAGE_RATE = 60.0  # moments per second of a run, at most
@@ -39,13 +39,7 @@ def add_parser(subparsers: Any) -> None:
         metavar='ROBOT|RUN',
         help="a URDF file, a bag, or a run's directory; default the gallery",
     )
-    parser.add_argument(
-        '--gravity',
-        nargs=3,
-        type=float,
-        metavar=('X', 'Y', 'Z'),
-        help="in the base frame [m/s^2], default the run's, else 0 0 -9.81",
-    )
+    add_gravity(parser, None, "the run's, else 0 0 -9.81")
     parser.add_argument(
         '--scale',
         type=float,
@@ -122,7 +116,7 @@ def _robot_page(args: argparse.Namespace) -> Page:
     from denoc_ros.dynamics.robot import load_robot
 
     file = find_file(Path(args.shown), Path()) or Path(args.shown)
-    robot = load_robot(file, gravity=args.gravity or STANDARD_GRAVITY)
+    robot = load_robot(file, gravity=args.gravity or EARTH)
     page = _serve(args, robot, folder=file.parent)
     page.pose()
     return page
@@ -159,13 +153,13 @@ def book_systems() -> dict[str, tuple[Path, tuple[float, ...]]]:
 
     config = share_directory() / 'config'
     gravities = {
-        file.stem: read_yaml(file).get('gravity', STANDARD_GRAVITY)
+        file.stem: read_yaml(file).get('gravity', EARTH)
         for file in sorted((config / 'scenarios').glob('*.yaml'))
     }
     systems = {}
     for file in sorted((config / 'robots').glob('*.urdf')):
         named = [stem for stem in gravities if file.stem.startswith(stem)]
-        gravity = gravities[max(named, key=len)] if named else STANDARD_GRAVITY
+        gravity = gravities[max(named, key=len)] if named else EARTH
         systems[file.stem] = file, tuple(gravity)
     return systems
 
