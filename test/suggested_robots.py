@@ -52,10 +52,12 @@ def tube_arm(
     motor: float = 0.0,
     payload: float = 1.0,
     effort: float = 60.0,
+    beyond: float = 0.0,
 ) -> str:
     """Return a robot of one 2 m aluminium tube along an axis of its link, with a tool at its tip.
 
-    `motor` [kg] is a ball of 40 mm at the root that belongs to the link.
+    `motor` [kg] is a ball of 40 mm at the root that belongs to the link; the payload's centre is
+    `beyond` [m] its tip.
     """
     along = np.array(axis) / np.linalg.norm(axis)
     rotation = axis_rotation(along)
@@ -71,7 +73,7 @@ def tube_arm(
         inertia = inertia + part * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     pose = {'xyz': number_text(*middle), 'rpy': number_text(*rpy_of(rotation))}
     hinge = rotation[:, 0]
-    tool = inertial(payload, np.zeros(3), 0.001 * np.eye(3)) if payload else ''
+    tool = inertial(payload, beyond * along, 0.001 * np.eye(3)) if payload else ''
     return (
         '<robot name="boom"><!-- kept --><link name="base"/>'
         f'<link name="boom">{inertial(mass, centre, inertia)}'

@@ -63,3 +63,15 @@ def test_hollow_rectangle_lies_between_its_thin_wall_and_the_full_one() -> None:
     for name in ('area', 'moment_y', 'moment_z', 'torsion_constant'):
         values = [getattr(section, name) for section in [*walls, full]]
         assert values == sorted(values), name
+
+
+@pytest.mark.parametrize('wall', [0.002, 0.01, 0.02])
+def test_cutting_a_bar_loose_inside_makes_it_softer_in_torsion(wall: float) -> None:
+    # whatever the shape: the parts warp each as they like, the whole only together
+    y, z = 0.1, 0.08
+    shell, core = rectangle_tube_section(y, z, wall), rectangle_section(y - 2 * wall, z - 2 * wall)
+    whole = rectangle_section(y, z).torsion_constant
+    assert shell.torsion_constant + core.torsion_constant < whole
+    # Bredt alone is softer than the wall is
+    enclosed, around = (y - wall) * (z - wall), 2.0 * (y + z - 2.0 * wall)
+    assert shell.torsion_constant > 4.0 * enclosed**2 * wall / around

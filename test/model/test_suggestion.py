@@ -14,8 +14,10 @@ from suggested_robots import ALUMINIUM, EI, GJ, LENGTH, MASS, Array, inertial, t
 
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.inertia import moved, total
+from denoc_ros.model.outline import Outline
 from denoc_ros.model.poses import number_text, rotation_rpy
 from denoc_ros.model.remainder import beam_inertia
+from denoc_ros.model.slender import BeamLine, stiffness
 from denoc_ros.model.suggested_beam import BeamSuggestion
 from denoc_ros.model.suggestion import suggest_flexibility
 from denoc_ros.model.tree import RigidInertia
@@ -45,6 +47,9 @@ def test_tube_of_known_size_has_its_closed_form(
     assert beam.line.length == pytest.approx(LENGTH, rel=1e-6)
     assert beam.line.frame[:3, 0] == pytest.approx(np.array(axis) / np.linalg.norm(axis), abs=1e-6)
     assert beam.stiffness.confidence == ('medium' if motor else 'high')
+    # the ball is as wide as the tube, or nearly: taking it for tube of its mass is no great error
+    low, high = beam.stiffness.ei_range
+    assert high < 1.2 * low
 
 
 def test_tube_known_by_its_inertia_alone_is_exact() -> None:
@@ -61,6 +66,40 @@ def test_truth_is_in_the_range_stated_where_a_motor_is_in_the_inertia(motor: flo
     low, high = stiff.ei_range
     assert low < EI < high
     assert low <= stiff.ei_y <= high
+
+
+def test_torsion_comes_with_the_tube_s_own_polar_inertia() -> None:
+    text = tube_arm(motor=2.0)
+    (beam,) = suggest_flexibility(text, bandwidth=500.0).beams
+    assert beam.modes[2] == 1
+    assert beam.polar_inertia == pytest.approx(ALUMINIUM.density * GJ / ALUMINIUM.g, rel=0.02)
+    (beam,) = suggest_flexibility(text, bandwidth=1.0).beams
+    assert beam.modes[2] == 0
+
+
+def test_stiffness_does_not_depend_on_where_the_line_runs() -> None:
+    body = load_tree(tube_arm((1.0, 0.0, 0.0))).bodies[0].inertia
+    own = RigidInertia(MASS, np.array([MASS, 0.0, 0.0]), body.inertia)
+    line = BeamLine(np.eye(4), LENGTH)
+    aside = np.eye(4)
+    aside[:3, 3] = 0.0, 0.3, -0.1
+    for outer in (None, Outline(0.06, 0.06, True, 'cylinder')):
+        found, expected = (
+            stiffness(where, line, MASS / LENGTH, outer, ALUMINIUM)
+            for where in (moved(own, aside), own)
+        )
+        assert found.ei_y == pytest.approx(expected.ei_y)
+        assert found.ei_range == pytest.approx(expected.ei_range)
+
+
+def test_cylinder_across_the_link_says_nothing() -> None:
+    hub = '<geometry><cylinder radius="0.06" length="2.5"/></geometry></visual>'
+    text = tube_arm((1.0, 0.0, 0.0), geometry=False).replace(
+        '</inertial></link><link name="tool">',
+        f'</inertial><visual><origin xyz="1 0 0"/>{hub}</link><link name="tool">',
+    )
+    assert hub in text
+    assert '(inertia)' in boom(text).stiffness.section
 
 
 def test_sides_of_a_box_stay_apart() -> None:
@@ -134,9 +173,12 @@ PLAIN = [
 
 
 @pytest.mark.parametrize(('file', 'links'), PLAIN)
-def test_robots_in_use_keep_mass_centre_and_inertia(file: str, links: list[str] | None) -> None:
+@pytest.mark.parametrize('bandwidth', [10.0, 300.0])  # without torsion, and with
+def test_robots_in_use_keep_mass_centre_and_inertia(
+    file: str, links: list[str] | None, bandwidth: float
+) -> None:
     plain = (ROBOTS / file).read_text(encoding='utf-8')
-    suggestion = suggest_flexibility(ROBOTS / file, links=links)
+    suggestion = suggest_flexibility(ROBOTS / file, links=links, bandwidth=bandwidth)
     tree = load_tree(suggestion.text)
     proposed = {beam.link for beam in suggestion.beams if beam.worth}
     assert proposed
