@@ -99,14 +99,22 @@ def _work(recording: Recording) -> Array | None:
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
-def verdict(found: Balance) -> Verdict:
-    """Return a simulation in one sentence; loops that open make it doubtful."""
-    text = f'The simulation went to its end at {found.t[-1]:.4g} s'
-    if found.open is None:
-        return Verdict(f'{text}.')
-    closed = found.open <= CLOSED
-    kept = f'stay closed to {found.open:.1e}' if closed else f'open by {found.open:.1e}'
-    return Verdict(f'{text}; its loops {kept} m or rad.', 'good' if closed else 'doubtful')
+def verdict(found: Balance, said: Sequence[str]) -> Verdict:
+    """Return a simulation in one sentence; loops that open make it doubtful.
+
+    Parameters
+    ----------
+    found : Balance
+        Of the run.
+    said : sequence of str
+        What else it shows, in words.
+    """
+    parts = [f'The simulation went to its end at {found.t[-1]:.4g} s', *said]
+    closed = found.open is None or found.open <= CLOSED
+    if found.open is not None:
+        kept = f'stay closed to {found.open:.1e}' if closed else f'open by {found.open:.1e}'
+        parts.append(f'its loops {kept} m or rad')
+    return Verdict(f'{"; ".join(parts)}.', 'good' if closed else 'doubtful')
 
 
 def cards(found: Balance) -> list[Card]:

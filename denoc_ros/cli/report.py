@@ -183,7 +183,7 @@ def _page(found: _Found, command: str) -> Page:
     return Page(
         title=found.session.get('name') or found.recording.path.resolve().stem,
         subtitle=' · '.join(_subtitle(found)),
-        verdict=balance.verdict(simulated)
+        verdict=balance.verdict(simulated, sections.said(phases, units))
         if simulated
         else sections.verdict(phases, found.warned, duration, units),
         cards=[

@@ -63,11 +63,15 @@ def cards(
     ):
         values = [(p.name, getattr(p, series)) for p in phases if getattr(p, series) is not None]
         shown = [f'{engineering(rms(s.values), unit)}' for _, s in values]
+        names = [name for name, _ in values] if len(phases) > 1 else []
         if values:
-            found.append(Card(label, ' → '.join(shown), ' → '.join(name for name, _ in values)))
+            found.append(Card(label, ' → '.join(shown), ' → '.join(names)))
     if percents := _percents(phases):
         worst, name = max(percents)
         found.append(Card('Deflection prediction, worst', f'{worst:.2g} %', f'of peak, {name}'))
+    elif bent := _bent(phases):
+        size, name = max(bent)
+        found.append(Card('Largest deflection', engineering(size, 'm'), name))
     if loops:
         share, node = max((100.0 * loop.late / max(loop.ticks, 1), loop.node) for loop in loops)
         found.append(Card('Late ticks, worst', f'{share:.2g} %', node))
@@ -81,20 +85,35 @@ def verdict(
     units: Units,
 ) -> Verdict:
     """Return a recorded run in one sentence; what the nodes warned of makes it doubtful."""
-    found = []
-    errors = [(rms(p.error.values), p.name) for p in phases if p.error is not None]
-    if errors:
-        (least, name), unit = min(errors), _common(phases, units)
-        said = f' ({name})' if len(errors) > 1 else ''
-        found.append(f'joints follow their reference to {engineering(least, unit)} rms{said}')
-    if percents := _percents(phases):
-        found.append(f'deflection is predicted to {max(percents)[0]:.2g} % of its peak or better')
+    found = said(phases, units)
     # late ticks have a card of their own
     spoke = [name for name in sorted(warned) if not name.endswith(': loop')]
     if spoke:
         found.append(f'nodes warned: {", ".join(spoke)}')
     text = '; '.join(found) or f'{duration:.4g} s are recorded'
     return Verdict(f'{text[0].upper()}{text[1:]}.', 'doubtful' if spoke else 'good')
+
+
+def said(phases: Sequence[PhaseMeasures], units: Units) -> list[str]:
+    """Return in words how well a run followed and predicted, and how far its links bent."""
+    found = []
+    errors = [(rms(p.error.values), p.name) for p in phases if p.error is not None]
+    if errors:
+        (least, name), unit = min(errors), _common(phases, units)
+        which = f' ({name})' if len(errors) > 1 else ''
+        found.append(f'joints follow their reference to {engineering(least, unit)} rms{which}')
+    if percents := _percents(phases):
+        found.append(f'deflection is predicted to {max(percents)[0]:.2g} % of its peak or better')
+    elif bent := _bent(phases):
+        size, name = max(bent)
+        found.append(f'links deflect by up to {engineering(size, "m")} ({name})')
+    return found
+
+
+def _bent(phases: Sequence[PhaseMeasures]) -> list[tuple[float, str]]:
+    """Return the peaks of what is known to be true of the deflections along a line [m]."""
+    entries = [entry for phase in phases for entry in phase.deflections if entry.unit == 'm']
+    return [(peak(entry.true), entry.name) for entry in entries if entry.true is not None]
 
 
 def _common(phases: Sequence[PhaseMeasures], units: Units) -> str:
