@@ -37,7 +37,7 @@ COLOURS = (
     AXIS_COLOUR,
 )
 PIXELS = 900  # columns a curve is thinned to: finer than a page shows
-WIDTH, LONE_WIDTH = 4.4, 5.0  # inches of a panel: text of 10 points is read on a phone too
+WIDTH, LONE_WIDTH = 4.4, 4.8  # inches of a panel: text of 10 points is read on a phone too
 HISTOGRAM_HEIGHT = 2.0  # inches
 LAST_PERIOD = 2.0  # nominal periods a histogram shows
 PLAIN = (1.0, '')
