@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
+    from markupsafe import Markup
+
     from denoc_ros.cli.figures import Figure
 
 Tone = Literal['good', 'doubtful', 'bad']
@@ -34,6 +36,7 @@ class Section:
     text: str
     figures: Sequence[Figure] = ()
     tables: Sequence[Table] = ()
+    picture: Markup | None = None  # an `<img>` element, whole by itself
 
 
 @dataclass(frozen=True)

@@ -175,6 +175,7 @@ class _Found:
 
 def _page(found: _Found, command: str) -> Page:
     from denoc_ros.cli import balance, sections
+    from denoc_ros.cli.moments_section import moments
     from denoc_ros.cli.pages import Page
 
     phases, duration = found.phases, found.recording.duration
@@ -191,6 +192,7 @@ def _page(found: _Found, command: str) -> Page:
             *sections.cards(phases, found.loops, units),
         ],
         sections=[
+            moments(found.recording.path, found.robot),
             sections.tracking(phases, units),
             sections.motion(phases, units),
             sections.deflection(phases),

@@ -185,16 +185,14 @@ def write_film(
 def write_strip(
     run: RecordedRun, robot: Robot, path: Path, look: Look | None = None, count: int = 6
 ) -> None:
-    """Write some instants of a run, evenly from its start to its end, as one PNG.
+    """Write some instants of a run as one PNG.
 
     Parameters
     ----------
-    run, robot, look
-        As of :func:`write_film`.
+    run, robot, look, count
+        As of :func:`strip_image`.
     path : Path
         A new file or one to replace, `.png`.
-    count : int
-        How many instants.
 
     Raises
     ------
@@ -202,15 +200,35 @@ def write_strip(
         When the suffix is another or count is not 1 .. 24.
     """
     require_suffix(path, STRIP_SUFFIXES)
+    image = strip_image(run, robot, look, count)
+    with _whole_or_not_at_all(path):
+        image.save(path, optimize=True)
+
+
+def strip_image(
+    run: RecordedRun, robot: Robot, look: Look | None = None, count: int = 6
+) -> Image.Image:
+    """Return some instants of a run, evenly from its begin to its end, as one picture.
+
+    Parameters
+    ----------
+    run, robot, look
+        As of :func:`write_film`.
+    count : int
+        How many instants.
+
+    Raises
+    ------
+    ConfigError
+        When count is not 1 .. 24.
+    """
     if not 1 <= count <= 24:
         raise ConfigError('strip', [f'the number of moments must be 1 to 24, got {count}'])
     look = look or Look()
     times = np.linspace(*run.span, count)
     staging = Staging(robot, run.at(times), look.scale, look.view, look.folder)
     pixels = strip(run, staging, look.title or robot.tree.name, look.size, times)
-    image = Image.fromarray(pixels).quantize(256, dither=Image.Dither.NONE)
-    with _whole_or_not_at_all(path):
-        image.save(path, optimize=True)
+    return Image.fromarray(pixels).quantize(256, dither=Image.Dither.NONE)
 
 
 def _write_mp4(path: Path, frames: Iterable[Pixels], size: tuple[int, int], fps: float) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import re
 from pathlib import Path
@@ -107,3 +109,15 @@ def test_a_film_needs_a_run_and_a_run_a_robot(
         bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
     assert main(['view', str(tmp_path / 'bare.mcap'), '--strip', str(tmp_path / 'x.png')]) == 1
     assert 'bag must hold the robot where --robot is not given' in capsys.readouterr().err
+
+
+def test_the_report_of_a_run_shows_how_it_moved(
+    simulated_bag: SimulatedBag, tmp_path: Path
+) -> None:
+    output = tmp_path / 'page.html'
+    assert main(['report', str(simulated_bag.path), '-o', str(output)]) == 0
+    found = re.search(r'alt="two_link\w* at 6 moments[^>]*base64,([^"]+)"', output.read_text())
+    assert found is not None
+    with Image.open(io.BytesIO(base64.b64decode(found[1]))) as image:
+        assert image.width == 1200
+        assert len(image.convert('RGB').getcolors(1 << 24) or ()) > 50
