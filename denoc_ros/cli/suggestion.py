@@ -71,7 +71,7 @@ def run_suggestion(args: argparse.Namespace, file: Path | str) -> int:
     from denoc_ros.dynamics.robot import load_robot
     from denoc_ros.model.suggestion import suggest_flexibility
 
-    wishes: dict[str, Any] = {'links': args.link}
+    wishes: dict[str, Any] = {'links': args.link, 'gravity': math.hypot(*args.gravity)}
     wishes |= {
         name: getattr(args, name)
         for name in ('material', 'bandwidth')

@@ -65,6 +65,15 @@ def outline(link: Element, frame: Array, length: float, folder: Path) -> Outline
     return None
 
 
+def lost_mesh(link: Element, folder: Path) -> str:
+    """Return the first of a link's meshes that is not found or not readable, '' if none is."""
+    for mesh in link.iterfind('.//geometry/mesh'):
+        filename = str(mesh.get('filename', ''))
+        if _read_mesh(filename, folder) is None:
+            return filename
+    return ''
+
+
 def _shapes(elements: list[Element], frame: Array) -> Iterator[tuple[Array, Element]]:
     """Yield each geometry with its pose seen from the beam frame."""
     for element in elements:

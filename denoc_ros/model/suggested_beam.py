@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +12,11 @@ from denoc_ros.model.carried import LinkLoad
 from denoc_ros.model.findings import SMALLEST, Element
 from denoc_ros.model.inertia import inverse_transform, moved
 from denoc_ros.model.materials import ASSUMED_DAMPING, Material
-from denoc_ros.model.outline import outline
+from denoc_ros.model.outline import lost_mesh, outline
 from denoc_ros.model.remainder import largest_mass_per_length, largest_polar_inertia
 from denoc_ros.model.slender import BeamLine, Stiffness, beam_line, stiffness
 from denoc_ros.model.tree import JointKind, RigidInertia
 
-GRAVITY = 9.81  # m/s^2
 ROOTS = (1.8751041, 4.6940911, 7.8547574)  # of a cantilever's bending modes
 VISIBLE = 1e-3  # deflection over length from which a link is worth it
 NEAR, FAR = 5.0, 10.0  # times the bandwidth: a first mode, and all modes, below it count
@@ -82,6 +81,7 @@ class Wish:
 
     material: Material
     bandwidth: float  # Hz
+    gravity: float  # m/s^2, its size
     folder: Path  # of the file's meshes
 
 
@@ -104,7 +104,7 @@ def suggested_beam(
         Whether it is to be flexible in any case.
     """
     if load.own.mass < SMALLEST:
-        return 'it has no mass'
+        return 'it has no mass: a beam takes its share of the <inertial>'
     line = _line_of(load)
     if line is None:
         return 'it has no length: neither a joint nor its mass is away from its own joint'
@@ -114,10 +114,12 @@ def suggested_beam(
         return 'its mass is not spread along the line from joint to joint'
     outer = outline(element, line.frame, line.length, wish.folder)
     stiff = stiffness(body, line, most, outer, wish.material)
+    if outer is None and (lost := lost_mesh(element, wish.folder)):
+        stiff = replace(stiff, why=f'{stiff.why}; its mesh {lost} is not to be had')
     tip = _tip_load(load, line)
     mass_per_length, polar, modes = _shares(body, line, most, stiff, tip, wish.bandwidth)
     frequency = _first_frequency(stiff, line.length, most, tip)
-    sag, by_effort = _deflections(stiff, line, most, tip, load)
+    sag, by_effort = _deflections(stiff, line, most, tip, load, wish.gravity)
     worth, reason = _judge(line.length, stiff, frequency, sag, by_effort, wish.bandwidth)
     share = min(1.0, mass_per_length * line.length / load.own.mass)
     if outer is None and share < UNCLEAR:
@@ -217,7 +219,12 @@ def _first_frequency(
 
 
 def _deflections(
-    stiff: Stiffness, line: BeamLine, mass_per_length: float, tip: _TipLoad, load: LinkLoad
+    stiff: Stiffness,
+    line: BeamLine,
+    mass_per_length: float,
+    tip: _TipLoad,
+    load: LinkLoad,
+    gravity: float,
 ) -> tuple[float, float]:
     """Return the tip's deflection by weight, held level, and by the joint's effort [m]."""
     length, ei = line.length, min(stiff.ei_y, stiff.ei_z)
@@ -229,7 +236,7 @@ def _deflections(
         across = float(np.linalg.norm(np.cross(load.axis, line.frame[:3, 0])))
         lever = length if joint.kind is JointKind.REVOLUTE else 1.0
         by_effort = across * joint.limits.effort / lever * length**3 / (3.0 * ei)
-    return GRAVITY * (own + hung) / ei, by_effort
+    return gravity * (own + hung) / ei, by_effort
 
 
 def _judge(

@@ -46,6 +46,7 @@ def suggest_flexibility(
     material: str = 'aluminium',
     links: Sequence[str] | None = None,
     bandwidth: float = 10.0,
+    gravity: float = 9.81,
 ) -> Suggestion:
     """Propose beams for a robot's links from their inertia, joints, geometry and a material.
 
@@ -61,6 +62,8 @@ def suggest_flexibility(
         Of the robot's control [Hz]: a link is worth it if its first frequency is below five
         times this, or if it bends by a thousandth of its length under the load that it carries
         or its joint's effort; modes are kept up to ten times this.
+    gravity : float
+        Its size where the robot works [m/s^2]; 0 in space.
 
     Returns
     -------
@@ -72,9 +75,9 @@ def suggest_flexibility(
     ModelError
         With every finding of the file, or for links that cannot be beams.
     ConfigError
-        For an unknown material, an unknown link or a bad bandwidth.
+        For an unknown material or link, a bad bandwidth or gravity.
     """
-    _check_wishes(material, bandwidth)
+    _check_wishes(material, bandwidth, gravity)
     where, text = read_source(source)
     root = parse_xml(where, text, whole=True)
     tree_of(parse_xml(where, text), where, text)  # a bad file is to be mended first
@@ -83,6 +86,7 @@ def suggest_flexibility(
     wish = Wish(
         MATERIALS[material],
         bandwidth,
+        gravity,
         Path() if where == TEXT_NAME else Path(where).resolve().parent,
     )
     beams, refused = [], dict[str, str]()
@@ -105,12 +109,14 @@ def suggest_flexibility(
     return Suggestion(MATERIALS[material], tuple(beams), refused, suggested)
 
 
-def _check_wishes(material: str, bandwidth: float) -> None:
+def _check_wishes(material: str, bandwidth: float, gravity: float) -> None:
     findings = []
     if material not in MATERIALS:
         findings.append(f'material must be one of {", ".join(MATERIALS)}, got {material!r}')
     if not 0.0 < bandwidth < math.inf:
         findings.append(f'bandwidth must be > 0 Hz and finite, got {bandwidth:g}')
+    if not 0.0 <= gravity < math.inf:
+        findings.append(f'gravity must be >= 0 m/s^2 and finite, got {gravity:g}')
     if findings:
         raise ConfigError('suggestion', findings)
 

@@ -143,7 +143,9 @@ def test_mesh_is_cut_at_its_middle(tmp_path: Path) -> None:
     assert beam.stiffness.ei_y == pytest.approx(EI, rel=0.01)
     named = named.replace('boom.stl', 'missing.stl')
     file.write_text(tube_arm().replace('<cylinder radius="0.03" length="2"/>', named))
-    assert '(inertia)' in suggest_flexibility(file).beams[0].stiffness.section
+    (beam,) = suggest_flexibility(file).beams
+    assert '(inertia)' in beam.stiffness.section
+    assert 'missing.stl is not to be had' in beam.stiffness.why
 
 
 def whole_links(text: str) -> RigidInertia:
@@ -224,6 +226,14 @@ def test_stiff_arm_is_left_rigid_and_a_long_one_is_not() -> None:
     assert 'sags' in beam.reason
 
 
+def test_weight_counts_where_there_is_gravity() -> None:
+    sags = [suggest_flexibility(tube_arm(), gravity=g).beams[0].sag for g in (0.0, 1.62, 9.81)]
+    assert sags == pytest.approx([0.0, sags[2] * 1.62 / 9.81, sags[2]])
+    stout = tube_arm(payload=0.0, effort=10.0)  # 15 Hz: above five times this bandwidth
+    assert suggest_flexibility(stout, bandwidth=1.0, gravity=0.0).beams[0].worth is False
+    assert 'effort' in suggest_flexibility(tube_arm(effort=120.0), gravity=0.0).beams[0].reason
+
+
 def test_doubts_follow_what_the_file_does_not_say() -> None:
     rod = tube_arm(geometry=False)
     root = etree.fromstring(rod)
@@ -271,6 +281,8 @@ def test_bad_wishes_are_refused() -> None:
         suggest_flexibility(tube_arm(), material='cheese')
     with pytest.raises(ConfigError, match='bandwidth must be > 0 Hz and finite, got -1'):
         suggest_flexibility(tube_arm(), bandwidth=-1.0)
+    with pytest.raises(ConfigError, match=r'gravity must be >= 0 m/s\^2 and finite, got nan'):
+        suggest_flexibility(tube_arm(), gravity=float('nan'))
     with pytest.raises(ConfigError, match="link must be one of base, boom, tool, got 'bom'"):
         suggest_flexibility(tube_arm(), links=['bom'])
     with pytest.raises(ModelError, match="link 'base': it has no mass"):
