@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from denoc_ros.model.materials import ASSUMED_DAMPING, JOINTED_DAMPING, MATERIALS
@@ -29,3 +31,10 @@ def test_poisson_ratio_is_that_of_a_solid(name: str) -> None:
     assert 0.2 < material.e / (2.0 * material.g) - 1.0 < 0.4
     assert material.name == name
     assert (material.bare_damping or 0.0) < ASSUMED_DAMPING < JOINTED_DAMPING
+
+
+def test_tutorial_s_table_is_this_one(repository: Path) -> None:
+    page = (repository / 'docs' / 'tutorial_1_flexible_urdf.md').read_text(encoding='utf-8')
+    for name, material in MATERIALS.items():
+        numbers = f'{material.e / 1e9:.3g} | {material.g / 1e9:.3g} | {material.density:.0f}'
+        assert f'| `{name}` | {material.grade} | {numbers} |' in page
