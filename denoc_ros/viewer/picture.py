@@ -294,7 +294,7 @@ def _colour_bar(
     figure.text(
         0.985,
         place[1] + place[3] + 0.015,
-        'bending strain\n[µm/m]',
+        'bending\nstrain\n[µm/m]',
         size=8,
         color=MUTED,
         ha='right',

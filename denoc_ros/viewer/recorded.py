@@ -157,16 +157,22 @@ class RecordedRun(Sequence[Moment]):
             rows = topics.rows(STATES[source])
             if rows is None:
                 continue
-            if source == 'joints' and set(rows.names) & set(self._robot.joint_names):
-                return source, rows
-            if rows.has(self._robot.coordinate_names):
-                return source, rows
+            names = self._recorded(source, rows)
+            if names and len((whole := rows.complete(names)).t):
+                return source, whole
         asked = f'{STATES[wanted]}' if wanted else 'a modal state or joint_states'
         raise BagError(
             f'{self.path}: bag must have {asked} of robot {self._robot.tree.name!r} '
             f'({", ".join(self._robot.joint_names)}), got topics '
             f'{", ".join(topics.names) or "(none)"}'
         )
+
+    def _recorded(self, source: str, rows: Rows) -> list[str]:
+        """Return the coordinates to be taken from a topic; none where it is of another robot."""
+        if rows.has(self._robot.coordinate_names):
+            return list(self._robot.coordinate_names)
+        joints = self._robot.joint_names if source == 'joints' else ()
+        return [name for name in joints if name in rows.names]
 
     def _coordinates(self, rows: Rows) -> tuple[Array, Array | None]:
         robot = self._robot

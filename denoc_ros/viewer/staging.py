@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import StateError
 from denoc_ros.viewer.bending import Bending, exaggerated, strain_colours
 from denoc_ros.viewer.camera import AUTO, Camera, camera
 from denoc_ros.viewer.outline import reach
@@ -22,6 +23,7 @@ STRAINS_LOOKED_AT = 500  # instants that the largest strain is taken from
 SCALES = (1, 2, 5, 10, 20, 50, 100)
 SHOWN = 0.1  # of the robot's reach: what a chosen scale exaggerates the deflection to, at most
 NEGLIGIBLE = 1e-9  # of the reach: rounding, no deflection
+FARTHEST = 1e6  # m
 CLOSED = 1e-6  # of a surface's area: what the sum of its area vectors may be
 TINY = 1e-300
 AMBIENT = 0.55  # of the light: what comes from everywhere
@@ -70,6 +72,11 @@ class Staging:
         The same along the base axes, with the base in it [m].
     strain : float
         Largest bending strain [-]; 0 where nothing bends.
+
+    Raises
+    ------
+    StateError
+        The robot comes too far from its base for a picture.
     """
 
     def __init__(
@@ -88,6 +95,11 @@ class Staging:
         self.scale = scale or self._chosen_scale(some, straight)
         bent = np.array([self.vertices(q) for q in some])
         every = np.concatenate([straight, bent]).reshape(-1, 3)
+        if not np.abs(every).max(initial=0.0) <= FARTHEST:
+            raise StateError(
+                f'{robot.tree.name}: what is drawn must be within {FARTHEST:g} m of the base, '
+                f'got {np.abs(every).max():g} m'
+            )
         self.box = (np.minimum(every.min(axis=0), 0.0), np.maximum(every.max(axis=0), 0.0))
         self.camera: Camera = camera(view, every)
         seen = self.camera.project(every)

@@ -46,6 +46,12 @@ class Rows:
         """Say whether all these columns are there."""
         return set(names) <= set(self.names)
 
+    def complete(self, names: Sequence[str]) -> Rows:
+        """Return the rows that have a finite position in all these columns."""
+        whole = np.isfinite(self.columns(names)).all(axis=1)
+        fields = (self.position[whole], self.velocity[whole], self.effort[whole])
+        return Rows(self.t[whole], self.names, *fields)
+
     def columns(self, names: Sequence[str], field: str = 'position') -> Array:
         """Return the columns of these names, (k, names), in this order."""
         values: Array = getattr(self, field)

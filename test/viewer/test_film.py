@@ -9,12 +9,13 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from node_robots import two_links
 from numpy.typing import NDArray
 from PIL import Image
 from simulated_bags import SimulatedBag
 
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.errors import ConfigError
+from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.viewer.camera import best_view
 from denoc_ros.viewer.film import Look, frame_times, write_film, write_strip
 from denoc_ros.viewer.picture import nice_step
@@ -143,6 +144,12 @@ def test_strain_is_that_of_the_curvature(repository: Path) -> None:
     assert np.ptp(np.diff(staging.robot(np.zeros(robot.n)).colours, axis=1)) < 0.3
 
 
+def test_a_robot_that_flew_away_is_refused(simulated_bag: SimulatedBag) -> None:
+    states = np.full((2, simulated_bag.robot.n), 1e9)
+    with pytest.raises(StateError, match=r'must be within 1e\+06 m of the base, got'):
+        Staging(simulated_bag.robot, states)
+
+
 def area(corners: NDArray[np.float64]) -> float:
     one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     return float(np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]).sum())
@@ -155,6 +162,29 @@ def test_of_closed_surfaces_the_near_side_is_drawn(repository: Path, name: str) 
     q = np.zeros(robot.n)
     staging = Staging(robot, q[np.newaxis], 1.0, 'iso')
     assert area(staging.robot(q).corners) == pytest.approx(0.5 * area(staging.ghost(q)), rel=1e-9)
+
+
+def test_what_is_nearer_is_drawn_later() -> None:
+    boxes = ''.join(
+        f'<visual><origin xyz="0 0 {z}"/><geometry><box size="1 1 0.1"/></geometry>'
+        f'<material name="{name}"><color rgba="{colour} 1"/></material></visual>'
+        for name, z, colour in (('above', 1, '1 0 0'), ('below', 0, '0 0 1'))
+    )
+    robot = load_robot(f'<robot name="plates"><link name="base">{boxes}</link></robot>')
+    drawn = Staging(robot, np.zeros((1, 0)), 1.0, 'top').robot(np.zeros(0)).colours
+    assert drawn[0, 2] > drawn[0, 0]
+    assert drawn[-1, 0] > drawn[-1, 2]
+
+
+def test_the_side_that_is_seen_has_its_own_strain() -> None:
+    """A beam that bends up is pressed on top and stretched below."""
+    robot = load_robot(two_links().replace('direction="y"', 'direction="z"'))
+    q = np.zeros(robot.n)
+    q[robot.coordinate_names.index('one/z1')] = 0.01
+    drawn = Staging(robot, q[np.newaxis], 1.0, 'top').robot(q)
+    redder = drawn.colours[:, 0] - drawn.colours[:, 2]
+    # its flanks are seen from the edge
+    assert area(drawn.corners[redder > 0.3]) < 0.05 * area(drawn.corners[redder < -0.3])
 
 
 def test_view_is_onto_the_plane_of_the_motion() -> None:

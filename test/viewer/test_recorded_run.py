@@ -160,6 +160,20 @@ def test_a_channel_is_nan_where_its_topic_was_not_recorded(
     assert run[-1].channels['residual/gauge'] == 3.0
 
 
+def test_messages_without_a_number_are_left_out(
+    simulated_bag: SimulatedBag, tmp_path: Path
+) -> None:
+    robot = simulated_bag.robot
+    rows: list[tuple[float, dict[str, object]]] = []
+    for k in range(10):
+        q = np.full(robot.n, 0.1 * k)
+        q[1] = np.nan if k % 3 == 0 else q[1]
+        rows.append((0.1 * k, {'name': list(robot.coordinate_names), 'position': q}))
+    run = RecordedRun(written(tmp_path / 'holes.mcap', {'/plant/true_modal_state': rows}), robot)
+    np.testing.assert_allclose(run.t, [0.1, 0.2, 0.4, 0.5, 0.7, 0.8], atol=STAMP)
+    np.testing.assert_array_equal(run.q[:, 1], run.q[:, 0])
+
+
 def test_phases_are_what_pictures_show(simulated_bag: SimulatedBag, tmp_path: Path) -> None:
     robot, path = simulated_bag.robot, tmp_path / 'phases.mcap'
     with BagWriter(path) as bag:
