@@ -124,8 +124,9 @@ class Session:
         self._processes.start(name, ['-m', f'denoc_ros.nodes.{name}', *arguments])
         self._driver.wait_active(name, START_TIMEOUT)
         self._progress.say(f'{name}: active after {time.perf_counter() - began:.1f} s')
-        if address := self._driver.diagnostics(f'{name}: page').get('address'):
-            self._progress.say(f'open {address}')
+        page = self._driver.diagnostics(f'{name}: page')
+        for line in (f'open {page["address"]}', page['']) if page else ():
+            self._progress.say(line)
 
     def _adapt(self, phase: Phase) -> None:
         """Give the nodes the phase's parameters: live ones are set, others need a new start."""

@@ -184,7 +184,7 @@ class ViewerNode(ModelNode):
         rate = (drawn - before) / max(now - self._reported, 1e-3)
         self._drawn_reported, self._reported = drawn, now
         clients = page.clients
-        status = Status('page', message=f'open {page.address}')
+        status = Status('page', message='served to this machine only')
         status.values = {
             'state': self.state,
             'address': page.address,
