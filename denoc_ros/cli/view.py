@@ -82,8 +82,13 @@ def is_run(path: str) -> bool:
 
 
 def _serve_until_interrupted(args: argparse.Namespace, run_path: Path | None) -> int:
-    from denoc_ros.viewer.page import LOOPBACK
+    from denoc_ros.errors import DenocError
+    from denoc_ros.viewer import NO_VISER
 
+    try:
+        from denoc_ros.viewer.page import LOOPBACK
+    except ImportError as error:
+        raise DenocError(NO_VISER.format(error)) from error
     with _page(args, run_path) as page:
         if args.host not in LOOPBACK:
             print(

@@ -20,6 +20,7 @@ from denoc_ros.nodes.polled_inputs import PolledInputs
 from denoc_ros.nodes.process import run
 from denoc_ros.nodes.realtime import lower_priority
 from denoc_ros.nodes.viewer_parameters import TABLE
+from denoc_ros.viewer import NO_VISER
 from denoc_ros.viewer.moment import Moment
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 LOOK_PERIOD = 0.2  # s between looks whether anybody watches
 LINGER = 2.0  # s that the inputs stay open when the last one has gone: a page that is reloaded
 
-NO_VISER = 'viser must be importable, got: {}; pip install "denoc_ros[viewer]"'
 EXPOSED = 'the page is served beyond this machine ({}): whoever reaches it can look'
 
 

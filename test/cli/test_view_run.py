@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -121,3 +122,12 @@ def test_the_report_of_a_run_shows_how_it_moved(
     with Image.open(io.BytesIO(base64.b64decode(found[1]))) as image:
         assert image.width == 1200
         assert len(image.convert('RGB').getcolors(1 << 24) or ()) > 50
+
+
+def test_without_viser_it_is_said_how_to_get_it(
+    repository: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, 'viser', None)
+    monkeypatch.delitem(sys.modules, 'denoc_ros.viewer.page', raising=False)
+    assert main(['view', str(repository / 'config/robots/two_link_ff.urdf')]) == 1
+    assert 'pip install "denoc_ros[viewer]"' in capsys.readouterr().err
