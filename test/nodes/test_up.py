@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from page_look import require_one_look
 from viewer_client import ViewerClient
 
 from denoc_ros.bags.reader import bag_topics, read_attachment
@@ -84,7 +85,9 @@ def test_both_feedforwards_run_are_recorded_and_reported(tmp_path: Path) -> None
     # some 1 % on an idle machine
     assert deflection['link_1/uy']['percent_of_peak'] < 15.0
     assert set(summary['loops']) == {'plant', 'feedforward', 'predictor'}
-    assert (run / 'report.html').stat().st_size < 1_500_000
+    page = (run / 'report.html').read_text()
+    assert len(page) < 1_500_000
+    require_one_look(page, str(run), str(ROOT))
     assert bag_topics(run / 'bag')['/plant/true_deflection'] == 'sensor_msgs/msg/JointState'
     assert b'<flexibility>' in read_attachment(run / 'bag', 'robot_description.urdf')
     assert nodes_below(run) == []
