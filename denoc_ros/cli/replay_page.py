@@ -46,7 +46,7 @@ def page(replay: Replay, summary: Summary, robot: Robot, provenance: Mapping[str
     provenance : mapping
         What the page was made from and with.
     """
-    units = Units.of(robot)
+    units = Units.of(robot.tree)
     path = replay.plan.source.path
     return Page(
         title=f'Replay of {path.resolve().stem}',

@@ -22,9 +22,16 @@ if TYPE_CHECKING:
     from denoc_ros.cli.pages import Page
     from denoc_ros.cli.recording import Recording
     from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.model.tree import Tree
 
 BAG_FOLDER = 'bag'
 SESSION_FILE = 'session.json'
+SESSION_KINDS: dict[str, type] = {
+    **dict.fromkeys(('kind', 'name', 'robot', 'tip', 'command', 'scenario'), str),
+    **dict.fromkeys(('model', 'versions'), dict),
+    'gravity': list,
+    'geometric_stiffness': bool,
+}
 SIMULATED = 'simulate'  # kind of a session
 
 
@@ -86,7 +93,7 @@ def make_report(run_path: Path, command: str = '') -> tuple[str, dict[str, Any]]
     bag = find_bag(run_path)
     session = read_session(run_path)
     recording = Recording(bag)
-    robot = _robot(recording, session)
+    tree, robot = _model(recording, session)
     tip = session.get('tip') or (list(robot.tree.frames)[-1] if robot else '')
     phases = measure(recording, robot, tip)
     statuses = recording.diagnostics()
@@ -106,7 +113,7 @@ def make_report(run_path: Path, command: str = '') -> tuple[str, dict[str, Any]]
         'recorder': _latest(statuses).get('recorder: recording', {}),
         **({'simulated': simulated.summary()} if simulated else {}),
     }
-    found = _Found(recording, session, robot, phases, loops, warned, statuses, simulated)
+    found = _Found(recording, session, tree, phases, loops, warned, statuses, simulated)
     return _page(found, command).html(), summary
 
 
@@ -130,29 +137,40 @@ def read_session(run_path: Path) -> dict[str, Any]:
             text = read_attachment(run_path, SESSION_ATTACHMENT)
     except BagError:
         return {}
-    return dict(json.loads(text))
-
-
-def _robot(recording: Recording, session: dict[str, Any]) -> Robot | None:
-    """Return the recorded robot as the session had it; None where it is not known."""
-    from denoc_ros.bags.reader import read_description
-
-    text = read_description(recording.path)
-    if not text:
-        return None
-    from denoc_ros.dynamics.robot import load_robot
-
     try:
-        robot = load_robot(
-            text,
-            gravity=tuple(session.get('gravity', EARTH)),
-            geometric_stiffness=session.get('geometric_stiffness', True),
+        session = json.loads(text)
+    except ValueError as error:
+        raise BagError(f'{run_path}: {SESSION_FILE} must be JSON, got: {error}') from error
+    kinds = [(name, SESSION_KINDS.get(name)) for name in session if isinstance(session, dict)]
+    wrong = [name for name, kind in kinds if kind and not isinstance(session[name], kind)]
+    if wrong or not isinstance(session, dict):
+        raise BagError(
+            f'{run_path}: {SESSION_FILE} must be what denoc up or simulate wrote, got other '
+            f'values: {", ".join(wrong) or repr(session)[:60]}'
         )
+    return session
+
+
+def _model(recording: Recording, session: dict[str, Any]) -> tuple[Tree | None, Robot | None]:
+    """Return what was recorded of the robot, and it as the session had it where its states are."""
+    from denoc_ros.bags.reader import read_description
+    from denoc_ros.model.urdf import load_tree
+
+    tree = None
+    try:
+        if text := read_description(recording.path):
+            tree = load_tree(text)
+        if tree is None or 'plant/true_modal_state' not in ' '.join(recording.topics):
+            return tree, None
+        from denoc_ros.dynamics.robot import Robot
+
+        gravity = tuple(session.get('gravity', EARTH))
+        robot = Robot(tree, gravity, session.get('geometric_stiffness', True))
         overrides = session.get('model', {})
-        return robot.with_overrides(overrides) if overrides else robot
+        return tree, robot.with_overrides(overrides) if overrides else robot
     except DenocError as error:
         print(f'denoc report: the robot is left out: {error}', file=sys.stderr)
-        return None
+        return tree, None
 
 
 def _latest(statuses: Sequence[Diagnostic]) -> dict[str, dict[str, str]]:
@@ -165,7 +183,7 @@ class _Found:
 
     recording: Recording
     session: dict[str, Any]
-    robot: Robot | None
+    tree: Tree | None
     phases: Sequence[PhaseMeasures]
     loops: Sequence[LoopMeasure]
     warned: dict[str, tuple[int, str]]
@@ -179,7 +197,7 @@ def _page(found: _Found, command: str) -> Page:
     from denoc_ros.cli.pages import Page
 
     phases, duration = found.phases, found.recording.duration
-    units = sections.Units.of(found.robot)
+    units = sections.Units.of(found.tree)
     simulated = found.simulated
     return Page(
         title=found.session.get('name') or found.recording.path.resolve().stem,
@@ -220,7 +238,6 @@ def _subtitle(found: _Found) -> Iterator[str]:
 
 
 def _provenance(found: _Found, command: str) -> dict[str, str]:
-    from denoc_ros.bags.reader import read_description
     from denoc_ros.cli.provenance import named_file, named_text, provenance
 
     session = found.session
@@ -229,7 +246,7 @@ def _provenance(found: _Found, command: str) -> dict[str, str]:
     sources = {
         'command of the run': ran if ran != command else '',
         'bag': named_file(found.recording.path),
-        'robot': named_text(robot, read_description(found.recording.path)),
+        'robot': named_text(robot, found.tree.source) if found.tree else '',
         'scenario': session.get('scenario', ''),
     }
     return provenance(command, sources, session.get('versions'))

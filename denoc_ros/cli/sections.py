@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from denoc_ros.bags.series import Diagnostic
     from denoc_ros.cli.measures import Deflection
     from denoc_ros.cli.recording import Recording, Series
-    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.model.tree import Tree
 
 HIDDEN_KEYS = ('histogram_edges', 'histogram_counts')
 
@@ -37,9 +37,9 @@ class Units:
     prismatic: frozenset[str] = frozenset()
 
     @classmethod
-    def of(cls, robot: Robot | None) -> Units:
+    def of(cls, tree: Tree | None) -> Units:
         """Return those of a robot's joints."""
-        bodies = robot.tree.bodies if robot is not None else ()
+        bodies = tree.bodies if tree is not None else ()
         joints = [body.joint for body in bodies if body.joint is not None]
         return cls(frozenset(j.name for j in joints if j.kind is JointKind.PRISMATIC))
 

@@ -95,6 +95,23 @@ def test_what_is_no_run_is_refused(
     assert re.search(r'denoc report: .*bag.mcap: (run|bag) must', capsys.readouterr().err)
 
 
+@pytest.mark.parametrize(
+    ('session', 'match'),
+    [
+        ('{', 'session.json must be JSON'),
+        ('[1]', r'session.json must be what .* got other values: \[1\]'),
+        ('{"gravity": "down", "model": 3}', 'got other values: gravity, model'),
+    ],
+)
+def test_a_session_that_is_none_is_refused(
+    recorded_run: Maker, capsys: pytest.CaptureFixture[str], session: str, match: str
+) -> None:
+    run = recorded_run()
+    (run / 'session.json').write_text(session)
+    assert main(['report', str(run)]) == 1
+    assert re.search(match, capsys.readouterr().err)
+
+
 def test_thinning_keeps_the_extremes() -> None:
     t = np.linspace(0.0, 1.0, 10_000)
     y = np.sin(40.0 * t)
