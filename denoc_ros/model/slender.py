@@ -28,6 +28,9 @@ ALONG = 0.85  # cosine between that axis and the line from joint to joint: 32 de
 SNAPPED = 0.9994  # cosine: a line within 2 degrees of an axis of the link frame is along it
 AGREED, DOUBTED = 1.3, 3.0  # ratio of two estimates of EI
 THICK = 0.4  # area over the full section's: a tube's wall of 0.11 of its diameter
+LEAST = 0.95  # of the least polar moment that an area can have: below it, no rounding
+FLAT = 1e-4  # of one second moment to the other: a strip a hundred times as wide as thick
+NO_SECTION = 'the inertia about the axis is that of no section'
 WHOLE = 0.9  # of the link's mass in the beam: the link is a beam and little else
 
 
@@ -169,10 +172,12 @@ def stiffness(
         return _by_inertia(area, share, second, softest, material)
     section, words, fullness = _hollow(outer, area)
     ei = material.e * np.array([section.moment_y, section.moment_z])
-    apart = float(
-        np.max(np.maximum(ei, by_inertia) / np.maximum(np.minimum(ei, by_inertia), 1e-30))
-    )
-    confidence, why = _trust(outer, apart, share, fullness)
+    if not _possible(second * share, area):
+        by_inertia = np.full(2, softest)
+        confidence, why = 'low', f'{NO_SECTION}: only the outer size speaks'
+    else:
+        apart = float(np.max(np.maximum(ei, by_inertia) / np.minimum(ei, by_inertia)))
+        confidence, why = _trust(outer, apart, share, fullness)
     return Stiffness(
         float(ei[0]),
         float(ei[1]),
@@ -193,16 +198,22 @@ def _second_moments(body: RigidInertia) -> Array:
     return np.asarray(np.maximum(diagonal - body.mass * offset**2, 0.0))
 
 
+def _possible(moments: Array, area: float) -> bool:
+    """Return whether a section of an area can have second moments: no less than a full circle."""
+    least = LEAST * area**2 / (2.0 * math.pi)
+    return bool(moments.sum() >= least and moments.min() > FLAT * moments.max())
+
+
 def _by_inertia(
     area: float, share: float, second: Array, softest: float, material: Material
 ) -> Stiffness:
     """Return the stiffness of the inertia about the axis; `second` is area moments [m^4]."""
     moments = share * second
     full = round_section(2.0 * math.sqrt(area / math.pi))
-    if moments.sum() < full.polar_moment:
+    if not _possible(moments, area):
         moments = np.array([full.moment_y, full.moment_z])
         confidence = 'low'
-        why = 'the inertia about the axis is less than that of any section: taken as a full rod'
+        why = f'{NO_SECTION}: taken as a full rod'
     elif share >= WHOLE:
         confidence = 'medium'
         why = 'exact if the link is uniform and of this material alone; motors in it: too stiff'

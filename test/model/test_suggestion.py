@@ -245,6 +245,18 @@ def test_doubts_follow_what_the_file_does_not_say() -> None:
     # a full rod of the tube's mass: E A^2 / (4 pi)
     full = ALUMINIUM.e * (MASS / LENGTH / ALUMINIUM.density) ** 2 / (4.0 * np.pi)
     assert thin.ei_y == pytest.approx(full, rel=ROUNDED)
+    inertia = etree.fromstring(tube_arm())
+    inertia.find('link[@name="boom"]/inertial/inertia').set('izz', '0')
+    sized = boom(etree.tostring(inertia, encoding='unicode')).stiffness
+    assert sized.ei_y == pytest.approx(EI, rel=ROUNDED)
+    assert 'only the outer size speaks' in sized.why
+    assert sized.ei_range == pytest.approx((full, EI), rel=ROUNDED)
+    # a plate without a thickness
+    plate = etree.fromstring(tube_arm(geometry=False))
+    about = plate.find('link[@name="boom"]/inertial/inertia')
+    about.set('izz', '0.5')
+    about.set('ixx', str(float(about.get('iyy')) + 0.5))
+    assert 'of no section' in boom(etree.tostring(plate, encoding='unicode')).stiffness.why
     small = tube_arm().replace('radius="0.03"', 'radius="0.008"')
     assert 'motors are in it' in boom(small).stiffness.why
 
