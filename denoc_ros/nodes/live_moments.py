@@ -86,7 +86,7 @@ class LiveMoments:
         if not fresh:
             return None
         state = self._states[fresh[0]]
-        torque = self._torques(now) or state.torque
+        torque = self._torques(now) or self._measured(fresh)
         channels: dict[str, float] = {}
         for topic in fresh:
             channels.update(self._bends(topic))
@@ -95,6 +95,18 @@ class LiveMoments:
             residuals = self._values[self._residual].position
             channels.update({residual_channel(name): each for name, each in residuals.items()})
         return Moment(now - self._start, state.q, state.qd, torque or None, channels)
+
+    def wanted(self, now: float) -> list[str]:
+        """Return the topics that are worth listening to at `now` [s].
+
+        Joints alone say nothing new where a modal state and the commanded torque are fresh.
+        """
+        modal = any(s.bent and self._is_fresh(t, now) for t, s in self._states.items())
+        known = modal and self._is_fresh(self._torque, now)
+        return [t for t in self.topics if not (known and t in self._states and self._plain(t))]
+
+    def _plain(self, topic: str) -> bool:
+        return self._states[topic].heard and not self._states[topic].bent
 
     def _is_fresh(self, topic: str, now: float) -> bool:
         return now - self._heard.get(topic, -np.inf) < self._timeout
@@ -105,6 +117,10 @@ class LiveMoments:
             return {}
         said = self._values[self._torque].effort
         return {name: each for name, each in said.items() if name in self._torque_channels}
+
+    def _measured(self, fresh: Sequence[str]) -> dict[str, float]:
+        """Return the torque that the first of topics says that says any."""
+        return next((self._states[t].torque for t in fresh if self._states[t].torque), {})
 
     def _bends(self, topic: str) -> dict[str, float]:
         state = self._states[topic]

@@ -44,8 +44,8 @@ class LiveState:
         The coordinates of the last good message, and their rates.
     torque : dict of str to float
         What it said of the joints' effort [N m or N].
-    bent : bool
-        Whether it had the amplitudes.
+    heard, bent : bool
+        Whether there was one, and whether it had the amplitudes.
     """
 
     def __init__(self, robot: Robot, posture: Array) -> None:
@@ -54,7 +54,7 @@ class LiveState:
         self.q: Array = posture.copy()
         self.qd: Array = np.zeros(robot.n)
         self.torque: dict[str, float] = {}
-        self.bent = False
+        self.heard = self.bent = False
         self._layout = _Layout((), JointStateReader(()), None)
 
     def read(self, raw: bytes, admit: Callable[[int], None]) -> None:
@@ -83,7 +83,7 @@ class LiveState:
                 f'position must be within {FARTHEST:g}, got {reader.position.tolist()}',
             )
         self.q, self.qd = self._coordinates(layout)
-        self.bent, self._layout = layout.motion is None, layout
+        self.heard, self.bent, self._layout = True, layout.motion is None, layout
         joints = self._robot.joint_names
         efforts = zip(reader.joints, reader.effort.tolist(), strict=True)
         self.torque = {j: e for j, e in efforts if j in joints} if reader.has_effort else {}

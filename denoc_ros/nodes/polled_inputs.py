@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 
 from rclpy.node import Node
@@ -53,7 +53,7 @@ class PolledInputs:
         self._names = {topic: node.resolve_topic_name(topic) for topic in topics}
         self._monitors = {topic: InputMonitor(self._names[topic], limit) for topic in topics}
         node.monitors.extend(self._monitors.values())
-        self._inputs: list[Input] = []
+        self._inputs: dict[str, Input] = {}
         self._node = _Aside(node)
 
     @property
@@ -61,20 +61,24 @@ class PolledInputs:
         """Whether there are subscriptions."""
         return bool(self._inputs)
 
-    def open(self) -> None:
-        """Subscribe; what the topics said before is forgotten."""
-        self.forget()
-        for topic, kind in self._topics.items():
-            monitor = self._monitors[topic]
-            handle = partial(self._hand_on, topic, monitor)
-            name = self._names[topic]
-            self._inputs.append(Input(self._node, kind, name, handle, NEWEST, monitor))
+    def listen(self, topics: Collection[str]) -> None:
+        """Subscribe to topics of these inputs, and to no others any more."""
+        for topic in self._inputs.keys() - set(topics):
+            self._node.destroy_subscription(self._inputs.pop(topic).subscription)
+        for topic in topics:
+            if topic not in self._inputs:
+                self._inputs[topic] = self._subscribed(topic)
+
+    def _subscribed(self, topic: str) -> Input:
+        monitor = self._monitors[topic]
+        monitor.reset()
+        handle = partial(self._hand_on, topic, monitor)
+        name, kind = self._names[topic], self._topics[topic]
+        return Input(self._node, kind, name, handle, NEWEST, monitor)
 
     def shut(self) -> None:
         """Subscribe to nothing any more."""
-        for each in self._inputs:
-            self._node.destroy_subscription(each.subscription)
-        self._inputs.clear()
+        self.listen(())
 
     def forget(self) -> None:
         """Forget the last stamps: what comes next may be older."""
@@ -83,7 +87,7 @@ class PolledInputs:
 
     def take(self) -> None:
         """Hand the newest message of each topic on, where there is a new one."""
-        for each in self._inputs:
+        for each in self._inputs.values():
             each.take()
 
     def close(self) -> None:

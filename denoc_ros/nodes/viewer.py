@@ -150,8 +150,8 @@ class ViewerNode(ModelNode):
             self._stopped.wait(self._draw(now))
 
     def _listen(self, now: float) -> None:
-        self.inputs.open()
         self.moments.forget()
+        self.inputs.listen(self.moments.topics)
         self.pace.begin(now)
         self._used = time.process_time()
 
@@ -167,6 +167,7 @@ class ViewerNode(ModelNode):
         if moment is not None:
             self.page.show(moment)
             self._drawn += 1
+        self.inputs.listen(self.moments.wanted(now))
         # of all threads: the server's, which sends, and the middleware's
         used = time.process_time()
         spent, self._used = used - self._used, used

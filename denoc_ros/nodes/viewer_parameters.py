@@ -66,7 +66,7 @@ TABLE = ParameterTable(
             'effort_topic',
             Kind.STRING,
             'feedforward/effort',
-            'topic of the torque that is drawn; none or silent: what the drawn topic says',
+            'topic of the torque that is drawn; none or silent: the effort of `state_topics`',
         ),
         Parameter(
             'residual_topic',

@@ -118,6 +118,31 @@ def test_commanded_torque_is_drawn_rather_than_measured(
     assert moment.channels['residual/gauge'] == 1e-5
 
 
+def test_measured_torque_is_drawn_where_none_is_commanded(
+    robot: Robot, moments: LiveMoments
+) -> None:
+    moments.take(STATES[0], modal(robot, 6)[1], admit)
+    moments.take(STATES[2], raw(robot.joint_names, [0.1, 0.2], effort=[3.0, 4.0]), admit)
+    moment = moments.moment(time.perf_counter())
+    assert moments.source == STATES[0]
+    assert moment is not None
+    assert moment.torque == {'j1': 3.0, 'j2': 4.0}
+
+
+def test_joints_alone_are_not_listened_to_where_they_say_nothing_new(
+    robot: Robot, moments: LiveMoments
+) -> None:
+    now = time.perf_counter()
+    joints = raw(robot.joint_names, [0.1, 0.2], effort=[3.0, 4.0])
+    moments.take(STATES[0], modal(robot, 7)[1], admit)
+    moments.take(STATES[2], joints, admit)
+    assert moments.wanted(now) == list(moments.topics)  # their effort
+    moments.take(EFFORT, raw(['j1', 'j2'], [0, 0], effort=[7, 8]), admit)
+    assert moments.wanted(now) == [each for each in moments.topics if each != STATES[2]]
+    # silence brings them back
+    assert moments.wanted(time.perf_counter() + 0.6) == list(moments.topics)
+
+
 def test_a_mimic_joint_follows_its_leader() -> None:
     robot = load_robot(gripper())
     state = LiveState(robot, np.zeros(robot.n))

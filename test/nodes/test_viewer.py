@@ -104,6 +104,34 @@ def test_it_listens_and_draws_only_while_somebody_watches(
     assert len(node.shown) == count
 
 
+def test_joint_states_are_left_where_more_is_said_and_taken_when_it_ends(
+    graph: Any, viewer: Any, watch: Any, urdf: str
+) -> None:
+    names = load_robot(urdf).coordinate_names
+    node = viewer(timeout=0.3)
+    watch(node.page.address)
+    joints = graph.publisher(JointState, 'joint_states')
+    efforts, modal = (
+        graph.publisher(JointState, topic)
+        for topic in ('feedforward/effort', 'predictor/modal_state')
+    )
+
+    def left() -> bool:
+        joints.publish(stamped(['j1', 'j2'], [0.5, 0.5]))
+        efforts.publish(stamped(['j1', 'j2'], [0.0, 0.0], [1.0, 2.0]))
+        modal.publish(stamped(names, [0.1] * len(names)))
+        return bool(joints.get_subscription_count() == 0)
+
+    graph.until(left)
+    assert node.shown[-1].q.tolist() == [0.1] * len(names)
+
+    def back() -> bool:
+        joints.publish(stamped(['j1', 'j2'], [0.5, 0.5]))
+        return 0.5 in node.shown[-1].q
+
+    graph.until(back)
+
+
 def test_garbage_and_second_publishers_are_counted_and_not_drawn(
     graph: Any, viewer: Any, watch: Any
 ) -> None:
