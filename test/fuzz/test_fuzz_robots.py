@@ -11,12 +11,16 @@ from fuzz.mutations import FUZZ, NUMBER, changed_bytes, changed_text
 from hypothesis import given
 from hypothesis import strategies as st
 from node_robots import gripper, two_links
+from suggested_robots import tube_arm
 
 from denoc_ros.cli.main import main
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import DenocError, ModelError
+from denoc_ros.model.suggestion import suggest_flexibility
+from denoc_ros.model.urdf import load_tree
 
 ROBOTS = sorted((Path(__file__).resolve().parents[2] / 'config' / 'robots').glob('*.urdf'))
+PLAIN = [tube_arm(), (ROBOTS[0].parent / 'ur10.urdf').read_text()]
 TEXTS = [two_links(), gripper(), *(path.read_text() for path in ROBOTS)]
 LARGE = 1e6  # lengths and masses beyond leave the rest of a robot below their rounding
 TINY = 1e-15  # of the trace: below it there is rounding only
@@ -52,6 +56,21 @@ def test_a_changed_description_is_refused_or_makes_a_sound_model(data: st.DataOb
     text = changed_text(data.draw(st.sampled_from(TEXTS)), data)
     with suppress(ModelError):
         require_sound(load_robot(text if text.lstrip().startswith('<') else f'<{text}'), text)
+
+
+@FUZZ
+@given(data=st.data())
+def test_a_changed_plain_robot_gets_sound_beams_or_an_error(data: st.DataObject) -> None:
+    text = changed_text(data.draw(st.sampled_from(PLAIN)), data)
+    text = text if text.lstrip().startswith('<') else f'<{text}'
+    try:
+        load_tree(text)
+    except ModelError:
+        return
+    # a file that loads has a proposal, whatever its numbers
+    for beam in suggest_flexibility(text).beams:
+        assert 0.0 < beam.beam_share <= 1.0
+        assert 0.0 < beam.stiffness.ei_range[0] <= beam.stiffness.ei_range[1]
 
 
 @FUZZ
