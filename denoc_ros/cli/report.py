@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from denoc_ros.cli.pages import Page
     from denoc_ros.cli.recording import Recording
     from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.model.tree import Tree
 
 BAG_FOLDER = 'bag'
 SESSION_FILE = 'session.json'
@@ -93,7 +92,7 @@ def make_report(run_path: Path, command: str = '') -> tuple[str, dict[str, Any]]
     bag = find_bag(run_path)
     session = read_session(run_path)
     recording = Recording(bag)
-    tree, robot = _model(recording, session)
+    robot = _robot(recording, session)
     tip = session.get('tip') or (list(robot.tree.frames)[-1] if robot else '')
     phases = measure(recording, robot, tip)
     statuses = recording.diagnostics()
@@ -113,7 +112,7 @@ def make_report(run_path: Path, command: str = '') -> tuple[str, dict[str, Any]]
         'recorder': _latest(statuses).get('recorder: recording', {}),
         **({'simulated': simulated.summary()} if simulated else {}),
     }
-    found = _Found(recording, session, tree, phases, loops, warned, statuses, simulated)
+    found = _Found(recording, session, robot, phases, loops, warned, statuses, simulated)
     return _page(found, command).html(), summary
 
 
@@ -151,26 +150,22 @@ def read_session(run_path: Path) -> dict[str, Any]:
     return session
 
 
-def _model(recording: Recording, session: dict[str, Any]) -> tuple[Tree | None, Robot | None]:
-    """Return what was recorded of the robot, and it as the session had it where its states are."""
+def _robot(recording: Recording, session: dict[str, Any]) -> Robot | None:
+    """Return the recorded robot as the session had it; None where it is not known."""
     from denoc_ros.bags.reader import read_description
-    from denoc_ros.model.urdf import load_tree
+    from denoc_ros.dynamics.robot import load_robot
 
-    tree = None
+    text = read_description(recording.path)
+    if not text:
+        return None
+    gravity = tuple(session.get('gravity', EARTH))
     try:
-        if text := read_description(recording.path):
-            tree = load_tree(text)
-        if tree is None or 'plant/true_modal_state' not in ' '.join(recording.topics):
-            return tree, None
-        from denoc_ros.dynamics.robot import Robot
-
-        gravity = tuple(session.get('gravity', EARTH))
-        robot = Robot(tree, gravity, session.get('geometric_stiffness', True))
+        robot = load_robot(text, gravity, session.get('geometric_stiffness', True))
         overrides = session.get('model', {})
-        return tree, robot.with_overrides(overrides) if overrides else robot
+        return robot.with_overrides(overrides) if overrides else robot
     except DenocError as error:
         print(f'denoc report: the robot is left out: {error}', file=sys.stderr)
-        return tree, None
+        return None
 
 
 def _latest(statuses: Sequence[Diagnostic]) -> dict[str, dict[str, str]]:
@@ -183,7 +178,7 @@ class _Found:
 
     recording: Recording
     session: dict[str, Any]
-    tree: Tree | None
+    robot: Robot | None
     phases: Sequence[PhaseMeasures]
     loops: Sequence[LoopMeasure]
     warned: dict[str, tuple[int, str]]
@@ -197,7 +192,7 @@ def _page(found: _Found, command: str) -> Page:
     from denoc_ros.cli.pages import Page
 
     phases, duration = found.phases, found.recording.duration
-    units = sections.Units.of(found.tree)
+    units = sections.Units.of(found.robot.tree if found.robot else None)
     simulated = found.simulated
     return Page(
         title=found.session.get('name') or found.recording.path.resolve().stem,
@@ -241,12 +236,12 @@ def _provenance(found: _Found, command: str) -> dict[str, str]:
     from denoc_ros.cli.provenance import named_file, named_text, provenance
 
     session = found.session
-    robot = Path(session.get('robot', '')).name or 'the one in the bag'
+    name = Path(session.get('robot', '')).name or 'the one in the bag'
     ran = session.get('command', '')
     sources = {
         'command of the run': ran if ran != command else '',
         'bag': named_file(found.recording.path),
-        'robot': named_text(robot, found.tree.source) if found.tree else '',
+        'robot': named_text(name, found.robot.tree.source) if found.robot else '',
         'scenario': session.get('scenario', ''),
     }
     return provenance(command, sources, session.get('versions'))
