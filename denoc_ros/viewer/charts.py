@@ -16,6 +16,8 @@ PERIOD = 0.2  # s between two drawings of live charts
 MOST_POINTS = 1200  # of a curve
 MOST_CURVES = 8  # of a chart: more cannot be told apart
 HEIGHT = 170  # pixels
+MARGIN = 0.08  # of a chart's height
+LEAST_FILLED = 0.4  # of it
 PALETTE = (
     '#2166be', '#c82828', '#168c5a', '#8c46be', '#d97706', '#0e7490', '#64748b', '#be185d'
 )  # fmt: skip
@@ -44,6 +46,7 @@ class Charts:
         self._folder: Any = None
         self._charts: dict[str, Any] = {}
         self._groups: dict[str, list[str]] = {}
+        self._ranges: dict[str, tuple[float, float]] = {}
         self._names: list[str] = []
         self._t: list[float] = []
         self._rows: list[list[float]] = []
@@ -96,22 +99,34 @@ class Charts:
         if self._folder is not None:
             self._folder.remove()
             self._folder = None
-        self._charts, self._groups = {}, grouped(names)
+        self._charts, self._ranges, self._groups = {}, {}, grouped(names)
 
     def _put(self, t: Array, rows: Array, now: float | None) -> None:
         if self._folder is None:
             self._folder = self._gui.add_folder('Charts', order=90.0)
         for group, members in self._groups.items():
             columns = [rows[:, self._names.index(name)] for name in members]
-            data = (t, *columns, _mark(t, columns, now))
+            low, high = _range(columns, self._ranges.get(group))
+            data = (t, *columns, _mark(t, low, high, now))
+            # what is no number would spoil a range that the chart finds by itself
+            scales = {'x': {'time': False}, 'y': {'range': (low, high)}}
             chart = self._charts.get(group)
             if chart is None:
                 with self._folder:
-                    self._charts[group] = self._chart(group, members, data)
+                    self._charts[group] = self._chart(group, members, data, scales)
             else:
+                if (low, high) != self._ranges[group]:
+                    chart.scales = scales
                 chart.data = data
+            self._ranges[group] = low, high
 
-    def _chart(self, group: str, members: Sequence[str], data: tuple[Array, ...]) -> Any:
+    def _chart(
+        self,
+        group: str,
+        members: Sequence[str],
+        data: tuple[Array, ...],
+        scales: Mapping[str, Any],
+    ) -> Any:
         series = [{'label': 't [s]'}]
         for name, colour in zip(members, PALETTE, strict=False):
             label = name.partition('/')[2] or name
@@ -121,17 +136,28 @@ class Charts:
             data=data,
             series=tuple(series),
             title=group,
-            scales={'x': {'time': False}, 'y': {'auto': True}},
+            scales=scales,
             height=HEIGHT,
         )
 
 
-def _mark(t: Array, columns: Sequence[Array], now: float | None) -> Array:
+def _range(columns: Sequence[Array], before: tuple[float, float] | None) -> tuple[float, float]:
+    """Return an axis for curves, the one before while it does."""
+    values = np.concatenate(columns)
+    values = values[np.isfinite(values)]
+    low, high = (values.min(), values.max()) if len(values) else (0.0, 0.0)
+    if before is not None:
+        held = before[0] <= low and high <= before[1]
+        if held and high - low >= LEAST_FILLED * (before[1] - before[0]):
+            return before
+    margin = MARGIN * (high - low) or 1e-9 + MARGIN * abs(high)
+    return float(low - margin), float(high + margin)
+
+
+def _mark(t: Array, low: float, high: float, now: float | None) -> Array:
     """Return a curve that is an upright line at an instant."""
     line = np.full(len(t), np.nan)
     if now is not None and len(t) > 1:
         k = int(np.clip(np.searchsorted(t, now) - 1, 0, len(t) - 2))
-        values = np.array(columns)
-        if np.isfinite(values).any():
-            line[k : k + 2] = np.nanmin(values), np.nanmax(values)
+        line[k : k + 2] = low, high
     return line

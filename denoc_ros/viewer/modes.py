@@ -127,7 +127,9 @@ class ModePlayer:
         self._chosen = -1
         self._t = 0.0
         self._ticker = Ticker(PERIOD, self._tick)
-        self._folder = gui.add_folder('Natural modes', order=40.0, expand_by_default=False)
+        self._folder = gui.add_folder(
+            'Natural modes', order=40.0, visible=bool(len(robot.flexible_indices))
+        )
         with self._folder:
             self._find = gui.add_button('Find here', hint='At the joint positions shown now')
             self._choice = gui.add_dropdown('Mode', [STILL], initial_value=STILL)

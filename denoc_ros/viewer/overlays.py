@@ -23,6 +23,7 @@ REACTION_MOMENT: Colour = (140, 70, 190)
 PARENT_PIN: Colour = (210, 40, 120)
 CHILD_PIN: Colour = (30, 30, 30)
 LEAST = 1e-3  # of the largest: shorter arrows are left out
+NOTHING = 1e-6  # N, N m: what rounding leaves of forces
 
 
 class Arrows:
@@ -39,7 +40,7 @@ class Arrows:
     Attributes
     ----------
     largest : float
-        In the arrows' unit.
+        In the arrows' unit; 0 until there is one.
     """
 
     def __init__(self, scene: Any, name: str, reach: float, colour: Colour) -> None:
@@ -50,17 +51,18 @@ class Arrows:
             f'/{name}',
             self._none,
             colour,
-            shaft_radius=0.004 * reach,
-            head_radius=0.011 * reach,
-            head_length=0.03 * reach,
+            shaft_radius=0.005 * reach,
+            head_radius=0.014 * reach,
+            head_length=0.04 * reach,
             visible=False,
         )
 
     def draw(self, feet: Array, vectors: Array) -> None:
         """Draw vectors (k, 3) from points (k, 3) of the base frame."""
         sizes = np.linalg.norm(vectors, axis=1)
-        self.largest = max(self.largest, float(sizes.max(initial=0.0)))
-        drawn = sizes > LEAST * self.largest
+        largest = float(sizes.max(initial=0.0))
+        self.largest = max(self.largest, largest) if largest > NOTHING else self.largest
+        drawn = sizes > max(NOTHING, LEAST * self.largest)
         self._handle.visible = bool(drawn.any())
         if drawn.any():
             tips = feet[drawn] + self._length / self.largest * vectors[drawn]
@@ -92,17 +94,29 @@ class Overlays:
             for body in robot.tree.bodies
             if body.joint is not None and body.joint.kind is not JointKind.FIXED
         ]
-        self._ends = [end.frame for loop in robot.tree.loops for end in (loop.parent, loop.child)]
-        self._pins = None
-        if self._ends:
-            self._pins = scene.add_point_cloud(
-                '/loops',
-                np.zeros((len(self._ends), 3)),
-                np.tile([PARENT_PIN, CHILD_PIN], (len(self._ends) // 2, 1)),
-                point_size=0.018 * size,
-                point_shape='circle',
-                precision='float32',
-            )
+        loops = robot.tree.loops
+        self._pins = (
+            []
+            if not loops
+            else [
+                _Pins(
+                    scene,
+                    'parents',
+                    [loop.parent.frame for loop in loops],
+                    PARENT_PIN,
+                    0.016 * size,
+                    0.45,
+                ),
+                _Pins(
+                    scene,
+                    'children',
+                    [loop.child.frame for loop in loops],
+                    CHILD_PIN,
+                    0.009 * size,
+                    1.0,
+                ),
+            ]
+        )
 
     def draw_torques(self, moment: Moment, drawn: Array) -> None:
         """Draw what actuators give, along the joints' axes, at coordinates as drawn (n,)."""
@@ -141,12 +155,41 @@ class Overlays:
 
     def draw_loops(self, drawn: Array | None) -> None:
         """Draw both frames of every loop at coordinates as drawn (n,); None: not."""
-        if self._pins is None:
-            return
-        self._pins.visible = drawn is not None
-        if drawn is not None:
-            places = [self._robot.frame_pose(end, drawn)[:3, 3] for end in self._ends]
-            self._pins.points = np.array(places, np.float32)
+        for pins in self._pins:
+            pins.draw(self._robot, drawn)
+
+
+class _Pins:
+    """Balls at one side's frames of all loops."""
+
+    def __init__(
+        self,
+        scene: Any,
+        name: str,
+        frames: list[str],
+        colour: Colour,
+        radius: float,
+        opacity: float,
+    ) -> None:
+        from trimesh.creation import icosphere
+
+        ball, count = icosphere(subdivisions=2, radius=radius), len(frames)
+        self._frames = frames
+        self._handle = scene.add_batched_meshes_simple(
+            f'/loops/{name}',
+            np.asarray(ball.vertices),
+            np.asarray(ball.faces),
+            np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
+            np.zeros((count, 3)),
+            batched_colors=colour,
+            opacity=opacity,
+        )
+
+    def draw(self, robot: Robot, q: Array | None) -> None:
+        self._handle.visible = q is not None
+        if q is not None:
+            places = [robot.frame_pose(frame, q)[:3, 3] for frame in self._frames]
+            self._handle.batched_positions = np.array(places, np.float32)
 
 
 def reactions_of(robot: Robot, moment: Moment) -> Reactions | None:

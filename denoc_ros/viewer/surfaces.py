@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ BLOCK = 32  # triangles that a band grows by: its buffers seldom change their si
 LIGHT = 500  # triangles of an outline up to which moving its vertices costs less than its pose
 GHOST: Colour = (120, 140, 165)
 GHOST_OPACITY = 0.22
+GHOST_SIZE = 0.985  # of the link: out of sight where it does not bend
 
 
 class Surfaces:
@@ -44,7 +46,8 @@ class Surfaces:
                 *self.bending.rigid,
                 *(part.outline for part in self.bending.flexible),
             )
-            self._ghost = _RigidLinks(scene, 'ghost', self._everything, GHOST, GHOST_OPACITY)
+            smaller = [_shrunk(outline) for outline in self._everything]
+            self._ghost = _RigidLinks(scene, 'ghost', smaller, GHOST, GHOST_OPACITY)
         self._ghost_drawn = True
 
     def draw(self, shape: Shape, strains: Sequence[Array], limit: float | None) -> None:
@@ -185,6 +188,11 @@ class _Together:
         own = poses[self._own]
         placed = np.einsum('vij,vj->vi', own[:, :3, :3], self._vertices) + own[:, :3, 3]
         self.handle.vertices = placed.astype(np.float32)
+
+
+def _shrunk(outline: Outline) -> Outline:
+    middle = 0.5 * (outline.vertices.min(axis=0) + outline.vertices.max(axis=0))
+    return replace(outline, vertices=middle + GHOST_SIZE * (outline.vertices - middle))
 
 
 def quaternion(rotation: Array) -> Array:

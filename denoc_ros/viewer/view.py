@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 STEPS = (1.0, 2.0, 5.0, 10.0)  # of the strain scale, per decade
 LEAST_STRAIN = 1e-6
 PARALLEL = 1e-6
+FIELD = math.radians(40.0)  # of view, upright
+ASIDE = 0.15  # of the robot's reach: it stands left of the middle, beside the controls
 OBLIQUE, FACING = np.array([1.1, -1.5, 0.8]), np.array([0.25, -0.25, 1.9])
 
 
@@ -120,8 +122,8 @@ class View:
                 '/ground',
                 width=4.0 * size,
                 height=4.0 * size,
-                cell_size=_nice(size / 5.0),
-                section_size=5.0 * _nice(size / 5.0),
+                cell_size=round_up(size / 5.0),
+                section_size=5.0 * round_up(size / 5.0),
                 plane=('yz', 'xz', 'xy')[int(np.argmax(np.abs(axis)))],
                 position=tuple(float(x) for x in -0.02 * size * axis),
             )
@@ -129,9 +131,12 @@ class View:
             side = np.cross(axis, facing)
             offset = FACING @ np.array([side, axis, facing])
         centre = self._centre()
+        sideways = np.cross(-offset, axis)
+        aim = centre + ASIDE * size * sideways / np.linalg.norm(sideways)
         server.initial_camera.up = tuple(float(x) for x in axis)
-        server.initial_camera.position = tuple(float(x) for x in centre + 0.75 * size * offset)
-        server.initial_camera.look_at = tuple(float(x) for x in centre)
+        server.initial_camera.position = tuple(float(x) for x in aim + 0.95 * size * offset)
+        server.initial_camera.look_at = tuple(float(x) for x in aim)
+        server.initial_camera.fov = FIELD
 
     def _centre(self) -> Array:
         zero = np.zeros(self.robot.n)
@@ -156,10 +161,6 @@ def round_up(value: float) -> float:
     """Return the next of 1, 2, 5, 10, … times a power of ten."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(step * power for step in STEPS if value <= step * power * (1.0 + 1e-12))
-
-
-def _nice(length: float) -> float:
-    return round_up(length)
 
 
 def _turn_to(axis: Array) -> Array:
