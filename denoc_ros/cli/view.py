@@ -7,8 +7,9 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from denoc_ros.cli.arguments import EARTH, add_gravity
 from denoc_ros.cli.film import add_film_options, wants_pictures, write_pictures
@@ -129,15 +130,17 @@ def _robot_page(args: argparse.Namespace) -> Page:
 
 def _gallery(args: argparse.Namespace) -> Page:
     from denoc_ros.dynamics.robot import load_robot
-    from denoc_ros.viewer.gallery import offer
+    from denoc_ros.viewer.gallery import Exhibit, offer
 
     systems = book_systems()
 
-    def load(name: str) -> Robot:
-        path, gravity = systems[name]
-        return load_robot(path, gravity=args.gravity or gravity)
+    def load(name: str) -> Exhibit:
+        system = systems[name]
+        robot = load_robot(system.file, gravity=args.gravity or system.gravity)
+        joints = {joint: system.joints.get(joint, 0.0) for joint in robot.joint_names}
+        return Exhibit(robot, joints)
 
-    page = _serve(args, load(FIRST), title='denoc_ros: systems of the book')
+    page = _serve(args, load(FIRST).robot, title='denoc_ros: systems of the book')
     offer(page, list(systems), FIRST, load)
     return page
 
@@ -148,24 +151,30 @@ def _serve(args: argparse.Namespace, robot: Robot, **options: Any) -> Page:
     return Page(robot, args.host, args.port, scale=args.scale or 1.0, **options)
 
 
-def book_systems() -> dict[str, tuple[Path, tuple[float, ...]]]:
-    """Return the robots that come with the package: name to file and gravity [m/s^2].
+class System(NamedTuple):
+    """A robot that comes with the package, and what its scenario says of it."""
 
-    Gravity is that of the scenario whose name a robot's begins with: planar mechanisms move in
-    X-Y and have it along -Y.
+    file: Path
+    gravity: tuple[float, ...]  # m/s^2
+    joints: Mapping[str, float]  # rad, m
+
+
+def book_systems() -> dict[str, System]:
+    """Return the robots that come with the package, by name.
+
+    Gravity and where they begin are those of the scenario whose name a robot's begins with:
+    planar mechanisms move in X-Y and have gravity along -Y.
     """
     from denoc_ros.cli.config import read_yaml, share_directory
 
     config = share_directory() / 'config'
-    gravities = {
-        file.stem: read_yaml(file).get('gravity', EARTH)
-        for file in sorted((config / 'scenarios').glob('*.yaml'))
-    }
+    scenarios = {file.stem: read_yaml(file) for file in (config / 'scenarios').glob('*.yaml')}
     systems = {}
     for file in sorted((config / 'robots').glob('*.urdf')):
-        named = [stem for stem in gravities if file.stem.startswith(stem)]
-        gravity = gravities[max(named, key=len)] if named else EARTH
-        systems[file.stem] = file, tuple(gravity)
+        named = [stem for stem in scenarios if file.stem.startswith(stem)]
+        scenario = scenarios[max(named, key=len)] if named else {}
+        gravity = tuple(scenario.get('gravity', EARTH))
+        systems[file.stem] = System(file, gravity, scenario.get('start', {}).get('joints', {}))
     return systems
 
 

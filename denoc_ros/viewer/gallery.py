@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
 from denoc_ros.viewer.page import Page
 
 
-def offer(page: Page, names: Sequence[str], shown: str, load: Callable[[str], Robot]) -> None:
+class Exhibit(NamedTuple):
+    """A robot and the joint positions by name [rad, m] that it is shown at first."""
+
+    robot: Robot
+    joints: Mapping[str, float]
+
+
+def offer(page: Page, names: Sequence[str], shown: str, load: Callable[[str], Exhibit]) -> None:
     """Put a list of robots on a page, each with sliders for its joints.
 
     Parameters
@@ -17,7 +25,7 @@ def offer(page: Page, names: Sequence[str], shown: str, load: Callable[[str], Ro
     page : Page
     names : sequence of str
     shown : str
-        The one that the page shows already.
+        The one to begin with.
     load : callable
         Returns a robot by its name.
     """
@@ -26,14 +34,15 @@ def offer(page: Page, names: Sequence[str], shown: str, load: Callable[[str], Ro
         choice = gui.add_dropdown('Robot', tuple(names), initial_value=shown)
         text = gui.add_markdown('')
 
-    def change(_: object) -> None:
+    def change() -> None:
         try:
-            page.change_robot(load(choice.value))
+            exhibit = load(choice.value)
+            page.change_robot(exhibit.robot)
+            page.pose(exhibit.joints)
         except DenocError as error:
             text.content = str(error)
             return
         text.content = ''
-        page.pose()
 
-    choice.on_update(change)
-    page.pose()
+    choice.on_update(lambda _: change())
+    change()

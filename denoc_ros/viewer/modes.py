@@ -26,6 +26,7 @@ PERIOD = 1.0 / 30.0  # s between two pictures
 QUICKEST = 1.0  # Hz: faster modes are shown as slowly as this
 SWING = 0.04  # of the robot's reach, or this angle [rad]: the largest amplitude shown
 STILL = 'none'
+MOST_SAG = 0.2  # of a beam's length
 
 
 class Modes:
@@ -47,7 +48,8 @@ class Modes:
     """
 
     def __init__(self, robot: Robot, q: Array) -> None:
-        self.q = settled(robot, q)
+        rest = settled(robot, q)
+        self.q = undeflected(robot, q) if rest is None else rest
         self.found: NaturalModes = mechanism_modes(
             robot, self.q, independent_joints(robot, self.q)
         )
@@ -69,21 +71,43 @@ class Modes:
         return np.asarray(self.q + math.sin(2.0 * math.pi * self.shown_frequency(k) * t) * swing)
 
 
-def settled(robot: Robot, q: Array) -> Array:
-    """Return a configuration (n,) with what is free in equilibrium, itself where there is none."""
-    free = np.setdiff1d(np.arange(robot.n), robot.indices(independent_joints(robot, q)))
+def settled(robot: Robot, q: Array) -> Array | None:
+    """Return a configuration (n,) with all that joints leave free in equilibrium, loops closed.
+
+    None where there is no equilibrium, or one whose deflections are none of small-deflection
+    theory: a robot made for space in this gravity.
+    """
+    held = independent_joints(robot, q)
+    free = np.setdiff1d(np.arange(robot.n), robot.indices(held))
     rest: Array = q.copy()
     rest[robot.flexible_indices] = 0.0
     if not len(robot.flexible_indices):
         return rest
     try:
         if len(robot.lowered.tie_names):
-            rest = robot.assemble(rest, fixed=independent_joints(robot, q))
-        settled_at: Array = rest.copy()
-        Equilibrium(robot, free).find(settled_at)
+            rest = robot.assemble(rest, fixed=held)
+        Equilibrium(robot, free).find(rest)
+    except DenocError:
+        return None
+    beams = [(body.name, body.beam) for body in robot.tree.bodies if is_flexible(body)]
+    small = all(
+        np.linalg.norm(robot.tip_deflection(name, rest)) <= MOST_SAG * beam.length
+        for name, beam in beams
+        if beam is not None
+    )
+    return rest if small else None
+
+
+def undeflected(robot: Robot, q: Array) -> Array:
+    """Return a configuration (n,) with straight links, its loops closed where they can be."""
+    rest: Array = q.copy()
+    rest[robot.flexible_indices] = 0.0
+    if not len(robot.lowered.tie_names):
+        return rest
+    try:
+        return robot.assemble(rest, fixed=independent_joints(robot, q))
     except DenocError:
         return rest
-    return settled_at
 
 
 def _sizes(robot: Robot) -> Array:

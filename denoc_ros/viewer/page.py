@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -132,11 +132,19 @@ class Page:
             self._panel = playback
         playback.show()
 
-    def pose(self) -> None:
-        """Offer sliders for the joints."""
+    def pose(self, joints: Mapping[str, float] | None = None) -> None:
+        """Offer sliders for the joints, at first at positions given by name [rad, m], or zero.
+
+        Of a mechanism only as many as move by themselves: the rest follows.
+
+        Raises
+        ------
+        StateError
+            A name is none of a joint.
+        """
         with self._lock:
             self._close_panel()
-            start = start_configuration(self._view.robot)
+            start = start_configuration(self._view.robot, joints)
             sliders = JointSliders(self.server.gui, self._view.robot, start, self.show)
             self._panel = sliders
         sliders.move()

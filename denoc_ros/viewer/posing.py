@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from denoc_ros.dynamics.mechanism_modes import independent_joints
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
-from denoc_ros.model.lowering import is_flexible
 from denoc_ros.model.tree import Joint, JointKind
 from denoc_ros.viewer.modes import settled
 from denoc_ros.viewer.moment import Moment
@@ -22,18 +21,26 @@ from denoc_ros.viewer.outline import reach
 Array = NDArray[np.float64]
 
 SLIDE_STEPS = 400  # of a slider; one that turns has one per degree
-SAGGING = 0.2  # of a beam's length: more sag than that is none of a robot made for the ground
+TOO_MUCH = 'drawn straight: in this gravity links bend more than small deflections'
 
 
-def start_configuration(robot: Robot) -> Array:
-    """Return a configuration (n,) to begin with: zero, or a closed one near it."""
-    zero = np.zeros(robot.n)
+def start_configuration(robot: Robot, joints: Mapping[str, float] | None = None) -> Array:
+    """Return a configuration (n,) to begin with: the joints given, zero else, loops closed."""
+    q = np.zeros(robot.n)
+    given = joints or {}
+    q[robot.indices(tuple(given))] = list(given.values())
     if not len(robot.lowered.tie_names):
-        return zero
+        return q
     try:
-        return robot.assemble(zero)
+        q = robot.assemble(q)
     except DenocError:
-        return zero
+        return q
+    if not any(body.joint and body.joint.mimic for body in robot.tree.bodies):
+        for body in robot.tree.bodies:  # the same, within a turn: what a slider has
+            if body.joint is not None and body.joint.kind is JointKind.REVOLUTE:
+                (index,) = robot.indices([body.joint.name])
+                q[index] = math.remainder(q[index], 2.0 * math.pi)
+    return q
 
 
 class JointSliders:
@@ -70,8 +77,9 @@ class JointSliders:
                 self._sliders[index] = slider, size
             self._sag = gui.add_checkbox(
                 'Sag under gravity',
-                _stands(robot, settled(robot, start)),
-                hint='Links in equilibrium, else undeflected',
+                True,
+                hint='Links in equilibrium, else straight',
+                visible=bool(len(robot.flexible_indices)),
             )
             self._text = gui.add_markdown('')
         self._sag.on_update(lambda _: self.move())
@@ -80,14 +88,14 @@ class JointSliders:
         """Go where the sliders stand."""
         with self._guard:
             try:
-                self.q = self._pose()
+                self.q, self._text.content = self._pose()
             except DenocError as error:
                 self._text.content = f'does not close: {error}'
                 return
-        self._text.content = ''
         self._draw(Moment(0.0, self.q))
 
-    def _pose(self) -> Array:
+    def _pose(self) -> tuple[Array, str]:
+        """Return the configuration and what is to be said about it."""
         robot = self._robot
         guess = self.q.copy()
         guess[robot.flexible_indices] = 0.0
@@ -95,7 +103,10 @@ class JointSliders:
             guess[index] = slider.value / size
         if len(robot.lowered.tie_names):
             guess = robot.assemble(guess, fixed=self._held)
-        return settled(robot, guess) if self._sag.value else guess
+        if not self._sag.value:
+            return guess, ''
+        rest = settled(robot, guess)
+        return (guess, TOO_MUCH) if rest is None else (rest, '')
 
     def close(self) -> None:
         """Take the folder away."""
@@ -105,16 +116,6 @@ class JointSliders:
 def slides(joint: Joint) -> bool:
     """Return whether a joint is one of metres."""
     return joint.kind is JointKind.PRISMATIC
-
-
-def _stands(robot: Robot, q: Array) -> bool:
-    """Return whether beams bend no more than they might in a robot made for this gravity."""
-    beams = [(body.name, body.beam) for body in robot.tree.bodies if is_flexible(body)]
-    return all(
-        np.linalg.norm(robot.tip_deflection(name, q)) <= SAGGING * beam.length
-        for name, beam in beams
-        if beam is not None
-    )
 
 
 def _range(joint: Joint, size: float) -> tuple[float, float]:
