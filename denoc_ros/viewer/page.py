@@ -25,13 +25,14 @@ from denoc_ros.viewer.playback import Playback
 from denoc_ros.viewer.posing import JointSliders, start_configuration
 from denoc_ros.viewer.view import Look, View
 
+MOST_PORT = 65535
 LOOPBACK = ('127.0.0.1', 'localhost', '::1')
 
 
 class _Server(viser.ViserServer):
     """A server that never opens a tunnel to a public one, whoever asks for it."""
 
-    def request_share_url(self, verbose: bool = True) -> None:
+    def request_share_url(self, verbose: bool = True) -> str | None:
         return None
 
 
@@ -231,6 +232,8 @@ class Page:
 
 def _check_address(host: str, port: int) -> None:
     """Raise ConfigError where nobody can listen: the server would try one port after another."""
+    if not 0 <= port <= MOST_PORT:  # looking it up would take it modulo 65536
+        raise ConfigError('page', [f'port must be 0 to {MOST_PORT}, got {port}'])
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
@@ -238,7 +241,7 @@ def _check_address(host: str, port: int) -> None:
         with contextlib.closing(socket.socket(family, kind, protocol)) as trial:
             trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             trial.bind(address)
-    except (OSError, OverflowError) as error:
+    except OSError as error:
         reason = getattr(error, 'strerror', None) or error
         rule = 'host and port must be ones to listen on'
         raise ConfigError('page', [f'{rule}, got {host!r}, {port}: {reason}']) from error

@@ -1,0 +1,245 @@
+"""The page as a server: what goes over the wire, and the command that serves it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import viser
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+from websockets.typing import Subprotocol
+
+import denoc_ros as dn
+from denoc_ros.cli.main import main
+from denoc_ros.cli.view import book_systems
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.viewer.moment import Moment
+from denoc_ros.viewer.page import Page
+
+TIMEOUT = 30.0
+VISER = [Subprotocol(f'viser-v{viser.__version__}')]
+
+
+@pytest.fixture(scope='module')
+def robot(repository: Path) -> Robot:
+    return dn.load_robot(repository / 'config/robots/canadarm.urdf', gravity=(0, 0, 0))
+
+
+@pytest.fixture
+def page(robot: Robot) -> Iterator[Page]:
+    with Page(robot) as page:
+        yield page
+
+
+def join(page: Page) -> Connection:
+    """Return a client that looks and does not draw: viser counts one that has a camera."""
+    client = connect(page.address.replace('http', 'ws'), max_size=None, subprotocols=VISER)
+    camera = {
+        'type': 'ViewerCameraMessage',
+        'wxyz': (1.0, 0.0, 0.0, 0.0),
+        'position': (1.0, 1.0, 1.0),
+        'fov': 1.0,
+        'near': 0.1,
+        'far': 100.0,
+        'image_height': 100,
+        'image_width': 100,
+        'look_at': (0.0, 0.0, 0.0),
+        'up_direction': (0.0, 0.0, 1.0),
+    }
+    client.send(msgspec.msgpack.encode(camera))
+    wait_for_clients(page, 1)
+    return client
+
+
+def wait_for_clients(page: Page, count: int) -> None:
+    until = time.monotonic() + TIMEOUT
+    while page.clients != count:
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def received(client: Connection, quiet: float = 0.5) -> int:
+    """Return how many bytes come until it is quiet."""
+    size = 0
+    while True:
+        try:
+            size += len(client.recv(timeout=quiet))
+        except TimeoutError:
+            return size
+
+
+def moments(robot: Robot) -> list[Moment]:
+    times = np.linspace(0.0, 2.0, 41)
+    return [
+        Moment(float(t), np.full(robot.n, 0.02 * t), channels={'x [m]/a': float(t)}) for t in times
+    ]
+
+
+def test_nothing_is_drawn_while_nobody_looks(page: Page, robot: Robot) -> None:
+    drawn: list[Moment] = []
+    original = page._view.draw
+
+    def draw(moment: Moment, look: object) -> object:
+        drawn.append(moment)
+        return original(moment, look)  # type: ignore[arg-type]
+
+    page._view.draw = draw  # type: ignore[method-assign, assignment]
+    page.show(Moment(0.0, np.zeros(robot.n)))
+    assert not drawn
+    with join(page) as client:
+        assert received(client) > 10_000  # the scene
+        assert drawn  # what was shown before it came
+        drawn.clear()
+        page.show(Moment(1.0, np.full(robot.n, 0.01)))
+        assert len(drawn) == 1
+        assert 1_000 < received(client) < 100_000
+        page.show(Moment(1.1, np.full(robot.n, 0.01)))
+        assert received(client) < 1_000  # where nothing moves nothing is sent
+    wait_for_clients(page, 0)
+    drawn.clear()
+    page.show(Moment(2.0, np.zeros(robot.n)))
+    assert not drawn
+
+
+def test_scrubbing_draws_the_moment_of_the_slider(page: Page, robot: Robot) -> None:
+    run = moments(robot)
+    page.play(run)
+    playback = page._panel
+    assert playback is not None
+    shown = []
+    for t in (0.0, 1.0, 1.024, 2.0):
+        playback._slider.value = t  # type: ignore[union-attr]
+        shown.append(page._moment.t)
+    np.testing.assert_allclose(shown, [0.0, 1.0, 1.0, 2.0])
+
+
+def test_playing_goes_on_while_somebody_looks_and_pauses(page: Page, robot: Robot) -> None:
+    page.play(moments(robot))
+    playback = page._panel
+    playback.toggle()  # type: ignore[union-attr]
+    time.sleep(0.3)
+    assert page._moment.t == 0.0  # nobody looks
+    with join(page):
+        until = time.monotonic() + TIMEOUT
+        while page._moment.t < 0.2:
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        playback.toggle()  # type: ignore[union-attr]
+        time.sleep(0.2)
+        stopped = page._moment.t
+        time.sleep(0.3)
+        assert page._moment.t == stopped
+
+
+def test_a_mode_plays_instead_of_what_is_shown(page: Page, robot: Robot) -> None:
+    player = page._player
+    assert player is not None
+    player.find()
+    first = player._choice.options[1]
+    player._choice.value = first
+    assert player.playing
+    page.show(Moment(5.0, np.zeros(robot.n)))  # kept, and drawn when the mode ends
+    player._choice.value = player._choice.options[0]
+    assert not player.playing
+    assert page._moment.t == 5.0
+
+
+def test_sliders_of_a_mechanism_keep_its_loops_closed(repository: Path) -> None:
+    system = book_systems()['five_bar_ffff']
+    robot = dn.load_robot(system.file, gravity=system.gravity)
+    with Page(robot) as page:
+        page.pose(system.joints)
+        sliders = page._panel
+        assert sliders._held == ('joint_1', 'joint_3')  # type: ignore[union-attr]
+        for angle in (100.0, 110.0):
+            (index, (slider, _)), *_ = sliders._sliders.items()  # type: ignore[union-attr]
+            slider.value = angle
+            assert page._moment.q[index] == pytest.approx(np.radians(angle))
+            assert np.abs(robot.closure(page._moment.q)).max() < 1e-8
+            deflected = np.abs(page._moment.q[robot.flexible_indices]).max()
+            assert deflected > 1e-6  # it sags
+
+
+def test_moments_of_another_robot_are_refused(page: Page) -> None:
+    with pytest.raises(StateError, match='q must'):
+        page.show(Moment(0.0, np.zeros(3)))
+    with pytest.raises(StateError, match='must be finite'):
+        page.show(Moment(0.0, np.full(page._view.robot.n, np.nan)))
+    with pytest.raises(StateError, match='must have moments'):
+        page.play([])
+
+
+def test_an_address_that_is_taken_or_none_is_refused(page: Page, robot: Robot) -> None:
+    port = int(page.address.rpartition(':')[2])
+    with pytest.raises(ConfigError, match=f'{port}: .*in use'):
+        Page(robot, port=port)
+    with pytest.raises(ConfigError, match='host and port must be ones to listen on'):
+        Page(robot, host='not a host')
+    with pytest.raises(ConfigError, match='port must be 0 to 65535'):
+        Page(robot, port=70000)
+
+
+def test_no_tunnel_to_a_public_server_is_ever_opened(page: Page) -> None:
+    assert page.server.request_share_url() is None
+
+
+def test_view_serves_until_interrupted(repository: Path, tmp_path: Path) -> None:
+    command = [sys.executable, '-m', 'denoc_ros.cli.main', 'view']
+    robot = str(repository / 'config' / 'robots' / 'four_bar_fff.urdf')
+    options = ['--host', '0.0.0.0', '--port', '0', '--no-browser', '--gravity', '0', '-9.81', '0']
+    with subprocess.Popen(
+        [*command, robot, *options],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, 'PYTHONPATH': str(repository)},
+    ) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert line.startswith('open http://'), line
+            port = int(line.split()[1].rpartition(':')[2])
+            socket.create_connection(('127.0.0.1', port), timeout=TIMEOUT).close()
+            process.send_signal(signal.SIGINT)
+            rest, errors = process.communicate(timeout=TIMEOUT)
+        finally:
+            process.kill()
+    assert process.returncode == 0
+    assert rest == ''
+    assert 'served beyond this machine (0.0.0.0)' in errors
+    assert 'Traceback' not in errors
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        (['gone.urdf'], 'gone.urdf'),
+        (['--scale', '0'], '--scale must be 1 to 100'),
+        (['--host', 'not a host'], 'host and port must be'),
+    ],
+)
+def test_view_says_what_is_wrong(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['view', '--no-browser', *arguments]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_every_system_of_the_gallery_has_its_place(repository: Path) -> None:
+    systems = book_systems()
+    assert set(systems) == {f.stem for f in (repository / 'config' / 'robots').glob('*.urdf')}
+    assert systems['rssr_rrf'].gravity == (0, -9.81, 0)
+    assert systems['five_bar_ffff'].joints['joint_1'] == pytest.approx(np.radians(108.0))
