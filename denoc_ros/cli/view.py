@@ -97,10 +97,11 @@ def _serve_until_interrupted(args: argparse.Namespace, run_path: Path | None) ->
                 'whoever reaches it can look and move the controls',
                 file=sys.stderr,
             )
+        ending = _ending()
         print(f'open {page.address} (end with Ctrl-C)', flush=True)
         if not args.no_browser:
             _open_browser(page.address)
-        _wait()
+        ending.wait()
     return 0
 
 
@@ -186,9 +187,9 @@ def _open_browser(address: str) -> None:
         webbrowser.open(address)
 
 
-def _wait() -> None:
-    """Return at SIGINT or SIGTERM."""
+def _ending() -> threading.Event:
+    """Return what SIGINT and SIGTERM set from now on."""
     ending = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ending.set())
-    ending.wait()
+    return ending

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import socket
 import threading
 from collections.abc import Mapping, Sequence
@@ -81,6 +82,8 @@ class Page:
     ) -> None:
         _check_address(host, port)
         rich.get_console().quiet = True  # viser prints its banner through it
+        # who connects and speaks no HTTP is logged with a traceback else
+        logging.getLogger('websockets.server').setLevel(logging.CRITICAL)
         self._lock = threading.RLock()
         self._title = title
         self.server = _Server(host, port, label=title or robot.tree.name, verbose=False)

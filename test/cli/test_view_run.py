@@ -7,6 +7,7 @@ import io
 import json
 import re
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -41,7 +42,9 @@ def test_page_of_a_run_opens(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(view, '_wait', lambda: None)
+    ended = threading.Event()
+    ended.set()
+    monkeypatch.setattr(view, '_ending', lambda: ended)
     assert main(['view', str(simulated_bag.path), '--port', '0', '--no-browser']) == 0
     assert re.search(r'open http://127\.0\.0\.1:\d+ ', capsys.readouterr().out)
 
