@@ -61,10 +61,12 @@ def different(one: Pixels, other: Pixels) -> int:
 
 
 def settled(tab: Tab, holds: Callable[[Pixels], bool]) -> Pixels:
-    """Return the scene once it holds what it must."""
+    """Return the scene once it is at rest and holds what it must."""
     until = time.monotonic() + TIMEOUT
-    while not holds(now := pixels(tab)):
-        assert time.monotonic() < until, 'the scene must change'
+    last = pixels(tab)
+    while not (different(now := pixels(tab), last) == 0 and holds(now)):
+        assert time.monotonic() < until, 'the scene must change, and come to rest'
+        last = now
     return now
 
 
