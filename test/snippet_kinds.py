@@ -66,7 +66,8 @@ def check_python(words: list[str]) -> None:
     file = Path(name.replace('.', '/') + '.py') if name else Path(words[0])
     found = [base / file for base in (ROOT / 'test', ROOT) if (base / file).is_file()]
     assert found, f'there is no {file}'
-    source = found[0].read_text(encoding='utf-8')
+    # a command line may be shared with the modules beside it
+    source = ''.join(file.read_text(encoding='utf-8') for file in found[0].parent.glob('*.py'))
     for option in (word for word in words if re.match(r'--[a-z]', word) and name):
         assert f"'{option}'" in source or option == '--ros-args', f'{file} has no {option}'
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 
@@ -11,7 +12,8 @@ from denoc_ros.errors import ModelError
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.urdf import load_tree
 
-TEXT = (Path(__file__).resolve().parents[2] / 'docs' / 'flexibility.md').read_text()
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = (ROOT / 'docs' / 'flexibility.md').read_text()
 EXAMPLE, LOOP = re.findall(r'```xml\n(.*?)```', TEXT, re.DOTALL)
 
 
@@ -46,6 +48,27 @@ def test_every_attribute_of_the_block_is_in_the_reference(element: str) -> None:
     assert known is not None
     for name in known.group(1).split(', '):
         assert re.search(rf'`{name}`|{name}="', TEXT), name
+
+
+def names_taken() -> set[str]:
+    """Return the attributes and elements that the readers of the block let pass."""
+    found = set()
+    for name in ('flexibility', 'loops', 'sensors'):
+        source = (ROOT / 'denoc_ros' / 'model' / f'{name}.py').read_text(encoding='utf-8')
+        for call in ast.walk(ast.parse(source)):
+            if isinstance(call, ast.Call) and getattr(call.func, 'attr', '') == 'only':
+                parts = (part for argument in call.args for part in ast.walk(argument))
+                found |= {str(part.value) for part in parts if isinstance(part, ast.Constant)}
+    return found
+
+
+def test_every_name_that_a_reader_takes_is_in_the_reference() -> None:
+    names = names_taken()
+    assert {'armature', 'gj', 'density', 'axis2', 'field', 'material'} <= names
+    missing = [
+        name for name in names if not re.search(rf'`<?{name}\b|`[^`]*\b{name}\b|{name}="', TEXT)
+    ]
+    assert missing == []
 
 
 def test_the_dotted_paths_of_the_reference_work() -> None:
