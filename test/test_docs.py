@@ -98,3 +98,50 @@ def test_every_page_is_linked_from_the_readme() -> None:
 )
 def test_an_output_that_is_not_printed_is_found_out(line: str, shown: bool) -> None:
     assert shows('zeta 0.0120\n  2 modes, 1.195e-03 m', line) == shown
+
+
+WRONG = {
+    'a name that is not there': '```python\nprint(undefined)\n```',
+    'an option that is not there': '```sh\ndenoc check config/robots/puma.urdf --option\n```',
+    'a file that is not there': '```sh\ndenoc check robot.urdf\n```',
+    'a target that is not there': '```sh\nmake coffee\n```',
+    'an argument of no launch file': '```sh\nros2 launch denoc_ros sim.launch.py arm:=1\n```',
+    'a module without the option': '```sh\npython -m bench.rates --hours 2\n```',
+    'an extra that is not there': "```sh\npip install '.[coffee]'\n```",
+    'a key of no scenario': '```yaml\ntorque: {kind: zero}\nlength: 5\n```',
+    'a robot that is not there': '```yaml\nrobot: robots/arm.urdf\n```',
+    'an attribute of no beam': '```xml\n<beam link="a" length="1" colour="red"/>\n```',
+    'an output that is not printed': '<!-- snippet: output -->\n```text\nall well\n```',
+    'a directive that is none': '<!-- snippet: maybe -->\n```sh\nmake test\n```',
+    'a skip without a reason': '<!-- snippet: skip -->\n```sh\nmake test\n```',
+    'a directive far from its block': '<!-- snippet: output -->\n\nWords.\n```text\na\n```',
+    'another language': '```bash\ntrue\n```',
+    'a block that is indented': '- ```sh\n  true\n  ```',
+}
+
+
+@pytest.mark.parametrize('block', WRONG.values(), ids=list(WRONG))
+def test_a_wrong_snippet_is_found_out(
+    block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = tmp_path / 'page.md'
+    page.write_text(f'# Page\n\n{block}\n')
+    with pytest.raises(AssertionError):
+        test_every_snippet_runs(page, tmp_path, monkeypatch)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    'block',
+    [
+        '```sh\nros2 param set /feedforward terms.weight false\n```',
+        '```sh\nros2 param set /feedforward ramp_time -1.0\n```',
+        '```sh\nros2 service call /predictor/brew std_srvs/srv/Trigger\n```',
+        '```yaml\nfeedforward:\n  ros__parameters: {model: wobbly}\n```',
+        '```yaml\nrobot: robots/puma.urdf\nnodes: {plant: {colour: red}}\n```',
+    ],
+)
+def test_a_wrong_parameter_is_found_out(
+    block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    test_a_wrong_snippet_is_found_out(block, tmp_path, monkeypatch)
