@@ -9,8 +9,8 @@ import json
 import signal
 import sys
 import time
+from contextlib import closing
 from importlib.metadata import version
-from types import TracebackType
 from typing import Any
 
 import msgspec
@@ -77,17 +77,6 @@ class ViewerClient:
     def close(self) -> None:
         self._socket.close()
 
-    def __enter__(self) -> ViewerClient:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
 
 def moves(messages: list[dict[str, Any]]) -> bool:
     """Say whether messages are an update of what is drawn."""
@@ -98,7 +87,7 @@ def main() -> None:
     ended: list[int] = []
     signal.signal(signal.SIGINT, lambda number, _: ended.append(number))
     times = []
-    with ViewerClient(sys.argv[1]) as client:
+    with closing(ViewerClient(sys.argv[1])) as client:
         while not ended:
             try:
                 if moves(client.receive(0.1)):

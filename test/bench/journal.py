@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 
+from denoc_ros.errors import DenocError
 from denoc_ros.nodes import timing
 from denoc_ros.nodes.timing import Loop
 
@@ -105,6 +106,13 @@ class Entries:
     start: NDArray[np.float64]  # s, when each tick began
     late: NDArray[np.float64]  # s, against its deadline
     period: float
+
+    def late_in(self, name: str, begin: float, end: float) -> NDArray[np.float64]:
+        """Return the lateness of the ticks between two moments [s]; DenocError without any."""
+        late = self.late[(self.start > begin) & (self.start < end)]
+        if not len(late):
+            raise DenocError(f'{name}: a loop must tick in its block, got no tick')
+        return late
 
 
 def read(file: Path) -> Entries:

@@ -24,7 +24,6 @@ from bench.load_bench import SETTLING, Bench, benched
 from denoc_ros.cli.config import load_config
 from denoc_ros.cli.node_parameters import write_parameters
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.errors import DenocError
 from denoc_ros.simulation.reference import trajectory_from_config
 
 LOOP_RATE, PRIORITY = 1000.0, 40
@@ -144,10 +143,7 @@ def lateness(seconds: float, count: int) -> Blocks:
         loops = {name: read(bench.folder / f'{name}.npz') for name in ('feedforward', 'sleeper')}
     for kind, begin, end in windows:
         entries = loops['sleeper' if kind == 'bare' else 'feedforward']
-        late = entries.late[(entries.start > begin) & (entries.start < end)]
-        if not len(late):
-            raise DenocError(f'{kind}: a loop must tick in its block, got no tick')
-        blocks.late[kind].append(late)
+        blocks.late[kind].append(entries.late_in(kind, begin, end))
     return blocks
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -42,6 +43,8 @@ class Blocks:
 
     Attributes
     ----------
+    loops : tuple of str
+        Those that run.
     late : dict
         Of each loop and kind, a block each.
     processor : dict
@@ -50,17 +53,14 @@ class Blocks:
         Updates per second that the client got, a number each watched block.
     """
 
-    late: dict[str, dict[str, list[Array]]] = field(
-        default_factory=lambda: {loop: {kind: [] for kind in KINDS} for loop in LOOPS}
-    )
-    processor: dict[str, list[dict[str, float]]] = field(
-        default_factory=lambda: {kind: [] for kind in KINDS}
-    )
+    loops: tuple[str, ...] = LOOPS
+    late: dict[tuple[str, str], list[Array]] = field(default_factory=lambda: defaultdict(list))
+    processor: dict[str, list[dict[str, float]]] = field(default_factory=lambda: defaultdict(list))
     updates: list[float] = field(default_factory=list)
 
     @property
     def met(self) -> bool:
-        ratios = [self.ratio(loop, kind) for loop in LOOPS for kind in ('idle', 'watched')]
+        ratios = [self.ratio(loop, kind) for loop in self.loops for kind in ('idle', 'watched')]
         return all(ratio.met(LIMIT) for ratio in ratios) and self.has_updates
 
     @property
@@ -69,7 +69,7 @@ class Blocks:
         return float(np.median(self.updates)) >= NEARLY * UPDATE_RATE
 
     def ratio(self, loop: str, kind: str) -> Any:
-        return p99_ratio(self.late[loop][kind], self.late[loop]['alone'])
+        return p99_ratio(self.late[loop, kind], self.late[loop, 'alone'])
 
     def share(self, kind: str) -> dict[str, float]:
         """Return the share of a core that each process took, the median over the blocks."""
@@ -83,8 +83,8 @@ class Blocks:
             'updates_per_s': self.updates,
             'processor': {kind: self.share(kind) for kind in KINDS},
         }
-        for loop in LOOPS:
-            p99s = {f'{kind} p99': p99(self.late[loop][kind]) for kind in KINDS}
+        for loop in self.loops:
+            p99s = {f'{kind} p99': p99(self.late[loop, kind]) for kind in KINDS}
             found[loop] = {**p99s, 'limit': LIMIT}
             for kind in ('idle', 'watched'):
                 ratio = self.ratio(loop, kind)
@@ -100,9 +100,9 @@ class Blocks:
         for kind in KINDS:
             cores = ', '.join(f'{n} {100 * share:.0f} %' for n, share in self.share(kind).items())
             lines.append(f'{kind:8} core: {cores}')
-        for loop in LOOPS:
+        for loop in self.loops:
             for kind in KINDS:
-                line = f'{loop:12}{kind:8} p99 lateness {1e6 * p99(self.late[loop][kind]):6.0f} us'
+                line = f'{loop:12}{kind:8} p99 lateness {1e6 * p99(self.late[loop, kind]):6.0f} us'
                 if kind != 'alone':
                     ratio = self.ratio(loop, kind)
                     verdict = 'met' if ratio.met(LIMIT) else 'MISSED'
@@ -119,8 +119,11 @@ class Blocks:
 class Session:
     """The processes of the bench, and what goes on in each kind of block."""
 
-    def __init__(self, bench: Bench, config: Any, joints: Sequence[str]) -> None:
+    def __init__(
+        self, bench: Bench, config: Any, joints: Sequence[str], loops: Sequence[str]
+    ) -> None:
         self._bench, self._config, self._joints = bench, config, joints
+        self._loops = loops
         bench.start_talker('moving', LOOP_RATE, *joints)
         given = {
             'gravity': list(config.gravity),
@@ -128,10 +131,10 @@ class Session:
             'thread_priority': PRIORITY,
         }
         loose = {'feedforward': {'enforce_command_limits': False}}
-        for loop in LOOPS:
+        for loop in loops:
             write_parameters(bench.folder / f'{loop}.yaml', {**given, **loose.get(loop, {})})
             bench.start_node(loop)
-        for loop in LOOPS:
+        for loop in loops:
             bench.driver.wait_active(loop, START_TIMEOUT)
         viewer = {'gravity': list(config.gravity), 'port': 0, 'rate': UPDATE_RATE}
         write_parameters(bench.folder / 'viewer.yaml', viewer)
@@ -169,7 +172,7 @@ class Session:
         driver, processes = self._bench.driver, self._bench.processes
         reference = {**self._config.reference, 'duration': seconds + 2.0 * SETTLING}
         trajectory = trajectory_from_config(reference, self._joints)
-        driver.publish_reference(trajectory, list(self._joints), 0.1, len(LOOPS))
+        driver.publish_reference(trajectory, list(self._joints), 0.1, len(self._loops))
         driver.wait(0.2)
         before, begin = processes.cpu_seconds(), time.perf_counter()
         driver.wait(seconds)
@@ -183,7 +186,7 @@ class Session:
         return times
 
 
-def lateness(seconds: float, count: int) -> Blocks:
+def lateness(seconds: float, count: int, loops: tuple[str, ...] = LOOPS) -> Blocks:
     """Run blocks of all kinds in turn, there and back.
 
     Parameters
@@ -192,12 +195,14 @@ def lateness(seconds: float, count: int) -> Blocks:
         Length of a block.
     count : int
         Blocks of each kind.
+    loops : tuple of str
+        Of LOOPS.
     """
     config = load_config('config/ssrms.yaml')
     joints = list(load_robot(config.robot).joint_names)
-    blocks, windows = Blocks(), list[tuple[str, float, float]]()
+    blocks, windows = Blocks(loops), list[tuple[str, float, float]]()
     with benched(config.robot.read_text()) as bench:
-        session = Session(bench, config, joints)
+        session = Session(bench, config, joints, loops)
         for number in range(count):
             for kind in KINDS if number % 2 == 0 else reversed(KINDS):
                 session.go_to(kind)
@@ -209,13 +214,10 @@ def lateness(seconds: float, count: int) -> Blocks:
                     within = np.count_nonzero((times > begin) & (times < end))
                     blocks.updates.append(float(within / (end - begin)))
         bench.processes.stop_all(())
-        journals = {loop: read(bench.folder / f'{loop}.npz') for loop in LOOPS}
+        journals = {loop: read(bench.folder / f'{loop}.npz') for loop in loops}
     for kind, begin, end in windows:
         for loop, entries in journals.items():
-            late = entries.late[(entries.start > begin) & (entries.start < end)]
-            if not len(late):
-                raise DenocError(f'{loop}: a loop must tick in its block, got no tick')
-            blocks.late[loop][kind].append(late)
+            blocks.late[loop, kind].append(entries.late_in(loop, begin, end))
     return blocks
 
 

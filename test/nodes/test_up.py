@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +108,7 @@ def test_ctrl_c_ends_all_nodes_and_leaves_a_whole_bag(tmp_path: Path) -> None:
             address = line.split()[1]
         if line.startswith('rigid feedforward:'):
             break
-    with ViewerClient(address) as browser:
+    with closing(ViewerClient(address)) as browser:
         assert browser.receive(10.0)  # what the page has to begin with
         wait_for_recording(run)
     process.send_signal(signal.SIGINT)
