@@ -64,6 +64,9 @@ def snippets(page: Path) -> list[Snippet]:
     fences = len(re.findall(r'^ *```', text, re.MULTILINE))
     blocks = sum(match['text'] is not None for match in BLOCK.finditer(text))
     assert fences == 2 * blocks, f'{page.name}: blocks must begin at the line, got {fences} fences'
+    outside = BLOCK.sub('', text)
+    loose = re.findall(r'^    (?:denoc|ros2|make|python3?|pip) .*', outside, re.MULTILINE)
+    assert not loose, f'{page.name}: commands must stand in blocks, got {loose}'
     assert text.count('<!-- snippet:') == sum(bool(s.directive) for s in found) + len(
         re.findall(r'^<!-- snippet: python$', text, re.MULTILINE)
     ), f'{page.name}: a directive must stand right before a block'

@@ -116,6 +116,7 @@ WRONG = {
     'a skip without a reason': '<!-- snippet: skip -->\n```sh\nmake test\n```',
     'a directive far from its block': '<!-- snippet: output -->\n\nWords.\n```text\na\n```',
     'another language': '```bash\ntrue\n```',
+    'a command in no block': '    denoc check config/robots/puma.urdf',
     'a block that is indented': '- ```sh\n  true\n  ```',
 }
 
