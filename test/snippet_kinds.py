@@ -228,8 +228,9 @@ def check_xml(snippet: Snippet, folder: Path) -> None:
 
 def around(part: str) -> str:
     """Return a robot with the links and joints that a part of a `<flexibility>` names."""
-    links = list(dict.fromkeys(re.findall(r'link="(\w+)"', part)))
     joints = dict.fromkeys(re.findall(r'joint="(\w+)"', part))
+    named = dict.fromkeys(re.findall(r'link="(\w+)"', part))
+    links = [*named] or [f'link_{k}' for k in range(len(joints))]
     names = [*joints, *(f'joint_{k}' for k in range(len(links)))]
     heavy = (  # whatever beam is taken out of it, what is left is possible
         '<inertial><origin xyz="0 0 0"/><mass value="1e4"/>'

@@ -115,7 +115,8 @@ def summarize_suggestion(suggestion: Suggestion, robot: Robot) -> Row:
     dict
         `robot`, `material`, `beams` (all links that could be one, with `proposed`), `refused`
         (links that could not, with `why`), `natural_frequencies_hz` of the proposed robot
-        (joints held at zero) and `written`, the file or None.
+        (joints held at zero), `without_armature` (joints whose drives have no rotor inertia)
+        and `written`, the file or None.
     """
     import numpy as np
 
@@ -135,6 +136,11 @@ def summarize_suggestion(suggestion: Suggestion, robot: Robot) -> Row:
         'beams': [_beam(beam) for beam in suggestion.beams],
         'refused': [{'link': link, 'why': why} for link, why in suggestion.refused.items()],
         'natural_frequencies_hz': [float(value) for value in frequencies],
+        'without_armature': [
+            body.joint.name
+            for body in robot.tree.bodies
+            if body.joint is not None and not body.joint.armature and not body.joint.mimic
+        ],
         'written': None,
     }
 
@@ -193,6 +199,11 @@ def _as_text(row: Row) -> str:
     if proposed:
         ratio = proposed[0]['damping_ratio']
         parts.append(f'damping ratio {ratio:g} is assumed, between {material["damping_ratio"]}')
+        if row['without_armature']:
+            parts.append(
+                f'no rotor inertia yet of {", ".join(row["without_armature"])}: '
+                'add <actuator joint="NAME" armature="gear ratio^2 x rotor inertia"/>'
+            )
     if row['written']:
         parts.append(f'{row["written"]}: written')
     elif not proposed:

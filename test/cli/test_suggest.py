@@ -28,6 +28,7 @@ def test_file_written_passes_the_check(
     assert f'{output}: written' in shown.out
     assert 'high confidence' in shown.out
     assert 'damping ratio 0.005 is assumed' in shown.out
+    assert 'no rotor inertia yet of shoulder' in shown.out
     assert shown.err == ''
     assert main(['check', str(output), '--json']) == 0
     summary = json.loads(capsys.readouterr().out)
@@ -48,6 +49,11 @@ def test_json_has_every_link_with_its_reason(
     assert [row['link'] for row in found['refused']] == ['tool']
     assert len(found['natural_frequencies_hz']) == sum(beam['modes'])
     assert found['written'] is None
+    assert found['without_armature'] == ['shoulder']
+    geared = '<flexibility><actuator joint="shoulder" armature="1"/></flexibility></robot>'
+    boom.write_text(boom.read_text().replace('</robot>', geared))
+    assert main(['check', str(boom), '--suggest', '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['without_armature'] == []
 
 
 def test_stiff_robot_is_exit_status_2_and_writes_nothing(
