@@ -16,6 +16,7 @@ PERIOD = 0.2  # s between two drawings of live charts
 MOST_POINTS = 1200  # of a curve
 MOST_CURVES = 8  # of a chart: more cannot be told apart
 HEIGHT = 170  # pixels
+LABELS = 62  # pixels left of a chart
 MARGIN = 0.08  # of a chart's height
 LEAST_FILLED = 0.4  # of it
 PALETTE = (
@@ -137,6 +138,7 @@ class Charts:
             series=tuple(series),
             title=group,
             scales=scales,
+            axes=({}, {'size': LABELS}),
             height=HEIGHT,
         )
 
@@ -150,7 +152,7 @@ def _range(columns: Sequence[Array], before: tuple[float, float] | None) -> tupl
         held = before[0] <= low and high <= before[1]
         if held and high - low >= LEAST_FILLED * (before[1] - before[0]):
             return before
-    margin = MARGIN * (high - low) or 1e-9 + MARGIN * abs(high)
+    margin = MARGIN * (high - low) or MARGIN * abs(high) or 1.0
     return float(low - margin), float(high + margin)
 
 

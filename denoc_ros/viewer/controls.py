@@ -77,6 +77,8 @@ class Controls:
             )
             if value
         ]
+        if legend.held:
+            lines.append('<div>no torques are known: reactions are those of held joints</div>')
         _put(self._arrows, _box(''.join(lines)) if lines else '')
 
 

@@ -27,6 +27,7 @@ from denoc_ros.viewer.posing import JointSliders, start_configuration
 from denoc_ros.viewer.view import Look, View
 
 MOST_PORT = 65535
+FACED = 20  # moments of a run that the camera is to see
 LOOPBACK = ('127.0.0.1', 'localhost', '::1')
 
 
@@ -130,6 +131,8 @@ class Page:
         with self._lock:
             self._close_panel()
             playback = Playback(self.server.gui, run, self._show_recorded, self._watched)
+            chosen = np.linspace(0, len(run) - 1, FACED).astype(int)
+            self._view.face(np.array([run[int(k)].q for k in chosen]))
             names = list(run[0].channels)
             values = [[moment.channels.get(name, np.nan) for name in names] for moment in run]
             self._charts.record(playback.times, names, np.array(values))
@@ -149,6 +152,7 @@ class Page:
         with self._lock:
             self._close_panel()
             start = start_configuration(self._view.robot, joints)
+            self._view.face(start[None])
             sliders = JointSliders(self.server.gui, self._view.robot, start, self.show)
             self._panel = sliders
         sliders.move()
@@ -186,6 +190,7 @@ class Page:
         self.server.gui.set_panel_label(self._title or robot.tree.name)
         self._view = View(self.server, robot.copy(), folder)
         self._moment = Moment(0.0, start_configuration(self._view.robot))
+        self._view.face(self._moment.q[None])
         self._player = ModePlayer(
             self.server.gui, robot, lambda: self._moment.q, self._draw_mode, self._redraw
         )

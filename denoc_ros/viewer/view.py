@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 STEPS = (1.0, 2.0, 5.0, 10.0)  # of the strain scale, per decade
 LEAST_STRAIN = 1e-6
 PARALLEL = 1e-6
+DISTANCE = 0.95  # of the robot's reach, times the offset
 FIELD = math.radians(40.0)  # of view, upright
 ASIDE = 0.15  # of the robot's reach: it stands left of the middle, beside the controls
 OBLIQUE, FACING = np.array([1.1, -1.5, 0.8]), np.array([0.25, -0.25, 1.9])
@@ -47,6 +48,7 @@ class Legend:
     torque: float  # [N m, N] of the longest arrow
     force: float  # [N]
     moment: float  # [N m]
+    held: bool = False  # reactions are those of joints that stand still
 
 
 class View:
@@ -66,6 +68,7 @@ class View:
         self._surfaces = Surfaces(server.scene, robot, folder)
         self._overlays = Overlays(server.scene, robot)
         self._limit = 0.0
+        self._camera = server.initial_camera
         self._stand(server)
 
     @property
@@ -92,6 +95,7 @@ class View:
             arrows.torques.largest if look.torques else 0.0,
             arrows.forces.largest if look.reactions else 0.0,
             arrows.moments.largest if look.reactions else 0.0,
+            look.reactions and moment.torque is None,
         )
 
     def _draw_overlays(self, moment: Moment, look: Look, drawn: Array) -> None:
@@ -107,7 +111,7 @@ class View:
         overlays.draw_loops(drawn if look.loops else None)
 
     def _stand(self, server: Any) -> None:
-        """Put the ground under the robot and the camera before it."""
+        """Put the ground under the robot and choose from where to look."""
         robot, size = self.robot, reach(self.robot)
         up = (
             -robot.gravity / np.linalg.norm(robot.gravity) if robot.gravity.any() else np.eye(3)[2]
@@ -130,18 +134,24 @@ class View:
         else:
             side = np.cross(axis, facing)
             offset = FACING @ np.array([side, axis, facing])
-        centre = self._centre()
-        sideways = np.cross(-offset, axis)
-        aim = centre + ASIDE * size * sideways / np.linalg.norm(sideways)
-        server.initial_camera.up = tuple(float(x) for x in axis)
-        server.initial_camera.position = tuple(float(x) for x in aim + 0.95 * size * offset)
-        server.initial_camera.look_at = tuple(float(x) for x in aim)
-        server.initial_camera.fov = FIELD
+        self._up, self._offset = axis, offset
 
-    def _centre(self) -> Array:
-        zero = np.zeros(self.robot.n)
-        places = [self.robot.frame_pose(frame, zero)[:3, 3] for frame in self.robot.tree.frames]
-        return np.asarray((np.min(places, axis=0) + np.max(places, axis=0)) / 2.0)
+    def face(self, configurations: Array) -> None:
+        """Put the camera of browsers to come where it sees configurations (k, n)."""
+        frames = list(self.robot.tree.frames)
+        places = np.reshape(
+            [[self.robot.frame_pose(frame, q)[:3, 3] for frame in frames] for q in configurations],
+            (-1, 3),
+        )
+        low, high = places.min(axis=0), places.max(axis=0)
+        size = max(reach(self.robot), float(np.linalg.norm(high - low)))
+        sideways = np.cross(-self._offset, self._up)
+        aim = (low + high) / 2.0 + ASIDE * size * sideways / np.linalg.norm(sideways)
+        camera = self._camera
+        camera.up = tuple(float(x) for x in self._up)
+        camera.position = tuple(float(x) for x in aim + DISTANCE * size * self._offset)
+        camera.look_at = tuple(float(x) for x in aim)
+        camera.fov = FIELD
 
 
 def flat_direction(robot: Robot) -> Array | None:
