@@ -86,7 +86,7 @@ def parsed(directive: str, where: str) -> dict[str, str]:
 
 
 def shows(output: str, line: str) -> bool:
-    """Say whether a line is in the output; numbers to 1 %, or to the last digit printed."""
+    """Say whether a line is in the output; numbers to 0.1 %, or to the last digit printed."""
     return any(alike(line, printed) for printed in output.splitlines())
 
 
@@ -99,8 +99,8 @@ def alike(line: str, printed: str) -> bool:
 
 
 def close(shown: str, printed: str) -> bool:
-    """Say whether a number printed is the one shown: to 1 %, or to its last decimal."""
+    """Say whether a number printed is the one shown: to 0.1 %, or to its last decimal."""
     decimals = len(shown.partition('.')[2].partition('e')[0])
     exponent = int(shown.partition('e')[2] or 0)
     last = 1.01 * 10.0 ** (exponent - decimals) if decimals else 0.0
-    return abs(float(shown) - float(printed)) <= max(last, 0.01 * abs(float(shown)))
+    return abs(float(shown) - float(printed)) <= max(last, 1e-3 * abs(float(shown)))
