@@ -136,4 +136,6 @@ _LIBC = ctypes.CDLL(None)
 
 def _end_with_parent() -> None:
     """Ask the kernel for SIGINT when the parent dies, however it dies."""
+    # what a script starts in the background inherits deafness to it
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     _LIBC.prctl(PR_SET_PDEATHSIG, int(signal.SIGINT), 0, 0, 0)

@@ -79,7 +79,10 @@ def test_children_end_when_their_parent_is_killed(tmp_path: Path) -> None:
         'print(p._running["a"].pid, flush=True); time.sleep(60)'
     )
     parent = subprocess.Popen(
-        [sys.executable, '-c', code, str(tmp_path)], stdout=subprocess.PIPE, text=True
+        [sys.executable, '-c', code, str(tmp_path)],
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=deafen,  # as a shell does with what it starts in the background
     )
     assert parent.stdout is not None
     child = int(parent.stdout.readline())
@@ -91,6 +94,10 @@ def test_children_end_when_their_parent_is_killed(tmp_path: Path) -> None:
     while Path(f'/proc/{child}').exists() and not is_zombie(child):
         assert time.perf_counter() < end, 'the child outlived its parent'
         time.sleep(0.02)
+
+
+def deafen() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def is_zombie(pid: int) -> bool:
