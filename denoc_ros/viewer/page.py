@@ -192,7 +192,7 @@ class Page:
         self._moment = Moment(0.0, start_configuration(self._view.robot))
         self._view.face(self._moment.q[None])
         self._player = ModePlayer(
-            self.server.gui, robot, lambda: self._moment.q, self._draw_mode, self._redraw
+            self.server.gui, robot, lambda: self._moment.q, self._draw_mode, self._leave_mode
         )
         self._redraw()
 
@@ -225,6 +225,11 @@ class Page:
             if self._player is not None and self._player.playing:
                 # its amplitude is chosen to be seen: nothing is to make it larger
                 self._draw(moment, replace(self._controls.look, scale=1.0))
+
+    def _leave_mode(self) -> None:
+        with self._lock:
+            self._view.forget_strain()
+            self._present(self._moment)
 
     def _redraw(self) -> None:
         with self._lock:

@@ -76,6 +76,10 @@ class View:
         """Whether any link does."""
         return bool(self._surfaces.bending.flexible)
 
+    def forget_strain(self) -> None:
+        """Let the colours' ends be those of what comes: a mode bends more than anything else."""
+        self._limit = 0.0
+
     def draw(self, moment: Moment, look: Look) -> Legend:
         """Draw a moment."""
         robot, bending = self.robot, self._surfaces.bending

@@ -147,12 +147,19 @@ def test_a_mode_plays_instead_of_what_is_shown(page: Page, robot: Robot) -> None
     assert player is not None
     player.find()
     first = player._choice.options[1]
-    player._choice.value = first
-    assert player.playing
-    page.show(Moment(5.0, np.zeros(robot.n)))  # kept, and drawn when the mode ends
-    player._choice.value = player._choice.options[0]
-    assert not player.playing
-    assert page._moment.t == 5.0
+    with join(page) as client:
+        received(client)
+        player._choice.value = first
+        assert player.playing
+        until = time.monotonic() + TIMEOUT
+        while page._view._limit == 0.0:  # the mode bends what is straight
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        page.show(Moment(5.0, np.zeros(robot.n)))  # kept, and drawn when the mode ends
+        player._choice.value = player._choice.options[0]
+        assert not player.playing
+        assert page._moment.t == 5.0
+        assert page._view._limit == 0.0
 
 
 def test_sliders_of_a_mechanism_keep_its_loops_closed(repository: Path) -> None:
