@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.inertia import inverse_transform
+from denoc_ros.model.mesh_files import mesh_file
 
 Array = NDArray[np.float64]
 
@@ -127,12 +128,11 @@ def _mesh(geometry: Element, pose: Array, length: float, folder: Path) -> Outlin
 def _read_mesh(filename: str, folder: Path) -> Any:
     """Return a mesh of trimesh, None where it is not found or not readable."""
     import trimesh
-    from yourdfpy.urdf import filename_handler_magic
 
-    with _silent('trimesh', 'yourdfpy'):
-        file = Path(filename_handler_magic(filename, str(folder)))
-        if not file.is_file():
-            return None
+    file = mesh_file(filename, folder)
+    if file is None:
+        return None
+    with _silent('trimesh'):
         try:
             return trimesh.load(file, force='mesh', skip_materials=True)
         except Exception:  # a dozen readers, each with errors of its own: a mesh is only a hint

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import logging
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.lowering import is_flexible
+from denoc_ros.model.mesh_files import mesh_file
 from denoc_ros.model.source import TEXT_NAME, parse_xml
 
 Array = NDArray[np.float64]
@@ -135,21 +135,6 @@ def _mesh(geometry: Any, folder: Path | None) -> Any:
     if geometry.mesh.scale is not None:
         mesh.apply_scale(geometry.mesh.scale)
     return mesh
-
-
-def mesh_file(name: str, folder: Path | None) -> Path | None:
-    """Return the file of a mesh's name, a path or a `package://` or `file://` address."""
-    scheme, colon, rest = name.rpartition('://')
-    if scheme == 'package':
-        prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
-        candidates = [Path(prefix, 'share', rest) for prefix in prefixes if prefix]
-        if folder is not None:
-            candidates += [above / rest for above in folder.resolve().parents]
-    elif colon and scheme != 'file':
-        return None
-    else:
-        candidates = [Path(folder or '', rest)]
-    return next((path for path in candidates if path.is_file()), None)
 
 
 def _colour(material: Any, known: dict[str, Any]) -> Colour:

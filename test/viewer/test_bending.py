@@ -16,7 +16,7 @@ import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.viewer.bending import Bending, exaggerated, rotations, strain_colours
 from denoc_ros.viewer.cutting import cut_along
-from denoc_ros.viewer.outline import mesh_file, outlines
+from denoc_ros.viewer.outline import outlines
 
 Array = NDArray[np.float64]
 
@@ -177,23 +177,6 @@ def test_colours_of_strain_are_even_and_bounded() -> None:
     assert len(np.unique(colours, axis=0)) == 3
     assert colours[0, 2] > colours[0, 0]  # pressed: blue
     assert colours[4, 0] > colours[4, 2]  # stretched: red
-
-
-def test_mesh_files_come_from_the_folder_or_a_package_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    mesh = tmp_path / 'share' / 'arm' / 'meshes' / 'link.stl'
-    mesh.parent.mkdir(parents=True)
-    trimesh.creation.box(extents=(1, 1, 1)).export(mesh)
-    folder = tmp_path / 'share' / 'arm' / 'urdf'
-    folder.mkdir()
-    assert mesh_file('../meshes/link.stl', folder) == folder / '../meshes/link.stl'
-    assert mesh_file('package://arm/meshes/link.stl', folder) == mesh
-    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
-    assert mesh_file('package://arm/meshes/link.stl', None) == mesh
-    assert mesh_file(f'file://{mesh}', None) == mesh
-    assert mesh_file('http://127.0.0.1/link.stl', folder) is None
-    assert mesh_file('missing.stl', folder) is None
 
 
 def test_a_link_without_a_drawable_visual_gets_a_plain_body(
