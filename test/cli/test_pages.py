@@ -82,8 +82,9 @@ def test_one_page_is_not_of_many_runs(
 
 
 def test_page_of_a_swing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    t = np.arange(400) * 0.02
-    angle: Array = 0.3 * np.exp(-0.15 * t) * np.cos(2.0 * np.pi * t)
+    t = np.arange(300) * 0.02
+    angle: Array = 0.3 * np.exp(-0.3 * t) * np.cos(2.0 * np.pi * t)
+    angle += 1e-3 * np.random.default_rng(4).standard_normal(len(t))
     swing = write_table(tmp_path / 'swing.csv', time=t, angle=angle)
     arguments = ['identify', 'joint', str(swing), '--field', 'angle', '--spring']
     assert main([*arguments, '-o', str(tmp_path / 'out'), '--json']) in (0, 2)
