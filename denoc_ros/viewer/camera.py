@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-FLAT = 0.2  # of the second widest extent: a robot narrower than that is seen from its flat side
+FLAT = 0.2  # of the second widest extent: what is narrower than that is seen from its flat side
 AUTO = 'auto'
 # What is to the right and what is up, base axes.
 VIEWS = {
@@ -46,23 +46,27 @@ class Camera:
         return np.asarray(points @ self.axes.T)
 
 
-def camera(view: str, points: Array) -> Camera:
+def camera(view: str, instants: Array) -> Camera:
     """Return the camera of a view.
 
     Parameters
     ----------
     view : {'auto', 'side', 'top', 'front', 'iso'}
-        auto: onto the plane of a motion that stays in one, else iso.
-    points : (k, 3) array
-        Where the robot comes [m, base frame].
+        auto: onto the plane of a motion that stays in one, or of a robot that does; else iso.
+    instants : (k, v, 3) array
+        Where points of the robot are at some instants [m, base frame].
     """
-    chosen = best_view(points) if view == AUTO else view
+    chosen = best_view(instants) if view == AUTO else view
     right, up = (np.array(axis) for axis in VIEWS[chosen])
     return Camera(chosen, np.array([right, up, np.cross(right, up)]))
 
 
-def best_view(points: Array) -> str:
-    """Return the view onto the plane that points (k, 3) stay in, `iso` where they fill space."""
-    extent = np.ptp(points, axis=0)
-    narrow, second, _ = np.argsort(extent)
-    return LOOKS_ALONG[narrow] if extent[narrow] < FLAT * extent[second] else 'iso'
+def best_view(instants: Array) -> str:
+    """Return the view that shows the motion of points at some instants, (k, v, 3)."""
+    moved = (instants - instants.mean(axis=0)).reshape(-1, 3)
+    for points in (moved, instants.reshape(-1, 3)):
+        extent = np.ptp(points, axis=0)
+        narrow, second, _ = np.argsort(extent)
+        if extent[narrow] < FLAT * extent[second]:
+            return LOOKS_ALONG[narrow]
+    return 'iso'

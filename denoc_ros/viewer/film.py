@@ -25,6 +25,7 @@ Pixels = NDArray[np.uint8]
 FILM_SUFFIXES, STRIP_SUFFIXES = ('.mp4', '.gif'), ('.png',)
 FPS = {'.mp4': 30.0, '.gif': 20.0}
 COLOURS = 255  # of a GIF
+NEARLY_WHITE = 244  # lighter than any grey that is drawn
 PALETTE_FRAMES = 4  # that a GIF's colours are chosen from
 GIF_TICK = 10  # ms, in which a GIF counts
 SIDES = (160, 4096)  # pixels
@@ -273,10 +274,14 @@ class _Durations(list[int]):
 def _palette(frames: Iterable[Pixels]) -> Image.Image:
     """Return an image with the colours of all frames of a film, so that none flickers.
 
-    Each colour counts once: else the paper would take them all.
+    Each colour counts once: else the paper would take them all. White stays white.
     """
-    pixels = np.concatenate([np.unique(frame.reshape(-1, 3), axis=0) for frame in frames])
-    return Image.fromarray(np.unique(pixels, axis=0)[np.newaxis]).quantize(COLOURS)
+    every = np.concatenate([np.unique(frame.reshape(-1, 3), axis=0) for frame in frames])
+    image = Image.fromarray(np.unique(every, axis=0)[np.newaxis]).quantize(COLOURS)
+    colours = np.array(image.getpalette(), dtype=np.uint8).reshape(-1, 3)
+    colours[colours.min(axis=1) >= NEARLY_WHITE] = 255
+    image.putpalette(colours.tobytes())
+    return image
 
 
 @contextmanager

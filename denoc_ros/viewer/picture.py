@@ -23,7 +23,7 @@ Pixels = NDArray[np.uint8]
 
 PAPER, GHOST = '#ffffff', '#d3d8df'
 HEADER, FOOTER, GAP, LEAST_STRIP = 52, 46, 24, 240  # pixels, of a strip
-LEAST_HEIGHT = 300  # pixels; a lower picture has no charts
+LEAST = (600, 340)  # pixels; a smaller picture has no charts
 MARGIN = 0.06  # of the field of view
 SQUARES = 10  # of a grid along its longer side, at most
 BEHIND = 0.5  # drawn before the robot
@@ -83,7 +83,7 @@ class Picture:
     ) -> None:
         self._run = run
         self._figure, self._canvas = _figure(size)
-        groups = chart_groups(run) if size[1] >= LEAST_HEIGHT else {}
+        groups = chart_groups(run) if size[0] >= LEAST[0] and size[1] >= LEAST[1] else {}
         bottom = 0.3 if groups else 0.07
         bar = 0.08 if staging.strain > 0.0 else 0.0
         scene = self._figure.add_axes((0.05, bottom, 0.93 - bar, 0.93 - bottom))

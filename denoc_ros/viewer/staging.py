@@ -94,14 +94,15 @@ class Staging:
         straight = np.array([self.vertices(q, 0.0) for q in some])
         self.scale = scale or self._chosen_scale(some, straight)
         bent = np.array([self.vertices(q) for q in some])
-        every = np.concatenate([straight, bent]).reshape(-1, 3)
+        instants = np.concatenate([straight, bent])
+        every = instants.reshape(-1, 3)
         if not np.abs(every).max(initial=0.0) <= FARTHEST:
             raise StateError(
                 f'{robot.tree.name}: what is drawn must be within {FARTHEST:g} m of the base, '
                 f'got {np.abs(every).max():g} m'
             )
         self.box = (np.minimum(every.min(axis=0), 0.0), np.maximum(every.max(axis=0), 0.0))
-        self.camera: Camera = camera(view, every)
+        self.camera: Camera = camera(view, instants)
         seen = self.camera.project(every)
         self.low, self.high = seen.min(axis=0), seen.max(axis=0)
         more = states[:: max(1, len(states) // STRAINS_LOOKED_AT)]

@@ -21,11 +21,12 @@ KILO = (1e3, 'k')
 
 
 def chart_groups(run: RecordedRun) -> dict[str, list[str]]:
-    """Return the channels of each chart, by what they show and in which unit."""
+    """Return the channels of each chart, by quantity and unit; not where all of them are 0."""
     groups: dict[str, list[str]] = {}
     for name in run.names:
         groups.setdefault(name.partition('/')[0], []).append(name)
-    return dict(list(groups.items())[:MOST_CHARTS])
+    tell = [group for group, names in groups.items() if any(_peak(run, n) > 0.0 for n in names)]
+    return {group: groups[group] for group in tell[:MOST_CHARTS]}
 
 
 def draw_charts(figure: Figure, run: RecordedRun, groups: dict[str, list[str]]) -> list[Any]:
@@ -41,7 +42,7 @@ def draw_charts(figure: Figure, run: RecordedRun, groups: dict[str, list[str]]) 
 
 def _chart(axes: Axes, run: RecordedRun, group: str, names: Sequence[str]) -> None:
     columns = {name: run.channel(name) for name in names}
-    peaks = {name: float(np.nanmax(np.abs(values))) for name, values in columns.items()}
+    peaks = {name: _peak(run, name) for name in names}
     largest = sorted(names, key=lambda name: -peaks[name])[:MOST_CURVES]
     what, _, unit = group.rstrip(']').partition(' [')
     factor, prefix = _prefix(max(peaks.values())) if unit else (1.0, '')
@@ -68,6 +69,10 @@ def _chart(axes: Axes, run: RecordedRun, group: str, names: Sequence[str]) -> No
     axes.yaxis.set_major_locator(MaxNLocator(4))
     for side in axes.spines.values():
         side.set_color(GRID)
+
+
+def _peak(run: RecordedRun, name: str) -> float:
+    return float(np.nanmax(np.abs(run.channel(name))))
 
 
 def _whose(name: str) -> str:
