@@ -110,10 +110,6 @@ def test_page_draws_bends_and_scrubs(browser: Browser, page: Page) -> None:
     wait_for(lambda: page._controls.look.scale == 40.0)
     settled(tab, lambda p: different(p, turned) > 200)
 
-    set_number(tab, 'Scale', 1)
-    wait_for(lambda: page._controls.look.scale == 1.0)
-    settled(tab, lambda p: different(p, turned) < 100)  # as it was
-
     tab.get_by_text('Undeflected ghost').locator('xpath=following::input[1]').wait_for(
         state='attached'
     )
