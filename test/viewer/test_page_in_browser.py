@@ -108,7 +108,8 @@ def test_page_draws_bends_and_scrubs(browser: Browser, page: Page) -> None:
 
     set_number(tab, 'Scale', 40)
     wait_for(lambda: page._controls.look.scale == 40.0)
-    settled(tab, lambda p: different(p, turned) > 200)
+    # 480 here; the browser's own change of resolution, when it is slow, makes 260
+    settled(tab, lambda p: different(p, turned) > 350)
 
     tab.get_by_text('Undeflected ghost').locator('xpath=following::input[1]').wait_for(
         state='attached'
