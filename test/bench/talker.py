@@ -34,6 +34,7 @@ from denoc_ros.nodes.realtime import make_thread_timely
 DEPTH = 500  # ten seconds of the load that a busy reader may still ask for
 NUMBER = struct.Struct('<Q')
 NUMBER_OFFSET = 4 + 4 + 4 + 4  # behind encapsulation, no dimensions, offset and length
+PAUSED = 0.005  # s between looks whether it is told to talk
 SWING, SWINGING = 0.2, 3.0  # rad, rad/s
 RELIABLE = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -111,11 +112,14 @@ def main() -> None:
     gc.disable()
     deadline = time.perf_counter()
     while not told[1]:
+        now = time.perf_counter()
         if told[0]:
             talk()
-        now = time.perf_counter()
-        deadline = max(deadline + 1.0 / rate, now - 1.0)
-        time.sleep(max(0.0, deadline - now))
+            deadline = max(deadline + 1.0 / rate, now - 1.0)
+        else:
+            # begins when it is told to: each block has another phase to the loop's
+            deadline = now + PAUSED
+        time.sleep(max(0.0, deadline - time.perf_counter()))
     node.destroy_node()
     rclpy.try_shutdown()
 
