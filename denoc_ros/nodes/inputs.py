@@ -93,29 +93,37 @@ class Input:
     ) -> None:
         self.monitor = monitor
         self._is_heavy = is_heavy
-        self._heavy: deque[tuple[bytes, float]] = deque()
+        self._heavy: deque[tuple[bytes, float, int]] = deque()
         self._node, self._handle = node, handle
         self._last_take = time.perf_counter()
         self._depth = qos.depth
         # one argument only: rclpy 7.1.6's EventsExecutor fails on raw messages with their info
         self.subscription: Any = node.create_subscription(
-            message_type, topic, lambda raw: self._give(raw, time.perf_counter()), qos, raw=True
+            message_type, topic, self._on_message, qos, raw=True
         )
         self._publishers = self.subscription.handle.get_publisher_count
+        self._publishing = 0  # publishers after the last take
 
     def take(self) -> None:
         """Handle all that has arrived since the last call, at most what the queue holds."""
         before = self._last_take
         self._last_take = time.perf_counter()
-        for raw, received_ns, _ in arrived(self.subscription, self._depth):
+        waiting = list(arrived(self.subscription, self._depth))
+        # counted after that, and before: what waited may be from one that came or went since
+        publishers = self._publishers()
+        publishing, self._publishing = max(publishers, self._publishing), publishers
+        for raw, received_ns, _ in waiting:
             now = time.perf_counter()
             waited = 1e-9 * (time.time_ns() - received_ns)
             # whatever the wall clock was set to: it has come since the queue was last empty
             came = min(max(now - waited, before), now)
             if self._heavy or self._is_heavy(raw):
-                self._hold(raw, came)
+                self._hold(raw, came, publishing)
             else:
-                self._give(raw, came)
+                self._give(raw, came, publishing)
+
+    def _on_message(self, raw: bytes) -> None:
+        self._give(raw, time.perf_counter(), self._publishers())
 
     def take_heavy(self) -> None:
         """Handle what was too long for the loop."""
@@ -123,16 +131,16 @@ class Input:
             self._give(*self._heavy[0])
             self._heavy.popleft()  # only now may the loop handle again what it takes
 
-    def _hold(self, raw: bytes, came: float) -> None:
+    def _hold(self, raw: bytes, came: float, publishing: int) -> None:
         if len(self._heavy) < HELD:
-            self._heavy.append((raw, came))
+            self._heavy.append((raw, came, publishing))
         else:
             rule = f'{self.monitor.topic} must have at most {HELD} long messages at a time'
             self._node.refuse(self.monitor, InputError('flood', f'{rule}, got one more'))
 
-    def _give(self, raw: bytes, came: float) -> None:
+    def _give(self, raw: bytes, came: float, publishing: int) -> None:
         try:
-            self.monitor.check_publishers(self._publishers())
+            self.monitor.check_publishers(publishing)
             self._handle(raw, came)
         except InputError as error:
             self._node.refuse(self.monitor, error)

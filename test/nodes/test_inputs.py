@@ -152,3 +152,24 @@ def test_flood_of_heavy_messages_is_refused(taker: Any, publisher: Any) -> None:
     assert taker.monitor.rejected == {'flood': 2}
     taker._take_aside()
     assert taker.monitor.accepted == HELD
+
+
+def test_what_a_second_publisher_left_behind_is_refused(
+    graph: Any, taker: Any, publisher: Any
+) -> None:
+    second = graph.probe.create_publisher(JointState, 'joint_states', 10)
+    graph.until(lambda: second.get_subscription_count() == 1)
+    taker._take_inputs()
+    second.publish(state(2))
+    time.sleep(0.2)
+    graph.probe.destroy_publisher(second)
+    graph.until(lambda: taker._inputs[0].subscription.handle.get_publisher_count() == 1)
+    publisher.publish(state(3))
+    time.sleep(0.2)
+    taker._take_inputs()
+    assert taker.monitor.accepted == 0
+    assert taker.monitor.rejected['second_publisher'] >= 1
+    publisher.publish(state(4))
+    time.sleep(0.2)
+    taker._take_inputs()
+    assert taker.monitor.accepted == 1
