@@ -182,7 +182,7 @@ class PredictorNode(RobotNode):
         message = read_trajectory(raw, self.joints)
         self.reference_input.accept(message.stamp_ns or None, now)  # 0 starts now
         measured = self._reader.position if self.joint_input.received else None
-        self.follower.offer(message, now, self.stamp_ns(), measured)
+        self.follower.offer(message, now, round(1e9 * self.wall_at(now)), measured)
 
     def _reference(self, t: float) -> tuple[Array, Array, Array]:
         """Return what the joints are to do at steady time `t`."""
