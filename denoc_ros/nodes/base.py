@@ -231,9 +231,9 @@ class DenocNode(LifecycleNode):
 
         self.create_service(service, name, on_request)
 
-    def wall_at(self, moment: float) -> float:
-        """Return what the clock that stamps showed at a moment of the steady clock [s]."""
-        return 1e-9 * self.stamp_ns() - (time.perf_counter() - moment)
+    def stamp_ns_at(self, moment: float) -> int:
+        """Return what the clock that stamps showed [ns] at a moment of the steady clock [s]."""
+        return self.stamp_ns() - round(1e9 * (time.perf_counter() - moment))
 
     def stamp_ns(self) -> int:
         """Return now for headers [ns]: the system's time, or simulated time where in use."""

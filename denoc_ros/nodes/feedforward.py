@@ -165,7 +165,7 @@ class FeedforwardNode(RobotNode):
         self.reference_input.accept(message.stamp_ns or (0 if self.by_message else None), now)
         if not self.by_message:
             measured = self._reader.position if self.joint_input.received else None
-            self.follower.offer(message, now, round(1e9 * self.wall_at(now)), measured)
+            self.follower.offer(message, now, self.stamp_ns_at(now), measured)
             return
         velocities, accelerations = message.velocities, message.accelerations
         point = self.stream.complete(

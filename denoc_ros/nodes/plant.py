@@ -198,7 +198,7 @@ class PlantNode(RobotNode):
     def _on_reference(self, raw: bytes, now: float) -> None:
         message = read_trajectory(raw, self.joints)
         self.reference_input.accept(message.stamp_ns or None, now)  # 0 starts now
-        self.follower.offer(message, now, round(1e9 * self.wall_at(now)))
+        self.follower.offer(message, now, self.stamp_ns_at(now))
 
     def _reset(self) -> str:
         """Go back to the start; the brake holds until the next command."""

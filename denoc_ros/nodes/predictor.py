@@ -163,7 +163,7 @@ class PredictorNode(RobotNode):
         reader = self._reader
         measured = self.by_torque and not self.by_command
         reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now), measured)
-        taken = self._stamps.taken_at(1e-9 * reader.stamp_ns, now, self.wall_at(now))
+        taken = self._stamps.taken_at(1e-9 * reader.stamp_ns, now, 1e-9 * self.stamp_ns_at(now))
         self._queue.append(
             (
                 taken,
@@ -182,7 +182,7 @@ class PredictorNode(RobotNode):
         message = read_trajectory(raw, self.joints)
         self.reference_input.accept(message.stamp_ns or None, now)  # 0 starts now
         measured = self._reader.position if self.joint_input.received else None
-        self.follower.offer(message, now, round(1e9 * self.wall_at(now)), measured)
+        self.follower.offer(message, now, self.stamp_ns_at(now), measured)
 
     def _reference(self, t: float) -> tuple[Array, Array, Array]:
         """Return what the joints are to do at steady time `t`."""

@@ -193,7 +193,7 @@ class SensorInputs:
                 raise InputError('non_finite', f'{sensor.name} must be finite, got {value}')
         stamp_ns = read[0][0] if read else 0
         monitor.accept(stamp_ns, now)
-        taken = clock.taken_at(1e-9 * stamp_ns, now, self._node.wall_at(now))
+        taken = clock.taken_at(1e-9 * stamp_ns, now, 1e-9 * self._node.stamp_ns_at(now))
         for (place, sensor, _), (_, raw_value) in zip(members, read, strict=True):
             value = sensor.gain * raw_value + sensor.offset - self._tare[place]
             self.values[place] = value

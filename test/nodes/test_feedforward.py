@@ -12,6 +12,7 @@ import pytest
 from feedforward_bench import POSTURE, FeedforwardBench, joint_state, point, stamp
 from node_robots import GRAVITY, JOINTS, two_links
 from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -48,6 +49,19 @@ def test_torque_is_inverse_dynamics_along_the_reference(bench: Any) -> None:
     arm.until(lambda: any(list(c.data) == list(last.effort) for c in arm.commands))
     assert arm.commands[-1].layout.dim[0].label == 'j1,j2'
     assert last.name == JOINTS
+
+
+def test_trajectory_read_late_begins_when_its_stamp_says(bench: Any) -> None:
+    node = bench().node
+    message = JointTrajectory(joint_names=JOINTS)
+    message.points = [point(0.0, [0.0, 0.0]), point(1.0, [0.5, 0.5])]
+    begin = time.perf_counter() + 5.0
+    stamp(message, time.time_ns() + 5 * 10**9)
+    node._on_reference(serialize_message(message), time.perf_counter() - 0.5)
+    q, qd, qdd = np.zeros((3, 2))
+    assert node.follower.sample(begin + 0.5, q, qd, qdd)
+    # rate there 0.75 rad/s: half a second's shift would show, 5 ms of a busy machine pass
+    np.testing.assert_allclose(q, 0.25, atol=0.01)
 
 
 def test_one_answer_per_message_with_its_stamp(bench: Any) -> None:
