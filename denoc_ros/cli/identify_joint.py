@@ -74,9 +74,9 @@ def joint_result(
     reading: Reading, fit: JointFit, args: argparse.Namespace, versions: Mapping[str, str]
 ) -> Document:
     """Return all that is kept of an identification of a joint."""
-    from denoc_ros.identification.joint import TERMS
     from denoc_ros.identification.quality import assess
     from denoc_ros.identification.result import plain, quality_of, source_of
+    from denoc_ros.identification.swing_fit import TERMS
 
     known = args.inertia is not None or args.gravity_torque is not None
     units = dict(zip(TERMS, ('N m s/rad', 'N m', 'N m s^2/rad^2'), strict=True))

@@ -15,7 +15,7 @@ from denoc_ros.cli.figures import (
     Panel,
     line_figure,
 )
-from denoc_ros.cli.identify_outputs import result_page
+from denoc_ros.cli.identify_outputs import interval_text, result_page
 from denoc_ros.cli.pages import Card, Page, Section, Table, engineering
 from denoc_ros.cli.text_table import cell_text
 from denoc_ros.identification.joint import FrictionModel, JointFit
@@ -53,8 +53,7 @@ def joint_page(document: Mapping[str, Any], record: Record, fit: JointFit, comma
 def _cards(document: Mapping[str, Any]) -> list[Card]:
     cards = [Card('Small swings', f'{document["frequency_hz"]:.4g} Hz', 'without friction')]
     for name, one in document['terms'].items():
-        low, high = one['interval']
-        note = f'95 %: {low:.4g} … {high:.4g}'
+        note = interval_text(one['interval'])
         cards.append(Card(f'{name} friction', f'{one["value"]:.4g} {one["unit"]}', note))
     return cards
 

@@ -74,12 +74,19 @@ def mode_cards(document: Mapping[str, Any]) -> list[Card]:
     """Return a card for each of the first modes: frequency, damping ratio, interval."""
     cards = []
     for mode in document['modes'][:SHOWN]:
-        low, high = mode['interval']
-        note = f'95 %: {low:.4g} … {high:.4g}, {mode["verdict"]}'
+        note = f'{interval_text(mode["interval"])}, {mode["verdict"]}'
         cards.append(
             Card(f'{mode["frequency_hz"]:.4g} Hz', f'ζ {mode["damping_ratio"]:.4g}', note)
         )
     return cards
+
+
+def interval_text(interval: Sequence[float | None]) -> str:
+    """Return a 95 % interval in words; an end that is not finite is None."""
+    if None in interval:
+        return '95 %: not determined'
+    low, high = interval
+    return f'95 %: {low:.4g} … {high:.4g}'
 
 
 def modes_found(document: Mapping[str, Any]) -> str:

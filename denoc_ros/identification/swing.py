@@ -41,7 +41,9 @@ class Swing:
     quadratic: float = 0.0
 
 
-def swing_angles(swing: Swing, t: Floats, large: bool = True) -> Floats:
+def swing_angles(
+    swing: Swing, t: Floats, large: bool = True, steps: int = STEPS_PER_CYCLE
+) -> Floats:
     """Return the measured angle at times t from the start [rad].
 
     Parameters
@@ -51,13 +53,15 @@ def swing_angles(swing: Swing, t: Floats, large: bool = True) -> Floats:
         From 0, rising [s].
     large : bool
         Gravity's sine; False: a linear spring.
+    steps : int
+        Of the integration, per cycle of a small swing.
 
     Notes
     -----
     Runge-Kutta steps of fourth order between turning points, which are found (friction jumps
     there); at one the joint stays where friction holds it.
     """
-    step = 2.0 * np.pi / np.sqrt(abs(swing.stiffness) + 1e-12) / STEPS_PER_CYCLE
+    step = 2.0 * np.pi / np.sqrt(abs(swing.stiffness) + 1e-12) / steps
     step = min(step, float(t[-1]) / 10.0)
     times, angles, rates = _path(swing, float(t[-1]) + step, step, large)
     return np.asarray(swing.rest + _hermite(times, angles, rates, t))

@@ -10,6 +10,7 @@ import pytest
 import yaml
 from page_look import require_one_look
 
+from denoc_ros.cli.identify_outputs import interval_text
 from denoc_ros.cli.main import main
 from denoc_ros.identification.records import Record
 from denoc_ros.identification.synthetic import Defects, Truth, synthetic_decay
@@ -83,6 +84,21 @@ def test_exit_status_is_the_verdict(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "field must be a column (time, y), got 'z'" in errors[1]
     assert 'gain must not be 0' in errors[2]
     assert 'begin must be before' in errors[3]
+
+
+def test_page_of_a_swing_that_says_little_is_written(shared: Path, tmp_path: Path) -> None:
+    swing = str(shared / 'data/servo_pendulum/lift_and_drop.json')
+    joint = ['identify', 'joint', swing, '--field', 'position', '--begin', '3', '--json']
+    # the last swings before it stops
+    assert main([*joint, '-o', str(tmp_path)]) == 2
+    assert 'explains the swing about as well' in (tmp_path / 'report.html').read_text()
+    document = yaml.safe_load((tmp_path / 'result.yaml').read_text())
+    assert all(None not in one['interval'] for one in document['terms'].values())
+
+
+def test_interval_that_is_not_finite_is_said_in_words() -> None:
+    assert interval_text([0.1, 0.2]) == '95 %: 0.1 … 0.2'
+    assert interval_text([None, None]) == '95 %: not determined'
 
 
 def test_info_tells_what_a_record_is_worth(decay: str, capsys: pytest.CaptureFixture[str]) -> None:

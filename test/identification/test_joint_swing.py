@@ -20,12 +20,15 @@ Floats = NDArray[np.float64]
 INERTIA, GRAVITY = 0.02, 1.0
 
 
-def measured_swing(viscous: float, coulomb: float, seconds: float = 4.0) -> Record:
+def measured_swing(
+    viscous: float, coulomb: float, seconds: float = 4.0, quadratic: float = 0.0
+) -> Record:
     """Pendulum released at 1.2 rad, integrated with a smooth Coulomb law."""
     t = np.arange(0.0, seconds, 0.02)
 
     def slope(_: float, state: Floats) -> list[float]:
         torque = GRAVITY * np.sin(state[0]) + viscous * state[1]
+        torque += quadratic * abs(state[1]) * state[1]
         return [state[1], -(torque + coulomb * np.tanh(state[1] / 1e-3)) / INERTIA]
 
     angle = solve_ivp(slope, (0.0, seconds), [1.2, 0.0], 'LSODA', t, rtol=1e-9, atol=1e-11).y[0]
@@ -89,6 +92,45 @@ def test_record_that_does_not_swing_is_refused() -> None:
     t = np.linspace(0.0, 1.0, 100)
     with pytest.raises(dn.IdentificationError, match='pass its rest position at least 2 times'):
         fit_joint(Record(t, np.exp(-5.0 * t)))
+
+
+def test_coulomb_and_quadratic_terms_are_found_without_a_viscous_one() -> None:
+    fit = fit_joint(measured_swing(0.0, 0.02, quadratic=0.004), gravity_torque=GRAVITY)
+    assert fit.terms == ('coulomb', 'quadratic')
+    assert fit.verdict == 'good'
+    # 200 samples of 1e-3 rad on a swing of 1 rad: some 0.3 % each
+    assert fit.coulomb == pytest.approx(0.02, rel=0.02)
+    assert fit.quadratic == pytest.approx(0.004, rel=0.02)
+
+
+def servo_swing(shared: Path, begin: float) -> tuple[Record, float]:
+    """Free swing of the real servo pendulum from a time on [s], and gravity's torque [N m]."""
+    raw = json.loads((shared / 'data/servo_pendulum/lift_and_drop.json').read_text())
+    free = [entry for entry in raw['entries'] if entry['timestamp'] >= begin]
+    t, y = (np.array([entry[name] for entry in free]) for name in ('timestamp', 'position'))
+    return Record(t, y), raw['mass'] * 9.81 * raw['length']
+
+
+@pytest.mark.parametrize('begin', [2.3, 2.8, 3.0])
+def test_terms_are_told_from_zero_or_left_out(shared: Path, begin: float) -> None:
+    record, torque = servo_swing(shared, begin)
+    fit = fit_joint(record, gravity_torque=torque)
+    for name in fit.terms:
+        low, high = fit.interval[name]
+        assert 0.0 < low < getattr(fit, name) < high < np.inf
+    # a set of terms never leaves more than one that it contains
+    for model in fit.models:
+        for smaller in fit.models:
+            if set(smaller.terms) < set(model.terms):
+                assert model.residual <= smaller.residual * (1.0 + 1e-12)
+
+
+def test_sets_of_terms_that_explain_as_much_are_doubted(shared: Path) -> None:
+    record, torque = servo_swing(shared, 3.0)
+    fit = fit_joint(record, gravity_torque=torque)
+    # half a swing before it stops: viscous and quadratic friction take about the same off it
+    assert fit.verdict == 'doubtful'
+    assert any('explains the swing about as well' in reason for reason in fit.reasons)
 
 
 def test_servo_pendulum_has_viscous_and_coulomb_friction(shared: Path) -> None:
