@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,7 +132,8 @@ class JointStateReader:
 
     After a successful `read`, `stamp_ns`, `position`, `velocity` and `effort` (each (n,), zeros
     where the message has none) hold the message until the next one; `has_velocity` and
-    `has_effort` say what it had.
+    `has_effort` say what it had. Velocities or efforts of which one is NaN count as none: so
+    joint_state_broadcaster fills what a joint has no interface for.
 
     Parameters
     ----------
@@ -201,12 +202,12 @@ class JointStateReader:
                 )
         places = self._map
         position = position[places]
-        velocity = velocity[places] if len(velocity) else velocity
-        effort = effort[places] if len(effort) else effort
+        has = 'NaN' if len(effort) else 'none'
+        velocity, effort = _given(velocity, places), _given(effort, places)
         for what, values in (('position', position), ('velocity', velocity), ('effort', effort)):
             require_finite(what, values)
         if with_effort and not len(effort):
-            raise InputError('missing_effort', 'effort must be given, got none')
+            raise InputError('missing_effort', f'effort must be given, got {has}')
         if admit is not None:
             admit(stamp_ns)
         self.stamp_ns = stamp_ns
@@ -226,6 +227,14 @@ class JointStateReader:
         self._count = len(names)
         self._end = reader.position
         self._known = raw[12 : self._end]
+
+
+def _given(values: Array, places: NDArray[np.intp]) -> Array:
+    """Return the values at `places`, none where one of them is NaN."""
+    if not len(values):
+        return values
+    chosen = values[places]
+    return chosen[:0] if any(map(math.isnan, chosen.tolist())) else chosen
 
 
 def joint_names(raw: bytes) -> tuple[str, ...]:
@@ -253,15 +262,36 @@ class TrajectoryMessage:
     velocities: Array | None  # (k, n)
     accelerations: Array | None  # (k, n)
     effort: Array | None = field(default=None)  # (k, n)
+    held: tuple[int, ...] = ()  # joints that it does not name: zeros stand for them
 
     @property
     def is_streamed(self) -> bool:
         """Whether it is one point for now, not a trajectory to interpolate."""
         return len(self.times) == 1 and self.times[0] == 0.0
 
+    @property
+    def is_cancel(self) -> bool:
+        """Whether it has no points: what is followed ends."""
+        return len(self.times) == 0
 
-def read_trajectory(raw: bytes, joints: Sequence[str]) -> TrajectoryMessage:
+    def holding(self, q: Array) -> TrajectoryMessage:
+        """Return the message with the joints that it does not name standing as in `q` (n,)."""
+        held = list(self.held)
+        positions = self.positions.copy()
+        positions[:, held] = q[held]
+        return replace(self, positions=positions, held=())
+
+
+def read_trajectory(raw: bytes, joints: Sequence[str], partial: bool = False) -> TrajectoryMessage:
     """Read one JointTrajectory.
+
+    Parameters
+    ----------
+    raw : bytes
+    joints : sequence of str
+        The node's n joints.
+    partial : bool
+        Whether it may name some of them only, or have no points.
 
     Raises
     ------
@@ -280,19 +310,24 @@ def read_trajectory(raw: bytes, joints: Sequence[str]) -> TrajectoryMessage:
         rows.append((reader.doubles(), reader.doubles(), reader.doubles(), reader.doubles()))
         times[point] = 1e-9 * reader.stamp_ns()
     if count == 0:
+        if partial:
+            return TrajectoryMessage(stamp_ns, times, np.zeros((0, len(joints))), None, None)
         raise InputError('empty', 'trajectory must have points, got none')
-    places = joint_map(names, joints, joints)
+    named = [name for name in joints if name in names] if partial else []
+    places = joint_map(names, named or joints, joints)
+    held = tuple(k for k, name in enumerate(joints) if named and name not in names)
     if (np.diff(times) <= 0.0).any() or times[0] < 0.0:
         raise InputError(
             'times_not_increasing', f'time_from_start must increase from >= 0, got {times}'
         )
     columns = [
-        _stack(what, [row[place] for row in rows], len(names), places)
+        _stack(what, [row[place] for row in rows], len(names), places, held)
         for place, what in enumerate(('positions', 'velocities', 'accelerations', 'effort'))
     ]
-    if columns[0] is None:
+    position, velocity, acceleration, effort = columns
+    if position is None:
         raise InputError('wrong_length', f'positions must have {len(names)} elements, got 0')
-    return TrajectoryMessage(stamp_ns, times, columns[0], columns[1], columns[2], columns[3])
+    return TrajectoryMessage(stamp_ns, times, position, velocity, acceleration, effort, held)
 
 
 def has_many_points(raw: bytes) -> bool:
@@ -307,8 +342,14 @@ def has_many_points(raw: bytes) -> bool:
         return False
 
 
-def _stack(what: str, rows: list[Array], count: int, places: NDArray[np.intp]) -> Array | None:
-    """Return the points' values as (k, n); None if none of the points has any."""
+def _stack(
+    what: str,
+    rows: list[Array],
+    count: int,
+    places: NDArray[np.intp],
+    held: tuple[int, ...],
+) -> Array | None:
+    """Return the points' values as (k, n), 0 for joints held; None if no point has any."""
     if not any(len(row) for row in rows):
         return None
     for row in rows:
@@ -316,6 +357,8 @@ def _stack(what: str, rows: list[Array], count: int, places: NDArray[np.intp]) -
             raise InputError('wrong_length', f'{what} must have {count} elements, got {len(row)}')
     values = np.array(rows, dtype=np.float64)[:, places]
     require_finite(what, values.ravel())
+    for place in held:
+        values = np.insert(values, place, 0.0, axis=1)
     return values
 
 

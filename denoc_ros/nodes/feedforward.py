@@ -154,19 +154,26 @@ class FeedforwardNode(RobotNode):
 
     def _on_reference(self, raw: bytes, now: float) -> None:
         assert self.reference_input is not None
-        message = read_trajectory(raw, self.joints)
+        message = read_trajectory(raw, self.joints, partial=not self.by_message)
         if self.by_message and not message.is_streamed:
             raise InputError(
                 'not_streamed',
                 "reference must be single points for now while 'trigger' is message, "
                 f'got {len(message.times)} points',
             )
-        # stamp 0 starts now, whatever was sent before
-        self.reference_input.accept(message.stamp_ns or (0 if self.by_message else None), now)
+        take = self.reference_input.accept
         if not self.by_message:
             measured = self._reader.position if self.joint_input.received else None
-            self.follower.offer(message, now, self.stamp_ns_at(now), measured)
+            self.follower.offer(
+                message,
+                now,
+                self.stamp_ns_at(now),
+                measured,
+                # stamp 0 starts now, whatever was sent before
+                lambda: take(message.stamp_ns or None, now),
+            )
             return
+        take(message.stamp_ns, now)
         velocities, accelerations = message.velocities, message.accelerations
         point = self.stream.complete(
             1e-9 * message.stamp_ns,

@@ -196,9 +196,12 @@ class PlantNode(RobotNode):
         self.command_input.accept(0, now)
 
     def _on_reference(self, raw: bytes, now: float) -> None:
-        message = read_trajectory(raw, self.joints)
-        self.reference_input.accept(message.stamp_ns or None, now)  # 0 starts now
-        self.follower.offer(message, now, self.stamp_ns_at(now))
+        message = read_trajectory(raw, self.joints, partial=True)
+        take, stamp_ns = self.reference_input.accept, message.stamp_ns or None  # 0 starts now
+        there = self.q[self._index]
+        self.follower.offer(
+            message, now, self.stamp_ns_at(now), there, lambda: take(stamp_ns, now)
+        )
 
     def _reset(self) -> str:
         """Go back to the start; the brake holds until the next command."""

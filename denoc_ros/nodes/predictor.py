@@ -179,10 +179,12 @@ class PredictorNode(RobotNode):
         self.observer.take_effort(reader.effort)
 
     def _on_reference(self, raw: bytes, now: float) -> None:
-        message = read_trajectory(raw, self.joints)
-        self.reference_input.accept(message.stamp_ns or None, now)  # 0 starts now
+        message = read_trajectory(raw, self.joints, partial=True)
+        take, stamp_ns = self.reference_input.accept, message.stamp_ns or None  # 0 starts now
         measured = self._reader.position if self.joint_input.received else None
-        self.follower.offer(message, now, self.stamp_ns_at(now), measured)
+        self.follower.offer(
+            message, now, self.stamp_ns_at(now), measured, lambda: take(stamp_ns, now)
+        )
 
     def _reference(self, t: float) -> tuple[Array, Array, Array]:
         """Return what the joints are to do at steady time `t`."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.nodes.conversions import TrajectoryMessage
+from denoc_ros.nodes.conversions import InputError, TrajectoryMessage
 from denoc_ros.simulation.trajectories import SplineTrajectory
 
 Array = NDArray[np.float64]
@@ -61,10 +62,13 @@ class ReferenceFollower:
 
     A trajectory starts at its stamp (0: now), until then the one before goes on; after its end it
     holds. A streamed point counts from its arrival; up to the next one, and at most for one
-    interval of the stream, it goes on with its velocity and acceleration.
+    interval of the stream, it goes on with its velocity and acceleration. Joints that a message
+    does not name stay where they are wanted, else where they stand; a message without points ends
+    the motion where it is.
     """
 
     def __init__(self, joints: int, gap: float) -> None:
+        self._joints = joints
         self._lock = threading.Lock()
         self._stream = DifferencedStream(joints, gap)
         self._now: SplineTrajectory | None = None
@@ -114,6 +118,7 @@ class ReferenceFollower:
         now: float,
         now_ns: int,
         measured: Array | None = None,
+        admit: Callable[[], None] = lambda: None,
     ) -> None:
         """Take a message.
 
@@ -125,7 +130,22 @@ class ReferenceFollower:
         measured : (n,) array, optional
             Where the joints stand: there a trajectory begins whose first point is for later,
             if nothing was followed before.
+        admit : callable, optional
+            Called when the message is good, before it counts; may raise InputError.
+
+        Raises
+        ------
+        InputError
+            Cause `missing_joint`: it does not name all joints, and nothing says where they are.
         """
+        begin = now + (1e-9 * (message.stamp_ns - now_ns) if message.stamp_ns else 0.0)
+        held = list(message.held)
+        if held:
+            message = self._whole(message, now if message.is_streamed else begin, measured)
+        admit()
+        if message.is_cancel:
+            self._stop(now)
+            return
         if message.is_streamed:
             time = 1e-9 * message.stamp_ns if message.stamp_ns else now
             self.offer_point(
@@ -138,14 +158,14 @@ class ReferenceFollower:
                 ),
             )
             return
-        begin = now + (1e-9 * (message.stamp_ns - now_ns) if message.stamp_ns else 0.0)
         first = None
         if message.times[0] > 0.0 and (self.given or measured is not None):
             q, qd, qdd = np.zeros((3, message.positions.shape[1]))
             with self._lock:
-                going = self._evaluate(begin, q, qd, qdd)
+                going = self._plan(begin, q, qd, qdd)
             if not going and measured is not None:
                 q[:] = measured
+            qd[held] = qdd[held] = 0.0
             first = q, qd, qdd
         trajectory = SplineTrajectory(
             message.times, message.positions, message.velocities, message.accelerations, first
@@ -153,6 +173,31 @@ class ReferenceFollower:
         with self._lock:
             self._coming = [each for each in self._coming if each[1] < begin]
             self._coming.append((trajectory, begin))
+
+    def _whole(
+        self, message: TrajectoryMessage, moment: float, measured: Array | None
+    ) -> TrajectoryMessage:
+        """Return a message that names all joints."""
+        q, qd, qdd = np.zeros((3, self._joints))
+        with self._lock:
+            going = self._plan(moment, q, qd, qdd)
+        if not going and measured is None:
+            raise InputError(
+                'missing_joint',
+                'reference must name all joints while neither a reference nor joint states say '
+                f'where the others are, got none for {len(message.held)} of {self._joints}',
+            )
+        return message.holding(q if going or measured is None else measured)
+
+    def _stop(self, now: float) -> None:
+        """Stay where the motion is now; what was to come does not."""
+        q, qd, qdd = np.zeros((3, self._joints))
+        with self._lock:
+            self._take_due(now)
+            self._coming.clear()
+            if self._evaluate(now, q, qd, qdd):
+                self._now, self._now_start = SplineTrajectory(np.zeros(1), q[np.newaxis]), now
+                self._point = None
 
     def offer_point(self, now: float, q: Array, qd: Array, qdd: Array) -> None:
         """Take a streamed point that is for steady `now`."""
@@ -177,6 +222,15 @@ class ReferenceFollower:
 
     def _has_current(self) -> bool:
         return self._now is not None or self._point is not None
+
+    def _plan(self, moment: float, q: Array, qd: Array, qdd: Array) -> bool:
+        """Sample what will be followed at a moment to come."""
+        due = [each for each in self._coming if each[1] <= moment]
+        if not due:
+            return self._evaluate(moment, q, qd, qdd)
+        trajectory, start = due[-1]
+        trajectory.sample(moment - start, q, qd, qdd)
+        return True
 
     def _evaluate(self, now: float, q: Array, qd: Array, qdd: Array) -> bool:
         """Sample what is followed at present."""

@@ -54,7 +54,7 @@ def read_array(raw: bytes, sensor: Sensor, _wrench_field: str) -> tuple[int, flo
 
 
 def read_joint_state(raw: bytes, sensor: Sensor, _wrench_field: str) -> tuple[int, float]:
-    """Return stamp [ns] and the position (effort if it has none) under the sensor's name."""
+    """Return stamp [ns] and the position, effort where it has none, under the sensor's name."""
     reader = CdrReader(raw)
     stamp_ns = reader.stamp_ns()
     reader.string()
@@ -63,8 +63,10 @@ def read_joint_state(raw: bytes, sensor: Sensor, _wrench_field: str) -> tuple[in
     wanted = sensor.field or sensor.name
     if wanted not in names:
         raise InputError('missing_field', f'name must contain {wanted!r}, got {names}')
-    values = position if len(position) else effort
     place = names.index(wanted)
+    # joint_state_broadcaster writes NaN where there is no such interface
+    has_position = place < len(position) and not math.isnan(position[place])
+    values = position if has_position or not len(effort) else effort
     if place >= len(values):
         raise InputError('wrong_length', f'position must have {len(names)} elements')
     return stamp_ns, float(values[place])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import struct
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ from denoc_ros.nodes.messages import (
     PoseMessage,
     TrajectoryPointMessage,
 )
+from denoc_ros.nodes.sensor_inputs import read_joint_state
 
 pytestmark = pytest.mark.ros
 
@@ -101,6 +103,42 @@ def test_joints_of_the_robot_that_are_not_driven_may_come_along() -> None:
     assert extra.position.tolist() == [1.0, 2.0]
 
 
+def test_velocity_or_effort_of_nan_counts_as_none() -> None:
+    nan = float('nan')
+    message = JointState(name=['b', 'a', 'finger'], position=[2.0, 1.0, nan])
+    message.velocity, message.effort = [0.2, nan, 0.0], [3.0, 4.0, nan]
+    reader = JointStateReader(['a', 'b'], allow_extra=True)
+    reader.read(serialize_message(message), with_effort=True)
+    assert (reader.has_velocity, reader.has_effort) == (False, True)
+    assert reader.velocity.tolist() == [0.0, 0.0]
+    assert reader.effort.tolist() == [4.0, 3.0]
+    message.effort = [nan, nan, nan]
+    reader.read(serialize_message(message))
+    assert not reader.has_effort
+    with pytest.raises(InputError, match='effort must be given, got NaN') as caught:
+        reader.read(serialize_message(message), with_effort=True)
+    assert caught.value.cause == 'missing_effort'
+    for values in ('position', 'velocity', 'effort'):
+        bad = JointState(name=['a', 'b'], position=[1.0, 2.0])
+        setattr(bad, values, [1.0, nan if values == 'position' else float('inf')])
+        with pytest.raises(InputError, match=f'{values} must be finite'):
+            reader.read(serialize_message(bad))
+
+
+def test_a_sensor_in_a_joint_state_is_read_as_effort_where_it_has_no_position() -> None:
+    sensor = SimpleNamespace(name='cell', field='')
+    message = JointState(name=['a', 'cell'], position=[1.0, float('nan')], effort=[2.0, 3.0])
+
+    def value() -> float:
+        return read_joint_state(serialize_message(message), cast(Any, sensor), '')[1]
+
+    assert value() == 3.0
+    message.position = [1.0, 5.0]
+    assert value() == 5.0
+    message.position, message.effort = [1.0, float('nan')], []
+    assert np.isnan(value())
+
+
 def test_big_endian_is_read_too() -> None:
     raw = b'\x00\x00\x00\x00' + struct.pack('>iI', 3, 500_000_000)
     assert CdrReader(raw).stamp_ns() == 3_500_000_000
@@ -135,6 +173,26 @@ def test_trajectory_is_read_in_the_nodes_joint_order() -> None:
     assert read.velocities.tolist() == [[3.0, 4.0], [7.0, 8.0]]
     assert read.accelerations is None
     assert not read.is_streamed
+
+
+def test_trajectory_may_name_some_joints_or_have_no_points_where_that_is_allowed() -> None:
+    message = JointTrajectory(joint_names=['c', 'a'], points=[point(1, [3.0, 1.0], [0.3, 0.1])])
+    raw = serialize_message(message)
+    read = read_trajectory(raw, ['a', 'b', 'c', 'd'], partial=True)
+    assert read.held == (1, 3)
+    assert read.positions.tolist() == [[1.0, 0.0, 3.0, 0.0]]
+    assert read.velocities is not None
+    assert read.velocities.tolist() == [[0.1, 0.0, 0.3, 0.0]]
+    whole = read.holding(np.array([9.0, 8.0, 7.0, 6.0]))
+    assert whole.positions.tolist() == [[1.0, 8.0, 3.0, 6.0]]
+    for names, cause in ((['x', 'a'], 'unknown_joint'), ([], 'missing_joint')):
+        message.joint_names = names
+        with pytest.raises(InputError) as caught:
+            read_trajectory(serialize_message(message), ['a', 'b'], partial=True)
+        assert caught.value.cause == cause
+    none = read_trajectory(serialize_message(JointTrajectory()), ['a', 'b'], partial=True)
+    assert none.is_cancel
+    assert not read.is_cancel
 
 
 BAD_TRAJECTORIES = {

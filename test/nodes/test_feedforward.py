@@ -115,8 +115,7 @@ def test_bad_references_do_not_move_the_robot(bench: Any) -> None:
         'non_finite': JointTrajectory(joint_names=JOINTS, points=[point(0.0, [1.0, math.nan])]),
         'wrong_length': JointTrajectory(joint_names=JOINTS, points=[point(0.0, [1.0])]),
         'unknown_joint': JointTrajectory(joint_names=['j1', 'x'], points=[point(0.0, far)]),
-        'missing_joint': JointTrajectory(joint_names=['j1'], points=[point(0.0, [1.0])]),
-        'empty': JointTrajectory(joint_names=JOINTS),
+        'missing_joint': JointTrajectory(joint_names=[], points=[point(0.0, [])]),
         'times_not_increasing': JointTrajectory(
             joint_names=JOINTS, points=[point(1.0, far), point(1.0, far)]
         ),
@@ -140,6 +139,41 @@ def test_bad_references_do_not_move_the_robot(bench: Any) -> None:
             for cause in [*bad, 'second_publisher']
         )
     )
+
+
+def test_joints_without_velocity_and_effort_interfaces_are_followed(bench: Any) -> None:
+    arm = bench()
+    arm.feeding = False
+    message = joint_state(JOINTS, POSTURE)
+    message.velocity, message.effort = [math.nan, math.nan], [1.0, math.nan]
+
+    def follows() -> bool:
+        arm.states.publish(message)
+        return bool(arm.node.follower.given and arm.cause == 'following')
+
+    arm.follow(point(0.0, POSTURE), point(0.01, POSTURE))
+    arm.until(follows)
+    assert not arm.node.joint_input.rejected
+
+
+def test_joints_that_are_not_named_hold_and_a_trajectory_without_points_cancels(
+    bench: Any,
+) -> None:
+    arm = bench()
+    arm.until(lambda: arm.node.joint_input.received)
+    arm.follow(point(0.0, [POSTURE[1]]), point(30.0, [1.3]), joints=['j2'])
+    arm.until(lambda: arm.effort and arm.cause == 'following')
+    arm.until(lambda: arm.effort[-1].position[1] > POSTURE[1] + 1e-6)
+    arm.reference.publish(JointTrajectory())
+    arm.until(lambda: arm.effort[-1].velocity[1] == 0.0 and arm.node.follower.given)
+    moving = [m for m in arm.effort if m.velocity[1] != 0.0]
+    assert {m.position[0] for m in moving} == {POSTURE[0]}
+    there = arm.effort[-1].position[1]
+    assert POSTURE[1] < there < 0.0
+    count = len(arm.effort)
+    arm.until(lambda: len(arm.effort) > count + 20)
+    assert arm.effort[-1].position[1] == there
+    assert arm.cause == 'following'
 
 
 def test_a_reference_of_stamp_zero_starts_now_whatever_came_before(bench: Any) -> None:

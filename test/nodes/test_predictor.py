@@ -305,6 +305,8 @@ def test_bad_joint_states_are_refused_by_cause(graph: Any, robot_file: Path, run
     stamp = time.time_ns()
     good = joint_state(run, 0, stamp, effort=True)
     without = joint_state(run, 0, stamp + 1)
+    broadcast = joint_state(run, 0, stamp + 2)  # by joint_state_broadcaster
+    broadcast.velocity = broadcast.effort = [float('nan')] * 2
     infinite = joint_state(run, 0, stamp + 2, effort=True)
     infinite.position[0] = float('inf')
     unknown = joint_state(run, 0, stamp + 3, effort=True)
@@ -314,15 +316,31 @@ def test_bad_joint_states_are_refused_by_cause(graph: Any, robot_file: Path, run
     for message, cause in (
         (good, ''),
         (without, 'missing_effort'),
+        (broadcast, 'missing_effort'),
         (infinite, 'non_finite'),
         (unknown, 'unknown_joint'),
         (backwards, 'backwards_stamp'),
     ):
+        count = rejected[cause]
         publisher.publish(message)
         graph.until(
-            lambda cause=cause: rejected[cause] == 1 if cause else node.joint_input.accepted == 1
+            lambda cause=cause, count=count: (
+                rejected[cause] == count + 1 if cause else node.joint_input.accepted == 1
+            )
         )
     assert node.joint_input.accepted == 1
+
+
+def test_joints_without_velocity_and_effort_interfaces_are_measured(
+    graph: Any, robot_file: Path, run: Run
+) -> None:
+    node = add(graph, robot_file)
+    publisher = graph.publisher(JointState, 'joint_states')
+    message = joint_state(run, 0, time.time_ns())
+    message.velocity = message.effort = [float('nan')] * 2
+    publisher.publish(message)
+    graph.until(lambda: node.joint_input.accepted == 1)
+    graph.until(lambda: node.observer.started)
 
 
 def test_model_may_change_live_and_bad_values_are_refused(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from denoc_ros.nodes.conversions import TrajectoryMessage
+from denoc_ros.nodes.conversions import InputError, TrajectoryMessage
 from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
 
 NOW_NS = 1_000_000_000_000
@@ -69,6 +69,61 @@ def test_a_late_first_point_is_reached_from_what_is_followed_or_measured() -> No
     follower.offer(trajectory([1.0], [0.0]), 20.0, NOW_NS, np.array([99.0]))
     assert at(follower, 20.0)[0] == 3.0
     assert at(follower, 21.0)[0] == 0.0
+
+
+def both(follower: ReferenceFollower, now: float) -> tuple[list[float], list[float]]:
+    q, qd, qdd = np.zeros((3, 2))
+    assert follower.sample(now, q, qd, qdd)
+    return q.tolist(), qd.tolist()
+
+
+def of_the_second(times: list[float], positions: list[float]) -> TrajectoryMessage:
+    """Return a message that does not name the first of two joints."""
+    rows = np.column_stack((np.zeros(len(times)), positions))
+    return TrajectoryMessage(0, np.array(times), rows, None, None, held=(0,))
+
+
+def test_joints_that_a_trajectory_does_not_name_stay_where_they_are_wanted() -> None:
+    follower = ReferenceFollower(2, 0.2)
+    moving = TrajectoryMessage(
+        0, np.array([0.0, 2.0]), np.array([[0.0, 5.0], [1.0, 5.0]]), *2 * (None,)
+    )
+    follower.offer(moving, 10.0, NOW_NS)
+    follower.offer(of_the_second([1.0], [7.0]), 11.0, NOW_NS, np.array([99.0, 99.0]))
+    for now in (11.0, 11.4, 12.0):
+        q, qd = both(follower, now)
+        assert q[0] == pytest.approx(0.5)
+        assert qd[0] == pytest.approx(0.0)
+    assert q[1] == 7.0
+    follower.offer(of_the_second([0.0], [6.0]), 20.0, NOW_NS)  # a streamed point
+    assert both(follower, 20.0)[0] == [pytest.approx(0.5), 6.0]
+
+
+def test_joints_that_nobody_wanted_anywhere_stay_where_they_stand() -> None:
+    follower = ReferenceFollower(2, 0.2)
+    admitted: list[int] = []
+    message = of_the_second([0.0, 1.0], [0.0, 1.0])
+    with pytest.raises(InputError, match='reference must name all joints') as caught:
+        follower.offer(message, 10.0, NOW_NS, None, lambda: admitted.append(1))
+    assert caught.value.cause == 'missing_joint'
+    assert not admitted
+    assert not follower.given
+    follower.offer(message, 10.0, NOW_NS, np.array([3.0, 4.0]), lambda: admitted.append(1))
+    assert both(follower, 11.0)[0] == [3.0, 1.0]
+    assert admitted == [1]
+
+
+def test_a_trajectory_without_points_ends_the_motion_where_it_is() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    none = TrajectoryMessage(0, np.zeros(0), np.zeros((0, 1)), None, None)
+    follower.offer(none, 9.0, NOW_NS)
+    assert not follower.given
+    follower.offer(trajectory([0.0, 2.0], [0.0, 1.0]), 10.0, NOW_NS)
+    follower.offer(trajectory([0.0, 1.0], [5.0, 5.0], start_s=2.0), 10.0, NOW_NS)
+    there = at(follower, 11.0)[0]
+    follower.offer(none, 11.0, NOW_NS)
+    for now in (11.0, 12.5, 20.0):
+        assert at(follower, now) == pytest.approx((there, 0.0, 0.0))
 
 
 def test_a_streamed_point_goes_on_for_one_interval_of_the_stream() -> None:
