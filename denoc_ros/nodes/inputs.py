@@ -11,6 +11,7 @@ from rclpy.qos import QoSProfile
 
 from denoc_ros.nodes.conversions import InputError
 from denoc_ros.nodes.safety import InputMonitor
+from denoc_ros.nodes.talkers import Talkers
 
 HELD = 4  # heavy messages that wait; more of them in so short a time are a flood
 # raw message, and when it arrived on the steady clock [s]
@@ -37,19 +38,26 @@ def arrived(subscription: Any, depth: int) -> Iterator[tuple[bytes, int, int]]:
     received_ns, sent_ns : int
         When, by the system's clock; 0 where the middleware does not say.
     """
+    for raw, info in _taken(subscription, depth):
+        yield raw, info['received_timestamp'], info['source_timestamp']
+
+
+def _taken(subscription: Any, depth: int) -> Iterator[tuple[bytes, Any]]:
+    """Yield what waits, raw, with what the middleware says of it."""
     take, kind = subscription.handle.take_message, subscription.msg_type
     for _ in range(depth):
         taken = take(kind, True)
         if taken is None:
             return
-        raw, info = taken
-        yield raw, info['received_timestamp'], info['source_timestamp']
+        yield taken
 
 
 class Subscriber(Protocol):
     """What makes the subscription, and hears of what is refused."""
 
     create_subscription: Callable[..., Any]
+    take_aside: Callable[[Any], None]
+    drop: Callable[[Any], None]
 
     def refuse(self, monitor: InputMonitor, error: InputError) -> None:
         """Count a bad message."""
@@ -97,33 +105,58 @@ class Input:
         self._node, self._handle = node, handle
         self._last_take = time.perf_counter()
         self._depth = qos.depth
-        # one argument only: rclpy 7.1.6's EventsExecutor fails on raw messages with their info
-        self.subscription: Any = node.create_subscription(
-            message_type, topic, self._on_message, qos, raw=True
-        )
+
+        def subscribed() -> Any:
+            # one argument only: rclpy 7.1.6's EventsExecutor fails on messages with their info
+            return node.create_subscription(message_type, topic, self._on_message, qos, raw=True)
+
+        self._subscribed = subscribed
+        self.subscription = subscribed()
+        self._numbered: Any = None  # a second subscription, where messages come with numbers
         self._publishers = self.subscription.handle.get_publisher_count
         self._publishing = 0  # publishers after the last take
+        self._talkers = Talkers(monitor.max_publishers)
 
     def take(self) -> None:
         """Handle all that has arrived since the last call, at most what the queue holds."""
+        self._take(self.subscription)
+
+    def _take(self, subscription: Any) -> None:
         before = self._last_take
         self._last_take = time.perf_counter()
-        waiting = list(arrived(self.subscription, self._depth))
+        waiting = list(_taken(subscription, self._depth))
         # counted after that, and before: what waited may be from one that came or went since
         publishers = self._publishers()
         publishing, self._publishing = max(publishers, self._publishing), publishers
-        for raw, received_ns, _ in waiting:
+        if not waiting:
+            return
+        numbers = [info['publication_sequence_number'] for _, info in waiting]
+        talking = self._talkers.count(publishing, numbers, self._last_take)
+        for raw, info in waiting:
             now = time.perf_counter()
-            waited = 1e-9 * (time.time_ns() - received_ns)
+            waited = 1e-9 * (time.time_ns() - info['received_timestamp'])
             # whatever the wall clock was set to: it has come since the queue was last empty
             came = min(max(now - waited, before), now)
             if self._heavy or self._is_heavy(raw):
-                self._hold(raw, came, publishing)
+                self._hold(raw, came, talking)
             else:
-                self._give(raw, came, publishing)
+                self._give(raw, came, talking)
 
     def _on_message(self, raw: bytes) -> None:
-        self._give(raw, time.perf_counter(), self._publishers())
+        """Handle a message that the executor brings, without its number."""
+        publishing, now = self._publishers(), time.perf_counter()
+        if publishing <= self.monitor.max_publishers:
+            if self._numbered is not None:
+                self._node.drop(self._numbered)
+                self._numbered = None
+            self._give(raw, now, publishing)
+        elif self._numbered is None:
+            self._numbered = self._subscribed()
+            self._node.take_aside(self._numbered)
+            self._talkers.begin(now)
+            self._give(raw, now, publishing)
+        else:
+            self._take(self._numbered)
 
     def take_heavy(self) -> None:
         """Handle what was too long for the loop."""
@@ -131,16 +164,16 @@ class Input:
             self._give(*self._heavy[0])
             self._heavy.popleft()  # only now may the loop handle again what it takes
 
-    def _hold(self, raw: bytes, came: float, publishing: int) -> None:
+    def _hold(self, raw: bytes, came: float, talking: int) -> None:
         if len(self._heavy) < HELD:
-            self._heavy.append((raw, came, publishing))
+            self._heavy.append((raw, came, talking))
         else:
             rule = f'{self.monitor.topic} must have at most {HELD} long messages at a time'
             self._node.refuse(self.monitor, InputError('flood', f'{rule}, got one more'))
 
-    def _give(self, raw: bytes, came: float, publishing: int) -> None:
+    def _give(self, raw: bytes, came: float, talking: int) -> None:
         try:
-            self.monitor.check_publishers(publishing)
+            self.monitor.check_publishers(talking)
             self._handle(raw, came)
         except InputError as error:
             self._node.refuse(self.monitor, error)

@@ -8,6 +8,7 @@ from denoc_ros.nodes.parameters import Kind, Parameter, ParameterTable
 from denoc_ros.nodes.shared_parameters import (
     lifecycle_parameters,
     loop_parameters,
+    publishers_parameter,
     robot_parameters,
 )
 
@@ -76,14 +77,6 @@ TABLE = ParameterTable(
         Parameter('noise.effort', Kind.DOUBLE, 0.0, 'deviation of measured effort', 'N m, N', 0.0),
         Parameter('noise.sensors', Kind.BOOL, True, "sensors have the noise of the URDF's block"),
         Parameter('seed', Kind.INTEGER, 0, 'of the noise', '', 0),
-        Parameter(
-            'max_publishers',
-            Kind.INTEGER,
-            1,
-            'publishers allowed on an input topic; with more, all its messages are rejected',
-            '',
-            1,
-            100,
-        ),
+        publishers_parameter(),
     ]
 )

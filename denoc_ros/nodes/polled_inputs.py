@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
+from typing import Any
 
 from rclpy.node import Node
 
@@ -28,6 +29,10 @@ class _Aside(Node):
             start_parameter_services=False,
         )
         self.refuse = owner.refuse
+        self.drop = self.destroy_subscription
+
+    def take_aside(self, subscription: Any) -> None:
+        """Do nothing: all are aside."""
 
 
 class PolledInputs:

@@ -34,6 +34,8 @@ class InputMonitor:
         How many of them /diagnostics has warned of.
     last_message : str
         Why the last one was refused.
+    max_publishers : int
+        Publishers that may talk at once.
     """
 
     def __init__(self, topic: str, max_publishers: int = 1) -> None:
@@ -42,16 +44,16 @@ class InputMonitor:
         self.rejected_reported = 0
         self.rejected: Counter[str] = Counter()
         self.last_message = ''
-        self._max_publishers = max_publishers
+        self.max_publishers = max_publishers
         self._last_stamp: int | None = None
         self._last_time = -math.inf
 
     def check_publishers(self, count: int) -> None:
-        """Refuse everything while more publish than may: nobody knows which one is meant."""
-        if count > self._max_publishers:
+        """Refuse everything while more talk than may: nobody knows which one is meant."""
+        if count > self.max_publishers:
             raise InputError(
                 'second_publisher',
-                f'{self.topic} must have at most {self._max_publishers} publishers, got {count}',
+                f'{self.topic} must have at most {self.max_publishers} publishers, got {count}',
             )
 
     def accept(self, stamp_ns: int | None, now: float) -> None:

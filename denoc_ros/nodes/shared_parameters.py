@@ -102,6 +102,20 @@ def loop_parameters() -> tuple[Parameter, ...]:
     )
 
 
+def publishers_parameter() -> Parameter:
+    """Return the row of every node that has inputs."""
+    return Parameter(
+        'max_publishers',
+        Kind.INTEGER,
+        1,
+        'publishers that may talk at once on an input topic; while more do, all its messages are '
+        'rejected',
+        '',
+        1,
+        100,
+    )
+
+
 def input_parameters() -> tuple[Parameter, ...]:
     """Return the rows of every node that listens to joints and reference."""
     return (
@@ -125,13 +139,5 @@ def input_parameters() -> tuple[Parameter, ...]:
             positive=True,
             live=True,
         ),
-        Parameter(
-            'max_publishers',
-            Kind.INTEGER,
-            1,
-            'publishers allowed on an input topic; with more, all its messages are rejected',
-            '',
-            1,
-            100,
-        ),
+        publishers_parameter(),
     )

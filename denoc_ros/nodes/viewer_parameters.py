@@ -5,7 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from denoc_ros.nodes.parameters import Kind, Parameter, ParameterTable
-from denoc_ros.nodes.shared_parameters import lifecycle_parameters, robot_parameters
+from denoc_ros.nodes.shared_parameters import (
+    lifecycle_parameters,
+    publishers_parameter,
+    robot_parameters,
+)
 
 TABLE = ParameterTable(
     [
@@ -83,14 +87,6 @@ TABLE = ParameterTable(
             maximum=60.0,
             positive=True,
         ),
-        Parameter(
-            'max_publishers',
-            Kind.INTEGER,
-            1,
-            'publishers allowed on an input topic; with more, all its messages are rejected',
-            '',
-            1,
-            100,
-        ),
+        publishers_parameter(),
     ]
 )

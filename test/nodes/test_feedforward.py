@@ -125,6 +125,7 @@ def test_bad_references_do_not_move_the_robot(bench: Any) -> None:
         arm.reference.publish(message)
         arm.until(lambda cause=cause: arm.node.reference_input.rejected[cause] == 1)
     other = arm.graph.probe.create_publisher(JointTrajectory, 'reference', 1)
+    arm.reference.publish(backwards)  # both talk
     other.publish(JointTrajectory(joint_names=JOINTS, points=[point(0.0, far)]))
     arm.until(lambda: arm.node.reference_input.rejected['second_publisher'] > 0)
     count = len(arm.effort)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -147,8 +148,14 @@ def test_garbage_and_second_publishers_are_counted_and_not_drawn(
     graph.until(lambda: refused('unknown_joint', stamped(['six'], [0.0])))
     assert node.shown == []
     second = graph.publisher(JointState, 'joint_states')
-    good = stamped(['j1', 'j2'], [0.1, 0.2])
-    graph.until(lambda: refused('second_publisher', good))
+    talkers = cycle((states, second))
+
+    def both_refused() -> bool:
+        next(talkers).publish(stamped(['j1', 'j2'], [0.1, 0.2]))
+        graph.spin(0.02)
+        return graph.value('viewer: inputs', '/joint_states rejected second_publisher') is not None
+
+    graph.until(both_refused)
     graph.probe.destroy_publisher(second)
 
     def drawn() -> bool:

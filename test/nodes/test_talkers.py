@@ -1,0 +1,183 @@
+"""Who talks, by the numbers of messages; and what nodes take of whom."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from sensor_msgs.msg import JointState
+
+from denoc_ros.nodes.base import DenocNode
+from denoc_ros.nodes.conversions import JointStateReader
+from denoc_ros.nodes.parameters import ParameterTable
+from denoc_ros.nodes.robot_node import RobotNode
+from denoc_ros.nodes.shared_parameters import (
+    input_parameters,
+    lifecycle_parameters,
+    loop_parameters,
+    robot_parameters,
+)
+from denoc_ros.nodes.talkers import LOST, SILENCE, Talkers
+
+pytestmark = pytest.mark.ros
+
+TALK = """
+import rclpy, sys, time
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+rclpy.init()
+publisher = Node('crashing').create_publisher(JointState, 'joint_states', 10)
+while True:
+    publisher.publish(JointState(name=['a'], position=[0.0]))
+    time.sleep(0.01)
+"""
+
+
+def test_one_that_goes_on_is_one_although_messages_are_lost() -> None:
+    talkers, now = Talkers(1), 10.0
+    for number in (7, 8, 9, 9 + LOST, 300):
+        assert talkers.count(1, [number], now) == 1
+    for number in (301, 302, 302 + LOST):
+        assert talkers.count(2, [number], now) == 1
+
+
+def test_two_that_talk_in_turns_are_two_however_their_numbers_stand() -> None:
+    for other in (1, 999, 1000, 1001, 1050, 10**6):
+        talkers = Talkers(1)
+        talkers.count(1, [1000], 10.0)
+        found = []
+        for k in range(1, 5):
+            now = 10.0 + 0.01 * k
+            found += [talkers.count(2, [other + k], now), talkers.count(2, [1000 + k], now)]
+        assert found[1:] == [2] * 7
+
+
+def test_messages_of_one_batch_are_told_apart_before_one_is_taken() -> None:
+    assert Talkers(1).count(2, [5, 1], 10.0) == 2
+
+
+def test_one_that_has_fallen_silent_does_not_count_after_a_while() -> None:
+    talkers = Talkers(1)
+    talkers.count(1, [5000], 10.0)
+    assert talkers.count(2, [1], 10.0 + 0.9 * SILENCE) == 2
+    assert talkers.count(2, [2], 10.0 + 1.1 * SILENCE) == 1
+
+
+def test_as_many_as_may_talk_are_not_too_many() -> None:
+    talkers = Talkers(2)
+    found = [talkers.count(3, [first + k], 10.0) for k in range(3) for first in (1, 1000)]
+    assert max(found) == 2
+    assert talkers.count(3, [9000], 10.0) == 3
+
+
+def test_without_numbers_all_count_as_talking() -> None:
+    assert Talkers(1).count(2, [None], 10.0) == 2
+
+
+def test_of_those_before_nothing_is_known_at_the_beginning() -> None:
+    talkers = Talkers(1)
+    talkers.begin(10.0)
+    assert talkers.count(2, [1], 10.1) == 2
+    assert talkers.count(2, [2], 10.1 + SILENCE) == 1
+
+
+TABLE = ParameterTable(
+    [*lifecycle_parameters(), *robot_parameters(), *loop_parameters(), *input_parameters()]
+)
+
+
+class ByExecutor(DenocNode):
+    """Takes joint states as the executor brings them."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('by_executor', TABLE, **options)
+        self.reader = JointStateReader(['a'])
+        self.monitor = self.listen(JointState, 'joint_states', self.on_state)
+
+    def on_state(self, raw: bytes, now: float) -> None:
+        self.reader.read(raw, lambda stamp_ns: self.monitor.accept(stamp_ns, now))
+
+
+class ByLoop(RobotNode):
+    """Takes joint states as a loop does."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('by_loop', TABLE, **options)
+        self.reader = JointStateReader(['a'])
+        self.monitor = self.listen_in_loop(JointState, 'joint_states', self.on_state)
+
+    on_state = ByExecutor.on_state
+
+
+@pytest.fixture(params=[ByExecutor, ByLoop])
+def node(request: Any, graph: Any) -> Any:
+    return graph.add(request.param, start=False)
+
+
+def state(stamp_ns: int) -> JointState:
+    message = JointState(name=['a'], position=[1.0])
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+    return message
+
+
+def test_a_publisher_that_is_silent_is_no_second_one(graph: Any, node: Any) -> None:
+    silent = graph.publisher(JointState, 'joint_states')
+    speaker = graph.publisher(JointState, 'joint_states')
+
+    def said(publisher: Any) -> None:
+        publisher.publish(state(time.time_ns()))
+        graph.spin(0.01)
+
+    def taken(publisher: Any, count: int) -> bool:
+        said(publisher)
+        return bool(node.monitor.accepted >= count)
+
+    graph.until(lambda: taken(speaker, 20))
+
+    def refused() -> bool:
+        said(silent)
+        said(speaker)
+        return bool(node.monitor.rejected['second_publisher'] > 10)
+
+    graph.until(refused)
+    # both go on: neither is taken, however long
+    before, end = node.monitor.accepted, time.perf_counter() + 1.2 * SILENCE
+    while time.perf_counter() < end:
+        refused()
+    assert node.monitor.accepted == before
+    graph.until(lambda: taken(silent, before + 5))
+
+
+@pytest.fixture
+def crashing() -> Iterator[subprocess.Popen[bytes]]:
+    process = subprocess.Popen([sys.executable, '-c', TALK])
+    yield process
+    process.kill()
+    process.wait()
+
+
+def test_a_publisher_is_taken_when_the_one_before_was_killed(
+    graph: Any, crashing: subprocess.Popen[bytes]
+) -> None:
+    node = graph.add(ByLoop, start=False)
+    graph.until(lambda: node.monitor.accepted > 10, 20.0)
+    crashing.send_signal(signal.SIGKILL)
+    crashing.wait()
+    begin = time.perf_counter()
+    publisher = graph.publisher(JointState, 'joint_states')
+    before = node.monitor.accepted
+
+    def taken() -> bool:
+        publisher.publish(state(0))
+        graph.spin(0.01)
+        return bool(node.monitor.accepted > before + 5)
+
+    graph.until(taken)
+    assert node.count_publishers('joint_states') == 2  # the graph still has the dead one
+    assert time.perf_counter() - begin < SILENCE + 4.0
