@@ -169,6 +169,15 @@ class HeldModel:
         self._payloads[frame] = inertia_row(payload, self.lowered.axes[row - 1])
         self._load_body(row)
 
+    def payload_centre(self, frame: str) -> Array | None:
+        """Return the centre of mass (3,) of a frame's payload in its axes; None: no payload."""
+        row = self._payloads.get(frame)
+        if row is None or row[0] == 0.0:
+            return None
+        at = self.tree.frames[frame]
+        centre = self.lowered.axes[at.body] @ (row[1:4] / row[0])
+        return np.asarray(at.placement[:3, :3].T @ (centre - at.placement[:3, 3]))
+
     def _carrier(self, frame: str) -> int:
         return int(self.lowered.ints[self._row(frame), PARENT])
 

@@ -13,7 +13,8 @@ from denoc_ros.dynamics.batch import each_row, run_rows
 from denoc_ros.dynamics.borders import as_output, as_rows, as_states, as_vector, same_rows
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
 from denoc_ros.dynamics.held_model import Source
-from denoc_ros.dynamics.section import Section
+from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
+from denoc_ros.dynamics.regressor import TorqueRegressor
 from denoc_ros.kernels import articulated, composite, inverse, world
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.handle import GOOD, MISFIT
@@ -43,7 +44,7 @@ FRAME_POSE = Verb(world.frame_pose, world.frame_pose_rows, lambda n: (4, 4))
 FRAME_JACOBIAN = Verb(world.frame_jacobian, world.frame_jacobian_rows, lambda n: (6, n))
 
 
-class Robot(ConstrainedModel):
+class Robot(KinematicDerivatives, TorqueRegressor, ConstrainedModel):
     """A robot with rigid and flexible links (see :func:`load_robot`).
 
     States are vectors (n,) in the order of `coordinate_names`; every verb also takes rows (k, n)
@@ -51,7 +52,9 @@ class Robot(ConstrainedModel):
     wanted, `check=False` skips the test that arguments are finite. A robot holds one workspace and
     so is not to be used by two threads at once: give each its own :meth:`copy`.
 
-    Loops and mimic joints: :class:`ConstrainedModel`. Attributes as in :class:`HeldModel`.
+    Loops and mimic joints: :class:`ConstrainedModel`. Derivatives of kinematics:
+    :class:`KinematicDerivatives`; by parameters: :class:`TorqueRegressor`. Attributes as in
+    :class:`HeldModel`.
     """
 
     def __init__(
@@ -220,13 +223,6 @@ class Robot(ConstrainedModel):
     def frame_jacobian(self, frame: str, q: ArrayLike, out: Array | None = None) -> Array:
         """Return the Jacobian (6, n) of a frame: linear first, base axes, at its origin."""
         return self._of_frame(FRAME_JACOBIAN, frame, q, out)
-
-    def section(self, link: str, station: float | None = None) -> tuple[Section, slice]:
-        """Return the cross-section of a link's beam (default the tip) and its amplitudes."""
-        key = (link, station)
-        if key not in self._sections:
-            self._sections[key] = structure.find_section(self, link, station)
-        return self._sections[key]
 
     def tip_deflection(self, link: str, q: ArrayLike, station: float | None = None) -> Array:
         """Return the deflection (3,) [m] of a link's beam in the beam frame; default the tip."""

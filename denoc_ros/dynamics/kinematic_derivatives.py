@@ -1,0 +1,199 @@
+"""Motion of frames, deflections and sensors, and its derivatives by the state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.dynamics import structure
+from denoc_ros.dynamics.batch import run_rows
+from denoc_ros.dynamics.borders import as_output, as_states, same_rows
+from denoc_ros.dynamics.held_model import HeldModel
+from denoc_ros.dynamics.section import Section
+from denoc_ros.kernels import frame_motion
+from denoc_ros.kernels.compiled import ready
+
+Array = NDArray[np.float64]
+
+
+class _Verb(NamedTuple):
+    """A kernel, the same over rows, and the shape of its result for n coordinates."""
+
+    kernel: Callable[..., int]
+    rows: Callable[..., int]
+    shape: Callable[[int], tuple[int, ...]]
+
+
+MOTION = _Verb(frame_motion.frame_motion, frame_motion.frame_motion_rows, lambda n: (2, 6))
+JACOBIAN_RATE = _Verb(
+    frame_motion.frame_jacobian_rate, frame_motion.frame_jacobian_rate_rows, lambda n: (6, n)
+)
+VELOCITY = _Verb(
+    frame_motion.frame_velocity_derivatives,
+    frame_motion.frame_velocity_derivatives_rows,
+    lambda n: (2, 6, n),
+)
+ACCELERATION = _Verb(
+    frame_motion.frame_acceleration_derivatives,
+    frame_motion.frame_acceleration_derivatives_rows,
+    lambda n: (3, 6, n),
+)
+
+
+class KinematicDerivatives(HeldModel):
+    """What frames, beams and sensors do as the state changes; exact, by recursion.
+
+    Of a frame: linear first, base axes, at its origin. The derivative of a pose by q is the
+    Jacobian. Kernels compile when first asked for.
+    """
+
+    def frame_motion(
+        self,
+        frame: str,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike | None = None,
+        out: Array | None = None,
+    ) -> Array:
+        """Return a frame's twist and acceleration (2, 6) or (k, 2, 6).
+
+        Parameters
+        ----------
+        frame : link or loop frame
+        q, qd : (n,) or (k, n)
+        qdd : (n,) or (k, n), optional
+            Default zero.
+        out : (2, 6) or (k, 2, 6), optional
+
+        Returns
+        -------
+        [[v, omega], [a, alpha]] : [m/s, rad/s], [m/s^2, rad/s^2]
+            The acceleration is the classical one, J q'' + J' q': the second derivative of the
+            position, without gravity.
+
+        Raises
+        ------
+        StateError
+            For an unknown frame, a wrong shape or type, or a number that is not finite.
+        """
+        return self._of_motion(MOTION, frame, q, qd, qdd, out)
+
+    def frame_jacobian_rate(
+        self, frame: str, q: ArrayLike, qd: ArrayLike, out: Array | None = None
+    ) -> Array:
+        """Return the time derivative (6, n) or (k, 6, n) of a frame's Jacobian along q'.
+
+        Parameters and errors as in :meth:`frame_motion`.
+        """
+        return self._of_motion(JACOBIAN_RATE, frame, q, qd, None, out)
+
+    def frame_velocity_derivatives(
+        self, frame: str, q: ArrayLike, qd: ArrayLike, out: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Return the derivatives of a frame's twist by q and q', (6, n) or (k, 6, n) each.
+
+        Parameters and errors as in :meth:`frame_motion`; out is (2, 6, n) or (k, 2, 6, n).
+
+        Notes
+        -----
+        dv/dq' is the Jacobian. dv/dq is its rate but for omega, where columns T of the Jacobian
+        do not commute: domega/dq_j = T_j' + T_j x omega.
+        """
+        made = self._of_motion(VELOCITY, frame, q, qd, None, out)
+        return made[..., 0, :, :], made[..., 1, :, :]
+
+    def frame_acceleration_derivatives(
+        self,
+        frame: str,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        out: Array | None = None,
+    ) -> tuple[Array, Array, Array]:
+        """Return the derivatives of a frame's acceleration by q, q' and q'', (6, n) each.
+
+        Parameters and errors as in :meth:`frame_motion`; of rows (k, 6, n) each, out is
+        (3, 6, n) or (k, 3, 6, n). That by q'' is the Jacobian.
+        """
+        made = self._of_motion(ACCELERATION, frame, q, qd, qdd, out)
+        return made[..., 0, :, :], made[..., 1, :, :], made[..., 2, :, :]
+
+    def section(self, link: str, station: float | None = None) -> tuple[Section, slice]:
+        """Return the cross-section of a link's beam (default the tip) and its amplitudes."""
+        key = (link, station)
+        if key not in self._sections:
+            self._sections[key] = structure.find_section(self, link, station)
+        return self._sections[key]
+
+    def tip_deflection_jacobian(
+        self, link: str, q: ArrayLike, station: float | None = None, out: Array | None = None
+    ) -> Array:
+        """Return the derivative (3, n) or (k, 3, n) of :meth:`tip_deflection` by q.
+
+        Its time derivative along q', which the rate's derivative by q is too, is that of u_x
+        alone: see :meth:`tip_deflection_jacobian_rate`.
+        """
+        section, own = self.section(link, station)
+        q = as_states('q', q, self.n)
+        result = as_output(out, (*q.shape[:-1], 3, self.n))
+        result[...] = 0.0
+        result[..., own] = section.linear[:3]
+        result[..., 0, own] = -q[..., own] @ section.shortening
+        return result
+
+    def tip_deflection_jacobian_rate(
+        self, link: str, qd: ArrayLike, station: float | None = None, out: Array | None = None
+    ) -> Array:
+        """Return the time derivative (3, n) or (k, 3, n) of :meth:`tip_deflection_jacobian`.
+
+        Only foreshortening bends with the state, and its Jacobian is linear in q: no q is needed.
+        """
+        section, own = self.section(link, station)
+        qd = as_states('qd', qd, self.n)
+        result = as_output(out, (*qd.shape[:-1], 3, self.n))
+        result[...] = 0.0
+        result[..., 0, own] = -qd[..., own] @ section.shortening
+        return result
+
+    def sensor_derivatives(
+        self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Return the derivatives of the sensors' values by q, q' and q'', (sensors, n) each.
+
+        Of rows (k, sensors, n). All types read the shape of a beam: those by q' and q'' are zero.
+        """
+        states = [as_states('q', q, self.n)]
+        states += [as_states(a, x, self.n) for a, x in (('qd', qd), ('qdd', qdd)) if x is not None]
+        rows = np.zeros((len(self.tree.sensors), self.n))
+        for k, sensor in enumerate(self.tree.sensors):
+            rows[k, structure.amplitudes(self, sensor.link)] = sensor.row
+        if any(state.ndim == 2 for state in states):
+            rows = np.tile(rows, (len(same_rows(states)[0]), 1, 1))
+        return rows, np.zeros_like(rows), np.zeros_like(rows)
+
+    def _of_motion(
+        self,
+        verb: _Verb,
+        frame: str,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike | None,
+        out: Array | None,
+    ) -> Array:
+        """Return what a kernel makes of a frame's motion, at one state or many."""
+        row, n = self._row(frame), self.n
+        given = self._zero if qdd is None else as_states('qdd', qdd, n)
+        states = [as_states('q', q, n), as_states('qd', qd, n), given]
+        if all(state.ndim == 1 for state in states):
+            if not verb.kernel.overloads:  # type: ignore[attr-defined]
+                ready(verb.kernel)
+            out = as_output(out, verb.shape(n))
+            verb.kernel(self.handle, *states, row, out)
+            return out
+        states = same_rows(states)
+        out = as_output(out, (len(states[0]), *verb.shape(n)))
+        run_rows(self, verb.rows, len(states[0]), (*states, row), (out,))
+        return out

@@ -1,0 +1,268 @@
+"""Which of a model's numbers a dotted path changes, and by how much per unit of its value."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.errors import ConfigError
+from denoc_ros.kernels import layout
+from denoc_ros.model.inertia import from_centre, moved
+from denoc_ros.model.lowering import inertia_row, is_flexible
+from denoc_ros.model.overrides import carrying_links, damping_names
+from denoc_ros.model.tree import Beam, Deformation, RigidInertia
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.held_model import HeldModel
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+WHERE = 'torque regressor'
+# in the order of the rows of a model's diagonals
+DIAGONAL_TERMS = ('stiffness', 'damping', 'friction', 'armature')
+MOMENTS = {
+    'ixx': (0, 0),
+    'ixy': (0, 1),
+    'ixz': (0, 2),
+    'iyy': (1, 1),
+    'iyz': (1, 2),
+    'izz': (2, 2),
+}
+AXES = ('x', 'y', 'z')
+PARTS = ('y', 'z', 'torsion')
+NOT_LINEAR = 'be a number in which torque is linear'
+
+
+@dataclass(frozen=True)
+class Column:
+    """What one unit of a parameter adds.
+
+    To a term along the coordinates: values (n,). To the inertia: values of the constants, which
+    are indices of `reals`, all other masses being zero.
+    """
+
+    term: str  # one of DIAGONAL_TERMS, else 'inertia'
+    values: Array
+    constants: Int
+
+
+class _Unfit(Exception):  # noqa: N818
+    """A path that gives no column: what it must be, and what it is."""
+
+
+def find_columns(robot: HeldModel, paths: Sequence[str]) -> list[Column]:
+    """Return the columns of dotted paths, in their order.
+
+    Raises
+    ------
+    ConfigError
+        With every path that gives none.
+    """
+    names, columns, findings = damping_names(robot.tree), [], []
+    finders = {'beam': _beam, 'joint': _joint, 'payload': _payload, 'link': _link}
+    for path in paths:
+        kind, _, rest = names.get(path, path).partition('.')
+        try:
+            if kind not in finders:
+                starts = ', '.join(f'{name}.' for name in (*finders, 'damping'))
+                raise _Unfit(f'start with one of {starts}, got {path!r}')
+            columns.append(finders[kind](robot, rest))
+        except _Unfit as unfit:
+            findings.append(f'path {path!r}: must {unfit}')
+    if findings:
+        raise ConfigError(WHERE, findings)
+    return columns
+
+
+def beam_constants(row: Int) -> slice:
+    """Return where the constants of a body's beam stand in `reals`, by its row of `ints`."""
+    ny, nz, nt = (int(row[k]) for k in (layout.NY, layout.NZ, layout.NT))
+    size = 1 + nt + nt * nt + int(row[layout.POINTS]) * (2 + ny + nz + ny * ny + nz * nz)
+    start = int(row[layout.BEAM])
+    return slice(start, start + size)
+
+
+def _known(exist: Sequence[str]) -> _Unfit:
+    listed = ', '.join(exist) if exist else 'none of this kind'
+    return _Unfit(f'be one that the robot has ({listed}), got another')
+
+
+def _diagonal(robot: HeldModel, term: str, index: int | slice, values: Array | float) -> Column:
+    column = np.zeros(robot.n)
+    column[index] = values
+    return Column(term, column, np.zeros(0, dtype=np.int64))
+
+
+# joints -----------------------------------------------------------------------------------------
+
+
+def _joint(robot: HeldModel, rest: str) -> Column:
+    name, _, field = rest.rpartition('.')
+    if name not in robot.joint_names or field not in DIAGONAL_TERMS[1:]:
+        fields = '|'.join(DIAGONAL_TERMS[1:])
+        raise _known([f'joint.{joint}.<{fields}>' for joint in robot.joint_names])
+    index = int(robot.joint_indices[robot.joint_names.index(name)])
+    return _diagonal(robot, field, index, 1.0)
+
+
+# beams ------------------------------------------------------------------------------------------
+
+
+def _beam(robot: HeldModel, rest: str) -> Column:
+    """Return the column of `<link>.<y|z|torsion>.<field>[.<mode>]` or `<link>.mass_per_length`."""
+    for i, body in enumerate(robot.tree.bodies):
+        if not is_flexible(body) or not rest.startswith(f'{body.name}.'):
+            continue
+        beam = body.beam
+        assert beam is not None
+        parts = rest[len(body.name) + 1 :].split('.')
+        if parts == ['mass_per_length']:
+            return _mass_per_length(robot, i, beam)
+        part = getattr(beam, parts[0]) if parts[0] in PARTS else None
+        if part is not None and len(parts) > 1:
+            return _deformation(robot, i, beam, part, parts)
+    raise _known(_beam_paths(robot))
+
+
+def _beam_paths(robot: HeldModel) -> list[str]:
+    known = []
+    for body in robot.tree.bodies:
+        if is_flexible(body) and body.beam is not None:
+            for name in PARTS:
+                if getattr(body.beam, name) is not None:
+                    own = 'gj|polar_inertia' if name == 'torsion' else 'ei'
+                    known.append(f'beam.{body.name}.{name}.<{own}|damping|damping_ratio>')
+            known.append(f'beam.{body.name}.mass_per_length')
+    return known
+
+
+def _deformation(
+    robot: HeldModel, i: int, beam: Beam, part: Deformation, parts: Sequence[str]
+) -> Column:
+    name, field = parts[0], parts[1]
+    if field == 'modes':
+        raise _Unfit(f'{NOT_LINEAR}, got the number of modes')
+    if name == 'torsion' and field == 'polar_inertia' and len(parts) == 2:
+        return _polar_inertia(robot, i, beam)
+    row = robot.lowered.ints[1 + i].astype(int)
+    before = sum(beam.modes[: PARTS.index(name)])
+    first = int(row[layout.COORDINATE] + row[layout.JOINT]) + before
+    per_unit = part.modal_stiffness / part.stiffness
+    if field == ('gj' if name == 'torsion' else 'ei') and len(parts) == 2:
+        return _diagonal(robot, 'stiffness', slice(first, first + part.modes), per_unit)
+    if field not in ('damping', 'damping_ratio') or len(parts) > 3:
+        raise _known(_beam_paths(robot))
+    per_unit = np.ones(part.modes)
+    if field == 'damping_ratio':
+        inertia = beam.polar_inertia if name == 'torsion' else beam.mass_per_length
+        modal_mass = inertia * np.diag(part.shapes.gram(0))
+        per_unit = 2.0 * np.sqrt(part.modal_stiffness * modal_mass)
+    if len(parts) == 3:
+        per_unit = per_unit * _mode(parts[2], part.modes)
+    return _diagonal(robot, 'damping', slice(first, first + part.modes), per_unit)
+
+
+def _mode(text: str, modes: int) -> Array:
+    """Return the flags (modes,) of one mode, given as in the names of coordinates."""
+    if not text.isdecimal() or not 1 <= int(text) <= modes:
+        raise _Unfit(f'end with a mode from 1 to {modes}, got {text!r}')
+    return np.asarray(np.arange(1, modes + 1) == int(text), dtype=np.float64)
+
+
+def _mass_per_length(robot: HeldModel, i: int, beam: Beam) -> Column:
+    """Return the column of a beam's own mass: its points are in proportion to its root."""
+    row = robot.lowered.ints[1 + i].astype(int)
+    where = beam_constants(row)
+    nt = int(row[layout.NT])
+    values = robot.lowered.reals[where] / np.sqrt(beam.mass_per_length)
+    values[: 1 + nt + nt * nt] = 0.0
+    return Column('inertia', values, np.arange(where.start, where.stop))
+
+
+def _polar_inertia(robot: HeldModel, i: int, beam: Beam) -> Column:
+    """Return the column of a beam's inertia about its axis, which the rest of the link loses."""
+    row = robot.lowered.ints[1 + i].astype(int)
+    nt, start = int(row[layout.NT]), int(row[layout.BEAM])
+    polar = np.arange(start, start + 1 + nt + nt * nt)
+    rest = RigidInertia(inertia=np.diag([-beam.length, 0.0, 0.0]))
+    body = inertia_row(rest, robot.lowered.axes[i])
+    at = int(row[layout.REAL]) + layout.MASS
+    values = np.concatenate([robot.lowered.reals[polar] / beam.polar_inertia, body])
+    return Column('inertia', values, np.concatenate([polar, np.arange(at, at + 10)]))
+
+
+# rigid bodies -----------------------------------------------------------------------------------
+
+
+def _rigid(robot: HeldModel, link: str, inertia: RigidInertia) -> Column:
+    """Return the column of an inertia about a link frame's origin."""
+    attachment = robot.tree.frames[link]
+    seen = moved(inertia, attachment.placement)
+    row = robot.lowered.ints[1 + attachment.body].astype(int)
+    at = int(row[layout.REAL]) + layout.MASS
+    values = inertia_row(seen, robot.lowered.axes[attachment.body])
+    return Column('inertia', values, np.arange(at, at + 10))
+
+
+def _moment(name: str) -> RigidInertia:
+    """Return a unit of one of the six moments and products of inertia."""
+    matrix = np.zeros((3, 3))
+    r, c = MOMENTS[name]
+    matrix[r, c] = matrix[c, r] = 1.0
+    return RigidInertia(inertia=matrix)
+
+
+def _split(robot: HeldModel, rest: str, kind: str, fields: Sequence[str]) -> tuple[str, list[str]]:
+    """Return the link and the field's parts of a path."""
+    links = carrying_links(robot.tree)
+    for link in sorted(links, key=len, reverse=True):
+        if rest.startswith(f'{link}.'):
+            return link, rest[len(link) + 1 :].split('.')
+    raise _known([f'{kind}.{link}.<{"|".join(fields)}>' for link in sorted(links)])
+
+
+def _payload(robot: HeldModel, rest: str) -> Column:
+    fields = ('mass', *(f'inertia.{name}' for name in MOMENTS))
+    link, parts = _split(robot, rest, 'payload', fields)
+    if parts == ['com']:
+        raise _Unfit(
+            f'{NOT_LINEAR}, got a centre of mass (inertia has its square): take '
+            f'link.{link}.first_moment.<x|y|z>'
+        )
+    if parts == ['mass']:
+        return _rigid(robot, link, from_centre(1.0, _centre(robot, link), np.zeros((3, 3))))
+    if len(parts) == 2 and parts[0] == 'inertia' and parts[1] in MOMENTS:
+        return _rigid(robot, link, _moment(parts[1]))
+    raise _known([f'payload.{link}.<{"|".join(fields)}>'])
+
+
+def _centre(robot: HeldModel, link: str) -> Array:
+    """Return the centre of mass of a link's payload in the link's frame, 0 without one."""
+    held = robot.payload_centre(link)
+    if held is not None:
+        return held
+    given = robot.tree.overrides.get(f'payload.{link}.com')
+    return np.zeros(3) if given is None else np.ravel(np.asarray(given, dtype=np.float64))
+
+
+def _link(robot: HeldModel, rest: str) -> Column:
+    moments = [f'first_moment.{axis}' for axis in AXES]
+    fields = ('mass', *moments, *(f'inertia.{name}' for name in MOMENTS))
+    link, parts = _split(robot, rest, 'link', fields)
+    units = {'mass': RigidInertia(1.0)}
+    units.update(
+        (axis, RigidInertia(first_moment=unit))
+        for axis, unit in zip(moments, np.eye(3), strict=True)
+    )
+    units.update((f'inertia.{name}', _moment(name)) for name in MOMENTS)
+    field = '.'.join(parts)
+    if field == 'com':
+        raise _Unfit(f'{NOT_LINEAR}, got a centre of mass: take link.{link}.first_moment.<x|y|z>')
+    if field not in units:
+        raise _known([f'link.{link}.<{"|".join(fields)}>'])
+    return _rigid(robot, link, units[field])

@@ -1,0 +1,117 @@
+"""How generalized forces depend on the model's parameters, where they do so linearly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.dynamics.borders import as_output, as_states, same_rows
+from denoc_ros.dynamics.held_model import HeldModel
+from denoc_ros.dynamics.parameter_columns import (
+    DIAGONAL_TERMS,
+    Column,
+    beam_constants,
+    find_columns,
+)
+from denoc_ros.kernels import layout
+from denoc_ros.model.lowering import is_flexible
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+class TorqueRegressor(HeldModel):
+    """What inverse dynamics make of parameters in which they are linear."""
+
+    def torque_regressor(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        paths: Sequence[str],
+        out: Array | None = None,
+    ) -> Array:
+        """Return the derivatives of the generalized forces by parameters: exact, for any values.
+
+        Parameters
+        ----------
+        q, qd, qdd : (n,) or (k, n)
+        paths : sequence of str
+            Dotted paths as overrides have them, and more (docs/linear_models.md):
+            `beam.<link>.<y|z>.<ei|damping|damping_ratio>` and
+            `beam.<link>.torsion.<gj|polar_inertia|damping|damping_ratio>`, of a mode alone with
+            its number behind (`beam.arm.y.damping.2`); `beam.<link>.mass_per_length`, the rigid
+            rest of the link held; `joint.<name>.<damping|friction|armature>` and `damping.*`;
+            `payload.<link>.<mass|inertia.ixx|...>` about its centre of mass, which is held;
+            `link.<link>.<mass|first_moment.x|...|inertia.ixx|...>` about the link frame's
+            origin: the ten of a rigid body.
+        out : (n, parameters) or (k, n, parameters), optional
+
+        Returns
+        -------
+        (n, parameters) or (k, n, parameters)
+            Columns in the order of `paths`. For parameters p that are not of one number twice,
+            tau(p) = regressor @ p + rest with a rest that does not depend on p.
+
+        Raises
+        ------
+        ConfigError
+            With every path that the robot does not have, or in which its forces are not linear.
+        StateError
+            For a wrong shape or type, or a number that is not finite.
+
+        Notes
+        -----
+        Damping enters by its coefficients [N s/m, N m s/rad]: a damping ratio is one worked out
+        as the model is loaded, and the columns of stiffness and mass hold it.
+        """
+        given = zip(('q', 'qd', 'qdd'), (q, qd, qdd), strict=True)
+        states = [as_states(name, value, self.n) for name, value in given]
+        columns = find_columns(self, paths)
+        single = all(state.ndim == 1 for state in states)
+        rows = same_rows(states)
+        k = len(rows[0])
+        shape = (self.n, len(columns))
+        result = as_output(out, shape if single else (k, *shape))
+        _write(cast('Robot', self), columns, rows, result.reshape(k, *shape))
+        return result
+
+
+def _write(robot: Robot, columns: Iterable[Column], rows: Sequence[Array], out: Array) -> None:
+    """Write columns (k, n, parameters) at states (k, n)."""
+    q, qd, qdd = rows
+    slip = np.tanh(qd / robot.lowered.reals[layout.SLIP_RATE])
+    factors = dict(zip(DIAGONAL_TERMS, (q, qd, slip, qdd), strict=True))
+    bare: Robot | None = None
+    for index, column in enumerate(columns):
+        if column.term in factors:
+            np.multiply(factors[column.term], column.values, out=out[:, :, index])
+            continue
+        if bare is None:
+            bare = _massless(robot)
+        constants = bare.reals[column.constants]
+        bare.reals[column.constants] = column.values
+        out[:, :, index] = bare.inverse_dynamics(q, qd, qdd)
+        bare.reals[column.constants] = constants
+
+
+def _massless(robot: Robot) -> Robot:
+    """Return the robot with neither mass nor elasticity, damping, friction and armature.
+
+    Its inverse dynamics are those of the masses that are then put in.
+    """
+    bare = robot.copy()
+    lowered = robot.lowered
+    bare._adopt(replace(lowered, diagonals=np.zeros_like(lowered.diagonals)))
+    for row, body in zip(lowered.ints[1:].astype(int), robot.tree.bodies, strict=False):
+        mass = row[layout.REAL] + layout.MASS
+        bare.reals[mass : mass + 10] = 0.0
+        if is_flexible(body):
+            bare.reals[beam_constants(row)] = 0.0
+    return bare

@@ -1,0 +1,357 @@
+"""Twists and accelerations of frames, and how they and the Jacobian change with the state.
+
+Column j of the Jacobian of a frame is [L; T], its rates along a motion are L', T', L'', T'' and
+the frame turns by w with the angular acceleration al. As positions are functions of q alone,
+partial derivatives are time derivatives of columns; of rotations they differ by a Lie bracket:
+
+    dv/dq_j = L'     dw/dq_j = T' + T x w     da/dq_j = L''    dal/dq_j = T'' + T' x w + T x al
+    da/dq'_j = 2 L'  dal/dq'_j = 2 T' + T x w
+"""
+
+import math
+
+from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.handle import GOOD, at, beyond, coordinates, elements, model_arrays
+from denoc_ros.kernels.layout import (
+    ACCELERATION,
+    AXIS,
+    COEFFICIENTS,
+    COLUMNS,
+    COORDINATE,
+    GRAVITY,
+    JOINT,
+    MODES,
+    NT,
+    NY,
+    NZ,
+    PARENT,
+    PLACE,
+    REAL,
+    SECTION,
+    SECTION_WORK,
+    SPEED,
+    SPIN_UP,
+    VECTOR,
+    VELOCITY,
+    WORK,
+    WORLD_POSITION,
+    WORLD_ROTATION,
+)
+from denoc_ros.kernels.motion import linear_velocity, move_body, section_motion, section_rates
+from denoc_ros.kernels.placement import place_body, six_terms
+from denoc_ros.kernels.vector import add, cross, dot, load, rotate, scale, subtract
+from denoc_ros.kernels.world import section_place, world_pose
+
+ZERO = (0.0, 0.0, 0.0)
+# Taylor series in s = |phi|^2: of the second derivatives of b and c per (phi . phi')^2
+SERIES_DDB = tuple(4 * (k + 2) * (k + 1) * (-1) ** k / math.factorial(2 * k + 6) for k in range(6))
+SERIES_DDC = tuple(4 * (k + 2) * (k + 1) * (-1) ** k / math.factorial(2 * k + 7) for k in range(6))
+
+
+@inlined
+def second_coefficients(s, b, c, db, dc):
+    """Return the second derivatives of b and c, the first having those of exponential_…."""
+    if s < 0.25:
+        return six_terms(SERIES_DDB, s), six_terms(SERIES_DDC, s)
+    return (c - b - 4.0 * db) / s, (db - 5.0 * dc) / s
+
+
+@inlined
+def jacobian_rates(work, o, rate, rate_up, axis):
+    """Return J e, J' e and J'' e of a section's left Jacobian for one unit vector e."""
+    phi = load(work, o + VECTOR)
+    k = o + COEFFICIENTS
+    b, c, db, dc = work[k], work[k + 1], work[k + 2], work[k + 3]
+    ddb, ddc = second_coefficients(dot(phi, phi), b, c, db, dc)
+    r = dot(phi, rate)
+    r_up = dot(rate, rate) + dot(phi, rate_up)
+    b_up, c_up = ddb * r * r + db * r_up, ddc * r * r + dc * r_up
+    x, y, z = cross(phi, axis), cross(rate, axis), cross(rate_up, axis)  # K e, K' e, K'' e
+    xx = cross(phi, x)
+    xy = add(cross(rate, x), cross(phi, y))
+    xz = add(add(cross(rate_up, x), scale(2.0, cross(rate, y))), cross(phi, z))
+    first = add(add(scale(db * r, x), scale(b, y)), add(scale(dc * r, xx), scale(c, xy)))
+    second = add(
+        add(scale(b_up, x), add(scale(2.0 * db * r, y), scale(b, z))),
+        add(scale(c_up, xx), add(scale(2.0 * dc * r, xy), scale(c, xz))),
+    )
+    return add(axis, add(scale(b, x), scale(c, xx))), first, second
+
+
+@inlined
+def seen(work, u, v, v1, v2, w, al):
+    """Return a vector given in a body's axes, and its two rates, in base axes."""
+    v = rotate(work, u, v)
+    v1 = rotate(work, u, v1)
+    turning = cross(w, v)
+    second = add(rotate(work, u, v2), add(scale(2.0, cross(w, v1)), cross(al, v)))
+    return v, add(v1, turning), add(second, cross(w, turning))
+
+
+@inlined
+def carried(slide, turn, arm):
+    """Return the linear column at a point, and its rates, from those at another and the arm."""
+    first = add(slide[1], add(cross(turn[1], arm[0]), cross(turn[0], arm[1])))
+    second = add(cross(turn[2], arm[0]), cross(turn[0], arm[2]))
+    second = add(slide[2], add(second, scale(2.0, cross(turn[1], arm[1]))))
+    return add(slide[0], cross(turn[0], arm[0])), first, second
+
+
+@inlined
+def shortening_rates(reals, h, count, j, rates):
+    """Return the axial entry -(H d)_j of a column for rates (or accelerations) of amplitudes."""
+    total = 0.0
+    for k in range(count):
+        total -= reals[h + count * j + k] * rates[k]
+    return total
+
+
+@inlined
+def body_state(work, o):
+    """Return position, velocity, acceleration, w and al of a row, base axes, gravity included."""
+    r = o + WORLD_ROTATION
+    return (
+        load(work, o + WORLD_POSITION),
+        rotate(work, r, load(work, o + VELOCITY)),
+        rotate(work, r, load(work, o + ACCELERATION)),
+        rotate(work, r, load(work, o + SPEED)),
+        rotate(work, r, load(work, o + SPIN_UP)),
+    )
+
+
+@inlined
+def section_state(ints, reals, work, qd, qdd, i):
+    """Return position, velocity and acceleration of the section that carries row i, base axes."""
+    p = at(ints, i, PARENT)
+    u = at(ints, p, WORK)
+    k = at(ints, i, SECTION_WORK)
+    w = load(work, u + SPEED)
+    v = add(load(work, u + VELOCITY), cross(w, load(work, k + PLACE)))
+    _w, a, _al = section_motion(
+        ints, reals, work, qd, qdd, i, w, load(work, u + ACCELERATION), load(work, u + SPIN_UP)
+    )
+    c = k + COLUMNS
+    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+    for j in range(d, d + at(ints, p, MODES)):
+        v = add(v, scale(qd[j], load(work, c)))
+        c += 6
+    r = u + WORLD_ROTATION
+    return section_place(ints, work, i), rotate(work, r, v), rotate(work, r, a)
+
+
+@inlined
+def joint_columns(write, ints, reals, work, i, frame, out, n):
+    """Write what the joint of body i does to a frame."""
+    o = at(ints, i, WORK)
+    position, v, a, w, al = body_state(work, o)
+    arm = (subtract(frame[0], position), subtract(frame[1], v), subtract(frame[2], a))
+    s = at(ints, i, REAL) + AXIS
+    r = o + WORLD_ROTATION
+    slide = seen(work, r, load(reals, s), ZERO, ZERO, w, al)
+    turn = seen(work, r, load(reals, s + 3), ZERO, ZERO, w, al)
+    write(out, n, at(ints, i, COORDINATE), carried(slide, turn, arm), turn, frame[3], frame[4])
+
+
+@inlined
+def section_columns(write, ints, reals, work, qd, qdd, i, frame, out, n):
+    """Write what the amplitudes of the beam that carries row i do to a frame."""
+    p = at(ints, i, PARENT)
+    u = at(ints, p, WORK)
+    position, v, a = section_state(ints, reals, work, qd, qdd, i)
+    arm = (subtract(frame[0], position), subtract(frame[1], v), subtract(frame[2], a))
+    _position, _v, _a, w, al = body_state(work, u)
+    rate, _axial = section_rates(ints, reals, qd, i)
+    rate_up, _axial = section_rates(ints, reals, qdd, i)
+    o = at(ints, i, SECTION_WORK)
+    turn_x = jacobian_rates(work, o, rate, rate_up, (1.0, 0.0, 0.0))
+    turn_y = jacobian_rates(work, o, rate, rate_up, (0.0, -1.0, 0.0))
+    turn_z = jacobian_rates(work, o, rate, rate_up, (0.0, 0.0, 1.0))
+    ny, nz, nt = at(ints, p, NY), at(ints, p, NZ), at(ints, p, NT)
+    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+    slope = at(ints, i, SECTION) + 1 + ny + nz
+    h = slope + ny + nz + nt
+    c = o + COLUMNS
+    r = u + WORLD_ROTATION
+    for j in range(ny + nz + nt):
+        factor = reals[slope + j]
+        x1, x2 = 0.0, 0.0
+        if j < ny:
+            axis = turn_z
+            x1 = shortening_rates(reals, h, ny, j, beyond(qd, d))
+            x2 = shortening_rates(reals, h, ny, j, beyond(qdd, d))
+        elif j < ny + nz:
+            axis = turn_y
+            m = j - ny
+            x1 = shortening_rates(reals, h + ny * ny, nz, m, beyond(qd, d + ny))
+            x2 = shortening_rates(reals, h + ny * ny, nz, m, beyond(qdd, d + ny))
+        else:
+            axis = turn_x
+        slide = seen(work, r, load(work, c), (x1, 0.0, 0.0), (x2, 0.0, 0.0), w, al)
+        turn = seen(
+            work, r, scale(factor, axis[0]), scale(factor, axis[1]), scale(factor, axis[2]), w, al
+        )
+        write(out, n, d + j, carried(slide, turn, arm), turn, frame[3], frame[4])
+        c += 6
+
+
+@inlined
+def move_world(ints, reals, work, bodies, q, qd, qdd, i):
+    """Place and move every body, and row i if it is a frame; return the motion of row i."""
+    for k in range(1, bodies + 1):
+        place_body(ints, reals, work, q, k)
+        world_pose(ints, work, k)
+        move_body(ints, reals, work, qd, qdd, k)
+        linear_velocity(ints, reals, work, qd, k)
+    if i > bodies:
+        place_body(ints, reals, work, q, i)
+        world_pose(ints, work, i)
+        move_body(ints, reals, work, qd, qdd, i)
+        linear_velocity(ints, reals, work, qd, i)
+    return body_state(work, at(ints, i, WORK))
+
+
+@inlined
+def walk(write, blocks, handle, q, qd, qdd, i, out):
+    """Write the blocks (6, n) that `write` makes of every column of row i's Jacobian."""
+    ints, reals, work, _diagonals, bodies = model_arrays(handle)
+    n = coordinates(handle)
+    frame = move_world(ints, reals, work, bodies, q, qd, qdd, i)
+    for k in range(6 * n * blocks):
+        out[k] = 0.0
+    while i > 0:
+        if at(ints, i, JOINT) == 1:
+            joint_columns(write, ints, reals, work, i, frame, out, n)
+        if at(ints, i, SECTION) > 0:
+            section_columns(write, ints, reals, work, qd, qdd, i, frame, out, n)
+        i = at(ints, i, PARENT)
+
+
+@inlined
+def put(out, n, block, j, linear, angular):
+    """Write column j of a block (6, n)."""
+    o = 6 * n * block + j
+    for k in range(3):
+        out[o + n * k] = linear[k]
+        out[o + n * (3 + k)] = angular[k]
+
+
+@inlined
+def write_rate(out, n, j, linear, turn, _w, _al):
+    """Write a column of the Jacobian's rate."""
+    put(out, n, 0, j, linear[1], turn[1])
+
+
+@inlined
+def write_velocity(out, n, j, linear, turn, w, _al):
+    """Write a column of the twist's derivatives by q and q'."""
+    put(out, n, 0, j, linear[1], add(turn[1], cross(turn[0], w)))
+    put(out, n, 1, j, linear[0], turn[0])
+
+
+@inlined
+def write_acceleration(out, n, j, linear, turn, w, al):
+    """Write a column of the acceleration's derivatives by q, q' and q''."""
+    angular = add(turn[2], add(cross(turn[1], w), cross(turn[0], al)))
+    put(out, n, 0, j, linear[2], angular)
+    angular = add(scale(2.0, turn[1]), cross(turn[0], w))
+    put(out, n, 1, j, scale(2.0, linear[1]), angular)
+    put(out, n, 2, j, linear[0], turn[0])
+
+
+STATE = 'int64, float64[::1], float64[::1], float64[::1], int64'
+ROWS = 'int64, float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64, int64'
+
+
+@shared
+def find_motion(handle, q, qd, qdd, i, out):
+    """Write twist and classical acceleration (2, 6) of row i: linear first, base axes."""
+    ints, reals, work, _diagonals, bodies = model_arrays(handle)
+    _position, v, a, w, al = move_world(ints, reals, work, bodies, q, qd, qdd, i)
+    a = add(a, load(reals, GRAVITY))
+    for k in range(3):
+        out[k], out[3 + k], out[6 + k], out[9 + k] = v[k], w[k], a[k], al[k]
+
+
+@shared
+def find_jacobian_rate(handle, q, qd, qdd, i, out):
+    """Write the rate (6, n) of row i's Jacobian along q'."""
+    walk(write_rate, 1, handle, q, qd, qdd, i, out)
+
+
+@shared
+def find_velocity(handle, q, qd, qdd, i, out):
+    """Write the derivatives (2, 6, n) of row i's twist by q and q'."""
+    walk(write_velocity, 2, handle, q, qd, qdd, i, out)
+
+
+@shared
+def find_acceleration(handle, q, qd, qdd, i, out):
+    """Write the derivatives (3, 6, n) of row i's acceleration by q, q' and q''."""
+    walk(write_acceleration, 3, handle, q, qd, qdd, i, out)
+
+
+@inlined
+def each_state(find, size, handle, states, i, first, last, out):
+    """Let `find` write its numbers, `size` of them, for rows first .. last - 1 of (k, n)."""
+    n = coordinates(handle)
+    for k in range(first, last):
+        o = n * k
+        q, qd, qdd = beyond(states[0], o), beyond(states[1], o), beyond(states[2], o)
+        find(handle, q, qd, qdd, i, beyond(out, size * k))
+    return GOOD
+
+
+@kernel(f'int64({STATE}, float64[:, ::1])')
+def frame_motion(handle, q, qd, qdd, i, out):
+    """Write twist and classical acceleration (2, 6) of row i: linear first, base axes."""
+    find_motion(handle, elements(q), elements(qd), elements(qdd), i, elements(out))
+    return GOOD
+
+
+@rows_kernel(f'int64({ROWS}, float64[:, :, ::1])')
+def frame_motion_rows(handle, q, qd, qdd, i, first, last, out):
+    """Do the same for rows first .. last - 1 of (k, n) states."""
+    states, size = (elements(q), elements(qd), elements(qdd)), 12
+    return each_state(find_motion, size, handle, states, i, first, last, elements(out))
+
+
+@kernel(f'int64({STATE}, float64[:, ::1])')
+def frame_jacobian_rate(handle, q, qd, qdd, i, out):
+    """Write the rate (6, n) of row i's Jacobian along q'."""
+    find_jacobian_rate(handle, elements(q), elements(qd), elements(qdd), i, elements(out))
+    return GOOD
+
+
+@rows_kernel(f'int64({ROWS}, float64[:, :, ::1])')
+def frame_jacobian_rate_rows(handle, q, qd, qdd, i, first, last, out):
+    """Do the same for rows first .. last - 1 of (k, n) states."""
+    states, size = (elements(q), elements(qd), elements(qdd)), 6 * coordinates(handle)
+    return each_state(find_jacobian_rate, size, handle, states, i, first, last, elements(out))
+
+
+@kernel(f'int64({STATE}, float64[:, :, ::1])')
+def frame_velocity_derivatives(handle, q, qd, qdd, i, out):
+    """Write the derivatives (2, 6, n) of row i's twist by q and q'."""
+    find_velocity(handle, elements(q), elements(qd), elements(qdd), i, elements(out))
+    return GOOD
+
+
+@rows_kernel(f'int64({ROWS}, float64[:, :, :, ::1])')
+def frame_velocity_derivatives_rows(handle, q, qd, qdd, i, first, last, out):
+    """Do the same for rows first .. last - 1 of (k, n) states."""
+    states, size = (elements(q), elements(qd), elements(qdd)), 12 * coordinates(handle)
+    return each_state(find_velocity, size, handle, states, i, first, last, elements(out))
+
+
+@kernel(f'int64({STATE}, float64[:, :, ::1])')
+def frame_acceleration_derivatives(handle, q, qd, qdd, i, out):
+    """Write the derivatives (3, 6, n) of row i's acceleration by q, q' and q''."""
+    find_acceleration(handle, elements(q), elements(qd), elements(qdd), i, elements(out))
+    return GOOD
+
+
+@rows_kernel(f'int64({ROWS}, float64[:, :, :, ::1])')
+def frame_acceleration_derivatives_rows(handle, q, qd, qdd, i, first, last, out):
+    """Do the same for rows first .. last - 1 of (k, n) states."""
+    states, size = (elements(q), elements(qd), elements(qdd)), 18 * coordinates(handle)
+    return each_state(find_acceleration, size, handle, states, i, first, last, elements(out))
