@@ -9,15 +9,18 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
 import tempfile
 from pathlib import Path
 
 import numba
+from llvmlite.binding import get_host_cpu_name
 
 
 def _digest() -> str:
-    """Return a digest of the kernels' source and the compiler's version."""
-    digest = hashlib.sha256(numba.__version__.encode())
+    """Return a digest of the kernels' source, of compiler, interpreter and processor."""
+    key = numba.__version__, sys.implementation.cache_tag, get_host_cpu_name()
+    digest = hashlib.sha256(repr(key).encode())
     for path in sorted(Path(__file__).parent.glob('*.py')):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-import numba
 from numba import njit
 
-LOG = logging.getLogger('denoc_ros')
+from denoc_ros.kernels.cache import keep_by_name
+from denoc_ros.kernels.compiling import compile_in_turn
+
+keep_by_name()
 
 _OPTIONS = {
     'cache': True,
@@ -53,14 +53,12 @@ def _declared(signature: Any, compiler: Any) -> Callable[[Callable[..., Any]], A
 def ready(*kernels: Any) -> None:
     """Compile kernels, or load them from the cache, and let no other signature be compiled.
 
-    A call with other types then raises TypeError. The first time on a machine is announced to the
-    log, for it takes a while.
+    A call with other types then raises TypeError. What has to be compiled is announced to the log,
+    for it takes a while.
     """
     missing = [dispatcher for dispatcher in kernels if not dispatcher.signatures]
-    if missing and not any(Path(numba.config.CACHE_DIR).rglob('*.nbi')):
-        LOG.info('compiling kernels, once per machine: about half a minute')
+    compile_in_turn([(dispatcher, DECLARED[dispatcher]) for dispatcher in missing])
     for dispatcher in missing:
-        dispatcher.compile(DECLARED[dispatcher])
         dispatcher.disable_compile()
 
 

@@ -35,7 +35,7 @@ def read_source(source: str | os.PathLike[str]) -> tuple[str, str]:
     ModelError
         If the file cannot be read, is too large or is not UTF-8.
     """
-    if isinstance(source, str) and source.lstrip('\ufeff \t\r\n').startswith('<'):
+    if isinstance(source, str) and is_text(source):
         return TEXT_NAME, source.lstrip('\ufeff \t\r\n')
     where = os.fspath(source)
     try:
@@ -50,6 +50,11 @@ def read_source(source: str | os.PathLike[str]) -> tuple[str, str]:
         if len(raw) > LARGEST_TEXT:
             return where, raw.decode('utf-8', 'replace')
         raise ModelError(where, [f'the file must be UTF-8 text, got: {error}']) from error
+
+
+def is_text(source: str) -> bool:
+    """Say whether a source is XML text rather than a path."""
+    return source.lstrip('\ufeff \t\r\n').startswith('<')
 
 
 def parse_xml(where: str, text: str, whole: bool = False) -> Element:

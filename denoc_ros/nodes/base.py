@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import time
 import traceback
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -13,18 +12,25 @@ import numpy as np
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.conversions import InputError
-from denoc_ros.nodes.diagnostics import DiagnosticsPublisher, Status, input_status
+from denoc_ros.nodes.diagnostics import (
+    DiagnosticsPublisher,
+    Status,
+    callback_status,
+    input_status,
+)
+from denoc_ros.nodes.guarded_node import GuardedNode
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.messages import wait_until_delivered
 from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
 from denoc_ros.nodes.realtime import make_thread_timely, settle_garbage
 from denoc_ros.nodes.safety import InputMonitor
+from denoc_ros.nodes.signals import SIGNALS
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -38,7 +44,7 @@ LATCHED = QoSProfile(
 FOREIGN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
-class DenocNode(LifecycleNode):
+class DenocNode(GuardedNode):
     """A lifecycle node with a parameter table, monitored inputs and diagnostics.
 
     A node overrides `configure`, `activate`, `deactivate`, `cleanup` (they may raise DenocError:
@@ -86,7 +92,6 @@ class DenocNode(LifecycleNode):
         self.owns_process = False
         self.knobs: dict[str, str] = {}
         self.monitors: list[InputMonitor] = []
-        self._to_log: deque[str] = deque()
         self._shown: dict[str, Value] = {}
         self._showing = False
         given = {
@@ -216,7 +221,7 @@ class DenocNode(LifecycleNode):
     def refuse(self, monitor: InputMonitor, error: InputError) -> None:
         """Count a bad message; the first of each cause is logged within a second."""
         if monitor.reject(error):  # not here: a log that blocks must not block a loop
-            self._to_log.append(f'{monitor.topic} rejected ({error.cause}): {error}')
+            self.to_log.append(f'{monitor.topic} rejected ({error.cause}): {error}')
 
     def offer(self, name: str, act: Callable[[], str], service: type = Trigger) -> None:
         """Offer a Trigger service: `act` returns a message or raises DenocError."""
@@ -249,11 +254,13 @@ class DenocNode(LifecycleNode):
         return []
 
     def _every_second(self) -> None:
-        while self._to_log:
-            self.get_logger().warning(self._to_log.popleft())
-        statuses = self.statuses()
+        while self.to_log:
+            self.get_logger().warning(self.to_log.popleft())
+        statuses = self.guard.calling('diagnostics', self.statuses)() or []
         if self.monitors:
             statuses.append(input_status(self.monitors, time.perf_counter()))
+        if self.guard.failures:
+            statuses.append(callback_status(self.guard))
         self._diagnostics.publish(statuses)
         if self.owns_process:
             # all that existed at configure is frozen: this looks at the few new objects only
@@ -290,8 +297,10 @@ class DenocNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; then settle memory so that no collection interrupts the loop."""
-        result = self._transition(self.configure)
-        if self.owns_process:
+        if not self.owns_process:
+            return self._transition(self.configure)
+        with SIGNALS.interrupting():  # it may compile for a minute
+            result = self._transition(self.configure)
             self.knobs.update(settle_garbage())
         return result
 
@@ -317,7 +326,8 @@ class DenocNode(LifecycleNode):
         def end() -> None:
             if state.label == 'active':
                 self.deactivate()
-            self.cleanup()
+            if state.label != 'unconfigured':  # else there is nothing to drop
+                self.cleanup()
 
         return self._transition(end)
 
@@ -336,3 +346,5 @@ class DenocNode(LifecycleNode):
         wait_until_delivered(self.publishers)
         if self.state == 'inactive':
             self.trigger_cleanup()
+        elif self.state not in ('unconfigured', 'finalized'):  # interrupted on its way
+            self.save()

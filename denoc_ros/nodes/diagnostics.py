@@ -8,6 +8,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from denoc_ros.nodes.guarding import Guard
 from denoc_ros.nodes.realtime import refusals
 from denoc_ros.nodes.safety import InputMonitor
 from denoc_ros.nodes.timing import HISTOGRAM_EDGES, LoopStatistics
@@ -77,6 +78,16 @@ def input_status(monitors: Sequence[InputMonitor], now: float) -> Status:
         if refused > monitor.rejected_reported:
             status.worsen(WARN, f'rejected: {monitor.last_message}')
         monitor.rejected_reported = refused
+    return status
+
+
+def callback_status(guard: Guard) -> Status:
+    """Return which callbacks failed, and how often; warns of new failures."""
+    status = Status('callbacks', values=dict(sorted(guard.failures.items())))
+    failed = guard.failures.total()
+    if failed > guard.reported:
+        status.worsen(WARN, guard.last)
+    guard.reported = failed
     return status
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -27,7 +26,7 @@ from denoc_ros.nodes.diagnostics import Status
 from denoc_ros.nodes.feedforward_parameters import TABLE
 from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.parameters import Settings, Value
-from denoc_ros.nodes.process import run
+from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.safety import InputMonitor, SafeCommand, torque_limiter
@@ -400,7 +399,7 @@ class FeedforwardNode(RobotNode):
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the node (console script `denoc-feedforward`)."""
-    sys.exit(run(FeedforwardNode, arguments))
+    leave(run(FeedforwardNode, arguments))
 
 
 if __name__ == '__main__':

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,11 +11,14 @@ from numpy.typing import NDArray
 from std_msgs.msg import String
 
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.errors import ConfigError
+from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.overrides import FAMILIES
+from denoc_ros.model.source import is_text, parse_xml
 from denoc_ros.nodes.base import LATCHED, DenocNode
+from denoc_ros.nodes.conversions import InputError
 from denoc_ros.nodes.live_model import LiveModel
 from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
+from denoc_ros.nodes.safety import InputMonitor
 
 Array = NDArray[np.float64]
 
@@ -43,11 +47,20 @@ class ModelNode(DenocNode):
         self.add_post_set_parameters_callback(self._after_parameters)
         if not self.settings.text('urdf_path'):
             self.ready = False
+            self._description_input = InputMonitor(self.resolve_topic_name('robot_description'))
+            self.monitors.append(self._description_input)
             self.create_subscription(
                 String, 'robot_description', self._on_description, LATCHED, raw=False
             )
 
     def _on_description(self, message: String) -> None:
+        monitor = self._description_input
+        try:
+            check_description(monitor.topic, message.data)
+        except InputError as error:
+            self.refuse(monitor, error)
+            return
+        monitor.accept(None, time.perf_counter())
         self.description = message.data
         self.ready = True
 
@@ -158,12 +171,33 @@ class ModelNode(DenocNode):
 
     def configure(self) -> None:
         """Load the robot, then build what the node makes of it."""
-        model = self.read_model(self.settings)
+        try:
+            model = self.read_model(self.settings)
+        except ModelError:  # a topic may say another one
+            self.ready = bool(self.settings.text('urdf_path'))
+            raise
         self.robot = self.changed_robot(self.settings, model)
         self.adopt_model(model, self.settings)
         for warning in self.robot.tree.warnings:
             self.get_logger().warning(warning)
         self.prepare()
+
+
+def check_description(topic: str, text: str) -> None:
+    """Refuse what is no description: above all a path is never opened that a topic says.
+
+    Raises
+    ------
+    InputError
+        Cause `format`: the text is not the XML of a `<robot>`.
+    """
+    if not is_text(text):
+        got = f'{len(text)} characters that begin with {text[:20]!r}'
+        raise InputError('format', f'{topic} must be the XML of a <robot>, got {got}')
+    try:
+        parse_xml(topic, text)
+    except ModelError as error:
+        raise InputError('format', str(error)) from error
 
 
 def is_override(name: str) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -32,7 +31,7 @@ from denoc_ros.nodes.messages import JointStateMessage
 from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.plant_parameters import TABLE
-from denoc_ros.nodes.process import run
+from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.reference import ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_outputs import SensorOutputs
@@ -319,7 +318,7 @@ class PlantNode(RobotNode):
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the node (console script `denoc-plant`)."""
-    sys.exit(run(PlantNode, arguments))
+    leave(run(PlantNode, arguments))
 
 
 if __name__ == '__main__':

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -33,7 +32,7 @@ from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.predictor_outputs import PredictorOutputs
 from denoc_ros.nodes.predictor_parameters import TABLE
-from denoc_ros.nodes.process import run
+from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.reference import ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
@@ -368,7 +367,7 @@ def _fusion_status(fusion: StrainFusion, now: float) -> Status:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the node (console script `denoc-predictor`)."""
-    sys.exit(run(PredictorNode, arguments))
+    leave(run(PredictorNode, arguments))
 
 
 if __name__ == '__main__':

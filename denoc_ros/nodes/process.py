@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import gc
+import logging
 import math
-import signal
+import os
 import sys
 import time
+import traceback
 from collections.abc import Callable, Sequence
-from types import FrameType
-from typing import Any
+from contextlib import suppress
+from typing import Any, NoReturn
 
 import rclpy
 from rclpy.experimental import EventsExecutor
@@ -17,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.base import DenocNode
+from denoc_ros.nodes.signals import SIGNALS, Interrupted
 from denoc_ros.nodes.watchdog import Watchdog
 
 # a callback may load and compile a robot; beyond that (s) the executor hangs
@@ -30,7 +34,9 @@ def run(
     arguments: Sequence[str] | None = None,
     patience: float = PATIENCE,
 ) -> int:
-    """Run one node as a process until SIGINT or SIGTERM; return the exit status.
+    """Run one node as a process until SIGINT, SIGTERM or SIGHUP; return the exit status.
+
+    Nothing of ROS is left when it returns: node, executor, context, their threads.
 
     Parameters
     ----------
@@ -47,72 +53,143 @@ def run(
         0 after a clean end; 1 for bad parameters or robot, or a failed loop: one clear message
         on stderr, no traceback.
     """
-    signals: list[int] = []
-
-    def on_signal(number: int, _frame: FrameType | None) -> None:
-        signals.append(number)
-
     sys.setswitchinterval(SWITCH_INTERVAL)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, on_signal)
+    SIGNALS.keep()
+    _show_log()
     try:
         # rclpy's own handlers would end the context before the safe command is out
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
         print(f'denoc_ros: {error}', file=sys.stderr)
         return 1
+    watchdog = Watchdog(patience)
+    try:
+        return _live(make, watchdog)
+    finally:
+        _leave_graph()
+        watchdog.stop()  # the end must come to an end as well
+
+
+def leave(status: int) -> NoReturn:
+    """End the process now, after its clean end.
+
+    What C++ destroys at exit is destroyed in an order that nobody knows, while threads of the
+    middleware may still be at work on it: the heap was corrupted so once in a hundred ends. All
+    that matters has been closed; what is left to do at exit is to give the memory back.
+    """
+    with suppress(Exception):
+        logging.shutdown()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(Exception):
+            stream.flush()
+    os._exit(status)
+
+
+def _show_log() -> None:
+    """Let what the package logs, such as the compilation of its kernels, go to stdout."""
+    log = logging.getLogger('denoc_ros')
+    if not log.handlers:
+        log.addHandler(logging.StreamHandler(sys.stdout))
+    log.setLevel(logging.INFO)
+
+
+def _live(make: Callable[[], DenocNode], watchdog: Watchdog) -> int:
+    """Make the node, serve it, end it; return the status."""
+    node: DenocNode | None = None
+    executor: Any = None
     try:
         node = make()
+        node.owns_process = True
+        executor = EventsExecutor()
+        executor.add_node(node)
+        if node.settings.flag('autostart') and not _start(node, executor):
+            return 0 if SIGNALS.received else _fail(node)
+        # begun late: on a slow machine the first start compiles for minutes
+        watchdog.begin(node.get_name(), node.save)
+        return _spin(node, executor, watchdog)
+    except Interrupted:
+        return 0
     except DenocError as error:
         print(error, file=sys.stderr)
-        rclpy.try_shutdown()
         return 1
-    node.owns_process = True
-    executor = EventsExecutor()
-    executor.add_node(node)
-    watchdog: Watchdog | None = None
-    try:
-        if node.settings.flag('autostart') and not _start(node, executor, signals):
-            return 0 if signals else _fail(node)
-        # started late: on a slow machine the first start compiles for minutes
-        watchdog = Watchdog(node.get_name(), patience, node.save)
-        return _spin(node, executor, signals, watchdog)
+    except Exception:
+        traceback.print_exc()
+        return 1
     finally:
-        node.end()
-        executor.remove_node(node)
-        node.destroy_node()
-        executor.shutdown()
-        rclpy.try_shutdown()
-        if watchdog is not None:  # the end must come to an end as well
-            watchdog.stop()
+        # what is frozen would outlive its last reference, with the middleware's threads in it
+        gc.unfreeze()
+        if node is not None:
+            _end(node, executor)
+        watchdog.forget()
 
 
-def _spin(node: DenocNode, executor: Any, signals: list[int], watchdog: Watchdog) -> int:
+def _end(node: DenocNode, executor: Any) -> None:
+    """Take node and executor down; what fails does not keep the rest from it."""
+    steps: list[Callable[[], object]] = [node.end, node.destroy_node]
+    if executor is not None:
+        steps = [node.end, lambda: executor.remove_node(node), node.destroy_node]
+        steps.append(executor.shutdown)
+    for step in steps:
+        try:
+            step()
+        except Exception:
+            traceback.print_exc()
+
+
+def _leave_graph() -> None:
+    """Destroy the context, which ends the last of the middleware's threads."""
+    context = rclpy.get_default_context()
+    rclpy.try_shutdown()
+    context.destroy()
+    gc.collect()
+
+
+def _spin(node: DenocNode, executor: Any, watchdog: Watchdog) -> int:
     """Serve callbacks until the node is to end."""
-    while rclpy.ok() and not signals:
-        # .spin() hangs in the wheels of rclpy 7.1.6
-        executor.spin_once(0.1)
+    while rclpy.ok() and not SIGNALS.received:
+        _turn(node, executor)
         watchdog.beat()
         if node.fatal:
             return _fail(node)
     return 0
 
 
-def _start(node: DenocNode, executor: Any, signals: list[int]) -> bool:
+def _start(node: DenocNode, executor: Any) -> bool:
     """Configure as soon as the node has what it needs, then activate."""
+    done = TransitionCallbackReturn.SUCCESS
+    node.starting = True
+    try:
+        while _wait(node, executor):
+            if node.trigger_configure() == done:
+                return bool(node.trigger_activate() == done)
+            if node.ready:
+                return False
+            node.get_logger().error(node.failure)  # of what a topic said: it may say better
+    finally:
+        node.starting = False
+    return False
+
+
+def _wait(node: DenocNode, executor: Any) -> bool:
+    """Wait until the node has what it needs; False when it is to end before."""
     told = -math.inf
-    while not node.ready:
-        if signals or not rclpy.ok():
-            return False
+    while not SIGNALS.received and rclpy.ok():
+        if node.ready:
+            return True
         if time.perf_counter() - told > 5.0:
             node.get_logger().info('waiting for robot_description')
             told = time.perf_counter()
+        _turn(node, executor)
+    return False
+
+
+def _turn(node: DenocNode, executor: Any) -> None:
+    """Serve a callback, if one comes in time."""
+    try:
+        # .spin() hangs in the wheels of rclpy 7.1.6
         executor.spin_once(0.1)
-    done = TransitionCallbackReturn.SUCCESS
-    node.starting = True
-    started = node.trigger_configure() == done and node.trigger_activate() == done
-    node.starting = False
-    return bool(started)
+    except Exception as error:  # what no guarded callback can catch, such as a broken request
+        node.guard.note('executor', error)
 
 
 def _fail(node: DenocNode) -> int:

@@ -24,7 +24,7 @@ from denoc_ros.errors import BagError
 from denoc_ros.nodes.base import LATCHED, DenocNode
 from denoc_ros.nodes.diagnostics import ERROR, OK, WARN, Status
 from denoc_ros.nodes.inputs import arrived
-from denoc_ros.nodes.process import run
+from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.recorder_parameters import TABLE
 
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
@@ -341,10 +341,10 @@ def offered(offers: Sequence[Any]) -> tuple[Qos, ...]:
     return tuple(dict.fromkeys(rows))
 
 
-def main() -> int:
+def main() -> None:
     """Run the recorder as a process."""
-    return run(Recorder)
+    leave(run(Recorder))
 
 
 if __name__ == '__main__':
-    raise SystemExit(main())
+    main()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ from denoc_ros.nodes.live_moments import LiveMoments
 from denoc_ros.nodes.model_node import ModelNode
 from denoc_ros.nodes.pace import Pace
 from denoc_ros.nodes.polled_inputs import PolledInputs
-from denoc_ros.nodes.process import run
+from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.realtime import lower_priority
 from denoc_ros.nodes.viewer_parameters import TABLE
 from denoc_ros.viewer import NO_VISER
@@ -206,7 +205,7 @@ class ViewerNode(ModelNode):
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the node (console script `denoc-viewer`)."""
-    sys.exit(run(ViewerNode, arguments))
+    leave(run(ViewerNode, arguments))
 
 
 if __name__ == '__main__':

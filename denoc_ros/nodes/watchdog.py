@@ -13,7 +13,7 @@ HUNG = 1  # exit status
 
 
 class Watchdog:
-    """Ends the process unless :meth:`beat` is called often enough.
+    """Ends the process unless, once begun, :meth:`beat` is called often enough.
 
     It prints where every thread stands, then calls `save`, which must not need the main thread.
     Where even this thread gets no turn, because the interpreter's lock is held for good, a thread
@@ -21,24 +21,38 @@ class Watchdog:
 
     Parameters
     ----------
-    name : str
-        Whose executor it is, for the message.
     patience : float
         s between two beats.
-    save : callable
-        Called last, such as to close a file.
     """
 
-    def __init__(self, name: str, patience: float, save: Callable[[], None]) -> None:
-        self._name, self._patience, self._save = name, patience, save
+    def __init__(self, patience: float) -> None:
+        self._name, self._patience = '', patience
+        self._save: Callable[[], None] = _nothing
         self._last = time.monotonic()
         self._over = threading.Event()
+
+    def begin(self, name: str, save: Callable[[], None]) -> None:
+        """Watch from here on.
+
+        Parameters
+        ----------
+        name : str
+            Whose executor it is, for the message.
+        save : callable
+            Called last, such as to close a file.
+        """
+        self._name, self._save = name, save
+        self.beat()
         self._arm()
         threading.Thread(target=self._watch, name='watchdog', daemon=True).start()
 
     def beat(self) -> None:
         """Say that the executor turns."""
         self._last = time.monotonic()
+
+    def forget(self) -> None:
+        """Have nothing to save any more: it has been closed."""
+        self._save = _nothing
 
     def stop(self) -> None:
         """Watch no longer."""
@@ -65,3 +79,7 @@ class Watchdog:
                 finally:
                     os._exit(HUNG)
         faulthandler.cancel_dump_traceback_later()  # it may have been set after stop cancelled it
+
+
+def _nothing() -> None:
+    """Save nothing."""
