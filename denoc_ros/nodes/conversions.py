@@ -8,14 +8,20 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+if TYPE_CHECKING:
+    from denoc_ros.nodes.motion_bounds import MotionBounds
+
 Array = NDArray[np.float64]
 
 LITTLE_ENDIAN = b'\x00\x01'
+LONGEST_TEXT = 500  # characters of a refusal: what came may be megabytes
+MOST_JOINTS = 256  # in one message: names are read one by one
+LARGEST_EFFORT = 1e9  # N m or N: more is no torque of a robot
 ENCAPSULATION = 4  # bytes before the payload; alignment counts from its end
 INTEGERS = {1: ('<', struct.Struct('<I'), struct.Struct('<i'))}
 INTEGERS[0] = ('>', struct.Struct('>I'), struct.Struct('>i'))
@@ -26,17 +32,26 @@ class InputError(Exception):
 
     def __init__(self, cause: str, message: str) -> None:
         self.cause = cause
-        super().__init__(message)
+        short = len(message) <= LONGEST_TEXT
+        super().__init__(message if short else message[: LONGEST_TEXT - 1] + '…')
 
 
 class CdrReader:
-    """Reads plain CDR, little or big endian, in order."""
+    """Reads plain CDR, little or big endian, in order.
+
+    Attributes
+    ----------
+    position : int
+        Of the next byte.
+    order : {'<', '>'}
+        Of the bytes of a number.
+    """
 
     def __init__(self, raw: bytes) -> None:
         if len(raw) < ENCAPSULATION or raw[0] != 0 or raw[1] not in (0, 1):
             raise InputError('malformed', f'encapsulation must be plain CDR, got {raw[:4].hex()}')
         self._raw = raw
-        self._order, self._uint, self._int = INTEGERS[raw[1]]
+        self.order, self._uint, self._int = INTEGERS[raw[1]]
         self.position = ENCAPSULATION
 
     def _align(self, size: int) -> None:
@@ -84,6 +99,20 @@ class CdrReader:
         """Read a sequence of strings."""
         return [self.string() for _ in range(self.count())]
 
+    def names(self) -> list[str]:
+        """Read the joint names of a message; too many are refused before they are read."""
+        count = self.count()
+        if count > MOST_JOINTS:
+            rule = f'message must have at most {MOST_JOINTS} joints'
+            raise InputError('too_many_joints', f'{rule}, got {count}')
+        return [self.string() for _ in range(count)]
+
+    def rows(self, count: int, stride: int) -> NDArray[np.uint8]:
+        """Return the next bytes as rows (count or less, stride), as many as there are."""
+        there = min(count, (len(self._raw) - self.position) // stride)
+        flat = np.frombuffer(self._raw, np.uint8, there * stride, self.position)
+        return flat.reshape(there, stride)
+
     def float64(self) -> float:
         """Read a double."""
         return float(self._doubles(1)[0])
@@ -99,7 +128,7 @@ class CdrReader:
         end = self.position + 8 * count
         if end > len(self._raw):
             raise InputError('malformed', f'message must not end at byte {len(self._raw)}')
-        values = np.frombuffer(self._raw, self._order + 'f8', count, self.position)
+        values = np.frombuffer(self._raw, self.order + 'f8', count, self.position)
         self.position = end
         return values
 
@@ -143,6 +172,8 @@ class JointStateReader:
         Whether others may come along.
     known : sequence of str, optional
         Those that may come along in any case; default none but `joints`.
+    bounds : MotionBounds, optional
+        What the joints can have; default everything finite.
     """
 
     def __init__(
@@ -150,8 +181,10 @@ class JointStateReader:
         joints: Sequence[str],
         allow_extra: bool = False,
         known: Sequence[str] | None = None,
+        bounds: MotionBounds | None = None,
     ) -> None:
         n = len(joints)
+        self._bounds = bounds
         self.joints = tuple(joints)
         self.stamp_ns = 0
         self.position: Array = np.zeros(n)
@@ -182,7 +215,8 @@ class JointStateReader:
         ------
         InputError
             Causes `malformed`, `unknown_joint`, `missing_joint`, `repeated_joint`,
-            `wrong_length`, `non_finite`, `missing_effort`; the arrays keep what they had.
+            `too_many_joints`, `wrong_length`, `non_finite`, `out_of_range`, `missing_effort`;
+            the arrays keep what they had.
         """
         if not (self._end and raw[:2] == LITTLE_ENDIAN and raw[12 : self._end] == self._known):
             self._learn(raw)
@@ -206,6 +240,8 @@ class JointStateReader:
         velocity, effort = _given(velocity, places), _given(effort, places)
         for what, values in (('position', position), ('velocity', velocity), ('effort', effort)):
             require_finite(what, values)
+        if self._bounds is not None:
+            self._bounds.require(position, velocity if len(velocity) else None)
         if with_effort and not len(effort):
             raise InputError('missing_effort', f'effort must be given, got {has}')
         if admit is not None:
@@ -222,7 +258,7 @@ class JointStateReader:
         reader = CdrReader(raw)
         reader.stamp_ns()
         reader.string()
-        names = reader.strings()
+        names = reader.names()
         self._map = joint_map(names, self.joints, self._joints_known)
         self._count = len(names)
         self._end = reader.position
@@ -245,121 +281,21 @@ def joint_names(raw: bytes) -> tuple[str, ...]:
     return tuple(reader.strings())
 
 
+def require_effort(what: str, values: Array) -> None:
+    """Refuse efforts (n,) [N m or N] that no robot has."""
+    largest = max(map(abs, values.tolist()), default=0.0)
+    if largest > LARGEST_EFFORT:
+        raise InputError(
+            'out_of_range', f'{what} must be within {LARGEST_EFFORT:g} N m or N, got {largest:g}'
+        )
+
+
 def require_finite(what: str, values: Array) -> None:
     """Refuse values that are not all finite."""
     # faster than np.isfinite(values).all() for the few elements of a message
     if not all(map(math.isfinite, values.tolist())):
-        raise InputError('non_finite', f'{what} must be finite, got {values.tolist()}')
-
-
-@dataclass(frozen=True)
-class TrajectoryMessage:
-    """A JointTrajectory in the order of the node's joints."""
-
-    stamp_ns: int  # of the header; 0: start now
-    times: Array  # (k,) time_from_start [s]
-    positions: Array  # (k, n) rad or m
-    velocities: Array | None  # (k, n)
-    accelerations: Array | None  # (k, n)
-    effort: Array | None = field(default=None)  # (k, n)
-    held: tuple[int, ...] = ()  # joints that it does not name: zeros stand for them
-
-    @property
-    def is_streamed(self) -> bool:
-        """Whether it is one point for now, not a trajectory to interpolate."""
-        return len(self.times) == 1 and self.times[0] == 0.0
-
-    @property
-    def is_cancel(self) -> bool:
-        """Whether it has no points: what is followed ends."""
-        return len(self.times) == 0
-
-    def holding(self, q: Array) -> TrajectoryMessage:
-        """Return the message with the joints that it does not name standing as in `q` (n,)."""
-        held = list(self.held)
-        positions = self.positions.copy()
-        positions[:, held] = q[held]
-        return replace(self, positions=positions, held=())
-
-
-def read_trajectory(raw: bytes, joints: Sequence[str], partial: bool = False) -> TrajectoryMessage:
-    """Read one JointTrajectory.
-
-    Parameters
-    ----------
-    raw : bytes
-    joints : sequence of str
-        The node's n joints.
-    partial : bool
-        Whether it may name some of them only, or have no points.
-
-    Raises
-    ------
-    InputError
-        Causes `malformed`, `empty`, `unknown_joint`, `missing_joint`, `repeated_joint`,
-        `wrong_length`, `non_finite`, `times_not_increasing`.
-    """
-    reader = CdrReader(raw)
-    stamp_ns = reader.stamp_ns()
-    reader.string()
-    names = reader.strings()
-    count = reader.count()
-    rows: list[tuple[Array, Array, Array, Array]] = []
-    times = np.empty(count)
-    for point in range(count):
-        rows.append((reader.doubles(), reader.doubles(), reader.doubles(), reader.doubles()))
-        times[point] = 1e-9 * reader.stamp_ns()
-    if count == 0:
-        if partial:
-            return TrajectoryMessage(stamp_ns, times, np.zeros((0, len(joints))), None, None)
-        raise InputError('empty', 'trajectory must have points, got none')
-    named = [name for name in joints if name in names] if partial else []
-    places = joint_map(names, named or joints, joints)
-    held = tuple(k for k, name in enumerate(joints) if named and name not in names)
-    if (np.diff(times) <= 0.0).any() or times[0] < 0.0:
-        raise InputError(
-            'times_not_increasing', f'time_from_start must increase from >= 0, got {times}'
-        )
-    columns = [
-        _stack(what, [row[place] for row in rows], len(names), places, held)
-        for place, what in enumerate(('positions', 'velocities', 'accelerations', 'effort'))
-    ]
-    position, velocity, acceleration, effort = columns
-    if position is None:
-        raise InputError('wrong_length', f'positions must have {len(names)} elements, got 0')
-    return TrajectoryMessage(stamp_ns, times, position, velocity, acceleration, effort, held)
-
-
-def has_many_points(raw: bytes) -> bool:
-    """Say whether a JointTrajectory has more than one point; one that cannot be read has not."""
-    try:
-        reader = CdrReader(raw)
-        reader.stamp_ns()
-        reader.string()
-        reader.strings()
-        return reader.count() > 1
-    except InputError:
-        return False
-
-
-def _stack(
-    what: str,
-    rows: list[Array],
-    count: int,
-    places: NDArray[np.intp],
-    held: tuple[int, ...],
-) -> Array | None:
-    """Return the points' values as (k, n), 0 for joints held; None if no point has any."""
-    if not any(len(row) for row in rows):
-        return None
-    for row in rows:
-        if len(row) != count:
-            raise InputError('wrong_length', f'{what} must have {count} elements, got {len(row)}')
-    values = np.array(rows, dtype=np.float64)[:, places]
-    require_finite(what, values.ravel())
-    for place in held:
-        values = np.insert(values, place, 0.0, axis=1)
-    return values
+        wrong = values[~np.isfinite(values)]
+        raise InputError('non_finite', f'{what} must be finite, got {wrong[0]}')
 
 
 class CommandReader:
@@ -378,8 +314,8 @@ class CommandReader:
         Raises
         ------
         InputError
-            Causes `malformed`, `unnamed`, `unknown_joint`, `repeated_joint`, `wrong_length`,
-            `non_finite`.
+            Causes `malformed`, `unnamed`, `too_many_joints`, `unknown_joint`, `repeated_joint`,
+            `wrong_length`, `non_finite`, `out_of_range`.
         """
         if not (self._known and raw.startswith(self._known)):
             self._learn(raw)
@@ -391,6 +327,7 @@ class CommandReader:
                 'wrong_length', f'data must have {self._count} elements, got {len(values)}'
             )
         require_finite('data', values)
+        require_effort('data', values)
         result = np.zeros(len(self.joints))
         result[self._map] = values
         self.values = result
@@ -398,8 +335,11 @@ class CommandReader:
     def _learn(self, raw: bytes) -> None:
         self._known = b''
         reader = CdrReader(raw)
-        labels = []
-        for _ in range(reader.count()):
+        labels, dimensions = [], reader.count()
+        if dimensions > MOST_JOINTS:
+            rule = f'layout must have at most {MOST_JOINTS} dimensions'
+            raise InputError('too_many_joints', f'{rule}, got {dimensions}')
+        for _ in range(dimensions):
             labels.append(reader.string())
             reader.uint32()
             reader.uint32()

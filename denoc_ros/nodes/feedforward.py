@@ -19,12 +19,11 @@ from denoc_ros.nodes.base import EVERY_MESSAGE
 from denoc_ros.nodes.conversions import (
     InputError,
     JointStateReader,
-    has_many_points,
-    read_trajectory,
 )
 from denoc_ros.nodes.diagnostics import Status
 from denoc_ros.nodes.feedforward_parameters import TABLE
 from denoc_ros.nodes.model_node import driven_joints, is_override
+from denoc_ros.nodes.motion_bounds import motion_bounds
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
@@ -34,6 +33,7 @@ from denoc_ros.nodes.stamps import StampOf
 from denoc_ros.nodes.strain_feedback import StrainFeedback
 from denoc_ros.nodes.torque_output import TorqueOutput
 from denoc_ros.nodes.torque_status import TorqueStatus
+from denoc_ros.nodes.trajectory_messages import has_many_points, read_trajectory
 
 FINAL_COMMANDS = 5  # sent at the end, in case a reader misses some
 FINAL_SPACING = 0.005  # s
@@ -74,13 +74,18 @@ class FeedforwardNode(RobotNode):
         self.safe = SafeCommand(settings.text('stale_action'), settings.number('ramp_time'), n)
         self.q, self.qd, self.qdd, self._posture = np.zeros((4, n))
         gap = settings.number('reference_timeout')
-        self.follower = ReferenceFollower(n, gap)
-        self.stream = DifferencedStream(n, gap, settings.number('acceleration_cutoff'))
+        self.bounds = motion_bounds(self.robot, self.joints, settings)
+        self.follower = ReferenceFollower(n, gap, self.bounds)
+        cutoff = settings.number('acceleration_cutoff')
+        self.stream = DifferencedStream(n, gap, cutoff, self.bounds)
         self.output = TorqueOutput(
             self, self.joints, self.by_message, settings.flag('publish_joint_trajectory')
         )
         self._reader = JointStateReader(
-            self.joints, settings.flag('allow_extra_joints'), self.robot.joint_names
+            self.joints,
+            settings.flag('allow_extra_joints'),
+            self.robot.joint_names,
+            self.bounds,
         )
         self.torque_source = self._build(self.robot, settings)
         self._pending: TorqueFeedforward | None = None
@@ -153,7 +158,7 @@ class FeedforwardNode(RobotNode):
 
     def _on_reference(self, raw: bytes, now: float) -> None:
         assert self.reference_input is not None
-        message = read_trajectory(raw, self.joints, partial=not self.by_message)
+        message = read_trajectory(raw, self.joints, self.bounds, not self.by_message)
         if self.by_message and not message.is_streamed:
             raise InputError(
                 'not_streamed',

@@ -11,6 +11,7 @@ from denoc_ros.nodes.shared_parameters import (
     input_parameters,
     lifecycle_parameters,
     loop_parameters,
+    range_parameters,
     robot_parameters,
 )
 
@@ -20,6 +21,7 @@ TABLE = ParameterTable(
         *robot_parameters(),
         *loop_parameters(),
         *input_parameters(),
+        *range_parameters(),
         Parameter(
             'joints',
             Kind.STRINGS,

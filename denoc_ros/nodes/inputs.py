@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -14,6 +15,10 @@ from denoc_ros.nodes.safety import InputMonitor
 from denoc_ros.nodes.talkers import Talkers
 
 HELD = 4  # heavy messages that wait; more of them in so short a time are a flood
+LONGEST = 16384  # bytes of a message that a loop has time for
+TAKE_TIME = 2e-3  # s of a processor for the messages of one take; then the newest only
+HEAVY_TIME = 0.01  # s at a time for heavy messages, or one of them
+HEAVY_SHARE = 0.25  # of the time, so that services and timers are served in a flood
 # raw message, and when it arrived on the steady clock [s]
 Handler = Callable[[bytes, float], None]
 
@@ -87,6 +92,8 @@ class Input:
     monitor : InputMonitor
         As given.
     subscription : rclpy Subscription
+    longest : float
+        Bytes; what is longer and not heavy is refused before anything of it is read.
     """
 
     def __init__(
@@ -100,8 +107,12 @@ class Input:
         is_heavy: Callable[[bytes], bool] = never_heavy,
     ) -> None:
         self.monitor = monitor
+        self.longest = math.inf
         self._is_heavy = is_heavy
-        self._heavy: deque[tuple[bytes, float, int]] = deque()
+        # the newest win: the oldest makes room
+        self._heavy: deque[tuple[bytes, float, int]] = deque(maxlen=HELD)
+        self._handles_heavy = False
+        self._heavy_due = -math.inf
         self._node, self._handle = node, handle
         self._last_take = time.perf_counter()
         self._depth = qos.depth
@@ -132,13 +143,16 @@ class Input:
             return
         numbers = [info['publication_sequence_number'] for _, info in waiting]
         talking = self._talkers.count(publishing, numbers, self._last_take)
-        for raw, info in waiting:
+        begin = time.thread_time() if len(waiting) > 2 else math.inf
+        for place, (raw, info) in enumerate(waiting, 1):
             now = time.perf_counter()
             waited = 1e-9 * (time.time_ns() - info['received_timestamp'])
             # whatever the wall clock was set to: it has come since the queue was last empty
             came = min(max(now - waited, before), now)
-            if self._heavy or self._is_heavy(raw):
+            if self._heavy or self._handles_heavy or self._is_heavy(raw):
                 self._hold(raw, came, talking)
+            elif place < len(waiting) and time.thread_time() - begin > TAKE_TIME:
+                self._refuse_flood(f'messages that take less than {TAKE_TIME:g} s in all')
             else:
                 self._give(raw, came, talking)
 
@@ -159,21 +173,39 @@ class Input:
             self._take(self._numbered)
 
     def take_heavy(self) -> None:
-        """Handle what was too long for the loop."""
-        while self._heavy:
-            self._give(*self._heavy[0])
-            self._heavy.popleft()  # only now may the loop handle again what it takes
+        """Handle some of what was too long for the loop, in a share of the time."""
+        begin = now = time.perf_counter()
+        if now < self._heavy_due:
+            return
+        while self._heavy and now - begin < HEAVY_TIME:
+            self._handles_heavy = True  # before it leaves the queue: the loop waits for its end
+            self._give(*self._heavy.popleft())
+            self._handles_heavy = False
+            now = time.perf_counter()
+        self._heavy_due = now + (now - begin) * (1.0 / HEAVY_SHARE - 1.0)
 
     def _hold(self, raw: bytes, came: float, talking: int) -> None:
-        if len(self._heavy) < HELD:
-            self._heavy.append((raw, came, talking))
-        else:
-            rule = f'{self.monitor.topic} must have at most {HELD} long messages at a time'
-            self._node.refuse(self.monitor, InputError('flood', f'{rule}, got one more'))
+        """Keep a message for `take_heavy`."""
+        if len(self._heavy) == HELD:
+            self._refuse_flood(f'at most {HELD} long messages at a time')
+        self._heavy.append((raw, came, talking))
+
+    def _refuse_flood(self, most: str) -> None:
+        rule = f'{self.monitor.topic} must have {most}'
+        self._node.refuse(self.monitor, InputError('flood', f'{rule}, got more: one is dropped'))
 
     def _give(self, raw: bytes, came: float, talking: int) -> None:
         try:
             self.monitor.check_publishers(talking)
+            self._require_short(raw)
             self._handle(raw, came)
         except InputError as error:
             self._node.refuse(self.monitor, error)
+        except Exception as error:  # no message may end who takes it
+            cause = InputError('unexpected', f'{type(error).__name__}: {error}')
+            self._node.refuse(self.monitor, cause)
+
+    def _require_short(self, raw: bytes) -> None:
+        if len(raw) > self.longest and not self._is_heavy(raw):
+            rule = f'{self.monitor.topic} must have at most {self.longest:g} bytes'
+            raise InputError('too_long', f'{rule}, got {len(raw)}')

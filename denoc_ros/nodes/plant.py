@@ -23,12 +23,11 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import LATCHED, STATE
 from denoc_ros.nodes.conversions import (
     CommandReader,
-    has_many_points,
-    read_trajectory,
 )
 from denoc_ros.nodes.diagnostics import WARN, Status
 from denoc_ros.nodes.messages import JointStateMessage
 from denoc_ros.nodes.model_node import driven_joints, is_override
+from denoc_ros.nodes.motion_bounds import motion_bounds
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.plant_parameters import TABLE
 from denoc_ros.nodes.process import leave, run
@@ -36,6 +35,7 @@ from denoc_ros.nodes.reference import ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_outputs import SensorOutputs
 from denoc_ros.nodes.stamps import StampOf
+from denoc_ros.nodes.trajectory_messages import has_many_points, read_trajectory
 
 Array = NDArray[np.float64]
 CATCH_UP = 50  # steps at most per tick after a pause of the machine; more is time lost
@@ -133,7 +133,8 @@ class PlantNode(RobotNode):
         self._limit = np.array([limits[j] if enforce else math.inf for j in self.joints])
         self._reader = CommandReader(self.joints)
         self._command_timeout = settings.number('command_timeout')
-        self.follower = ReferenceFollower(count, REFERENCE_GAP)
+        self.bounds = motion_bounds(self.robot, self.joints, settings)
+        self.follower = ReferenceFollower(count, REFERENCE_GAP, self.bounds)
         self._wanted, self._wanted_rate, self._wanted_acceleration = np.zeros((3, count))
         self.effort = np.zeros(count)
 
@@ -195,7 +196,7 @@ class PlantNode(RobotNode):
         self.command_input.accept(0, now)
 
     def _on_reference(self, raw: bytes, now: float) -> None:
-        message = read_trajectory(raw, self.joints, partial=True)
+        message = read_trajectory(raw, self.joints, self.bounds, partial=True)
         take, stamp_ns = self.reference_input.accept, message.stamp_ns or None  # 0 starts now
         there = self.q[self._index]
         self.follower.offer(

@@ -9,6 +9,7 @@ from denoc_ros.nodes.shared_parameters import (
     lifecycle_parameters,
     loop_parameters,
     publishers_parameter,
+    range_parameters,
     robot_parameters,
 )
 
@@ -17,6 +18,7 @@ TABLE = ParameterTable(
         *lifecycle_parameters(),
         *robot_parameters(),
         *loop_parameters(),
+        *range_parameters(),
         Parameter(
             'joints',
             Kind.STRINGS,

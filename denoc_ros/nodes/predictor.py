@@ -23,12 +23,11 @@ from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.nodes.base import STATE
 from denoc_ros.nodes.conversions import (
     JointStateReader,
-    has_many_points,
-    read_trajectory,
 )
 from denoc_ros.nodes.diagnostics import WARN, Status
 from denoc_ros.nodes.markers import CentreLines
 from denoc_ros.nodes.model_node import driven_joints, is_override
+from denoc_ros.nodes.motion_bounds import motion_bounds
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.predictor_outputs import PredictorOutputs
 from denoc_ros.nodes.predictor_parameters import TABLE
@@ -37,6 +36,7 @@ from denoc_ros.nodes.reference import ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
 from denoc_ros.nodes.stamps import StampOf
+from denoc_ros.nodes.trajectory_messages import has_many_points, read_trajectory
 
 Array = NDArray[np.float64]
 Measurement = tuple[float, Array, Array | None, Array | None]
@@ -84,10 +84,13 @@ class PredictorNode(RobotNode):
         self._reset_wanted = False
         self._stamps = StampClock()
         self._now = float('nan')
-        self.follower = ReferenceFollower(len(self.joints), settings.number('reference_timeout'))
+        self.bounds = motion_bounds(robot, self.joints, settings)
+        self.follower = ReferenceFollower(
+            len(self.joints), settings.number('reference_timeout'), self.bounds
+        )
         self._wanted = np.zeros((3, len(self.joints)))
         self._reader = JointStateReader(
-            self.joints, settings.flag('allow_extra_joints'), robot.joint_names
+            self.joints, settings.flag('allow_extra_joints'), robot.joint_names, self.bounds
         )
         self._effort_reader = JointStateReader(self.joints)
         self.by_torque = settings.text('source') == 'torque'
@@ -178,7 +181,7 @@ class PredictorNode(RobotNode):
         self.observer.take_effort(reader.effort)
 
     def _on_reference(self, raw: bytes, now: float) -> None:
-        message = read_trajectory(raw, self.joints, partial=True)
+        message = read_trajectory(raw, self.joints, self.bounds, partial=True)
         take, stamp_ns = self.reference_input.accept, message.stamp_ns or None  # 0 starts now
         measured = self._reader.position if self.joint_input.received else None
         self.follower.offer(

@@ -9,7 +9,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.nodes.conversions import InputError, TrajectoryMessage
+from denoc_ros.nodes.conversions import InputError
+from denoc_ros.nodes.motion_bounds import MotionBounds
+from denoc_ros.nodes.trajectory_messages import TrajectoryMessage
 from denoc_ros.simulation.trajectories import SplineTrajectory
 
 Array = NDArray[np.float64]
@@ -25,9 +27,18 @@ class DifferencedStream:
         s between points after which a difference means nothing and is taken as zero.
     cutoff : float
         Hz of the first-order low pass on differenced accelerations, infinite for none.
+    bounds : MotionBounds, optional
+        What the joints can have; default everything.
     """
 
-    def __init__(self, joints: int, gap: float, cutoff: float = math.inf) -> None:
+    def __init__(
+        self,
+        joints: int,
+        gap: float,
+        cutoff: float = math.inf,
+        bounds: MotionBounds | None = None,
+    ) -> None:
+        self._bounds = bounds
         self._gap = gap
         self._cutoff = cutoff
         self._time = -math.inf
@@ -39,13 +50,21 @@ class DifferencedStream:
     def complete(
         self, time: float, q: Array, qd: Array | None, qdd: Array | None
     ) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration (n,) of a point at `time` [s]."""
+        """Return position, velocity and acceleration (n,) of a point at `time` [s].
+
+        Raises
+        ------
+        InputError
+            Cause `out_of_range`: points too far apart for so short a time; it is not taken.
+        """
         step = time - self._time
         near = 0.0 < step <= self._gap
         if qd is None:
             qd = (q - self._q) / step if near else np.zeros_like(q)
         if qdd is None:
             qdd = self._filtered((qd - self._qd) / step, step) if near else np.zeros_like(q)
+        if self._bounds is not None and near:
+            self._bounds.require_rates(qd, qdd)
         self.interval = step if near else 0.0
         self._time, self._q, self._qd, self._qdd = time, q, qd, qdd
         return q, qd, qdd
@@ -65,12 +84,17 @@ class ReferenceFollower:
     interval of the stream, it goes on with its velocity and acceleration. Joints that a message
     does not name stay where they are wanted, else where they stand; a message without points ends
     the motion where it is.
+
+    Parameters
+    ----------
+    joints, gap, bounds
+        As of :class:`DifferencedStream`.
     """
 
-    def __init__(self, joints: int, gap: float) -> None:
+    def __init__(self, joints: int, gap: float, bounds: MotionBounds | None = None) -> None:
         self._joints = joints
         self._lock = threading.Lock()
-        self._stream = DifferencedStream(joints, gap)
+        self._stream = DifferencedStream(joints, gap, bounds=bounds)
         self._now: SplineTrajectory | None = None
         self._now_start = 0.0
         self._coming: list[tuple[SplineTrajectory, float]] = []  # by their starts

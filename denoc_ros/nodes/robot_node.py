@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from denoc_ros.nodes.diagnostics import ERROR, Status, loop_status, realtime_status
-from denoc_ros.nodes.inputs import Handler, Input, never_heavy
+from denoc_ros.nodes.inputs import LONGEST, Handler, Input, never_heavy
 from denoc_ros.nodes.model_node import ModelNode
 from denoc_ros.nodes.parameters import ParameterTable
 from denoc_ros.nodes.realtime import lock_memory
@@ -54,6 +54,7 @@ class RobotNode(ModelNode):
         if not self._inputs:
             self.create_timer(ASIDE_PERIOD, self._take_aside, clock=self.steady_clock)
         added = self.subscribe(message_type, topic, handle, WITHIN_A_TICK, is_heavy)
+        added.longest = LONGEST
         self.take_aside(added.subscription)
         self._inputs.append(added)
         return added.monitor

@@ -141,3 +141,34 @@ def input_parameters() -> tuple[Parameter, ...]:
         ),
         publishers_parameter(),
     )
+
+
+def range_parameters() -> tuple[Parameter, ...]:
+    """Return the rows of every node that refuses motions its robot cannot have."""
+    return (
+        Parameter(
+            'position_margin',
+            Kind.DOUBLE,
+            1.0,
+            "how far beyond the URDF's limits positions may be; beyond that a message is refused",
+            'rad, m',
+            0.0,
+        ),
+        Parameter(
+            'position_limit',
+            Kind.DOUBLE,
+            1e6,
+            'largest position of any joint, also of one without limits',
+            'rad, m',
+            maximum=1e9,
+            positive=True,
+        ),
+        Parameter(
+            'velocity_factor',
+            Kind.DOUBLE,
+            10.0,
+            "how many times the URDF's velocity limits rates may be; 10000 where it has none",
+            '',
+            1.0,
+        ),
+    )

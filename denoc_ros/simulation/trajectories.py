@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -244,15 +245,14 @@ def _spline_rates(times: Array, q: Array, first: Array) -> Array:
     slopes = np.diff(q, axis=0) / h[:, None]
     rates = np.zeros_like(q)
     rates[0] = first
-    # Thomas' algorithm on h[i] v[i-1] + 2 (h[i-1] + h[i]) v[i] + h[i-1] v[i+1] = right
-    upper = np.zeros(len(times))
-    for i in range(1, len(times) - 1):
-        right = 3.0 * (h[i] * slopes[i - 1] + h[i - 1] * slopes[i])
-        pivot = 2.0 * (h[i - 1] + h[i]) - h[i] * upper[i - 1]
-        upper[i] = h[i - 1] / pivot
-        rates[i] = (right - h[i] * rates[i - 1]) / pivot
-    for i in range(len(times) - 2, 0, -1):
-        rates[i] -= upper[i] * rates[i + 1]
+    if len(times) == 2:
+        return rates
+    # h[i] v[i-1] + 2 (h[i-1] + h[i]) v[i] + h[i-1] v[i+1] = right, between the ends' rates
+    right = 3.0 * (h[1:, None] * slopes[:-1] + h[:-1, None] * slopes[1:])
+    right[0] -= h[1] * rates[0]
+    bands = np.zeros((3, len(times) - 2))
+    bands[0, 1:], bands[1], bands[2, :-1] = h[:-2], 2.0 * (h[:-1] + h[1:]), h[2:]
+    rates[1:-1] = scipy.linalg.solve_banded((1, 1), bands, right, check_finite=False)
     return rates
 
 

@@ -245,7 +245,12 @@ FAULTS = (
         safe=True,
         prepare=references.stream,
     ),
-    Fault('out of reach', 'streamed references of 1e200 rad', references.out_of_reach, safe=True),
+    Fault(
+        'out of reach',
+        'streamed references of 1e200 rad',
+        references.out_of_reach,
+        ('reference out_of_range',),
+    ),
     Fault(
         'violent reference',
         'streamed accelerations of 1e5 rad/s^2 and more',

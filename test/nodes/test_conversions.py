@@ -21,8 +21,6 @@ from denoc_ros.nodes.conversions import (
     CommandReader,
     InputError,
     JointStateReader,
-    has_many_points,
-    read_trajectory,
 )
 from denoc_ros.nodes.messages import (
     CommandMessage,
@@ -32,6 +30,7 @@ from denoc_ros.nodes.messages import (
     TrajectoryPointMessage,
 )
 from denoc_ros.nodes.sensor_inputs import read_joint_state
+from denoc_ros.nodes.trajectory_messages import has_many_points, read_trajectory
 
 pytestmark = pytest.mark.ros
 

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from denoc_ros.nodes.conversions import InputError, TrajectoryMessage
+from denoc_ros.nodes.conversions import InputError
 from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
+from denoc_ros.nodes.trajectory_messages import TrajectoryMessage
 
 NOW_NS = 1_000_000_000_000
 
