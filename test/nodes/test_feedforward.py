@@ -294,6 +294,7 @@ def test_enable_stop_and_reset(bench: Any) -> None:
 def test_deactivation_ends_with_the_safe_command_said_repeatedly(bench: Any) -> None:
     arm = bench(ramp_time=0.1)
     arm.hold([1.2, 0.0])
+    arm.until(lambda: list(arm.effort[-1].position) == [1.2, 0.0])
     count = len(arm.commands)
     arm.node.trigger_deactivate()
     arm.graph.spin(0.05)
