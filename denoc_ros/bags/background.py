@@ -6,16 +6,25 @@ import shutil
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from denoc_ros.bags.definitions import message_definition
-from denoc_ros.bags.metadata import Qos
+from denoc_ros.bags.loss import Loss
+from denoc_ros.bags.metadata import FileContents, Qos
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 
 _ROUNDS_PER_FLUSH = 10
+CHECK_PERIOD = 0.25  # s between looks whether what was written is still there
+QUEUE_BYTES = 256 << 20
+MESSAGE_OVERHEAD = 200  # bytes that a message in the queue takes beyond its own
+# why a message is lost
+BY_NUMBER = 'queue_size'
+BY_BYTES = 'queue_bytes'
+BY_DISK = 'disk'
+BY_FILE = 'file'
 
 
 @dataclass(frozen=True)
@@ -35,6 +44,13 @@ class WriterStatus:
         disk stalls.
     failure : str
         Why recording ended by itself; empty while it goes on.
+    queued_bytes : int
+        Memory that the waiting messages take.
+    causes : dict of str to int
+        The lost messages by cause: `queue_size`, `queue_bytes` (the queue was full), `disk` (it
+        refused), `file` (what was written is no longer there).
+    losses : tuple of Loss
+        The files that are no longer there.
     """
 
     written: int
@@ -42,6 +58,9 @@ class WriterStatus:
     lost: dict[str, int]
     stalled: float
     failure: str
+    queued_bytes: int = 0
+    causes: dict[str, int] = field(default_factory=dict)
+    losses: tuple[Loss, ...] = ()
 
 
 def free_space(path: Path) -> int:
@@ -64,6 +83,8 @@ class BackgroundWriter:
         The bag is closed, whole, before the disk has less than this left [bytes].
     free_space : callable
         Gives the free bytes at a path.
+    queue_bytes : int
+        Most memory that the waiting messages may take; more are lost, and counted by topic.
 
     Raises
     ------
@@ -78,24 +99,33 @@ class BackgroundWriter:
         flush_period: float = 0.2,
         min_free_space: int = 64 << 20,
         free_space: Callable[[Path], int] = free_space,
+        queue_bytes: int = QUEUE_BYTES,
     ) -> None:
-        if not (queue_size > 0 and 0 < flush_period < float('inf') and min_free_space >= 0):
+        if not (
+            min(queue_size, queue_bytes) > 0
+            and 0 < flush_period < float('inf')
+            and min_free_space >= 0
+        ):
             raise BagError(
-                f'{bag.path}: queue_size and flush_period must be > 0, min_free_space >= 0, '
-                f'got {queue_size}, {flush_period}, {min_free_space}'
+                f'{bag.path}: queue_size, queue_bytes and flush_period must be > 0, '
+                f'min_free_space >= 0, '
+                f'got {queue_size}, {queue_bytes}, {flush_period}, {min_free_space}'
             )
         self._bag = bag
         self._queue_size = queue_size
-        self._round = flush_period / _ROUNDS_PER_FLUSH
+        self._queue_bytes = queue_bytes
+        self._round = min(flush_period / _ROUNDS_PER_FLUSH, CHECK_PERIOD)
         self._flush_period = flush_period
         self._min_free_space = min_free_space
         self._free_space = free_space
         # append and popleft of a deque are atomic: no lock that the producer could wait for
         self._queue: deque[tuple[str, int, bytes, int | None] | Callable[[], None]] = deque()
         self._offered: Counter[str] = Counter()
-        self._lost: Counter[str] = Counter()
+        self._lost = {cause: Counter[str]() for cause in (BY_NUMBER, BY_BYTES, BY_DISK)}
+        # each is changed by one thread only; the difference is what waits
+        self._bytes_put = self._bytes_taken = 0
         self._failure = ''
-        self._alive_at = time.monotonic()
+        self._alive_at = self._checked_at = time.monotonic()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._work, name='bag-writer', daemon=True)
         self._thread.start()
@@ -111,11 +141,23 @@ class BackgroundWriter:
         Arguments as `BagWriter.write`. Call from one thread.
         """
         self._offered[topic] += 1
-        if self._failure or self._stopping.is_set() or len(self._queue) >= self._queue_size:
-            self._lost[topic] += 1
+        size = len(raw) + MESSAGE_OVERHEAD
+        if cause := self._refusal(size):
+            self._lost[cause][topic] += 1
             return False
+        self._bytes_put += size
         self._queue.append((topic, stamp_ns, raw, publish_ns))
         return True
+
+    def _refusal(self, size: int) -> str:
+        """Return why the queue does not take a message of so many bytes, '' where it does."""
+        if self._failure or self._stopping.is_set():
+            return BY_DISK
+        if len(self._queue) >= self._queue_size:
+            return BY_NUMBER
+        waiting = self._bytes_put - self._bytes_taken
+        # a message of any size goes through an empty queue
+        return BY_BYTES if waiting and waiting + size > self._queue_bytes else ''
 
     def add_topic(self, name: str, type_name: str, qos: tuple[Qos, ...] = (Qos(),)) -> None:
         """Add a topic before its first message is put; BagError when its type is unknown."""
@@ -132,12 +174,17 @@ class BackgroundWriter:
 
     def status(self) -> WriterStatus:
         """Return where it stands; from any thread."""
+        losses = self._bag.losses
+        lost = {**self._lost, BY_FILE: _counts(loss.contents for loss in losses)}
         return WriterStatus(
             written=self._bag.messages,
             queued=len(self._queue),
-            lost=dict(self._lost),
+            lost=dict(sum(lost.values(), Counter[str]())),
             stalled=time.monotonic() - self._alive_at if self._thread.is_alive() else 0.0,
             failure=self._failure,
+            queued_bytes=self._bytes_put - self._bytes_taken,
+            causes={cause: total for cause in lost if (total := lost[cause].total())},
+            losses=losses,
         )
 
     def close(self, timeout: float = 10.0) -> WriterStatus:
@@ -164,6 +211,7 @@ class BackgroundWriter:
             while not self._stopping.wait(self._round):
                 self._write_waiting()
                 self._alive_at = time.monotonic()
+                self._check_file()
                 # due before the next round would come too late
                 if self._alive_at - flushed_at >= self._flush_period - 1.5 * self._round:
                     flushed_at = self._alive_at
@@ -183,9 +231,18 @@ class BackgroundWriter:
                 item()
             else:
                 self._bag.write(*item)
+                self._bytes_taken += len(item[2]) + MESSAGE_OVERHEAD
+
+    def _check_file(self) -> None:
+        if self._alive_at - self._checked_at >= CHECK_PERIOD:
+            self._checked_at = self._alive_at
+            self._bag.check()
 
     def _check_space(self) -> None:
-        free = self._free_space(self.path.parent)
+        try:
+            free = self._free_space(self.path.parent)
+        except FileNotFoundError:
+            return  # moved away a moment ago: the next check of the file tells
         if free < self._min_free_space:
             self._bag.close()
             raise BagError(
@@ -199,6 +256,13 @@ class BackgroundWriter:
             self._bag.close()
         except BagError as error:
             self._failure = f'{reason}; {error}'
-        kept = sum((part.counts for part in self._bag.files), Counter[str]())
-        self._lost = self._offered - kept
+        gone = _counts(loss.contents for loss in self._bag.losses)
+        elsewhere = _counts(self._bag.files) + gone + self._lost[BY_NUMBER] + self._lost[BY_BYTES]
+        self._lost[BY_DISK] = self._offered - elsewhere
         self._queue.clear()
+        self._bytes_taken = self._bytes_put
+
+
+def _counts(files: Iterable[FileContents]) -> Counter[str]:
+    """Return the messages of files by topic."""
+    return sum((part.counts for part in files), Counter[str]())

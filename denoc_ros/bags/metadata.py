@@ -58,13 +58,14 @@ class Topic:
 
 @dataclass
 class FileContents:
-    """What one file of a bag holds: times in ns, messages by topic."""
+    """What one file of a bag holds: times in ns, messages by topic; its bytes once finished."""
 
     name: str
     start_ns: int = 0
     end_ns: int = 0
     messages: int = 0
     counts: Counter[str] = field(default_factory=Counter)
+    size: int = 0
 
     def add(self, topic: str, stamp_ns: int) -> None:
         """Count one message."""
@@ -110,6 +111,16 @@ def write_metadata(folder: Path, text: str) -> None:
         stream.flush()
         os.fsync(stream.fileno())
     unfinished.replace(folder / METADATA_NAME)
+
+
+def named_files(folder: Path) -> set[str]:
+    """Return the names of the files that metadata.yaml names; none where it cannot be read."""
+    try:
+        content = yaml.safe_load((folder / METADATA_NAME).read_text(encoding='utf-8'))
+        paths = content['rosbag2_bagfile_information']['relative_file_paths']
+        return {Path(path).name for path in paths}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
+        return set()
 
 
 def _topic_row(topic: Topic) -> dict[str, str]:

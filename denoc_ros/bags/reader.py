@@ -14,7 +14,7 @@ from rosbags.interfaces import MessageDefinitionFormat
 
 from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.ending import MAGIC
-from denoc_ros.bags.metadata import METADATA_NAME, Qos
+from denoc_ros.bags.metadata import METADATA_NAME, Qos, named_files
 from denoc_ros.bags.storage import require_small_chunks
 from denoc_ros.errors import BagError
 
@@ -157,7 +157,7 @@ def read_attachment(path: str | Path, name: str) -> bytes:
     """
     source = require_readable(Path(path))
     found: set[str] = set()
-    for part in sorted(source.glob('*.mcap')) if source.is_dir() else [source]:
+    for part in mcap_files(source):
         with only_bag_errors(source), part.open('rb') as stream:
             for attachment in make_reader(stream).iter_attachments():
                 if attachment.name == name:
@@ -237,7 +237,7 @@ def _connections(path: Path, reader: Any, topics: Collection[str] | None) -> lis
 @contextmanager
 def _open(path: Path) -> Iterator[Any]:
     source = require_readable(path)
-    parts = source.glob('*.mcap') if source.is_dir() else [source]
+    parts = mcap_files(source)
     with only_bag_errors(path):
         for part in parts:
             if part.suffix == '.mcap':
@@ -278,8 +278,18 @@ def require_readable(path: Path) -> Path:
     return path
 
 
+def mcap_files(source: Path) -> list[Path]:
+    """Return the MCAP files of a bag: those that metadata.yaml names, or all in the folder."""
+    if not source.is_dir():
+        return [source]
+    found = sorted(source.glob('*.mcap'))
+    named = named_files(source)
+    # the recorder leaves out what somebody spoiled
+    return [part for part in found if part.name in named] or found
+
+
 def _require_finished_folder(folder: Path) -> Path:
-    parts = sorted(folder.glob('*.mcap'))
+    parts = mcap_files(folder)
     unfinished = [part for part in parts if not _is_finished(part)]
     if (folder / METADATA_NAME).is_file() and not unfinished:
         return folder

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import IO
@@ -15,6 +16,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from denoc_ros.bags.ending import Layout, read_layout
+from denoc_ros.bags.loss import MOVED, Identity
 from denoc_ros.bags.metadata import FileContents, Topic
 from denoc_ros.errors import BagError
 
@@ -36,7 +38,9 @@ class DiskFile:
     """A new file without a buffer of its own: what `write` took, the kernel has."""
 
     def __init__(self, path: Path) -> None:
-        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+        # appending: a file that somebody cut stays short, so that it is noticed
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
+        self._descriptor = os.open(path, flags, 0o644)
         self._position = 0
 
     def write(self, block: bytes) -> int:
@@ -60,6 +64,10 @@ class DiskFile:
         os.ftruncate(self._descriptor, size)
         os.lseek(self._descriptor, size, os.SEEK_SET)
         self._position = size
+
+    def status(self) -> os.stat_result:
+        """Return what the system knows of the file, wherever it is now."""
+        return os.fstat(self._descriptor)
 
     def close(self) -> None:
         """Close the file."""
@@ -137,6 +145,25 @@ class McapFile:
         """Write the summary and close the file."""
         self.flush()
         self._writer.finish()
+        self.contents.size = self._disk.tell()
+        self._disk.close()
+
+    def displacement(self) -> str:
+        """Return what became of the file when it is no longer there as it was written, or ''."""
+        status = self._disk.status()
+        if not status.st_nlink:
+            return 'one replaced by another' if self.path.exists() else 'a deleted one'
+        if status.st_size != self._disk.tell():
+            return f'one of {status.st_size} bytes instead of {self._disk.tell()}'
+        return '' if Identity.of(status).is_at(self.path) else MOVED
+
+    def abandon(self, cause: str) -> None:
+        """Close a displaced file; one that was only moved is finished, whole, where it is."""
+        if cause == MOVED:
+            with suppress(OSError):
+                self.finish()
+                return
+        self.contents.size = self._disk.tell()
         self._disk.close()
 
     def salvage(self) -> None:

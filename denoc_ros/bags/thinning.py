@@ -15,7 +15,7 @@ from mcap.records import Chunk, ChunkIndex
 from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
 
-from denoc_ros.bags.reader import only_bag_errors, read_raw, require_readable
+from denoc_ros.bags.reader import mcap_files, only_bag_errors, read_raw, require_readable
 from denoc_ros.bags.storage import require_small_chunks
 from denoc_ros.errors import BagError
 
@@ -56,7 +56,7 @@ def read_thinned(
         As `read_raw`.
     """
     source = require_readable(Path(path))
-    parts = list(source.glob('*.mcap')) if source.is_dir() else [source]
+    parts = mcap_files(source)
     picker = _Picker(step_ns, early_ns, late_ns)
     with only_bag_errors(source):
         indexed = [part.suffix == '.mcap' and _begin(part) for part in parts]

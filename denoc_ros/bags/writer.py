@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn
 
 from denoc_ros.bags.definitions import encode, message_definition
+from denoc_ros.bags.loss import Identity, Loss, free_paths
 from denoc_ros.bags.metadata import (
     FileContents,
     Qos,
@@ -45,7 +47,8 @@ class BagWriter:
     -----
     What was written before the last `flush` survives a kill of the process (`denoc recover`).
     When the disk refuses a write, BagError says so and the file is closed, whole up to the last
-    flush.
+    flush. `check` notices a file that is deleted, moved, replaced or cut while it is written, and
+    goes on in another.
     """
 
     def __init__(
@@ -55,7 +58,7 @@ class BagWriter:
         max_bag_size: int = 0,
         max_bag_duration: float = 0.0,
     ) -> None:
-        self.path = Path(path)
+        self.path = self._wanted = Path(path)
         self._check_arguments(compression, max_bag_size, max_bag_duration)
         self._compression = compression
         self._max_size = max_bag_size
@@ -63,11 +66,11 @@ class BagWriter:
         self._topics: dict[str, tuple[Topic, str]] = {}
         self._attachments: dict[str, tuple[str, bytes, int]] = {}
         self._finished: list[FileContents] = []
+        self._losses: list[Loss] = []
+        self._begun = 0
         self._file: McapFile | None = None
         try:
-            (self.path.parent if self._bare else self.path).mkdir(
-                parents=True, exist_ok=self._bare
-            )
+            self._place = self._make_place()
             self._file = self._next_file()
         except FileExistsError as error:
             raise BagError(
@@ -102,6 +105,11 @@ class BagWriter:
     def files(self) -> tuple[FileContents, ...]:
         """What each file holds, in order."""
         return (*self._finished, *([self._file.contents] if self._file else []))
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """The files that are no longer there as they were written, in the order of notice."""
+        return tuple(self._losses)
 
     @property
     def messages(self) -> int:
@@ -208,21 +216,47 @@ class BagWriter:
         if self._bare:
             raise BagError(f'{self.path}: a bag that splits must be a folder, got a bare file')
         try:
-            self._finish_file()
-            self._file = self._next_file()
-            for entry in self._topics.values():
-                self._file.add_topic(*entry)
-            for name, attachment in self._attachments.items():
-                self._file.attach(name, *attachment)
+            if not self.check():
+                self._finish_file()
+                self._begin_file(self._next_file())
         except OSError as error:
             self._give_up(error)
 
+    def check(self) -> bool:
+        """Look whether what is written is still there; where not, go on in a new file.
+
+        The new file lies beside the old one, or in a new folder with a name by time when the
+        folder is gone. Nothing is overwritten. `losses` tells what is no longer in the bag.
+
+        Returns
+        -------
+        bool
+            Whether a new file was begun.
+        """
+        file = self._open_file()
+        try:
+            cause = file.displacement()
+            if cause:
+                self._lose(file, cause)
+                self._begin_file(self._file_beside())
+                self._losses[-1] = replace(self._losses[-1], next_path=self._open_file().path)
+        except OSError as error:
+            self._give_up(error)
+        return bool(cause)
+
     def close(self) -> None:
-        """Finish the last file and write metadata.yaml; closing again does nothing."""
+        """Finish the last file and write metadata.yaml; closing again does nothing.
+
+        Metadata.yaml names the files that are still there; `losses` has the others.
+        """
         if self._file is None:
             return
         try:
-            self._finish_file()
+            if cause := self._file.displacement():
+                self._lose(self._file, cause)
+            else:
+                self._finish_file()
+            self._lose_missing()
             self._write_metadata()
         except OSError as error:
             self._give_up(error)
@@ -245,13 +279,61 @@ class BagWriter:
             raise BagError(f'{self.path}: bag must be open for writing, got a closed one')
         return self._file
 
+    def _make_place(self) -> Identity:
+        """Make the folder; return which it is."""
+        folder = self.path.parent if self._bare else self.path
+        folder.mkdir(parents=True, exist_ok=self._bare)
+        return Identity.of(folder.stat())
+
     def _next_file(self) -> McapFile:
         if self._bare:
             return McapFile(self.path, self._compression)
-        name = f'{self.path.name}_{len(self._finished)}.mcap'
+        name = f'{self.path.name}_{self._begun}.mcap'
+        self._begun += 1
         # small chunks for small files, as only whole chunks count towards the size
         chunk = min(1 << 20, max(self._max_size // 8, 1 << 12)) if self._max_size else 1 << 20
         return McapFile(self.path / name, self._compression, chunk)
+
+    def _begin_file(self, file: McapFile) -> None:
+        """Go on in a file, with all topics and attachments."""
+        self._file = file
+        for entry in self._topics.values():
+            file.add_topic(*entry)
+        for name, attachment in self._attachments.items():
+            file.attach(name, *attachment)
+
+    def _file_beside(self) -> McapFile:
+        """Return a new file beside one that is gone, in a new folder when that is gone too."""
+        if not self._bare and self._place.is_at(self.path):
+            while True:
+                try:
+                    return self._next_file()
+                except FileExistsError:
+                    continue  # somebody else's: the next number
+        for path in free_paths(self._wanted, '.mcap' if self._bare else ''):
+            self.path = path
+            try:
+                self._place = self._make_place()
+                self._begun = 0
+                return self._next_file()
+            except FileExistsError:
+                continue
+        raise AssertionError('names by time do not end')
+
+    def _lose(self, file: McapFile, cause: str) -> None:
+        """Leave out the current file, and all before it that went with the folder."""
+        self._file = None
+        file.abandon(cause)
+        self._lose_missing()
+        self._losses.append(Loss(file.path, cause, file.contents))
+
+    def _lose_missing(self) -> None:
+        """Leave out the finished files that are gone."""
+        for part in tuple(self._finished):
+            path = (self.path.parent if self._bare else self.path) / part.name
+            if not path.exists():
+                self._finished.remove(part)
+                self._losses.append(Loss(path, 'a deleted or moved one', part))
 
     def _due(self, stamp_ns: int) -> bool:
         file = self._open_file()
@@ -267,7 +349,7 @@ class BagWriter:
         self._file = None
 
     def _write_metadata(self) -> None:
-        if not self._bare:
+        if not self._bare and self._place.is_at(self.path):
             write_metadata(self.path, metadata_text(self.topics, self._finished))
 
     def _give_up(self, cause: OSError) -> NoReturn:

@@ -34,6 +34,7 @@ QUEUE_DEPTH = 5000
 TAKE_PERIOD = 0.005
 LOOK_PERIOD = 0.05  # s between looks at the graph: what is published before one is not recorded
 LOOKS_PER_CHECK = 20  # looks between checks of the offered QoS
+TRANSPORT = 'transport'  # lost before the recorder had them
 STALL_PERIODS = 5.0  # flush periods without progress of the writing thread that make a stall
 
 
@@ -59,7 +60,7 @@ class Recorder(DenocNode):
         self._looks = 0
         self._recordings = 0
         self._marks = 0
-        self._told_lost = 0
+        self._told_lost = self._told_files = 0
         self._told_failure = False
         self._mark_topic = f'{self.get_fully_qualified_name()}/marks'
         self.create_timer(LOOK_PERIOD, self._look, clock=self.steady_clock)
@@ -100,7 +101,7 @@ class Recorder(DenocNode):
             settings.number('max_bag_duration'),
         )
         self._recordings += 1
-        self._marks = self._told_lost = 0
+        self._marks = self._told_lost = self._told_files = 0
         self._told_failure = False
         self._missed.clear()
         self.writer = BackgroundWriter(
@@ -108,6 +109,7 @@ class Recorder(DenocNode):
             settings.integer('queue_size'),
             settings.number('flush_period'),
             settings.integer('min_free_space'),
+            queue_bytes=settings.integer('queue_bytes'),
         )
         if self.description:
             self.writer.attach(DESCRIPTION_ATTACHMENT, self.description, self.stamp_ns())
@@ -126,6 +128,7 @@ class Recorder(DenocNode):
         count = len(self._topics)
         self._topics.clear()
         status = writer.close()
+        self._tell_files(status)
         lost = self._lost(status)
         message = (
             f'{writer.path}: {status.written} messages on {count} topics, '
@@ -188,6 +191,7 @@ class Recorder(DenocNode):
         """Subscribe to what is new on the graph; now and then see whether offers changed."""
         if self.writer is None:
             return
+        self._tell_files(self.writer.status())
         check = self._looks % LOOKS_PER_CHECK == 0
         self._looks += 1
         for topic, types in self.get_topic_names_and_types():
@@ -256,9 +260,17 @@ class Recorder(DenocNode):
         ]
         taken.sort(key=itemgetter(0))
         for log_ns, topic, raw, sent_ns in taken:
-            writer.put(topic, log_ns, raw, log_ns if simulated or not sent_ns else sent_ns)
+            # a bag has no time before 1970, which a publisher's clock or /clock may tell
+            sent_ns = log_ns if simulated or not sent_ns else sent_ns
+            writer.put(topic, max(log_ns, 0), raw, max(sent_ns, 0))
 
     # ---- diagnostics
+
+    def _tell_files(self, status: WriterStatus) -> None:
+        """Say once of each file that it is no longer there."""
+        for loss in status.losses[self._told_files :]:
+            self.get_logger().error(str(loss))
+        self._told_files = len(status.losses)
 
     def _lost(self, status: WriterStatus) -> Counter[str]:
         return Counter(status.lost) + self._missed
@@ -270,16 +282,25 @@ class Recorder(DenocNode):
         now = self.writer.status()
         lost = self._lost(now)
         total = sum(lost.values())
+        causes = {
+            **now.causes,
+            **({TRANSPORT: missed} if (missed := self._missed.total()) else {}),
+        }
         status = Status('recording', OK, f'recording to {self.writer.path}')
         status.values = {
             'path': self.writer.path,
             'topics': len(self._topics),
             'written': now.written,
             'queued': now.queued,
+            'queued_bytes': now.queued_bytes,
             'lost': total,
             'stalled_s': now.stalled,
+            'files_lost': len(now.losses),
             **{f'lost {topic}': count for topic, count in sorted(lost.items())},
+            **{f'lost by {cause}': count for cause, count in sorted(causes.items())},
         }
+        if now.losses:
+            status.worsen(WARN, str(now.losses[-1]))
         if total > self._told_lost:
             status.worsen(WARN, f'{total - self._told_lost} messages lost')
             self.get_logger().warning(f'{total - self._told_lost} messages lost')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from denoc_ros.bags.background import QUEUE_BYTES
 from denoc_ros.bags.storage import COMPRESSIONS
 from denoc_ros.nodes.parameters import Kind, Parameter, ParameterTable
 from denoc_ros.nodes.shared_parameters import lifecycle_parameters
@@ -56,6 +57,14 @@ TABLE = ParameterTable(
             20000,
             'messages that may wait for the disk; more are lost, and counted',
             '',
+            1,
+        ),
+        Parameter(
+            'queue_bytes',
+            Kind.INTEGER,
+            QUEUE_BYTES,
+            'memory that messages may take that wait for the disk; more are lost, and counted',
+            'bytes',
             1,
         ),
         Parameter(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import threading
 import time
 from collections.abc import Callable
@@ -11,7 +12,7 @@ import pytest
 
 from denoc_ros.bags.background import BackgroundWriter
 from denoc_ros.bags.definitions import encode
-from denoc_ros.bags.reader import read_attachment, read_bag
+from denoc_ros.bags.reader import read_attachment, read_bag, read_raw
 from denoc_ros.bags.storage import DiskFile
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
@@ -164,3 +165,61 @@ def test_full_disk_loses_what_was_not_flushed_and_counts_it(
 def test_bad_numbers_are_refused(tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'run') as bag, pytest.raises(BagError, match='must be > 0'):
         BackgroundWriter(bag, queue_size=0)
+
+
+def frozen_disk(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """Let every write wait until the event that is returned is set."""
+    released = threading.Event()
+    write = DiskFile.write
+
+    def frozen_write(disk: DiskFile, block: bytes) -> int:
+        assert released.wait(30.0)
+        return write(disk, block)
+
+    monkeypatch.setattr(DiskFile, 'write', frozen_write)
+    return released
+
+
+def resident_memory() -> int:
+    """Return the resident memory of this process [bytes]."""
+    pages = int(Path('/proc/self/statm').read_text().split()[1])
+    return pages * resource.getpagesize()
+
+
+def test_memory_behind_a_frozen_disk_is_bounded_in_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bound = 20 << 20
+    writer = BackgroundWriter(
+        BagWriter(tmp_path / 'run', 'none'), flush_period=0.02, queue_bytes=bound
+    )
+    writer.add_topic('/large', JOINT_STATE)
+    writer.add_topic('/small', JOINT_STATE)
+    writer.put('/small', 0, RAW)
+    wait_for(lambda: writer.status().written == 1)
+    released = frozen_disk(monkeypatch)
+    writer.put('/small', 1, RAW)
+    wait_for(lambda: writer.status().stalled > 0.1)
+    before = resident_memory()
+    for stamp in range(3000):
+        writer.put('/large', stamp, bytes(100_000))
+        assert writer.status().queued_bytes <= bound
+    writer.put('/small', 2, RAW)  # still has room
+    assert resident_memory() - before < 2 * bound
+    released.set()
+    status = writer.close()
+    kept = len(list(read_raw(tmp_path / 'run', ['/large'])))
+    assert bound / 100_200 - 2 <= kept <= bound / 100_200
+    assert status.lost == {'/large': 3000 - kept}
+    assert status.causes == {'queue_bytes': 3000 - kept}
+    assert status.queued_bytes == 0
+
+
+def test_a_message_larger_than_the_bound_goes_through_an_empty_queue(tmp_path: Path) -> None:
+    writer = BackgroundWriter(BagWriter(tmp_path / 'run'), queue_bytes=10)
+    writer.add_topic('/a', JOINT_STATE)
+    assert writer.put('/a', 0, RAW)
+    wait_for(lambda: writer.status().queued_bytes == 0)
+    assert writer.put('/a', 1, RAW)
+    status = writer.close()
+    assert (status.written, status.lost) == (2, {})
