@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,7 @@ from denoc_ros.nodes.diagnostics import (
 from denoc_ros.nodes.guarded_node import GuardedNode
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.messages import wait_until_delivered
+from denoc_ros.nodes.parameter_files import shared_names
 from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
 from denoc_ros.nodes.realtime import make_thread_timely, settle_garbage
 from denoc_ros.nodes.safety import InputMonitor
@@ -99,6 +102,12 @@ class DenocNode(GuardedNode):
             for key, parameter in self._parameter_overrides.items()
             if not key.startswith(FOREIGN)
         }
+        for other in self._for_others(table.unknown(given), options):
+            del given[other]
+            self.get_logger().warning(
+                f"parameter '{other}' is left out: this node has none of this name, and its "
+                'section of the file is for all nodes'
+            )
         try:
             self.settings = table.settings(given, self.get_fully_qualified_name())
         except DenocError:
@@ -111,10 +120,34 @@ class DenocNode(GuardedNode):
 
     # ---- parameters
 
+    def _for_others(self, unknown: Sequence[str], options: Mapping[str, Any]) -> list[str]:
+        """Return which of unknown parameters a file gives to all nodes alike."""
+        if not unknown:
+            return []
+        arguments = list(options.get('cli_args') or ())
+        if options.get('use_global_arguments', True):
+            arguments = [*sys.argv, *arguments]
+        own = {parameter.name for parameter in options.get('parameter_overrides') or ()}
+        shared = shared_names(arguments, self.get_fully_qualified_name())
+        return [name for name in unknown if name in shared - own]
+
     def _declare(self) -> None:
         for name in self.settings:
-            self.declare_parameter(name, self.settings[name], self._descriptor(name))
+            value = self.settings[name]
+            # not as it was given: an empty list comes as None, and a double as an integer
+            self.declare_parameter(name, value, self._descriptor(name), ignore_override=True)
+        self.add_pre_set_parameters_callback(self._typed)
         self.add_on_set_parameters_callback(self._on_parameters)
+
+    def _typed(self, parameters: Sequence[Any]) -> list[Any]:
+        """Return parameters that are to be set with values of their rows' types."""
+        found = []
+        for parameter in parameters:
+            with suppress(ValueError):
+                value = self.table.accept(parameter.name, parameter.value)
+                parameter = rclpy.Parameter(parameter.name, value=value)
+            found.append(parameter)
+        return found
 
     def _descriptor(self, name: str) -> ParameterDescriptor:
         row = self.table.row(name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -24,6 +25,11 @@ class Kind(Enum):
     STRINGS = 'string array'
     DOUBLES = 'double array'
     DOUBLE_OR_DOUBLES = 'double or double array'
+
+
+TEXTS = (Kind.STRING, Kind.STRINGS)
+ARRAYS = (Kind.STRINGS, Kind.DOUBLES, Kind.DOUBLE_OR_DOUBLES)
+EXPONENTIAL = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+|[-+]?inf')
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,9 @@ class Parameter:
     def accept(self, name: str, value: object) -> Value:
         """Return `value` as the row's type.
 
-        An integer is taken where a double is meant (`-p x:=5`), one number where an array is.
+        An integer is taken where a double is meant (`-p x:=5`), one number where an array is, and
+        a text that YAML 1.1 does not take for the number it is (`9e4` of `ros2 param set`).
+        Nothing is an empty array: so rclpy hands on the `[]` of a parameter file.
 
         Raises
         ------
@@ -81,6 +89,10 @@ class Parameter:
             With the sentence that says what must hold.
         """
         kind = self.kind
+        if value is None and kind in ARRAYS:
+            return []
+        if kind not in TEXTS:
+            value = _numeric(value)
         if kind is Kind.BOOL and isinstance(value, bool):
             return value
         if kind is Kind.STRING and isinstance(value, str):
@@ -117,6 +129,15 @@ class Parameter:
 
 def _article(kind: Kind) -> str:
     return 'an' if kind is Kind.INTEGER else 'a'
+
+
+def _numeric(value: object) -> object:
+    """Return texts that are numbers as these."""
+    if isinstance(value, str):
+        return float(value) if EXPONENTIAL.fullmatch(value) else value
+    if _is_sequence(value):
+        return [_numeric(each) for each in cast(Iterable[object], value)]
+    return value
 
 
 def _is_number(value: object) -> bool:
@@ -209,6 +230,10 @@ class ParameterTable:
             hint = f"; did you mean '{close[0]}'?" if close else ''
             raise ValueError(f"parameter '{name}' must be one this node has{hint}")
         return row.accept(name, value)
+
+    def unknown(self, names: Iterable[str]) -> list[str]:
+        """Return those of the names that the node does not have."""
+        return [name for name in names if self.row(name) is None]
 
     def settings(self, given: Mapping[str, object], where: str) -> Settings:
         """Return defaults overlaid with `given`.

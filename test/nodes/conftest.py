@@ -107,6 +107,14 @@ class Graph:
         values = {each.key: each.value for each in found.values} if found else {}
         return values.get(key)
 
+    def remove(self, node: Any) -> None:
+        """End a node."""
+        self.nodes.remove(node)
+        node.end()
+        self.executor.remove_node(node)
+        self.spin(0.05)  # timers that are due already
+        node.destroy_node()
+
     def close(self) -> None:
         """End all nodes."""
         for node in [*self.nodes, self.probe]:

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from node_robots import GRAVITY, JOINTS, two_links
-from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
-from rclpy.parameter import Parameter, parameter_value_to_python
+from remote_parameters import Remote
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -28,35 +27,6 @@ def urdf(tmp_path: Path) -> str:
     file = tmp_path / 'arm.urdf'
     file.write_text(two_links())
     return str(file)
-
-
-class Remote:
-    """A node's parameters, through its services."""
-
-    def __init__(self, graph: Any, node: str) -> None:
-        self.graph, self.node = graph, node
-
-    def call(self, service: Any, name: str, **request: Any) -> Any:
-        client = self.graph.probe.create_client(service, f'/{self.node}/{name}')
-        self.graph.until(client.service_is_ready)
-        future = client.call_async(service.Request(**request))
-        self.graph.until(future.done)
-        return future.result()
-
-    def give(self, name: str, value: Any) -> str:
-        """Set a parameter; return why not, '' if it was taken."""
-        message = Parameter(name, value=value).to_parameter_msg()
-        (result,) = self.call(SetParameters, 'set_parameters', parameters=[message]).results
-        assert result.successful == (not result.reason)
-        return str(result.reason)
-
-    def get(self, name: str) -> Any:
-        (value,) = self.call(GetParameters, 'get_parameters', names=[name]).values
-        found = parameter_value_to_python(value)
-        return found if found is None or isinstance(found, float) else list(found)
-
-    def names(self) -> set[str]:
-        return set(self.call(ListParameters, 'list_parameters').result.names)
 
 
 @pytest.fixture
