@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ def shared_names(arguments: Sequence[str], node: str) -> set[str]:
 def _ros_arguments(arguments: Sequence[str]) -> Iterator[tuple[str, str]]:
     """Yield what says something of parameters: flag and value."""
     inside = False
-    for word, after in zip(arguments, [*arguments[1:], ''], strict=True):
+    for word, after in pairwise([*arguments, '']):
         inside = word == '--ros-args' or (inside and word != '--')
         if inside and word in FLAGS:
             yield word, after

@@ -81,6 +81,7 @@ def test_what_is_given_to_the_node_as_well_is_its_own(tmp_path: Path) -> None:
     assert shared_names([*from_file(file), '--', '-p', 'x:=1'], '/arm') == {'x', 'y', 'z'}
     assert shared_names(['--params-file', str(file)], '/arm') == set()
     assert shared_names(from_file(tmp_path / 'none.yaml'), '/arm') == set()
+    assert shared_names([], '/arm') == set()
 
 
 def test_a_name_for_all_nodes_that_this_one_does_not_have_is_left_out(
