@@ -53,7 +53,11 @@ class ViewerClient:
             max_size=None,
             proxy=None,
         )
-        self._socket.send(msgspec.msgpack.encode(CAMERA))
+        self.send(CAMERA)
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Send a message as a browser would."""
+        self._socket.send(msgspec.msgpack.encode(message))
 
     def receive(self, timeout: float) -> list[dict[str, Any]]:
         """Return the next window of messages; none where there is none in time [s]."""

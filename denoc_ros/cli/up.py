@@ -6,14 +6,14 @@ import argparse
 import dataclasses
 import json
 import os
-import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from denoc_ros.cli.interrupts import Interrupts
 from denoc_ros.errors import ConfigError, DenocError
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from denoc_ros.cli.progress import Progress
     from denoc_ros.cli.session import Task
     from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.nodes.driver import Driver
 
 NO_ROS = (
     'rclpy must be importable, got: {}; source a ROS 2 installation or '
@@ -78,8 +79,8 @@ def run(args: argparse.Namespace) -> int:
         config = dataclasses.replace(config, record=args.record)
     if args.view:
         config = _viewed(config)
-    with _terminated_like_interrupted():
-        folder, summary = bring_up(config, args.input, args.output, args.command)
+    with Interrupts() as interrupts:
+        folder, summary = bring_up(config, args.input, args.output, args.command, interrupts)
     if args.json:
         print(json.dumps(summary, indent=2, allow_nan=False))
     else:
@@ -92,6 +93,7 @@ def bring_up(
     bag: Path | None = None,
     output: Path | None = None,
     command: str = '',
+    interrupts: Interrupts | None = None,
 ) -> tuple[Path, dict[str, Any]]:
     """Run a session from start to report.
 
@@ -105,6 +107,8 @@ def bring_up(
         The run's directory, which must not exist; default runs/<time>.
     command : str
         The command line, for the report's foot.
+    interrupts : Interrupts, optional
+        What holds signals back while the graph is entered and left.
 
     Returns
     -------
@@ -121,7 +125,7 @@ def bring_up(
     from denoc_ros.cli.node_parameters import check_parameters
     from denoc_ros.cli.processes import Processes, free_domain
     from denoc_ros.cli.progress import Progress
-    from denoc_ros.cli.session import session_nodes
+    from denoc_ros.cli.session import Session, session_nodes
     from denoc_ros.dynamics.robot import load_robot
 
     _require_ros()
@@ -145,19 +149,29 @@ def bring_up(
     os.environ.update(environment)
     _write_session(folder, config, environment, command)
     processes = Processes(folder / 'logs', environment)
-    shares = _drive(config, task, folder, processes, progress)
+    with _driver(config, task, processes, interrupts or Interrupts()) as driver:
+        session = Session(config, task, folder, processes, driver, progress)
+        shares = session.run()
     return folder, _conclude(config, folder, shares, progress)
 
 
-def _drive(
-    config: SessionConfig, task: Task, folder: Path, processes: Processes, progress: Progress
-) -> dict[str, float]:
-    from denoc_ros.cli.session import Session
+@contextmanager
+def _driver(
+    config: SessionConfig, task: Task, processes: Processes, interrupts: Interrupts
+) -> Iterator[Driver]:
+    """Enter the graph, and leave it whatever happens: neither may be interrupted."""
     from denoc_ros.nodes.driver import Driver
 
-    drives = task.trajectory is not None
-    with Driver(config.robot.read_text(encoding='utf-8'), drives, processes.check) as driver:
-        return Session(config, task, folder, processes, driver, progress).run()
+    description = config.robot.read_text(encoding='utf-8')
+    driver: Driver | None = None
+    try:
+        with interrupts.held():
+            driver = Driver(description, task.trajectory is not None, processes.check)
+        yield driver
+    finally:
+        if driver is not None:
+            with interrupts.held():
+                driver.close()
 
 
 def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
@@ -284,17 +298,3 @@ def _print_summary(summary: dict[str, Any], folder: Path) -> None:
     report = folder / 'report.html'
     print(f'run     {folder}')
     print(f'report  {report}' if report.is_file() else 'report  none: nothing was recorded')
-
-
-@contextmanager
-def _terminated_like_interrupted() -> Iterator[None]:
-    """Take SIGTERM as Ctrl-C for a while: both end the nodes in order."""
-
-    def on_signal(_number: int, _frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before: Callable[..., Any] | int | None = signal.signal(signal.SIGTERM, on_signal)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

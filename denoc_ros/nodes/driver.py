@@ -22,6 +22,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.base import COMMAND, LATCHED
+from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.simulation.trajectories import Trajectory
 
 REFERENCE_STEP = 0.05  # s; the quintics between such points are exact to 1e-9 rad
@@ -58,6 +59,16 @@ class Driver:
         self._heard: dict[str, float] = {}
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node('up', use_global_arguments=False)
+        self._executor = EventsExecutor()
+        self._thread = threading.Thread(target=self._spin, name='driver', daemon=True)
+        try:
+            self._join(description, drives)
+        except BaseException:
+            self.close()
+            raise
+
+    def _join(self, description: str, drives: bool) -> None:
+        """Publish and listen; give the robot where nobody else does."""
         node = self._node
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 50)
         # from the start, so that the recorder has found it when the first reference goes out
@@ -65,9 +76,7 @@ class Driver:
             node.create_publisher(JointTrajectory, 'reference', COMMAND) if drives else None
         )
         self._phase = node.create_publisher(String, '/up/phase', LATCHED)
-        self._executor = EventsExecutor()
         self._executor.add_node(node)
-        self._thread = threading.Thread(target=self._spin, name='driver', daemon=True)
         self._thread.start()
         if not self.until(lambda: bool(node.count_publishers('robot_description')), DISCOVERY):
             self._description = node.create_publisher(String, 'robot_description', LATCHED)
@@ -84,12 +93,17 @@ class Driver:
         trace: TracebackType | None,
     ) -> None:
         """Leave the graph."""
+        self.close()
+
+    def close(self) -> None:
+        """Leave the graph; nothing of it is left."""
         self._running = False
-        self._thread.join(2.0)
+        if self._thread.is_alive():
+            self._thread.join(2.0)
         self._executor.remove_node(self._node)
         self._node.destroy_node()
         self._executor.shutdown()
-        rclpy.try_shutdown()
+        leave_graph()
 
     def diagnostics(self, status: str) -> Mapping[str, str]:
         """Return the last values of a diagnostic status such as `feedforward: loop`.

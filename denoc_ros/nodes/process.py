@@ -20,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.base import DenocNode
+from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.nodes.signals import SIGNALS, Interrupted
 from denoc_ros.nodes.watchdog import Watchdog
 
@@ -66,7 +67,7 @@ def run(
     try:
         return _live(make, watchdog)
     finally:
-        _leave_graph()
+        leave_graph()
         watchdog.stop()  # the end must come to an end as well
 
 
@@ -134,14 +135,6 @@ def _end(node: DenocNode, executor: Any) -> None:
             step()
         except Exception:
             traceback.print_exc()
-
-
-def _leave_graph() -> None:
-    """Destroy the context, which ends the last of the middleware's threads."""
-    context = rclpy.get_default_context()
-    rclpy.try_shutdown()
-    context.destroy()
-    gc.collect()
 
 
 def _spin(node: DenocNode, executor: Any, watchdog: Watchdog) -> int:

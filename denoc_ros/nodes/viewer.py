@@ -95,6 +95,7 @@ class ViewerNode(ModelNode):
             settings.integer('port'),
             scale=settings.number('deflection_scale'),
             folder=Path(path).parent if path else None,
+            origins=settings.texts('origins'),
         )
 
     def cleanup(self) -> None:
@@ -146,13 +147,21 @@ class ViewerNode(ModelNode):
                 continue
             if not self.inputs.is_open:
                 self._listen(now)
-            self._stopped.wait(self._draw(now))
+            self._stopped.wait(self._try_to_draw(now))
 
     def _listen(self, now: float) -> None:
         self.moments.forget()
         self.inputs.listen(self.moments.topics)
         self.pace.begin(now)
         self._used = time.process_time()
+
+    def _try_to_draw(self, now: float) -> float:
+        """Draw; what cannot be drawn is counted, and the next may do. Return as `_draw`."""
+        try:
+            return self._draw(now)
+        except Exception as error:
+            self.guard.note('drawing', error)
+            return LOOK_PERIOD
 
     def _draw(self, now: float) -> float:
         """Draw the newest; return how long to wait [s]."""

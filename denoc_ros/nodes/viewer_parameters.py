@@ -22,6 +22,12 @@ TABLE = ParameterTable(
             '127.0.0.1',
             'interface the page is served on; beyond loopback everybody who reaches it can look',
         ),
+        Parameter(
+            'origins',
+            Kind.STRINGS,
+            [],
+            "host names of other web pages that may open this page's socket; this machine may",
+        ),
         Parameter('port', Kind.INTEGER, 8080, 'port of the page; 0: a free one', '', 0, 65535),
         Parameter(
             'rate',

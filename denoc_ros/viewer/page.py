@@ -6,7 +6,7 @@ import contextlib
 import logging
 import socket
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -18,6 +18,7 @@ import viser
 from denoc_ros.dynamics.borders import as_states
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.viewer.access import check_values, checking_origins
 from denoc_ros.viewer.charts import Charts
 from denoc_ros.viewer.controls import Controls
 from denoc_ros.viewer.modes import ModePlayer
@@ -58,6 +59,8 @@ class Page:
         What deflections are drawn larger by at first, 1 to 100.
     folder : path, optional
         Where relative names of mesh files start.
+    origins : collection of str
+        Host names of other pages that may open this one's socket.
 
     Attributes
     ----------
@@ -80,6 +83,7 @@ class Page:
         title: str = '',
         scale: float = 1.0,
         folder: Path | None = None,
+        origins: Collection[str] = (),
     ) -> None:
         _check_address(host, port)
         rich.get_console().quiet = True  # viser prints its banner through it
@@ -87,7 +91,9 @@ class Page:
         logging.getLogger('websockets.server').setLevel(logging.CRITICAL)
         self._lock = threading.RLock()
         self._title = title
-        self.server = _Server(host, port, label=title or robot.tree.name, verbose=False)
+        with checking_origins(origins):
+            self.server = _Server(host, port, label=title or robot.tree.name, verbose=False)
+        check_values(self.server)
         shown = f'[{host}]' if ':' in host else host
         self.address = f'http://{shown}:{self.server.get_port()}'
         gui = self.server.gui

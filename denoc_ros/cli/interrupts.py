@@ -1,0 +1,64 @@
+"""Ctrl-C, SIGTERM and SIGHUP to a command that has other processes to end in order."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Any
+
+NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Interrupts:
+    """Raises KeyboardInterrupt at the first signal, and at no further one: the end goes on.
+
+    As a context manager it takes the signals over for a while.
+    """
+
+    def __init__(self) -> None:
+        self._before: dict[int, Callable[..., Any] | int | None] = {}
+        self._held = 0
+        self._waits = self._raised = False
+
+    def __enter__(self) -> Interrupts:
+        """Take the signals over; nohup is obeyed."""
+        for number in NUMBERS:
+            if number == signal.SIGHUP and signal.getsignal(number) == signal.SIG_IGN:
+                continue
+            self._before[number] = signal.signal(number, self._on_signal)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Give the signals back."""
+        for number, before in self._before.items():
+            signal.signal(number, before)
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Hold a signal back that comes meanwhile: what is done must not be left half done."""
+        self._held += 1
+        try:
+            yield
+        finally:
+            self._held -= 1
+        if self._waits and not self._held:
+            self._interrupt()
+
+    def _on_signal(self, _number: int, _frame: object) -> None:
+        if self._held:
+            self._waits = True
+        else:
+            self._interrupt()
+
+    def _interrupt(self) -> None:
+        self._waits = False
+        if not self._raised:
+            self._raised = True
+            raise KeyboardInterrupt
