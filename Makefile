@@ -19,7 +19,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint bench mechanisms rates soak longbag fuzz load watched longload readme venv clean
+.PHONY: demo test check browser lint bench mechanisms rates soak longbag fuzz load watched longload ends readme venv clean
 
 venv: $(STAMP)
 
@@ -70,6 +70,10 @@ rates: $(STAMP)
 # ten minutes of faults: what must never move a robot wrongly, hang a node or need cleaning up
 soak: $(STAMP)
 	PYTHONPATH=test $(BIN)/python -m campaign.run --minutes 10
+
+# two hours: 500 ends of each node, from every phase of its life, by every signal
+ends: $(STAMP)
+	PYTHONPATH=test $(BIN)/python -m campaign.ends_campaign --count 500
 
 # ten minutes: a bag of 1 GB, made on the spot and replayed
 longbag: $(STAMP)

@@ -1,0 +1,145 @@
+"""What is left of a process's part in the graph when it ends: nothing."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from node_robots import two_links
+
+pytestmark = pytest.mark.ros
+
+# a node that is told to end when it is active; then the threads that are left of the middleware
+LEFT_BEHIND = """
+import os, signal, sys, threading
+from pathlib import Path
+from denoc_ros.nodes import feedforward, process
+
+def active():
+    return any(name.name == 'loop' for name in threading.enumerate())
+
+def told():
+    if active():
+        os.kill(os.getpid(), signal.SIGTERM)
+    else:
+        threading.Timer(0.1, told).start()
+
+told()
+status = process.run(feedforward.FeedforwardNode, sys.argv)
+names = (Path(task, 'comm').read_text().strip() for task in Path('/proc/self/task').iterdir())
+print(status, *sorted(name for name in names if name.startswith('dds')))
+process.leave(status)
+"""
+
+LEFT_BY_DRIVER = """
+from pathlib import Path
+from denoc_ros.nodes.driver import Driver
+
+with Driver('<robot/>'):
+    pass
+names = (Path(task, 'comm').read_text().strip() for task in Path('/proc/self/task').iterdir())
+print(*sorted(name for name in names if name.startswith('dds')))
+"""
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> str:
+    (tmp_path / 'arm.urdf').write_text(two_links())
+    return str(tmp_path / 'arm.urdf')
+
+
+def test_a_node_leaves_no_thread_of_the_middleware(ros_domain: int, urdf: str) -> None:
+    command = [sys.executable, '-c', LEFT_BEHIND, '--ros-args', '-p', f'urdf_path:={urdf}']
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    # the watchdog of shared memory is the library's, not a participant's
+    assert done.stdout.splitlines()[-1] == '0 dds.shm.wdog', done.stderr
+
+
+def test_a_session_leaves_no_thread_of_the_middleware(ros_domain: int) -> None:
+    command = [sys.executable, '-c', LEFT_BY_DRIVER]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.stdout.strip() == 'dds.shm.wdog', done.stderr
+
+
+def test_a_publisher_that_cannot_be_made_is_one_clear_end(ros_domain: int, urdf: str) -> None:
+    command = [sys.executable, '-m', 'denoc_ros.nodes.feedforward', '--ros-args']
+    command += ['-p', f'urdf_path:={urdf}', '-r', '~/effort:=/clash', '-r', '~/commands:=/clash']
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    assert 'terminate' not in done.stderr
+    assert 'create' in done.stderr
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_are_honoured_while_a_node_imports(ros_domain: int, number: int) -> None:
+    command = [sys.executable, '-m', 'denoc_ros.nodes.predictor']
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert process.stdout.readline() == b'predictor: starting\n'
+        process.send_signal(number)
+        assert process.wait(10.0) == 0
+        assert process.stderr.read() == b''
+
+
+def test_signals_are_honoured_while_a_node_compiles(
+    ros_domain: int, urdf: str, tmp_path: Path
+) -> None:
+    command = [sys.executable, '-m', 'denoc_ros.nodes.plant', '--ros-args']
+    command += ['-p', f'urdf_path:={urdf}']
+    environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path / 'cache')}
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        assert process.stdout is not None
+        while 'compiling' not in (line := process.stdout.readline()):
+            assert line, 'the node must say that it compiles'
+        process.send_signal(signal.SIGTERM)
+        began = time.monotonic()
+        assert process.wait(30.0) == 0
+        assert time.monotonic() - began < 10.0  # a second on a machine that does nothing else
+        assert process.stderr is not None
+        assert process.stderr.read() == ''
+
+
+def started(code: str, environment: dict[str, str]) -> Any:
+    """Return a process that runs Python's code, with all its streams."""
+    piped: Any = dict.fromkeys(('stdin', 'stdout', 'stderr'), subprocess.PIPE)
+    command = [sys.executable, '-c', code]
+    return subprocess.Popen(command, env=environment, text=True, **piped)
+
+
+def test_kernels_are_compiled_by_one_process_at_a_time(tmp_path: Path) -> None:
+    code = (
+        'import logging, denoc_ros.kernels.compiling as c\n'
+        'logging.basicConfig(level=20, format="%(message)s")\n'
+        'with c._turn():\n print("turn", flush=True)\n input()\n'
+    )
+    environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}
+    with (
+        started(code, environment) as one,
+        started(code, environment) as two,
+    ):
+        waiting = [one, two]
+        os.set_blocking(one.stdout.fileno(), False)
+        os.set_blocking(two.stdout.fileno(), False)
+        first = None
+        end = time.monotonic() + 60.0
+        while first is None:
+            assert time.monotonic() < end
+            first = next((process for process in waiting if process.stdout.readline()), None)
+            time.sleep(0.01)
+        waiting.remove(first)
+        (second,) = waiting
+        assert 'waiting for another process' in second.stderr.readline()
+        assert not second.stdout.readline()
+        first.communicate('\n')
+        os.set_blocking(second.stdout.fileno(), True)
+        assert second.stdout.readline() == 'turn\n'
+        second.communicate('\n')
