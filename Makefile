@@ -74,6 +74,7 @@ soak: $(STAMP)
 # two hours: 500 ends of each node, from every phase of its life, by every signal
 ends: $(STAMP)
 	PYTHONPATH=test $(BIN)/python -m campaign.ends_campaign --count 500
+	PYTHONPATH=test $(BIN)/python -m campaign.session_ends --count 100
 
 # ten minutes: a bag of 1 GB, made on the spot and replayed
 longbag: $(STAMP)

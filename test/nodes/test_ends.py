@@ -47,6 +47,31 @@ names = (Path(task, 'comm').read_text().strip() for task in Path('/proc/self/tas
 print(*sorted(name for name in names if name.startswith('dds')))
 """
 
+# a session that is interrupted while it enters the graph
+INTERRUPTED = """
+import os, signal, threading
+from pathlib import Path
+from types import SimpleNamespace
+from denoc_ros.cli import up
+from denoc_ros.cli.interrupts import Interrupts
+from denoc_ros.nodes import driver
+
+join = driver.Driver._join
+def joined(*given):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
+        os.kill(os.getpid(), number)
+    join(*given)
+driver.Driver._join = joined
+nothing = SimpleNamespace(check=lambda: None, trajectory=None, robot=Path(os.devnull))
+try:
+    with Interrupts() as interrupts, up._driver(nothing, nothing, nothing, interrupts):
+        print('went on')
+except KeyboardInterrupt:
+    print('interrupted')
+names = (Path(task, 'comm').read_text().strip() for task in Path('/proc/self/task').iterdir())
+print(*sorted(name for name in names if name.startswith('dds')))
+"""
+
 
 @pytest.fixture
 def urdf(tmp_path: Path) -> str:
@@ -61,10 +86,14 @@ def test_a_node_leaves_no_thread_of_the_middleware(ros_domain: int, urdf: str) -
     assert done.stdout.splitlines()[-1] == '0 dds.shm.wdog', done.stderr
 
 
-def test_a_session_leaves_no_thread_of_the_middleware(ros_domain: int) -> None:
-    command = [sys.executable, '-c', LEFT_BY_DRIVER]
+@pytest.mark.parametrize(('code', 'said'), [(LEFT_BY_DRIVER, []), (INTERRUPTED, ['interrupted'])])
+def test_a_session_leaves_no_thread_of_the_middleware(
+    ros_domain: int, code: str, said: list[str]
+) -> None:
+    command = [sys.executable, '-c', code]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert done.stdout.strip() == 'dds.shm.wdog', done.stderr
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [*said, 'dds.shm.wdog'], done.stderr
 
 
 def test_a_publisher_that_cannot_be_made_is_one_clear_end(ros_domain: int, urdf: str) -> None:

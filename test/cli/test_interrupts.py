@@ -1,0 +1,48 @@
+"""Signals to a command that has to end other processes in order."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+
+from denoc_ros.cli.interrupts import NUMBERS, Interrupts
+
+
+@pytest.mark.parametrize('number', NUMBERS)
+def test_every_signal_interrupts_once(number: int) -> None:
+    before = signal.getsignal(number)
+    with Interrupts():
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), number)
+        for again in NUMBERS:
+            os.kill(os.getpid(), again)
+    assert signal.getsignal(number) == before
+
+
+def test_what_is_held_is_done_first() -> None:
+    done = []
+    with Interrupts() as interrupts, pytest.raises(KeyboardInterrupt):  # noqa: PT012
+        with interrupts.held():
+            with interrupts.held():
+                os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), signal.SIGTERM)
+            done.append('whole')
+        done.append('beyond')
+    assert done == ['whole']
+
+
+def test_an_error_inside_goes_before_the_interrupt() -> None:
+    with Interrupts() as interrupts, pytest.raises(ValueError, match='here'), interrupts.held():  # noqa: PT012
+        os.kill(os.getpid(), signal.SIGINT)
+        raise ValueError('here')
+
+
+def test_a_process_deaf_to_hangups_stays_so() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with Interrupts():
+            os.kill(os.getpid(), signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
