@@ -1,4 +1,4 @@
-"""As sim.launch.py, recorded into the folder `run`."""
+"""As sim.launch.py, recorded into the folder `run`, or `run_` and the time where that exists."""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
 """The part of ROS's `launch` and `launch_ros` that launch files use, where ROS is not installed.
 
 Argument names, which of them are keyword-only, what is required and what is refused are those of
-ROS 2 Jazzy's packages; nothing is started.
+ROS 2 Jazzy's packages, and so is what the sources of these do with it: scopes of groups,
+namespaces and the names of nodes in them, parameter files, which nodes a section of them is for,
+what happens when a process exits. Nothing is started.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import yaml
@@ -29,11 +31,19 @@ PROCESS_OPTIONS = frozenset(
 
 
 class Context:
-    """Launch configurations by name."""
+    """Launch configurations by name, and whether all is about to end."""
 
     def __init__(self, shares: Mapping[str, Path]) -> None:
         self.launch_configurations: dict[str, str] = {}
         self.shares = shares
+        self.is_shutdown = False
+        self._before: list[dict[str, str]] = []
+
+    def push(self) -> None:
+        self._before.append(dict(self.launch_configurations))
+
+    def pop(self) -> None:
+        self.launch_configurations = self._before.pop()
 
 
 class Substitution:
@@ -84,6 +94,8 @@ class FindPackageShare(Substitution):
 
 class Action:
     """What a launch description is made of."""
+
+    execute: Callable[[Context], Any]
 
     def __init__(self, *, condition: Any = None) -> None:
         self.condition = condition
@@ -139,6 +151,52 @@ class Shutdown(Action):
         super().__init__(**kwargs)
         self.reason = reason
 
+    def execute(self, context: Context) -> None:
+        if context.is_shutdown:
+            raise RuntimeError('a second shutdown: ros2 launch ends with status 1')
+        context.is_shutdown = True
+
+
+class Scope(Action):
+    """The beginning or the end of a group's configurations."""
+
+    def __init__(self, act: Callable[[Context], None]) -> None:
+        super().__init__()
+        self.execute = act
+
+
+class GroupAction(Action):
+    def __init__(self, actions: Sequence[Any], *, scoped: bool = True, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self._actions, self._scoped = list(actions), scoped
+
+    def execute(self, _context: Context) -> list[Any]:
+        if not self._scoped:
+            return self._actions
+        return [Scope(Context.push), *self._actions, Scope(Context.pop)]
+
+
+class PushRosNamespace(Action):
+    def __init__(self, namespace: Any, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self._namespace = namespace
+
+    def execute(self, context: Context) -> None:
+        known = context.launch_configurations
+        below = known.get('ros_namespace')
+        known['ros_namespace'] = prefixed(below, text(context, self._namespace))
+
+
+def prefixed(base: str | None, namespace: str | None) -> str:
+    """Return a namespace below another, absolute, as launch_ros joins them."""
+    if not namespace:
+        joined = base or ''
+    elif namespace.startswith('/') or not base:
+        joined = namespace
+    else:
+        joined = f'{base.rstrip("/")}/{namespace}'
+    return '/' + joined.strip('/')
+
 
 class ExecuteProcess(Action):
     def __init__(self, *, cmd: Sequence[Any], **kwargs: Any) -> None:
@@ -148,8 +206,19 @@ class ExecuteProcess(Action):
         super().__init__(condition=kwargs.get('condition'))
         self.cmd, self.options = list(cmd), kwargs
 
+    def execute(self, context: Context) -> None:
+        """Take what holds where it is executed."""
+
     def command(self, context: Context) -> list[str]:
         return [text(context, part) for part in self.cmd]
+
+    def exits(self, context: Context, returncode: int = 0) -> None:
+        """Do what launch does when the process has ended."""
+        wanted = self.options.get('on_exit')
+        if callable(wanted):
+            wanted = wanted(SimpleNamespace(action=self, returncode=returncode), context)
+        for action in [wanted] if isinstance(wanted, Action) else wanted or ():
+            action.execute(context)
 
 
 class ParameterValue:
@@ -185,20 +254,52 @@ class Node(ExecuteProcess):
         if parameters is not None and not isinstance(parameters, list):
             raise TypeError('parameters must be a list')
         self.package, self.executable, self.node_name = package, executable, name
+        self._namespace, self.namespace = namespace, '/'
         self._parameters = parameters or []
+
+    def execute(self, context: Context) -> None:
+        own = None if self._namespace is None else text(context, self._namespace)
+        self.namespace = prefixed(context.launch_configurations.get('ros_namespace'), own)
+
+    @property
+    def full_name(self) -> str:
+        return f'{self.namespace.rstrip("/")}/{self.node_name}'
+
+    def ros_arguments(self, context: Context, folder: Path) -> list[str]:
+        """Return what is put behind the command; dictionaries are written into a folder."""
+        words = ['--ros-args', '-r', f'__node:={self.node_name}', '-r', f'__ns:={self.namespace}']
+        for number, given in enumerate(self._parameters):
+            if isinstance(given, Mapping):
+                file = folder / f'{self.full_name.strip("/").replace("/", "_")}_{number}.yaml'
+                values = {text(context, k): evaluated(context, v) for k, v in given.items()}
+                file.write_text(yaml.dump({self.full_name: {'ros__parameters': values}}))
+            else:
+                file = Path(text(context, given))
+            if file.is_file():  # launch_ros warns of others, and starts the node without
+                words += ['--params-file', str(file)]
+        return words
 
     def parameters(self, context: Context) -> dict[str, Any]:
         """Return what the node's parameters are, as ROS takes files and dictionaries."""
         values: dict[str, Any] = {}
         for given in self._parameters:
-            if not isinstance(given, Mapping):
-                found = yaml.safe_load(Path(text(context, given)).read_text(encoding='utf-8'))
-                for key in ('/**', text(context, self.node_name)):
-                    values.update(flat(found.get(key, {}).get('ros__parameters', {})))
+            if isinstance(given, Mapping):
+                for key, value in given.items():
+                    values[text(context, key)] = evaluated(context, value)
                 continue
-            for key, value in given.items():
-                values[text(context, key)] = evaluated(context, value)
+            file = Path(text(context, given))
+            found = yaml.safe_load(file.read_text(encoding='utf-8')) if file.is_file() else {}
+            for section, held in found.items():
+                if is_for(section, self.full_name):
+                    values.update(flat(held.get('ros__parameters', {})))
         return values
+
+
+def is_for(section: str, node: str) -> bool:
+    """Say whether rcl takes a section of a parameter file for a node."""
+    words = section.strip('/').split('/')
+    kinds = {'*': '/[^/]+', '**': '(/[^/]+)*'}
+    return re.fullmatch(''.join(kinds.get(w, f'/{re.escape(w)}') for w in words), node) is not None
 
 
 class LifecycleNode(Node):
@@ -235,10 +336,16 @@ def flat(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
 
 MODULES: dict[str, tuple[Any, ...]] = {
     'launch': (LaunchDescription,),
-    'launch.actions': (DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, Shutdown),
+    'launch.actions': (
+        DeclareLaunchArgument,
+        ExecuteProcess,
+        GroupAction,
+        OpaqueFunction,
+        Shutdown,
+    ),
     'launch.substitutions': (LaunchConfiguration, PathJoinSubstitution),
     'launch_ros': (),
-    'launch_ros.actions': (LifecycleNode, Node),
+    'launch_ros.actions': (LifecycleNode, Node, PushRosNamespace),
     'launch_ros.parameter_descriptions': (ParameterValue,),
     'launch_ros.substitutions': (FindPackageShare,),
 }
@@ -293,6 +400,5 @@ def started(file: Path, given: Mapping[str, str], context: Context) -> list[Exec
             entity = waiting.pop(0)
             if isinstance(entity, ExecuteProcess):
                 found.append(entity)
-            else:
-                waiting[:0] = entity.execute(context) or []
+            waiting[:0] = entity.execute(context) or []
     return found

@@ -5,12 +5,15 @@ from __future__ import annotations
 import ast
 import importlib.util
 import py_compile
+import re
+import sys
 from argparse import ArgumentParser
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from launch_stand_in import Context, ExecuteProcess, LifecycleNode, Node, arguments, started
 
 from denoc_ros.cli.config import NODES
@@ -18,6 +21,7 @@ from denoc_ros.cli.config import NODES
 ROOT = Path(__file__).resolve().parent.parent
 FILES = sorted((ROOT / 'launch').glob('*.launch.py'))
 ROBOT = str(ROOT / 'config' / 'robots' / 'canadarm.urdf')
+BAG = str(ROOT / 'config')  # any that there is
 # what each starts when it is given no more than it needs
 STARTS = {
     'bringup': {'predictor', 'feedforward'},
@@ -25,13 +29,20 @@ STARTS = {
     'replay': {'predictor', 'feedforward', 'viewer', 'player'},
     'sim': {'plant', 'predictor', 'feedforward'},
     'simulation': {'plant', 'predictor', 'feedforward', 'recorder'},
+    'two_robots': {f'arm{k}/{n}' for k in (1, 2) for n in ('plant', 'predictor', 'feedforward')},
+}
+OTHERS = {
+    'params': str(ROOT / 'config' / 'plant.yaml'),
+    'urdf': str(ROOT / 'config' / 'robots' / 'ur10.urdf'),
+    'bag': str(ROOT / 'launch'),
 }
 NEEDED = {
     'bringup': {},
     'feedforward': {},
-    'replay': {'bag': 'run/bag', 'urdf': ROBOT},
+    'replay': {'bag': BAG, 'urdf': ROBOT},
     'sim': {'urdf': ROBOT},
     'simulation': {'urdf': ROBOT},
+    'two_robots': {'urdf': ROBOT},
 }
 
 
@@ -52,7 +63,7 @@ def start(name: str, **given: str) -> dict[str, Any]:
 
 
 def label(process: ExecuteProcess) -> str:
-    return str(process.node_name if isinstance(process, Node) else process.options['name'])
+    return process.full_name.strip('/') if isinstance(process, Node) else 'process'
 
 
 def test_every_launch_file_is_tried() -> None:
@@ -86,10 +97,8 @@ def test_every_argument_is_described_and_has_an_effect(name: str) -> None:
         base = {'record': 'true'} if argument.name == 'output' else {}
         if argument.choices is not None:
             other = next(each for each in argument.choices if each != argument.default_value)
-        elif argument.name == 'params':
-            other = str(ROOT / 'config' / 'plant.yaml')
         else:
-            other = '7.5'  # a path, a rate or a speed
+            other = OTHERS.get(argument.name, '7.5')  # a folder, a rate or a speed
         after = shown(start(name, **base, **{argument.name: other}))
         assert after != shown(start(name, **base))
 
@@ -112,9 +121,10 @@ def test_nodes_are_executables_of_ours_and_take_their_parameters(name: str) -> N
     given = dict.fromkeys(switches, 'true')
     rates = {'update_rate': '500'} if 'update_rate' in arguments(path(name)) else {}
     outputs = {'output': '12'} if 'output' in arguments(path(name)) else {}
-    for node, process in start(name, urdf=ROBOT, **given, **rates, **outputs).items():
+    for process in start(name, urdf=ROBOT, **given, **rates, **outputs).values():
         if not isinstance(process, LifecycleNode):
             continue
+        node = process.node_name
         assert (process.package, process.executable) == ('denoc_ros', node)
         assert node in NODES
         assert (ROOT / 'scripts' / node).is_file()
@@ -150,7 +160,7 @@ def test_the_player_is_called_as_its_command_line_is(monkeypatch: pytest.MonkeyP
 
     processes = start('replay', speed='0.5')
     command = processes['player'].command(context())
-    assert command[1:3] == ['-m', 'denoc_ros.nodes.player']
+    assert command[:3] == [sys.executable, '-m', 'denoc_ros.nodes.player']
     seen: list[Any] = []
     parse = ArgumentParser.parse_args
 
@@ -160,9 +170,9 @@ def test_the_player_is_called_as_its_command_line_is(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(ArgumentParser, 'parse_args', stop)
     with pytest.raises(KeyboardInterrupt):
-        player.main(command[3:])
+        player.main([*command[3:], *processes['player'].ros_arguments(context(), Path())])
     options = seen[0]
-    assert (str(options.bag), options.speed) == ('run/bag', 0.5)
+    assert (str(options.bag), options.speed) == (BAG, 0.5)
     # those that the player waits for are there
     assert set(options.listeners) == {'predictor', 'feedforward'} <= set(processes)
 
@@ -170,6 +180,73 @@ def test_the_player_is_called_as_its_command_line_is(monkeypatch: pytest.MonkeyP
 def test_a_switch_is_on_or_off() -> None:
     with pytest.raises(RuntimeError, match='viewer'):
         start('bringup', viewer='maybe')
+
+
+@pytest.mark.parametrize(
+    ('name', 'argument', 'value', 'says'),
+    [
+        ('bringup', 'params', 'nofile.yaml', "argument 'params' must be a file that exists"),
+        ('bringup', 'urdf', 'nofile.urdf', "argument 'urdf' must be a file that exists"),
+        ('replay', 'bag', 'nobag', "argument 'bag' must be a file that exists, got 'nobag'"),
+        ('replay', 'speed', '0', "argument 'speed' must be a number > 0, got '0'"),
+        ('replay', 'speed', '-1', "argument 'speed' must be a number > 0"),
+        ('replay', 'speed', 'fast', "argument 'speed' must be a number > 0"),
+        ('sim', 'update_rate', '-5', "argument 'update_rate' must be a number > 0"),
+        ('two_robots', 'update_rate', 'nan', "argument 'update_rate' must be a number > 0"),
+        ('simulation', 'output', str(ROOT), "argument 'output' must not exist yet"),
+    ],
+)
+def test_what_would_start_otherwise_than_was_meant_is_refused(
+    name: str, argument: str, value: str, says: str
+) -> None:
+    with pytest.raises(RuntimeError) as caught:
+        start(name, **{argument: value})
+    assert says in str(caught.value)
+
+
+def test_the_simulation_is_recorded_once_more_into_another_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    def output() -> str:
+        recorder = start('simulation')['recorder']
+        return str(recorder.parameters(context())['output'])
+
+    assert output() == 'run'
+    (tmp_path / 'run').mkdir()
+    assert re.fullmatch(r'run_\d{8}-\d{6}', output())
+
+
+@pytest.mark.parametrize('interrupted', [False, True])
+def test_the_end_of_the_recording_ends_all_once(interrupted: bool) -> None:
+    where, player = context(), start('replay')['player']
+    # Ctrl-C: launch is shutting down when the player ends
+    where.is_shutdown = interrupted
+    player.exits(where)
+    assert where.is_shutdown
+
+
+@pytest.mark.parametrize('namespace', ['', 'arm1', '/fleet/arm1'])
+def test_nodes_in_a_namespace_have_the_parameters_and_the_player_of_it(namespace: str) -> None:
+    where = context()
+    where.launch_configurations['ros_namespace'] = namespace
+    found = started(path('replay'), NEEDED['replay'], where)
+    for process in found:
+        assert isinstance(process, Node)
+        assert process.namespace == '/' + namespace.strip('/')
+        if process.node_name == 'predictor':
+            assert process.parameters(where)['source'] == 'joints'  # of config/bringup.yaml
+            assert process.parameters(where)['urdf_path'] == ROBOT
+
+
+def test_several_robots_are_apart_and_recorded_together(tmp_path: Path) -> None:
+    found = start('two_robots', record='true', update_rate='100')
+    assert set(found) == {*STARTS['two_robots'], 'recorder'}
+    words = found['arm2/plant'].ros_arguments(context(), tmp_path)
+    assert words[:5] == ['--ros-args', '-r', '__node:=plant', '-r', '__ns:=/arm2']
+    given = yaml.safe_load(Path(words[-1]).read_text(encoding='utf-8'))
+    assert given['/arm2/plant']['ros__parameters']['update_rate'] == 100.0
 
 
 def test_it_loads_with_the_launch_of_ros_where_that_is_installed() -> None:

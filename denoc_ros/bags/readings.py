@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import operator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.bags.reader import read_bag
+from denoc_ros.bags.reader import bag_topics, read_bag
 from denoc_ros.bags.series import elapsed
 from denoc_ros.errors import BagError
 
@@ -33,7 +34,7 @@ def read_readings(
     path : str or Path
         A bag that `read_bag` reads.
     topic : str
-        Of one of `TYPES`.
+        Of one of `TYPES`; a relative one is that of the robot's namespace.
     name, field : str
         The sensor's name, and which element or name in the message is its own.
     wrench_field : str
@@ -45,6 +46,7 @@ def read_readings(
         As `read_bag`; also for a topic of another type, and a message without the sensor.
     """
     stamps, raw = [], []
+    topic = resolved(topic, bag_topics(path))
     for item in read_bag(path, [topic]):
         if item.type not in TYPES:
             raise BagError(
@@ -59,6 +61,15 @@ def read_readings(
                 f'(field {field or name!r}), got one without'
             ) from error
     return elapsed(np.array(stamps, dtype=np.int64)), np.array(raw, dtype=np.float64)
+
+
+def resolved(topic: str, topics: Iterable[str]) -> str:
+    """Return the absolute name of a topic: in the root, else where only one namespace has it."""
+    if topic.startswith('/'):
+        return topic
+    name = f'/{topic}'
+    found = [each for each in topics if each.endswith(name)]
+    return found[0] if len(found) == 1 else name
 
 
 def _reading(kind: str, message: Any, name: str, field: str, wrench_field: str) -> float:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 WITH_ROBOT = ('feedforward', 'predictor', 'plant', 'viewer')
+SIMULATION = ('plant', 'predictor', 'feedforward')
 WITH_RATE = ('feedforward', 'predictor', 'plant')
 PACKAGE = 'denoc_ros'
 
@@ -26,11 +29,12 @@ ROBOT = Argument('urdf', 'file of the robot')
 URDF = Argument('urdf', 'file of the robot; empty: what params or robot_description say', '')
 RECORD = Argument('record', 'record all topics into a bag', 'false', ('true', 'false'))
 OUTPUT = Argument('output', "the bag's folder, which must not exist; empty: by the time", '')
+FILES = ('urdf', 'params', 'bag')
 VIEWER = Argument('viewer', 'show the robot in the browser', 'false', ('true', 'false'))
 RVIZ = Argument('rviz', "start RViz with the package's configuration", 'false', ('true', 'false'))
-RATE = Argument('update_rate', 'rate of the loops [Hz]; empty: what params say', '')
+RATE = Argument('update_rate', 'rate of the loops [Hz], > 0; empty: what params say', '')
 BAG = Argument('bag', 'the recording whose joint states are played')
-SPEED = Argument('speed', 'of the clock the recording is played by', '1.0')
+SPEED = Argument('speed', 'of the clock the recording is played by, > 0', '1.0')
 
 
 def description(
@@ -53,17 +57,35 @@ def description(
     file : str
         The parameter file in config/ that is taken where `params` is empty.
     """
+    return described(lambda given: actions(nodes, given, file), file, (urdf, *arguments))
+
+
+def described(
+    begin: Callable[[Mapping[str, str]], list[Any]], file: str, arguments: Sequence[Argument]
+) -> Any:
+    """Return a launch description with arguments, `params` among them.
+
+    Parameters
+    ----------
+    begin : callable
+        Returns what is started when the arguments are as given.
+    file : str
+        The parameter file in config/ that is taken where `params` is empty.
+    arguments : sequence of Argument
+        The others.
+    """
     from launch.actions import DeclareLaunchArgument, OpaqueFunction
     from launch.substitutions import LaunchConfiguration
 
     from launch import LaunchDescription
 
     params = Argument('params', f'file of parameters; empty: config/{file} of the package', '')
-    everything = (urdf, params, *arguments)
+    everything = (arguments[0], params, *arguments[1:])
 
     def start(context: Any) -> list[Any]:
         given = {each.name: LaunchConfiguration(each.name).perform(context) for each in everything}
-        return actions(nodes, given, file)
+        check(given)
+        return begin(given)
 
     declared = [
         DeclareLaunchArgument(
@@ -77,23 +99,79 @@ def description(
     return LaunchDescription([*declared, OpaqueFunction(function=start)])
 
 
+def check(given: Mapping[str, str]) -> None:
+    """Refuse arguments with which the nodes would start all the same, but not as was meant.
+
+    ROS only warns of a parameter file that is not there: nodes that command torque would begin
+    with what they have by default.
+
+    Raises
+    ------
+    RuntimeError
+        With every finding: `ros2 launch` prints it and ends with status 1.
+    """
+    findings = []
+    for name in FILES:
+        if given.get(name) and not Path(given[name]).exists():
+            findings.append(f"argument '{name}' must be a file that exists, got {given[name]!r}")
+    for name in ('speed', 'update_rate'):
+        if given.get(name) and not _positive(given[name]):
+            findings.append(f"argument '{name}' must be a number > 0, got {given[name]!r}")
+    if on(given, 'record') and given.get('output') and Path(given['output']).exists():
+        findings.append(f"argument 'output' must not exist yet, got {given['output']!r}")
+    if findings:
+        raise RuntimeError('; '.join(findings))
+
+
+def _positive(text: str) -> bool:
+    try:
+        return 0.0 < float(text) < float('inf')
+    except ValueError:
+        return False
+
+
 def simulation(record: str = 'false', output: str = '') -> Any:
     """Return the launch description of a simulated robot under control.
 
     Parameters
     ----------
-    record, output : str
-        Defaults of these arguments.
+    record : str
+        Default of this argument.
+    output : str
+        The bag's folder by default; where that exists, the time is put behind it.
     """
+    folder = f'{output}_{time.strftime("%Y%m%d-%H%M%S")}' if Path(output).exists() else output
     return description(
-        ('plant', 'predictor', 'feedforward'),
+        SIMULATION,
         RATE,
         replace(RECORD, default=record),
-        replace(OUTPUT, default=output),
+        replace(OUTPUT, default=folder if output else ''),
         VIEWER,
         RVIZ,
         urdf=ROBOT,
     )
+
+
+def simulations(namespaces: Sequence[str]) -> Any:
+    """Return the launch description of simulated robots under control, each in a namespace.
+
+    Parameters
+    ----------
+    namespaces : sequence of str
+        One for each robot; the recorder takes the topics of all.
+    """
+    from launch.actions import GroupAction
+    from launch_ros.actions import PushRosNamespace
+
+    def begin(given: Mapping[str, str]) -> list[Any]:
+        alone = {**given, 'record': 'false'}
+        groups = [
+            GroupAction([PushRosNamespace(each), *actions(SIMULATION, alone, 'bringup.yaml')])
+            for each in namespaces
+        ]
+        return [*groups, *actions((), given, 'bringup.yaml')]
+
+    return described(begin, 'bringup.yaml', (ROBOT, RATE, RECORD, OUTPUT))
 
 
 def actions(nodes: Sequence[str], given: Mapping[str, str], file: str) -> list[Any]:
@@ -150,20 +228,18 @@ def rviz(configuration: Any) -> Any:
 
 def player(bag: str, speed: str, listeners: Sequence[str]) -> Any:
     """Return what plays a bag's joint states when all who are to listen do, and ends it all."""
-    from launch.actions import ExecuteProcess, Shutdown
+    from launch.actions import Shutdown
+    from launch_ros.actions import Node
 
-    return ExecuteProcess(
-        cmd=[
-            sys.executable,
-            '-m',
-            'denoc_ros.nodes.player',
-            bag,
-            '--speed',
-            speed,
-            '--listeners',
-            *listeners,
-        ],
+    def end(_event: Any, context: Any) -> Any:
+        # on Ctrl-C it ends as all do: to shut down once more would make the launch fail
+        return None if context.is_shutdown else Shutdown(reason='the recording is over')
+
+    words = (bag, '--speed', speed, '--listeners', *listeners)
+    return Node(
+        executable=sys.executable,
         name='player',
+        arguments=['-m', 'denoc_ros.nodes.player', *words],
         output='screen',
-        on_exit=Shutdown(reason='the recording is over'),
+        on_exit=end,
     )

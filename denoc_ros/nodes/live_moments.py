@@ -126,7 +126,7 @@ class LiveMoments:
         state = self._states[topic]
         if not state.bent:
             return {}
-        node = topic.strip('/').split('/')[0]
+        node = (topic.strip('/').split('/')[:-1] or [topic])[-1]
         position, _ = self._deflections.evaluate(state.q, state.qd)
         return {
             deflection_channel(WORDS.get(node, node), tip): float(position[place])

@@ -25,9 +25,7 @@ TABLE = ParameterTable(
             [],
             'joints with a drive; empty: all but mimic joints',
         ),
-        Parameter(
-            'command', Kind.STRING, '/feedforward/commands', 'topic of the commanded effort'
-        ),
+        Parameter('command', Kind.STRING, 'feedforward/commands', 'topic of the commanded effort'),
         Parameter(
             'command_timeout',
             Kind.DOUBLE,

@@ -7,6 +7,7 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -177,13 +178,28 @@ class Player(Node):
         return sorted(missing)
 
 
+def speed(text: str) -> float:
+    """Return how many times as fast as real time a recording is played.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        It is no finite number > 0.
+    """
+    with suppress(ValueError):
+        value = float(text)
+        if 0.0 < value < np.inf:
+            return value
+    raise argparse.ArgumentTypeError(f'speed must be a number > 0, got {text!r}')
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Play a bag as a process; return the exit status."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog='denoc_ros.nodes.player', description=__doc__)
     parser.add_argument('bag', type=Path)
     parser.add_argument('--topic', default='/joint_states')
-    parser.add_argument('--speed', type=float, default=1.0)
+    parser.add_argument('--speed', type=speed, default=1.0, help='> 0; 1 for real time')
     parser.add_argument('--listeners', nargs='*', default=[], help='nodes to wait for')
     options = parser.parse_args(remove_ros_args(given))
     signal.signal(signal.SIGTERM, signal.default_int_handler)

@@ -52,7 +52,7 @@ TABLE = ParameterTable(
         Parameter(
             'effort_topic',
             Kind.STRING,
-            '/feedforward/effort',
+            'feedforward/effort',
             'topic of the commanded effort',
         ),
         Parameter(

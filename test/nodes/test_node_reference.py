@@ -48,7 +48,7 @@ def described(node: str, columns: int) -> dict[str, str]:
         if len(row) != columns:
             continue
         kind = re.split(r'[,:; ]', row[1])[0] if '/' in row[1] else kind
-        for name in re.findall(r'`([~/][\w/]*|joint_states|reference)`', row[0]):
+        for name in re.findall(r'`([~/][\w/]*|joint_states|reference|feedforward/\w+)`', row[0]):
             names[name.replace('~', f'/{node}') if '~' in name else f'/{name.strip("/")}'] = kind
     return names
 

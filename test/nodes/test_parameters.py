@@ -121,7 +121,7 @@ def test_every_default_is_one_the_row_accepts(node: str) -> None:
 @pytest.mark.parametrize('node', ['feedforward', 'plant'])
 def test_the_parameter_file_of_a_node_is_one_it_takes(node: str, repository: Path) -> None:
     text = (repository / 'config' / f'{node}.yaml').read_text()
-    parameters = flatten(yaml.safe_load(text)['/**']['ros__parameters'])
+    parameters = flatten(yaml.safe_load(text)[f'/**/{node}']['ros__parameters'])
     table = import_module(f'denoc_ros.nodes.{node}').TABLE
     settings = table.settings(parameters, node)
     assert all(settings[name] == parameters[name] for name in parameters)

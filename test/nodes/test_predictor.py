@@ -174,7 +174,7 @@ def test_measurements_that_waited_are_taken_in_one_by_one(
 
 def test_shipped_parameters_are_the_nodes_own(repository: Path) -> None:
     text = (repository / 'config' / 'predictor.yaml').read_text()
-    given = yaml.safe_load(text)['predictor']['ros__parameters']
+    given = yaml.safe_load(text)['/**/predictor']['ros__parameters']
     assert TABLE.settings(given, 'predictor.yaml').number('horizon') == 0.05
 
 

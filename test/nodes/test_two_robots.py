@@ -1,0 +1,107 @@
+"""Two robots in two namespaces: the launch file's processes, their loops, and the bag of them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from launch_stand_in import Context, Node, started
+from rosbags.highlevel import AnyReader
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+pytestmark = pytest.mark.ros
+ROOT = Path(__file__).resolve().parents[2]
+ROBOT = ROOT / 'config' / 'robots' / 'one_flexible_link.urdf'
+RATE = 50.0  # Hz: seven processes share what there is of the machine
+GOALS = {'arm1': 0.3, 'arm2': -0.2}  # rad
+PATIENCE = 120.0  # s, for seven interpreters that start at once
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    return tmp_path / 'bag'
+
+
+@pytest.fixture
+def processes(tmp_path: Path, bag: Path) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
+    """Start what the launch file does; end what is left at the end."""
+    given = {'urdf': str(ROBOT), 'update_rate': str(RATE), 'record': 'true', 'output': str(bag)}
+    context = Context({'denoc_ros': ROOT})
+    running = {}
+    for node in started(ROOT / 'launch' / 'two_robots.launch.py', given, context):
+        assert isinstance(node, Node)
+        words = node.ros_arguments(context, tmp_path)
+        running[node.full_name] = subprocess.Popen(
+            [sys.executable, '-m', f'denoc_ros.nodes.{node.executable}', *words],
+            env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+            stdout=subprocess.DEVNULL,
+        )
+    yield running
+    for process in running.values():
+        process.kill()
+        process.wait()
+
+
+def value(graph: Any, processes: dict[str, Any], status: str, key: str) -> str:
+    """Return what a node says, while all of them run."""
+    assert all(process.poll() is None for process in processes.values())
+    return graph.value(status, key) or ''
+
+
+def test_two_robots_follow_their_own_references_and_are_recorded(
+    graph: Any, processes: dict[str, Any], bag: Path
+) -> None:
+    for arm in GOALS:
+        graph.until(
+            lambda arm=arm: (
+                value(graph, processes, f'{arm}/plant: plant', 'braked') == 'False'
+                and value(graph, processes, f'{arm}/predictor: loop', 'state') == 'active'
+            ),
+            PATIENCE,
+        )
+    graph.until(lambda: value(graph, processes, 'recorder: recording', 'path') != '', PATIENCE)
+    for arm, goal in GOALS.items():
+        publisher = graph.publisher(JointTrajectory, f'/{arm}/reference')
+        graph.until(lambda publisher=publisher: publisher.get_subscription_count() >= 2)
+        end = JointTrajectoryPoint(positions=[goal])
+        end.time_from_start.sec = 1
+        publisher.publish(JointTrajectory(joint_names=['joint_1'], points=[end]))
+        graph.until(
+            lambda arm=arm: graph.diagnostics[f'{arm}/feedforward: torque'].message == 'following'
+        )
+    graph.spin(1.5)
+    for status in graph.diagnostics.values():
+        refused = [each.key for each in status.values if ' rejected ' in each.key]
+        assert not refused, (status.name, refused)
+    for process in processes.values():
+        process.send_signal(signal.SIGINT)
+    ends = time.perf_counter() + PATIENCE
+    assert {p.wait(max(0.0, ends - time.perf_counter())) for p in processes.values()} == {0}
+    with AnyReader([bag]) as reader:
+        topics = {connection.topic for connection in reader.connections}
+        states = {arm: positions(reader, f'/{arm}/joint_states') for arm in GOALS}
+    ours = ('joint_states', 'feedforward/commands', 'predictor/tip_deflection', 'strain')
+    assert {f'/{arm}/{topic}' for arm in GOALS for topic in ours} <= topics
+    assert not topics & {f'/{topic}' for topic in ours}
+    for arm, goal in GOALS.items():
+        assert len(states[arm]) > RATE
+        # torque alone, without a controller, leaves it near there, and on its own side
+        assert abs(states[arm][-1] - goal) < 0.1
+        assert np.sign(states[arm]).sum() * goal > 0.0
+
+
+def positions(reader: AnyReader, topic: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    chosen = [each for each in reader.connections if each.topic == topic]
+    found = [
+        reader.deserialize(raw, connection.msgtype).position[0]  # type: ignore[attr-defined]
+        for connection, _, raw in reader.messages(chosen)
+    ]
+    return np.array(found)
