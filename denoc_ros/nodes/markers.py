@@ -11,6 +11,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.tree import Body
+from denoc_ros.nodes.stamps import stamp_fields
 
 Array = NDArray[np.float64]
 
@@ -72,7 +73,7 @@ class CentreLines:
 
     def message(self, q: Array, stamp_ns: int) -> MarkerArray:
         """Return the markers at coordinates (n,)."""
-        seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+        seconds, nanoseconds = stamp_fields(stamp_ns)
         array = MarkerArray()
         for number, (link, flexible, points) in enumerate(self.points(q)):
             marker = Marker()

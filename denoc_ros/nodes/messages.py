@@ -21,6 +21,7 @@ from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.bags.definitions import exact_cdr
+from denoc_ros.nodes.stamps import stamp_fields
 
 Array = NDArray[np.float64]
 DELIVERY = 0.5  # s
@@ -49,9 +50,8 @@ class _Prebuilt:
     _raw: bytearray
 
     def stamp(self, stamp_ns: int) -> None:
-        """Write the header's stamp."""
-        seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
-        _STAMP.pack_into(self._raw, 4, seconds, nanoseconds)
+        """Write the header's stamp [ns]."""
+        _STAMP.pack_into(self._raw, 4, *stamp_fields(stamp_ns))
 
     def bytes(self) -> bytes:
         """Return the message, ready for `Publisher.publish`."""

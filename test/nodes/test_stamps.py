@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import time
 
+import pytest
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+from denoc_ros.nodes.messages import JointStateMessage
 from denoc_ros.nodes.stamps import StampOf
 
 
@@ -36,3 +41,24 @@ def test_pause_between_two_readings_does_not_shift_the_stamp() -> None:
     moment, wanted = time.perf_counter(), time.time_ns()
     assert abs(StampOf(slow_once)(moment) - wanted) < 20_000_000
     assert len(calls) > 1
+
+
+@pytest.mark.parametrize(
+    ('stamp_ns', 'seconds', 'nanoseconds'),
+    [
+        (1_234_567_891_011, 1234, 567_891_011),
+        (-1, -1, 999_999_999),
+        (2_147_483_648_000_000_001, 2_147_483_647, 1),
+        (-(1 << 80), -2_147_483_647, None),
+        (1 << 80, 2_147_483_647, None),
+    ],
+)
+def test_stamps_beyond_what_a_message_can_say_are_the_nearest(
+    stamp_ns: int, seconds: int, nanoseconds: int | None
+) -> None:
+    message = JointStateMessage(['a'], ('position',))
+    message.stamp(stamp_ns)
+    stamp = deserialize_message(message.bytes(), JointState).header.stamp
+    assert stamp.sec == seconds
+    if nanoseconds is not None:
+        assert stamp.nanosec == nanoseconds
