@@ -19,7 +19,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint bench mechanisms rates soak longbag fuzz load watched longload ends readme venv clean
+.PHONY: demo test check browser lint bench mechanisms rates soak siege longbag fuzz load watched longload ends readme venv clean
 
 venv: $(STAMP)
 
@@ -75,6 +75,10 @@ soak: $(STAMP)
 ends: $(STAMP)
 	PYTHONPATH=test $(BIN)/python -m campaign.ends_campaign --count 500
 	PYTHONPATH=test $(BIN)/python -m campaign.session_ends --count 100
+
+# an hour of whatever can be sent to all five nodes, drawn at random; what fails is shrunk to a few steps
+siege: $(STAMP)
+	PYTHONPATH=test $(BIN)/python -m campaign.siege --minutes 60 --json siege.json
 
 # ten minutes: a bag of 1 GB, made on the spot and replayed
 longbag: $(STAMP)

@@ -70,6 +70,10 @@ class ViewerClient:
         plain = self._unpack.decompress(raw[16 : 16 + packed], max_output_size=size)
         return list(msgspec.msgpack.decode(plain)['messages'])
 
+    def send_raw(self, raw: bytes) -> None:
+        """Send bytes as no browser would."""
+        self._socket.send(raw)
+
     def updates(self, seconds: float) -> int:
         """Return how often the robot moved in a time [s]."""
         end = time.perf_counter() + seconds

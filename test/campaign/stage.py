@@ -82,6 +82,10 @@ class Torques:
 class StageProcesses(Processes):
     """Processes that may be signalled, and started in another environment."""
 
+    def process(self, name: str) -> subprocess.Popen[bytes]:
+        """Return a process that is watched."""
+        return self._running[name]
+
     def signal(self, name: str, number: int) -> subprocess.Popen[bytes]:
         """Send a signal to a process, which is not watched any more; return it."""
         process = self._running.pop(name)

@@ -1,0 +1,326 @@
+"""Does the attacks of a siege to the nodes of a stage."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import shutil
+import signal
+import threading
+import time
+from collections import Counter
+from contextlib import ExitStack, suppress
+from typing import Any
+
+import numpy as np
+import rclpy
+from campaign.adversary import SEQUENCE, WORDS, interface, leaves
+from campaign.attacks import Attack, Inventory, Step, adversary
+from campaign.siege_stage import ANSWER, SiegeStage
+from campaign.sockets import attack_page
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.context import Context
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+END = 20.0  # s within which a process that is told to has ended
+TOPICS = 12  # names of strange topics
+STRANGE = (
+    'std_msgs/msg/String', 'std_msgs/msg/Float64', 'sensor_msgs/msg/Imu', 'nav_msgs/msg/Odometry',
+    'geometry_msgs/msg/WrenchStamped', 'trajectory_msgs/msg/JointTrajectory',
+    'visualization_msgs/msg/MarkerArray', 'diagnostic_msgs/msg/DiagnosticArray',
+)  # fmt: skip
+BOMB = (
+    '<!DOCTYPE robot [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">'
+    '<!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;">]><robot name="&c;"/>'
+)
+
+
+class Assault:
+    """Does steps.
+
+    Attributes
+    ----------
+    tally : dict of str to Counter
+        What was sent, by node.
+    asked : dict of str to float
+        Nodes that were told to end in the step at hand, and whose end is due.
+    """
+
+    def __init__(self, stage: SiegeStage, inventory: Inventory) -> None:
+        self.stage, self.inventory = stage, inventory
+        self.tally: Counter[tuple[str, str]] = Counter()
+        self.asked: set[str] = set()
+        self.unanswered: list[tuple[str, str]] = []
+        self._lock = threading.Lock()
+
+    def do(self, step: Step) -> None:
+        """Do all attacks of a step at once; return when all are over."""
+        self.asked.clear()
+        self.unanswered.clear()
+        threads = [threading.Thread(target=self._do, args=(a,), daemon=True) for a in step]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(4.0 * ANSWER)
+            if thread.is_alive():
+                raise RuntimeError(f'an attack must come to an end: {step}')
+
+    def _do(self, attack: Attack) -> None:
+        try:
+            getattr(self, f'_{attack["do"]}')(attack)
+        except Exception as error:
+            # the siege's own fault, not the nodes': said, and no law
+            print(f'attack failed: {type(error).__name__}: {error}: {attack}', flush=True)
+
+    def _count(self, node: str, what: str, number: int = 1) -> None:
+        with self._lock:
+            self.tally[node, what] += number
+
+    # ---- messages
+
+    def _good(self, topic: str, kind: str) -> Any:
+        """Return a good message of a topic."""
+        if topic == '/joint_states' or kind == 'sensor_msgs/msg/JointState':
+            return self.stage.state()
+        if topic == '/reference':
+            return self.stage.trajectory(0.2)
+        return interface(kind)()
+
+    def _messages(self, attack: Attack) -> None:
+        stage, topic, kind = self.stage, attack['topic'], attack['type']
+        rng = adversary(attack['seed'], self.inventory, attack['node'])
+        publisher = stage.publisher(topic, interface(kind))
+        end = time.perf_counter() + 2.0
+        with ExitStack() as stack:
+            if attack['instead'] and topic == '/joint_states':
+                stack.enter_context(stage.silenced())
+            if attack['second']:
+                publisher = stage.node.create_publisher(interface(kind), topic, 10)
+                stack.callback(stage.node.destroy_publisher, publisher)
+            for _ in range(attack['count']):
+                if attack['same']:
+                    rng = adversary(attack['seed'], self.inventory, attack['node'])
+                good = self._good(topic, kind)
+                if 'length' in attack:
+                    lengthen(good, rng.one_of, attack['length'])
+                publisher.publish(good if 'length' in attack else rng.sent(kind, good))
+                self._count(attack['node'], 'messages')
+                if time.perf_counter() > end:
+                    break
+                if attack['rate']:
+                    time.sleep(1.0 / attack['rate'])
+
+    _huge = _messages
+
+    def _trajectories(self, attack: Attack) -> None:
+        stage, goal = self.stage, np.array(self.stage.scene.goal)
+        rng = np.random.default_rng(attack['seed'])
+        message = stage.trajectory()
+        message.points = []
+        for k in range(attack['points']):
+            there = goal + attack['far'] * rng.choice((-1.0, 1.0), len(goal)) * (k > 0)
+            point = JointTrajectoryPoint(positions=there.tolist())
+            point.time_from_start.sec, point.time_from_start.nanosec = divmod(
+                10_000_000 * (k + 1), 1_000_000_000
+            )
+            message.points.append(point)
+        end = time.perf_counter() + 2.0
+        for _ in range(attack['count']):
+            stage.references.publish(message)
+            self._count('feedforward', 'messages')
+            self._count('predictor', 'messages')
+            if time.perf_counter() > end:
+                break
+            time.sleep(1.0 / attack['rate'])
+
+    def _clock(self, attack: Attack) -> None:
+        node, rng = attack['node'], adversary(attack['seed'], self.inventory, attack['node'])
+        use = Parameter(
+            name='use_sim_time',
+            value=ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=True),
+        )
+        kind = 'rcl_interfaces/srv/SetParameters'
+        self._ask(node, f'/{node}/set_parameters', kind, SetParameters.Request(parameters=[use]))
+        publisher = self.stage.publisher('/clock', Clock)
+        for _ in range(attack['count']):
+            publisher.publish(rng.message('rosgraph_msgs/Clock'))
+            self._count(node, 'messages')
+            time.sleep(0.01)
+
+    def _topics(self, attack: Attack) -> None:
+        rng = adversary(attack['seed'], self.inventory, attack['node'])
+        for _ in range(attack['count']):
+            kind = rng.one_of(STRANGE)
+            topic = f'/strange/t{int(rng.rng.integers(TOPICS))}'
+            try:
+                publisher = self.stage.node.create_publisher(interface(kind), topic, 10)
+            except RCLError:
+                continue  # the stage itself still has it with another type
+            time.sleep(0.06)
+            publisher.publish(rng.message(kind.replace('/msg/', '/')))
+            self._count('recorder', 'messages')
+            time.sleep(0.02)
+            self.stage.node.destroy_publisher(publisher)
+
+    def _join(self, attack: Attack) -> None:
+        """Let a participant join the domain and leave again."""
+        context = Context()
+        rclpy.init(args=[], context=context)
+        node = Node('guest', context=context, use_global_arguments=False)
+        time.sleep(0.1)
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
+        self._count(attack['node'], 'joins')
+
+    # ---- requests
+
+    def _ask(self, node: str, service: str, kind: str, request: Any) -> Any:
+        self._count(node, 'requests')
+        reply = self.stage.ask(service, kind, request)
+        if reply is None:
+            self.unanswered.append((node, service))
+        return reply
+
+    def _requests(self, attack: Attack) -> None:
+        node, service, kind = attack['node'], attack['service'], attack['type']
+        rng = adversary(attack['seed'], self.inventory, node)
+        changes = service.endswith('/change_state') and node == 'feedforward'
+        begin = time.time_ns()
+        for _ in range(attack['count']):
+            self._ask(node, service, kind, rng.message('', interface(kind).Request))
+            if node in self.asked:
+                break
+        if changes:
+            self.stage.witness.excuse_anew(begin)
+
+    def _transitions(self, attack: Attack) -> None:
+        node, begin = attack['node'], time.time_ns()
+        if node == 'feedforward':
+            self.stage.witness.excuse_anew(begin)
+        for number in attack['ids']:
+            request = ChangeState.Request()
+            request.transition.id = number
+            kind = 'lifecycle_msgs/srv/ChangeState'
+            self._count(node, 'transitions')
+            if self.stage.ask(f'/{node}/change_state', kind, request) is None:
+                self.unanswered.append((node, f'/{node}/change_state'))
+
+    # ---- processes and files
+
+    def _pause(self, attack: Attack) -> None:
+        process = self.stage.process(attack['node'])
+        for _ in range(attack['times']):
+            begin = time.time_ns()
+            process.send_signal(signal.SIGSTOP)
+            time.sleep(attack['seconds'])
+            process.send_signal(signal.SIGCONT)
+            self._count(attack['node'], 'signals', 2)
+            if attack['node'] == 'feedforward':
+                self.stage.witness.excuse(begin, time.time_ns() + 10_000_000)
+            time.sleep(0.02)
+
+    def _end(self, attack: Attack) -> None:
+        node = attack['node']
+        process = self.stage.process(node)
+        if node == 'feedforward':
+            self.stage.witness.excuse_anew()
+        time.sleep(attack['after'])
+        self.asked.add(node)
+        for name in attack['signals']:
+            with suppress(ProcessLookupError):
+                process.send_signal(getattr(signal, f'SIG{name}'))
+            self._count(node, 'signals')
+            time.sleep(attack['gap'])
+        if not self.stage.comes(lambda: process.poll() is not None, END):
+            self.stage.broken.append(f'{node}: must end within {END:g} s of {attack["signals"]}')
+            process.kill()
+            process.wait()
+
+    def _description(self, attack: Attack) -> None:
+        node, stage = attack['node'], self.stage
+        rng = adversary(attack['seed'], self.inventory, node)
+        stage.description.publish(String(data=self._bad_description(attack['what'], rng)))
+        self._count(node, 'messages')
+        time.sleep(0.05)
+        if attack['anew'] and node == 'feedforward':
+            self.stage.witness.excuse_anew()
+        ids = (4, 2, 1) if attack['anew'] else ()
+        for number in ids:  # deactivate, clean up, configure
+            request = ChangeState.Request()
+            request.transition.id = number
+            self._count(node, 'transitions')
+            self.stage.ask(f'/{node}/change_state', 'lifecycle_msgs/srv/ChangeState', request)
+        if f'/{node}/reload_model' in self.inventory.services[node] and not ids:
+            kind = 'std_srvs/srv/Trigger'
+            self._ask(node, f'/{node}/reload_model', kind, Trigger.Request())
+
+    def _bad_description(self, what: str, rng: Any) -> str:
+        folder, good = self.stage.folder, self.stage.scene.urdf()
+        if what == 'spoilt':
+            place = int(rng.rng.integers(len(good)))
+            more: str = rng.one_of(('', '<link', 'nan', '"', '-', '9' * 30, '</robot>', '&a;'))
+            return good[:place] + more + good[place + int(rng.rng.integers(30)) :]
+        if what == 'fifo':
+            with suppress(FileExistsError):
+                os.mkfifo(folder / 'fifo')
+            return str(folder / 'fifo')
+        if what == 'path':
+            (folder / 'other.urdf').write_text(good)
+            return str(folder / 'other.urdf')
+        letters = rng.rng.integers(1, 0x2FF, 4000)
+        said: dict[str, str] = {
+            'bytes': ''.join(map(chr, letters)),
+            'folder': str(folder),
+            'bomb': BOMB,
+            'huge': good.replace('<robot', f'<robot {" " * 9_000_000}', 1),
+            'empty': '',
+        }
+        return said[what]
+
+    def _socket(self, attack: Attack) -> None:
+        address = self.stage.status('viewer: page')[2].get('address')
+        if address is None:
+            return
+        rng = adversary(attack['seed'], self.inventory, 'viewer')
+        sent = attack_page(address, rng, attack['count'])
+        self._count('viewer', 'messages', sent)
+
+    def _files(self, attack: Attack) -> None:
+        """Spoil what the recorder writes to."""
+        bags = sorted(self.stage.folder.glob(f'recordings_{self.stage.starts["recorder"]}/*'))
+        bags = [bag for bag in bags if bag.is_dir()]
+        if not bags:
+            return
+        folder = max(bags, key=lambda bag: bag.stat().st_mtime)
+        files = sorted(folder.glob('*.mcap'))
+        self._count('recorder', 'files')
+        if attack['what'] == 'folder' or not files:
+            shutil.rmtree(folder, ignore_errors=True)
+        elif attack['what'] == 'file':
+            files[-1].unlink()
+        elif attack['what'] == 'truncate':
+            os.truncate(files[-1], files[-1].stat().st_size // 2)
+        else:
+            with files[-1].open('r+b') as file:
+                file.write(b'\0' * 4096)
+
+
+def lengthen(message: Any, one_of: Any, length: int) -> None:
+    """Repeat one sequence of a message so often that it has so many elements."""
+    places = [place for place in leaves(message) if SEQUENCE.match(place[2])]
+    if not places:
+        message.data = WORDS[-1] if hasattr(message, 'data') and message.data == '' else 0.0
+        return
+    owner, attribute, kind = one_of(places)
+    values = list(getattr(owner, attribute)) or ['x' if 'string' in kind else 0.0]
+    if 'double' in kind or 'string' in kind:
+        setattr(owner, attribute, list(itertools.islice(itertools.cycle(values), length)))
+    elif '/' in kind and getattr(owner, attribute):
+        setattr(owner, attribute, values * (length // 30 // len(values)))

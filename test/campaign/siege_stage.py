@@ -1,0 +1,318 @@
+"""The stage of the siege: all five nodes as processes, and who feeds, watches and mends them.
+
+The stage's own node is the robot (joint states, sensors) and the planner (reference). Its witness
+holds each torque to the laws as it comes; two processes beside it measure how long the system
+itself was away (see `campaign.absence`).
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from bench.rates_blocks import domain
+from campaign.adversary import interface
+from campaign.siege_scenes import NODES, PRIORITY, RATE, REMAPPED, Scene
+from campaign.stage import FEED_PRIORITY, StageError, StageProcesses, stamp
+from campaign.witness import DEEP, Witness
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from denoc_ros.cli.node_parameters import write_parameters
+from denoc_ros.nodes.realtime import make_thread_timely
+
+FEED = 200.0  # Hz of joint states
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LOOK = 0.02  # s between two looks of the witness
+ANSWER = 15.0  # s within which a request is answered, on a busy machine
+RECOVERY = 20.0  # s within which all is as before an attack
+PATIENCE = 400.0  # s for a process to come up: a busy machine may take minutes to compile kernels
+FRESH = 0.5  # s
+SENSORS = {
+    '/strain': 'std_msgs/msg/Float64',
+    '/loads': 'std_msgs/msg/Float64MultiArray',
+    '/named': 'sensor_msgs/msg/JointState',
+}
+RELAYED = '/siege/commands'  # what left as torque, said to the plant by the stage
+GET_STATE = GetState.Request()
+OUTPUTS = {'predictor': '/predictor/modal_state', 'plant': '/plant/true_modal_state'}
+
+
+class SiegeStage:
+    """See the module.
+
+    Attributes
+    ----------
+    witness : Witness
+    heard : dict of str to float
+        When (perf_counter, s) each node's output came last.
+    broken : list of str
+        Laws broken beside those of torque.
+    """
+
+    def __init__(
+        self, folder: Path, environment: Mapping[str, str], scene: Scene, slack: float
+    ) -> None:
+        self.folder, self.scene = folder, scene
+        (folder / 'logs').mkdir(parents=True)
+        self.processes = StageProcesses(folder / 'logs', environment)
+        self.heard: dict[str, float] = {}
+        self.statuses: dict[str, Any] = {}
+        self.broken: list[str] = []
+        self.instead = 0  # attacks that speak in the robot's place
+        self.fed = 0
+        self.starts: Counter[str] = Counter()
+        self.up: set[str] = set()  # nodes that have been active since their start
+        self._meter: Any = None
+        self._clients: dict[str, Any] = {}
+        self._publishers: dict[str, Any] = {}
+        self._lock = threading.RLock()
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node('siege', use_global_arguments=False)
+        self.states = self.publisher('/joint_states', JointState)
+        self.references = self.publisher('/reference', JointTrajectory)
+        relay = self.publisher(RELAYED, Float64MultiArray)
+        self.witness = Witness(scene, folder, slack, relay.publish)
+        for topic, kind in SENSORS.items():
+            self.publisher(topic, interface(kind))
+        self.attacked = {'/joint_states', '/reference', RELAYED, *SENSORS}
+        self.description = self.publisher('/robot_description', String, LATCHED)
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_status, DEEP)
+        for name, topic in OUTPUTS.items():
+            self.node.create_subscription(JointState, topic, self._listener(name), 10)
+        self._running = True
+        self.executor = EventsExecutor()
+        self.executor.add_node(self.node)
+        self._threads = [
+            threading.Thread(target=work, daemon=True)
+            for work in (self._spin, self._feed, self._watch)
+        ]
+        for thread in self._threads:
+            thread.start()
+        self.say_description()
+
+    # ---- what the robot, the planner and the attacks say
+
+    def publisher(self, topic: str, kind: type, qos: Any = 10) -> Any:
+        """Return the stage's one publisher of a topic, by which attacks speak as well."""
+        with self._lock:
+            if topic not in self._publishers:
+                self._publishers[topic] = self.node.create_publisher(kind, topic, qos)
+            return self._publishers[topic]
+
+    def state(self) -> JointState:
+        """Return what a good robot says now."""
+        names, positions = list(self.scene.joints), list(self.scene.posture)
+        message = JointState(name=names, position=positions, effort=[0.0] * len(names))
+        stamp(message, time.time_ns())
+        return message
+
+    def trajectory(self, seconds: float = 0.001) -> JointTrajectory:
+        """Return a reference that stands at the goal."""
+        first, last = (JointTrajectoryPoint(positions=list(self.scene.goal)) for _ in range(2))
+        last.time_from_start.sec, rest = divmod(round(1e9 * seconds), 1_000_000_000)
+        last.time_from_start.nanosec = rest
+        return JointTrajectory(joint_names=list(self.scene.joints), points=[first, last])
+
+    def say_description(self) -> None:
+        """Publish the good robot's description."""
+        self.description.publish(String(data=self.scene.urdf()))
+
+    def _feed(self) -> None:
+        make_thread_timely(FEED_PRIORITY)
+        start, count = time.perf_counter(), 0
+        while self._running:
+            if not self.instead:
+                self.states.publish(self.state())
+                self.fed += 1
+            count += 1
+            time.sleep(max(0.0, start + count / FEED - time.perf_counter()))
+
+    @contextmanager
+    def silenced(self) -> Iterator[None]:
+        """Say nothing as the robot meanwhile."""
+        with self._lock:
+            self.instead += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self.instead -= 1
+
+    # ---- what the nodes say
+
+    def _spin(self) -> None:
+        while self._running and rclpy.ok():
+            self.executor.spin_once(0.1)
+
+    def _on_status(self, message: Any) -> None:
+        for status in message.status:
+            self.statuses[status.name] = (time.perf_counter(), status)
+
+    def _listener(self, name: str) -> Callable[[Any], None]:
+        def listen(message: Any) -> None:
+            self.heard[name] = time.perf_counter()
+            if not np.isfinite([*message.position, *message.velocity]).all():
+                self.broken.append(f'{name}: what it publishes must be finite')
+
+        return listen
+
+    def _watch(self) -> None:
+        while self._running:
+            self.witness.look()
+            time.sleep(LOOK)
+
+    def judge(self, final: bool = False) -> list[str]:
+        """Return the laws that were broken since the last call."""
+        told, self.broken = self.broken, []
+        return [*told, *self.witness.judge(final)]
+
+    def status(self, name: str, since: float = 0.0) -> tuple[int, str, dict[str, str]]:
+        """Return level (-1: none), message and values of a status since a moment."""
+        at, status = self.statuses.get(name, (-1.0, None))
+        if at < since or status is None:
+            return -1, '', {}
+        level = int.from_bytes(status.level, 'little')
+        return level, status.message, {value.key: value.value for value in status.values}
+
+    # ---- processes
+
+    def start(self, node: str) -> None:
+        """Start a node as a process."""
+        file = self.folder / f'{node}.yaml'
+        self.starts[node] += 1
+        self.up.discard(node)
+        bags = self.folder / f'recordings_{self.starts[node]}'
+        bags.mkdir(exist_ok=True)
+        write_parameters(file, self.scene.parameters(node, bags))
+        arguments = ['-m', f'denoc_ros.nodes.{node}', '--ros-args', *REMAPPED.get(node, [])]
+        self.processes.start(node, [*arguments, '--params-file', str(file)])
+        self._meter.stdin.write(f'{node} {self.process(node).pid}\n'.encode())
+        self._meter.stdin.flush()
+
+    def process(self, node: str) -> subprocess.Popen[bytes]:
+        """Return the newest process of a node."""
+        return self.processes.process(node)
+
+    def words(self, node: str) -> str:
+        """Return the last that a node has printed."""
+        log = self.folder / 'logs' / f'{node}.log'
+        with log.open('rb') as file:
+            file.seek(max(0, log.stat().st_size - 3000))
+            return file.read().decode(errors='replace')
+
+    def start_all(self) -> None:
+        """Start what measures, then all nodes; wait until each does what it is for."""
+        module = [sys.executable, '-m', 'campaign.absence']
+        self._meter = subprocess.Popen(
+            [*module, 'meter', str(self.folder / 'meter')], stdin=subprocess.PIPE
+        )
+        talker = ['talker', str(RATE), str(PRIORITY), str(self.folder / 'bare')]
+        self.processes.start('bare', ['-m', 'campaign.absence', *talker])
+        for node in NODES:
+            self.start(node)
+
+    # ---- requests
+
+    def client(self, service: str, kind: str) -> Any:
+        with self._lock:
+            if service not in self._clients:
+                self._clients[service] = self.node.create_client(interface(kind), service)
+            return self._clients[service]
+
+    def ask(self, service: str, kind: str, request: Any, timeout: float = ANSWER) -> Any:
+        """Return a service's reply, None if none came in time [s]."""
+        client = self.client(service, kind)
+        if not self.comes(client.service_is_ready, timeout):
+            return None
+        future = client.call_async(request)
+        if self.comes(future.done, timeout):
+            return future.result()
+        client.remove_pending_request(future)
+        return None
+
+    def ask_again(self, service: str, kind: str, request: Any, timeout: float = ANSWER) -> Any:
+        """Return a reply; ask anew where one got lost, as it may while server and client meet."""
+        end = time.perf_counter() + timeout
+        while (left := end - time.perf_counter()) > 0.0:
+            reply = self.ask(service, kind, request, min(3.0, left))
+            if reply is not None:
+                return reply
+        raise StageError(f'{service}: must be answered within {timeout:g} s')
+
+    def comes(self, condition: Callable[[], object], timeout: float) -> bool:
+        """Wait for a condition; say whether it came about."""
+        end = time.perf_counter() + timeout
+        while not condition():
+            if time.perf_counter() > end or not self._running:
+                return False
+            time.sleep(0.003)
+        return True
+
+    def lifecycle(self, node: str, timeout: float = ANSWER) -> str:
+        """Return the label of a node's state."""
+        kind = 'lifecycle_msgs/srv/GetState'
+        reply = self.ask_again(f'/{node}/get_state', kind, GET_STATE, timeout)
+        return str(reply.current_state.label)
+
+    def change(self, node: str, transition: int, timeout: float = ANSWER) -> bool:
+        """Ask for a transition; say whether it succeeded."""
+        request = ChangeState.Request()
+        request.transition.id = transition
+        kind = 'lifecycle_msgs/srv/ChangeState'
+        return bool(self.ask_again(f'/{node}/change_state', kind, request, timeout).success)
+
+    def close(self) -> None:
+        """End all processes, then the stage's own node."""
+        self._running = False
+        for thread in self._threads:
+            thread.join(3.0)
+        for node in NODES:  # a stopped one hears nothing
+            with suppress(KeyError, ProcessLookupError):
+                self.process(node).send_signal(signal.SIGCONT)
+        self.processes.stop_all(NODES)
+        if self._meter is not None:
+            self._meter.stdin.close()
+            self._meter.wait(5.0)
+        self.executor.remove_node(self.node)
+        for node in (self.node, self.witness.node):
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.try_shutdown()
+
+
+@contextmanager
+def besieged(folder: Path, scene: Scene, slack: float) -> Iterator[SiegeStage]:
+    """Give a stage in a ROS domain of its own, its processes started.
+
+    Parameters
+    ----------
+    folder : Path
+    scene : Scene
+    slack : float
+        s that torque may pause beyond the law: for a machine that does other things.
+    """
+    with domain() as environment:
+        stage = SiegeStage(folder, environment, scene, slack)
+        try:
+            stage.start_all()
+            yield stage
+        finally:
+            stage.close()

@@ -1,0 +1,193 @@
+"""The siege: its parts, and a minute of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaign.adversary import FLOATS, Adversary, leaves
+from campaign.attacks import WEIGHTS, Inventory, Step, adversary, draw_step
+from campaign.laws import Life, Span, TorqueLedger, slope, unexplained
+from campaign.shrinking import shrink
+from campaign.siege import Failure, Round, kind_of, write_steps
+from campaign.siege_scenes import NODES
+from rcl_interfaces.msg import ParameterValue
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+
+INVENTORY = Inventory(
+    {node: {f'/{node}/get_state': 'lifecycle_msgs/srv/GetState'} for node in NODES},
+    {node: {'/joint_states': 'sensor_msgs/msg/JointState'} for node in NODES},
+    {node: {'model': ParameterValue(type=4, string_value='rigid')} for node in NODES},
+    ['j1', 'j2', 'model'],
+)
+
+
+def draws(seed: int, count: int) -> list[Step]:
+    rng = np.random.default_rng(seed)
+    return [draw_step(rng, INVENTORY, ('plant',)) for _ in range(count)]
+
+
+# ---- what is drawn
+
+
+def test_a_seed_draws_the_same_steps_and_they_are_plain() -> None:
+    steps = draws(3, 50)
+    assert json.loads(json.dumps(steps)) == draws(3, 50) == steps
+    assert draws(4, 50) != steps
+
+
+def test_every_kind_of_attack_is_drawn_and_only_mortals_are_told_to_end() -> None:
+    attacks = [attack for step in draws(0, 600) for attack in step]
+    assert {attack['do'] for attack in attacks} == set(WEIGHTS)
+    assert {attack['node'] for attack in attacks if attack['do'] == 'end'} == {'plant'}
+    assert {name for a in attacks for name in a.get('signals', ())} == {'TERM', 'INT', 'HUP'}
+
+
+def good() -> JointState:
+    return JointState(name=['j1', 'j2'], position=[0.1, 0.2], effort=[0.0, 0.0])
+
+
+def test_messages_have_all_that_nobody_should_send() -> None:
+    numbers: list[float] = []
+    counts: set[int] = set()
+    words: set[int] = set()
+    stamps, cut = [], 0
+    for seed in range(600):
+        sent = adversary(seed, INVENTORY, 'plant').sent('sensor_msgs/msg/JointState', good())
+        if isinstance(sent, bytes):
+            cut += 1
+            continue
+        assert deserialize_message(serialize_message(sent), JointState).name == sent.name
+        numbers += [*sent.position, *sent.velocity, *sent.effort]
+        counts.add(len(sent.position))
+        stamps.append(sent.header.stamp)
+        words.update(map(len, sent.name))
+    assert cut > 30
+    assert any(map(math.isnan, numbers))
+    assert {math.inf, -math.inf} <= set(numbers)
+    assert {x for x in FLOATS if x == x} <= set(numbers)
+    assert any(x == 0.0 and math.copysign(1.0, x) < 0.0 for x in numbers)
+    assert {0, 1, 2, 3, 300} <= counts
+    assert any(stamp.nanosec >= 1_000_000_000 for stamp in stamps)
+    assert any(stamp.sec < 0 for stamp in stamps)
+    assert {0, 2, 1_000_000} <= words
+
+
+def test_a_spoilt_message_keeps_something_of_the_good_one() -> None:
+    for seed in range(100):
+        message = good()
+        Adversary(np.random.default_rng(seed)).spoil(message)
+        pairs = list(zip(leaves(message), leaves(good()), strict=True))
+        same = [getattr(o, name) == getattr(p, name) for (o, name, _), (p, _, _) in pairs]
+        assert len(pairs) - 3 <= sum(same)
+
+
+def test_requests_have_types_and_transitions_that_do_not_exist() -> None:
+    drawn = [adversary(seed, INVENTORY, 'plant') for seed in range(300)]
+    parameters = [each.message('rcl_interfaces/Parameter') for each in drawn]
+    assert {77, 255} <= {parameter.value.type for parameter in parameters}
+    assert 'model' in {parameter.name for parameter in parameters}
+    assert {0, 1, 4, 99} <= {each.message('lifecycle_msgs/Transition').id for each in drawn}
+
+
+# ---- the laws
+
+
+def ledger() -> TorqueLedger:
+    return TorqueLedger(np.array([10.0, 5.0]), 1.0, 500.0)
+
+
+@pytest.mark.parametrize(
+    ('effort', 'says'),
+    [
+        ([math.nan, 0.0], 'finite'),
+        ([0.0, -math.inf], 'finite'),
+        ([0.5, 5.1], 'within'),
+        ([1.5, 0.0], 'per tick'),
+        ([0.5, 0.5, 0.5], 'finite'),
+    ],
+)
+def test_unlawful_torque_is_seen(effort: list[float], says: str) -> None:
+    held = ledger()
+    held.take(0, 1, np.zeros(2))
+    held.take(2_000_000, 2, np.array(effort))
+    told = held.told()
+    assert any(says in law for law in told), told
+    assert not held.told()
+
+
+def test_lawful_torque_and_one_that_may_begin_anew_break_nothing() -> None:
+    held = ledger()
+    held.take(0, 1, np.zeros(2))
+    held.take(2_000_000, 2, np.array([1.0, -1.0]))
+    held.take(8_000_000, 5, np.array([4.0, -4.0]))  # two messages were lost
+    held.anew.append(Span(9_000_000))
+    held.take(10_000_000, 6, np.array([0.0, 0.0]))
+    held.take(12_000_000, 1, np.array([9.0, 0.0]))  # another publisher's first
+    assert not held.told()
+    assert held.largest_delta == 1.0
+    assert held.pauses == [Span(2_000_000, 8_000_000)]
+
+
+def test_a_pause_is_excused_by_the_systems_absence_only() -> None:
+    pause = Span(0, 10_000_000)
+    assert unexplained(pause, 0.004, 0.0)
+    assert unexplained(pause, 0.004, 0.005)
+    assert not unexplained(pause, 0.004, 0.006)
+
+
+def life(memory: Callable[[float], float], files: Callable[[float], int]) -> Life:
+    told = Life('plant', 1)
+    for second in range(600):
+        told.at.append(float(second))
+        told.memory.append(memory(second))
+        told.files.append(files(second))
+    return told
+
+
+def test_growing_memory_and_descriptors_are_seen_after_the_warm_up() -> None:
+    noise = np.random.default_rng(0).normal(0.0, 1e5, 600)
+    flat = life(lambda t: 2e8 + 1e8 * (t > 60.0) + noise[int(t)], lambda t: 20)
+    assert not flat.judge()
+    at, memory, _ = flat.settled()
+    assert abs(3600.0 * slope(at, memory)) < 1e6
+    growing = life(lambda t: 2e8 + 1e5 * t + noise[int(t)], lambda t: 20 + int(t / 20.0))
+    told = growing.judge()
+    assert any('memory must stay' in law for law in told)
+    assert any('descriptors must stay' in law for law in told)
+
+
+# ---- shrinking
+
+
+@pytest.mark.parametrize('needed', [{7}, {3, 40}, {0, 1, 2}, {0, 63}])
+def test_what_fails_is_shrunk_to_what_it_takes(needed: set[int]) -> None:
+    tries: list[list[int]] = []
+
+    def fails(steps: list[int]) -> bool:
+        tries.append(steps)
+        return needed <= set(steps)
+
+    assert shrink(list(range(64)), fails, 60.0) == sorted(needed)
+    assert len(tries) < 120
+
+
+def test_what_does_not_fail_again_or_in_time_is_not_shrunk() -> None:
+    assert shrink([1, 2, 3], lambda steps: False, 60.0) is None
+    assert shrink([1, 2, 3], lambda steps: True, 0.0) is None
+
+
+def test_steps_are_written_as_they_are_read(tmp_path: Path) -> None:
+    steps = draws(5, 3)
+    write_steps(tmp_path / 'f.json', Round('links', 5, failures=[Failure('law', 2)]), steps)
+    assert json.loads((tmp_path / 'f.json').read_text()) == {
+        'scene': 'links',
+        'seed': 5,
+        'steps': steps,
+    }
+    assert kind_of('torque must be finite, got [nan]') == kind_of('torque must be finite, got [2]')
