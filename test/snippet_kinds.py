@@ -105,6 +105,12 @@ def check_ros2(words: list[str]) -> None:
     if verb == 'run':
         if rest[0] != 'controller_manager':
             assert rest[0] == 'denoc_ros', rest
+            if rest[1] == 'denoc':
+                try:
+                    build_parser(rest[2:]).parse_args(rest[2:])
+                except SystemExit as error:
+                    raise AssertionError(rest) from error
+                return
             assert rest[1] in NODES, rest
             check_ros_arguments(rest[1], rest[2:])
     elif verb == 'launch':
@@ -113,10 +119,20 @@ def check_ros2(words: list[str]) -> None:
         node, name = rest[1].strip('/'), rest[2]
         if node in NODES:
             check_parameters(node, {name: yaml.safe_load(rest[3])} if rest[0] == 'set' else {name})
+    elif verb == 'topic' and rest[0] == 'pub':
+        *_, kind, message = rest
+        check_message(kind, yaml.safe_load(message))
     else:
         assert verb in ('param', 'topic', 'service', 'lifecycle', 'bag', 'control', 'node'), verb
     for word in words:
         check_ros_name(word)
+
+
+def check_message(kind: str, fields: dict[str, Any]) -> None:
+    """A message has these fields."""
+    package, _, name = kind.split('/')
+    known = getattr(import_module(f'{package}.msg'), name).get_fields_and_field_types()
+    assert fields.keys() <= known.keys(), f'{kind} has no {sorted(fields.keys() - known.keys())}'
 
 
 def check_ros_arguments(node: str, words: list[str]) -> None:
@@ -195,8 +211,8 @@ def check_session(file: str | Path, settings: Sequence[str] = ()) -> None:
 def check_parameter_file(values: dict[str, Any]) -> None:
     """ROS parameters: of our nodes by their tables, of ros2_controllers by a list of theirs."""
     theirs = load_yaml(CONTROLLERS.read_text(encoding='utf-8'))
-    for node, value in values.items():
-        parameters = value['ros__parameters']
+    for section, value in values.items():
+        parameters, node = value['ros__parameters'], section.removeprefix('/**/')
         if node in NODES:
             check_parameters(node, flat(parameters))
             continue

@@ -138,6 +138,8 @@ def test_a_wrong_snippet_is_found_out(
         '```sh\nros2 param set /feedforward terms.weight false\n```',
         '```sh\nros2 param set /feedforward ramp_time -1.0\n```',
         '```sh\nros2 service call /predictor/brew std_srvs/srv/Trigger\n```',
+        '```sh\nros2 run denoc_ros denoc brew\n```',
+        "```sh\nros2 topic pub --once /a std_msgs/msg/String '{text: hello}'\n```",
         '```yaml\nfeedforward:\n  ros__parameters: {model: wobbly}\n```',
         '```yaml\nrobot: robots/puma.urdf\nnodes: {plant: {colour: red}}\n```',
     ],

@@ -112,7 +112,8 @@ def test_workspace_is_an_ament_prefix(workspace: Path, overlay: dict[str, str]) 
         prefix / 'share' / 'ament_index' / 'resource_index' / 'packages' / 'denoc_ros'
     ).exists()
     assert (prefix / 'share' / 'denoc_ros' / 'package.xml').is_file()
-    assert all(os.access(executable(workspace, node), os.X_OK) for node in NODES)
+    # what `ros2 run denoc_ros` starts
+    assert all(os.access(executable(workspace, each), os.X_OK) for each in (*NODES, 'denoc'))
 
 
 def test_workspace_comes_before_other_installations(
