@@ -186,8 +186,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--count', type=int, default=500, help='ends of each node')
     parser.add_argument('--minutes', type=float, default=1e9, help='at most')
     parser.add_argument('--nodes', nargs='*', default=list(NODES), choices=NODES)
+    parser.add_argument('--phases', nargs='*', default=list(PHASES), choices=PHASES)
     parser.add_argument('--seed', type=int, default=random.randrange(1 << 30))
     args = parser.parse_args(argv)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup's deafness would be inherited
     print(f'seed {args.seed}', flush=True)
     tallies = {node: Tally() for node in args.nodes}
     before, end = shared_memory(), time.perf_counter() + 60.0 * args.minutes
@@ -200,7 +202,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 break
             for node, tally in tallies.items():
                 bad = len(tally.bad)
-                choices = phases(node)
+                choices = [phase for phase in phases(node) if phase in args.phases]
                 ends.once(node, choices[k % len(choices)], tally)
                 for text in tally.bad[bad:]:
                     print(f'BAD: {text}', flush=True)

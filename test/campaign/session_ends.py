@@ -73,6 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--count', type=int, default=100)
     parser.add_argument('--seed', type=int, default=random.randrange(1 << 30))
     args = parser.parse_args(argv)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup's deafness would be inherited
     print(f'seed {args.seed}', flush=True)
     rng = random.Random(args.seed)
     statuses: Counter[int] = Counter()
