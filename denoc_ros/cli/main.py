@@ -24,6 +24,7 @@ VERBS = (
     'recover',
     'dh',
     'stability',
+    'warmup',
     'bench',
 )
 BAD_INPUT = 1

@@ -1,4 +1,4 @@
-"""Kernels compiled by one process at a time, said so, and to be interrupted at any moment."""
+"""Kernels compiled once, each by one process, said so, and to be interrupted at any moment."""
 
 from __future__ import annotations
 
@@ -23,34 +23,42 @@ SAY = 5.0  # s between two words on how far it is
 def compile_in_turn(kernels: Sequence[tuple[Any, Any]]) -> None:
     """Compile kernels, or load those that have been compiled before.
 
-    Processes that start beside each other compile one after the other: the second finds what the
-    first has compiled.
+    Processes that start beside each other share the work: each compiles what no other one does.
 
     Parameters
     ----------
     kernels : sequence of (dispatcher, signature)
     """
-    with ExitStack() as stack:
-        missing = [each for each in kernels if not is_kept(each[0])]
-        if missing:
-            stack.enter_context(_turn())
-            missing = [each for each in kernels if not is_kept(each[0])]
-        if missing:
-            _compile(missing)
-        for dispatcher, signature in kernels:
-            dispatcher.compile(signature)  # does nothing for what has just been compiled
+    missing = [each for each in kernels if not is_kept(each[0])]
+    if missing:
+        _compile(missing)
+    for dispatcher, signature in kernels:
+        dispatcher.compile(signature)  # does nothing for what has just been compiled
 
 
 def _compile(kernels: Sequence[tuple[Any, Any]]) -> None:
-    """Compile in a thread, for a signal's handler has its turn in the main one only."""
+    """Compile what no other process compiles, wait for the rest; say how far it is."""
     LOG.info('compiling %d kernels, once per version: a minute at most', len(kernels))
     began = said = time.monotonic()
-    for done, (dispatcher, signature) in enumerate(kernels):
-        if time.monotonic() - said > SAY:
-            said = time.monotonic()
-            LOG.info('%d of %d kernels compiled after %.0f s', done, len(kernels), said - began)
-        _in_thread(lambda: dispatcher.compile(signature))  # noqa: B023 - joined in this turn
+    missing = list(kernels)
+    while missing:
+        for each in list(missing):
+            with _claim(each[0]) as ours:
+                if ours:
+                    _compile_one(*each)
+                    missing.remove(each)
+            if time.monotonic() - said > SAY:
+                said = time.monotonic()
+                done = len(kernels) - len(missing)
+                LOG.info('%d of %d kernels after %.0f s', done, len(kernels), said - began)
+        time.sleep(LOOK if missing else 0.0)  # another process is at work on them
     LOG.info('kernels compiled in %.0f s', time.monotonic() - began)
+
+
+def _compile_one(dispatcher: Any, signature: Any) -> None:
+    """Compile in a thread, for a signal's handler has its turn in the main one only."""
+    if not is_kept(dispatcher):  # by another process, while we waited
+        _in_thread(lambda: dispatcher.compile(signature))
 
 
 def _in_thread(act: Callable[[], object]) -> None:
@@ -76,21 +84,17 @@ def _in_thread(act: Callable[[], object]) -> None:
 
 
 @contextmanager
-def _turn() -> Iterator[None]:
-    """Wait until no other process compiles; go ahead where the cache cannot be locked."""
+def _claim(dispatcher: Any) -> Iterator[bool]:
+    """Say whether a kernel is ours to compile; also where the cache cannot be locked."""
+    function = dispatcher.py_func
+    name = f'{function.__module__.rpartition(".")[2]}.{function.__qualname__}.lock'
     with ExitStack() as stack:
         try:
-            lock = stack.enter_context(Path(numba.config.CACHE_DIR, 'lock').open('w'))
+            lock = stack.enter_context(Path(numba.config.CACHE_DIR, name).open('w'))
         except OSError:
-            yield
+            yield True
             return
-        told = False
-        while not _locked(lock):
-            if not told:
-                LOG.info('waiting for another process that compiles kernels')
-                told = True
-            time.sleep(LOOK)
-        yield
+        yield _locked(lock)
 
 
 def _locked(lock: Any) -> bool:

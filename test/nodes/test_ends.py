@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 from node_robots import two_links
@@ -135,40 +134,3 @@ def test_signals_are_honoured_while_a_node_compiles(
         assert time.monotonic() - began < 10.0  # a second on a machine that does nothing else
         assert process.stderr is not None
         assert process.stderr.read() == ''
-
-
-def started(code: str, environment: dict[str, str]) -> Any:
-    """Return a process that runs Python's code, with all its streams."""
-    piped: Any = dict.fromkeys(('stdin', 'stdout', 'stderr'), subprocess.PIPE)
-    command = [sys.executable, '-c', code]
-    return subprocess.Popen(command, env=environment, text=True, **piped)
-
-
-def test_kernels_are_compiled_by_one_process_at_a_time(tmp_path: Path) -> None:
-    code = (
-        'import logging, denoc_ros.kernels.compiling as c\n'
-        'logging.basicConfig(level=20, format="%(message)s")\n'
-        'with c._turn():\n print("turn", flush=True)\n input()\n'
-    )
-    environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}
-    with (
-        started(code, environment) as one,
-        started(code, environment) as two,
-    ):
-        waiting = [one, two]
-        os.set_blocking(one.stdout.fileno(), False)
-        os.set_blocking(two.stdout.fileno(), False)
-        first = None
-        end = time.monotonic() + 60.0
-        while first is None:
-            assert time.monotonic() < end
-            first = next((process for process in waiting if process.stdout.readline()), None)
-            time.sleep(0.01)
-        waiting.remove(first)
-        (second,) = waiting
-        assert 'waiting for another process' in second.stderr.readline()
-        assert not second.stdout.readline()
-        first.communicate('\n')
-        os.set_blocking(second.stdout.fileno(), True)
-        assert second.stdout.readline() == 'turn\n'
-        second.communicate('\n')

@@ -1,0 +1,51 @@
+"""`denoc warmup`: compile all kernels now, so that no first start has to."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the verb's arguments."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        'warmup',
+        help='compile the kernels that nodes and simulations need, once per version and user',
+        description='Compile the kernels that nodes and simulations need, and keep them for all '
+        'processes of this user. What is kept already is loaded only.',
+    )
+    parser.add_argument(
+        'robot',
+        nargs='?',
+        type=Path,
+        metavar='ROBOT.urdf',
+        help='only what this robot needs: those for kinematic loops take as long again',
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compile, say how long it took.
+
+    Returns
+    -------
+    int
+        0; a bad robot is raised.
+    """
+    from denoc_ros.dynamics.held_model import KERNELS, TIE_KERNELS
+    from denoc_ros.dynamics.robot import load_robot
+    from denoc_ros.kernels import cache_folder
+    from denoc_ros.kernels.compiled import ready
+    from denoc_ros.kernels.correction import take_values
+    from denoc_ros.kernels.runge_kutta import explicit_steps
+
+    began = time.perf_counter()
+    ready(*KERNELS, take_values)
+    if args.robot is None:
+        ready(*TIE_KERNELS, explicit_steps)
+    else:
+        load_robot(args.robot)
+    took = time.perf_counter() - began
+    print(f'kernels ready after {took:.1f} s, kept in {cache_folder()}')
+    return 0

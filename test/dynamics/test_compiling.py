@@ -1,0 +1,82 @@
+"""Kernels are compiled once, each by one process, and kept wherever the package is installed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from denoc_ros.kernels import inverse
+from denoc_ros.kernels.cache import KernelLocator, is_kept
+
+# two kernels that take a while, and are kept by a file as numba keeps them
+SLOW = """
+import logging, sys, time
+from pathlib import Path
+from types import SimpleNamespace
+import numba
+from denoc_ros.kernels.compiling import compile_in_turn
+
+logging.basicConfig(level=logging.INFO, format='%(message)s', stream=sys.stdout)
+
+class Slow:
+    def __init__(self, name):
+        code = SimpleNamespace(co_firstlineno=1)
+        self.py_func = SimpleNamespace(__module__='a.slow', __qualname__=name, __code__=code)
+        self.kept = Path(numba.config.CACHE_DIR, f'slow.{name}-1.py.nbi')
+
+    def compile(self, signature):
+        if not self.kept.exists():
+            print('compiles', self.py_func.__qualname__, flush=True)
+            time.sleep(1.0)
+            self.kept.touch()
+
+print('begins', flush=True)
+sys.stdin.readline()
+compile_in_turn([(Slow('one'), None), (Slow('two'), None)])
+print('has all', flush=True)
+"""
+
+
+def test_processes_beside_each_other_share_the_work(tmp_path: Path) -> None:
+    environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}
+    processes = [
+        subprocess.Popen(
+            [sys.executable, '-c', SLOW],
+            env=environment,
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        for _ in range(2)
+    ]
+    for process in processes:
+        assert process.stdout is not None
+        assert process.stdout.readline() == 'begins\n'
+    for process in processes:
+        assert process.stdin is not None
+        process.stdin.write('\n')
+        process.stdin.flush()
+    said = [process.communicate(timeout=60)[0].splitlines() for process in processes]
+    done = [line for lines in said for line in lines if line.startswith('compiles')]
+    assert sorted(done) == ['compiles one', 'compiles two']
+    assert all(lines[-1] == 'has all' for lines in said)
+    assert all('compiling 2 kernels' in lines[0] for lines in said)
+
+
+def test_kernels_are_kept_by_name_wherever_the_package_is() -> None:
+    kernel = inverse.inverse_dynamics
+    file = kernel.py_func.__code__.co_filename
+    locator = KernelLocator.from_function(kernel.py_func, file)
+    assert locator is not None
+    assert str(Path(file).parent) not in locator.get_cache_path()
+    assert KernelLocator.from_function(kernel.py_func, __file__) is None
+    assert kernel._cache.cache_path == locator.get_cache_path()
+
+
+def test_what_has_been_compiled_is_known() -> None:
+    from denoc_ros.kernels.compiled import ready
+
+    ready(inverse.inverse_dynamics)
+    assert is_kept(inverse.inverse_dynamics)
