@@ -78,7 +78,7 @@ ends: $(STAMP)
 
 # an hour of whatever can be sent to all five nodes, drawn at random; what fails is shrunk to a few steps
 siege: $(STAMP)
-	PYTHONPATH=test $(BIN)/python -m campaign.siege --minutes 60 --json siege.json
+	PYTHONPATH=test $(BIN)/python -m campaign.siege --minutes 60 --json runs/siege.json
 
 # ten minutes: a bag of 1 GB, made on the spot and replayed
 longbag: $(STAMP)

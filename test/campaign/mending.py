@@ -35,14 +35,14 @@ class Mending:
         self.parameters_stay = 0  # values that could not be set back; the node was started anew
         self._reset = 0.0
 
-    def mend(self, step: Step) -> list[str]:
-        """Bring all nodes back after a step; return the broken laws."""
-        broken, stage = [], self.stage
+    def mend(self, step: Step, tell: Callable[[str], None]) -> None:
+        """Bring all nodes back after a step; tell of each law that is broken."""
+        stage = self.stage
         touched = {attack['node'] for attack in step}
         does = {attack['do'] for attack in step}
         for node, service in self.assault.unanswered:
             if node not in self.assault.asked:
-                broken.append(f'{node}: {service} must be answered')
+                tell(f'{node}: {service} must be answered')
         if 'description' in does:
             stage.say_description()
         for node in NODES:
@@ -52,19 +52,18 @@ class Mending:
                 if node in touched:
                     self._as_before(node, does)
             except StageError as error:
-                broken.append(self._why(node, error))
+                tell(self._why(node, error))
                 self._anew(node)
         for node, does_its_work in self._works.items():
             try:
                 if node in touched or node in ('feedforward', 'predictor', 'plant'):
                     does_its_work(self)
             except StageError as error:
-                broken.append(self._why(node, error))
+                tell(self._why(node, error))
                 self._anew(node)
         if 'files' in does and 'recorder' not in self.assault.asked:
-            broken += self._noticed()
+            self._noticed(tell)
         stage.witness.settle()
-        return broken
 
     def _why(self, node: str, error: StageError) -> str:
         """Return the broken law: that a process has ended is the reason for all else."""
@@ -195,10 +194,11 @@ class Mending:
                 self._trigger('feedforward', 'reset')
             return False
 
-        if not stage.comes(asked_again, PATIENCE if self._young('feedforward') else RECOVERY):
-            said = stage.status('feedforward: torque')[1]
-            inputs = stage.status('feedforward: inputs')[1]
-            raise StageError(f'feedforward: must follow again, says {said!r}, {inputs!r}')
+        try:
+            self._wait('feedforward', asked_again, 'feedforward: must follow again')
+        except StageError as error:
+            said = [stage.status(f'feedforward: {what}')[1] for what in ('torque', 'inputs')]
+            raise StageError(f'{error}, got {said}') from None
 
     def _publishes(self, node: str) -> None:
         stage, asked = self.stage, [time.perf_counter()]
@@ -210,8 +210,7 @@ class Mending:
                 self._trigger(node, 'reset')
             return now - stage.heard.get(node, 0.0) < FRESH
 
-        if not stage.comes(heard, PATIENCE if self._young(node) else RECOVERY):
-            raise StageError(f'{node}: must publish again')
+        self._wait(node, heard, f'{node}: must publish again')
 
     def _records(self) -> None:
         begin = time.perf_counter()
@@ -220,23 +219,32 @@ class Mending:
             _, _, values = self.stage.status('recorder: recording', begin)
             return int(values.get('written', 0) or 0) > 0
 
-        if not self.stage.comes(written, RECOVERY):
-            self._trigger('recorder', 'stop')
-            self._trigger('recorder', 'start')
-            if not self.stage.comes(written, RECOVERY):
-                level, said, _ = self.stage.status('recorder: recording', begin)
-                raise StageError(f'recorder: must record again, says {level} {said!r}')
+        if self.stage.comes(written, NOTICED):
+            return
+        self._trigger('recorder', 'stop')
+        self._trigger('recorder', 'start')
+        self._wait('recorder', written, 'recorder: must record again')
 
-    def _noticed(self) -> list[str]:
-        """Return the broken law when a recorder does not say that its file is gone or spoilt."""
+    def _noticed(self, tell: Callable[[str], None]) -> None:
+        """See that a recorder says that its file is gone or spoilt."""
 
         def said() -> bool:
             level, _, values = self.stage.status('recorder: recording')
             return level > 0 or int(values.get('lost', 0) or 0) > 0
 
-        if self.stage.comes(said, NOTICED):
-            return []
-        return ['recorder: must say on /diagnostics that its file is gone or spoilt']
+        if not self.stage.comes(said, NOTICED):
+            tell('recorder: must say on /diagnostics that its file is gone or spoilt')
+
+    def _wait(self, node: str, condition: Callable[[], object], law: str) -> None:
+        """Wait for what a node is to do; it may not end meanwhile."""
+        process = self.stage.process(node)
+
+        def comes() -> bool:
+            return bool(condition()) or process.poll() is not None
+
+        patience = PATIENCE if self._young(node) else RECOVERY
+        if not self.stage.comes(comes, patience) or process.poll() is not None:
+            raise StageError(law)
 
     def _shows(self) -> None:
         """See that the viewer serves its page."""
@@ -251,8 +259,7 @@ class Mending:
             except OSError:
                 return False
 
-        if not self.stage.comes(served, PATIENCE if self._young('viewer') else RECOVERY):
-            raise StageError('viewer: must serve its page again')
+        self._wait('viewer', served, 'viewer: must serve its page again')
 
     _works: ClassVar[dict[str, Callable[[Mending], None]]] = {
         'feedforward': _follows,

@@ -30,6 +30,7 @@ from campaign.siege_scenes import NODES, SCENES, Scene
 from campaign.siege_stage import SiegeStage, besieged
 
 ROUND = 900.0  # s
+FAILED = Path('runs', 'siege-failed.json')
 MORTAL = 2  # nodes that may be told to end in a round: the others grow old, for their memory
 KINDS = ('messages', 'requests', 'transitions', 'signals', 'joins', 'files')
 
@@ -55,6 +56,8 @@ class Round:
     torques: int = 0
     fed: int = 0
     largest_delta: float = 0.0
+    longest_answer: float = 0.0  # s
+    longest_mending: float = 0.0  # s until all was as before a step, new starts among it
     pauses: dict[str, float] = field(default_factory=dict)
     lives: list[dict[str, Any]] = field(default_factory=list)
 
@@ -79,7 +82,8 @@ class Siege:
         stage = self.stage
         assault = Assault(stage, Inventory({}, {}, {node: {} for node in NODES}, []))
         self.mending = Mending(stage, assault)
-        broken = self.mending.mend([])
+        broken: list[str] = []
+        self.mending.mend([], broken.append)
         if broken:
             raise AssertionError(f'the stage must come up, got {broken}')
         inventory = discover(stage)
@@ -88,28 +92,36 @@ class Siege:
         stage.witness.pauses.clear()
         return inventory
 
-    def run(self, steps: Iterable[Step], seconds: float, stop: bool = False) -> None:
+    def run(self, steps: Iterable[Step], seconds: float, stop: bool, verbose: bool) -> None:
         """Do steps for a time; with `stop` only until a law is broken."""
         begin = time.monotonic()
-        for number, step in enumerate(steps):
+        for step in steps:
             if time.monotonic() - begin > seconds:
                 break
             self.round.steps.append(step)
             self.mending.assault.do(step)
-            broken = self.mending.mend(step)
-            self._hold(broken + self.stage.judge(), number)
+            done = time.monotonic()
+            self.mending.mend(step, self._hold)
+            took = time.monotonic() - done
+            self.round.longest_mending = max(self.round.longest_mending, took)
+            for law in self.stage.judge():
+                self._hold(law)
+            if verbose:
+                print(f'{time.monotonic() - begin:.1f} s: {json.dumps(step)}', flush=True)
             if stop and self.round.failures:
                 break
         time.sleep(1.0)  # what is under way
-        self._hold(self.stage.judge(final=True), len(self.round.steps) - 1)
+        for law in self.stage.judge(final=True):
+            self._hold(law)
         self.round.seconds = time.monotonic() - begin
         self._count()
 
-    def _hold(self, broken: Sequence[str], number: int) -> None:
-        for law in broken:
-            self.round.failures.append(Failure(law, number))
-            print(f'BROKEN at step {number}: {law}', flush=True)
-            print(f'  {json.dumps(self.round.steps[number])}', flush=True)
+    def _hold(self, law: str) -> None:
+        """Keep and print a broken law, seen at the newest step."""
+        number = len(self.round.steps) - 1
+        self.round.failures.append(Failure(law, number))
+        print(f'BROKEN at step {number}: {law}', flush=True)
+        print(f'  {json.dumps(self.round.steps[number])}', flush=True)
 
     def _count(self) -> None:
         told, stage = self.round, self.stage
@@ -118,11 +130,12 @@ class Siege:
         witness = stage.witness
         told.torques, told.fed = witness.efforts.count, stage.fed
         told.largest_delta = max(witness.efforts.largest_delta, witness.commands.largest_delta)
+        told.longest_answer = stage.longest_answer
         told.pauses = witness.pauses_told()
         for life in witness.lives.values():
             told.lives.append(of_life(life))
             for law in life.judge():
-                self._hold([law], len(told.steps) - 1)
+                self._hold(law)
 
 
 def of_life(life: Life) -> dict[str, Any]:
@@ -153,6 +166,7 @@ def one_round(
     steps: Sequence[Step] | None = None,
     stop: bool = False,
     slack: float = 0.0,
+    verbose: bool = False,
 ) -> Round:
     """Besiege a fresh stage for a time [s], with steps that are given or drawn by the seed."""
     told = Round(scene.name, seed)
@@ -160,11 +174,13 @@ def one_round(
     with besieged(folder, scene, slack) as stage:
         siege = Siege(stage, told)
         inventory = siege.begin()
-        siege.run(drawn(seed, inventory) if steps is None else steps, seconds, stop)
+        siege.run(drawn(seed, inventory) if steps is None else steps, seconds, stop, verbose)
     return told
 
 
-def rounds(seed: int, seconds: float, folder: Path, scenes: Sequence[Scene]) -> Iterator[Round]:
+def rounds(
+    seed: int, seconds: float, folder: Path, scenes: Sequence[Scene], verbose: bool
+) -> Iterator[Round]:
     """Yield rounds until the time [s] is over, each scene in its turn."""
     end = time.monotonic() + seconds
     length = min(ROUND, seconds / len(scenes)) if seconds > 600.0 else seconds
@@ -173,7 +189,8 @@ def rounds(seed: int, seconds: float, folder: Path, scenes: Sequence[Scene]) -> 
         if left < 5.0:
             return
         scene = scenes[(seed + number) % len(scenes)]
-        yield one_round(scene, seed + number, min(length, left), folder / str(number))
+        place, last = folder / str(number), min(length, left)
+        yield one_round(scene, seed + number, last, place, verbose=verbose)
 
 
 def shrunk(told: Round, folder: Path, seconds: float) -> list[Step] | None:
@@ -220,15 +237,20 @@ def table(told: Sequence[Round]) -> str:
     )
     lines += [f'  {number} times: {law}' for law, number in laws.most_common()]
     lines += [f'  {json.dumps(life)}' for each in told for life in each.lives]
-    lines += [f'  {each.scene}: pauses {json.dumps(each.pauses)}' for each in told]
+    for each in told:
+        lines.append(
+            f'  {each.scene}, {each.seconds:.0f} s: pauses {json.dumps(each.pauses)}; largest '
+            f'change {each.largest_delta:g}; longest answer {each.longest_answer:.2f} s, longest '
+            f'mending {each.longest_mending:.1f} s'
+        )
     return '\n'.join(lines)
 
 
-def replay(path: Path, folder: Path) -> Round:
+def replay(path: Path, folder: Path, verbose: bool) -> Round:
     """Do a written sequence again."""
     given = json.loads(path.read_text())
     scene = SCENES[given['scene']]
-    return one_round(scene, given['seed'], 3600.0, folder, given['steps'])
+    return one_round(scene, given['seed'], 3600.0, folder, given['steps'], verbose=verbose)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -240,18 +262,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument('--replay', type=Path, metavar='FILE', help='steps to do again, once')
     parser.add_argument('--json', type=Path, help='file for all that was done and seen')
-    parser.add_argument('--failed', type=Path, default=Path('siege-failed.json'), metavar='FILE')
+    parser.add_argument('--failed', type=Path, default=FAILED, metavar='FILE')
     parser.add_argument('--shrink', type=float, default=600.0, metavar='SECONDS')
+    parser.add_argument('--verbose', action='store_true', help='print each step')
     args = parser.parse_args(argv)
     seed = secrets.randbelow(1 << 30) if args.seed is None else args.seed
     scenes = [SCENES[name] for name in args.scene or SCENES]
     told: list[Round] = []
+    for path in (args.json, args.failed):
+        if path:
+            path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix='siege-') as place:
         folder = Path(place)
         if args.replay:
-            told.append(replay(args.replay, folder / 'replay'))
+            told.append(replay(args.replay, folder / 'replay', args.verbose))
         else:
-            for each in rounds(seed, 60.0 * args.minutes, folder, scenes):
+            for each in rounds(seed, 60.0 * args.minutes, folder, scenes, args.verbose):
                 told.append(each)
                 if args.json:
                     args.json.write_text(json.dumps([asdict(r) for r in told]))
