@@ -12,6 +12,7 @@ from denoc_ros.dynamics.constraints import RANK, add_loop_friction, closure_rows
 from denoc_ros.dynamics.joint_ties import joint_ties
 from denoc_ros.dynamics.mobility import rank_of
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.model.tree import JointKind
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -21,6 +22,7 @@ Int = NDArray[np.int64]
 
 ITERATIONS = 20
 REACH = 0.2  # rad or m of the driven joints at once, so that the loops stay on their branch
+MOST_PARTS = 40  # at once; whole turns of a revolute joint beyond that leave out
 NEARLY_CLOSED = 1e-8  # m or rad; Newton's next step squares it
 
 
@@ -142,6 +144,8 @@ class LoopedMotion(DrivenMotion):
         self.given = tuple(name for name, place in names if place not in self.bound)
         self._picked = [robot.joint_names.index(name) for name in self.given]
         self._least: Array = np.zeros((len(self.bound), len(self._rows)))
+        kinds = {b.joint.name: b.joint.kind for b in robot.tree.bodies if b.joint is not None}
+        self._turning = np.array([kinds[name] is JointKind.REVOLUTE for name in self.joints])
         self._linearize(self.posture)
 
     def _find_bound(self, flexible: bool) -> Int:
@@ -175,10 +179,21 @@ class LoopedMotion(DrivenMotion):
         Raises
         ------
         SolverError
-            They do not close there; q is then as it was.
+            They do not close there, or it is too far from q; q is then as it was.
         """
         start, found = q[self.index], q.copy()
-        parts = max(1, int(np.ceil(np.abs(driven - start).max(initial=0.0) / REACH)))
+        way = np.abs(driven - start).max(initial=0.0)
+        if way > MOST_PARTS * REACH:
+            # the same posture, turns later
+            start = start + np.where(self._turning, _turns(driven - start), 0.0)
+            found[self.index] = start
+            way = np.abs(driven - start).max()
+        if not way <= MOST_PARTS * REACH:
+            raise SolverError(
+                f'{self.robot.tree.name}: the driven joints must be within '
+                f'{MOST_PARTS * REACH:g} rad or m of where they were, got {way:.3g} from there'
+            )
+        parts = max(1, int(np.ceil(way / REACH)))
         for part in range(1, parts + 1):
             self._close(found, start + (part / parts) * (driven - start))
         q[:] = found
@@ -227,6 +242,12 @@ class LoopedMotion(DrivenMotion):
     def add_friction(self, qd: Array, force: Array) -> None:
         """Add viscous and Coulomb friction of the loops' own joints to a force (n,) in place."""
         add_loop_friction(self.robot, qd, self._axes, force)
+
+
+def _turns(angles: Array) -> Array:
+    """Return the whole turns [rad] nearest to angles [rad]."""
+    turn = 2.0 * np.pi
+    return np.asarray(turn * np.round(angles / turn))
 
 
 def driven_motion(

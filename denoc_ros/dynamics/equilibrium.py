@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,10 @@ def static_deflection(
     return q
 
 
+class UnsettledError(SolverError):
+    """No equilibrium is found in the time given; the next search goes on from there."""
+
+
 class Equilibrium:
     """Coordinates at rest under gravity and elasticity, the others and the loops given.
 
@@ -73,23 +78,35 @@ class Equilibrium:
         self._multipliers = np.zeros(len(robot.lowered.tie_names) if closed else 0)
         size = len(free) + len(self._multipliers)
         self._inverse: Array = np.zeros((size, size))
-        self._found = False
+        self._found = self._unsettled = False
 
     def forget(self) -> None:
         """Forget the tangent: what was followed is no longer nearby."""
-        self._found = False
+        self._found = self._unsettled = False
 
-    def find(self, q: Array) -> None:
+    def find(self, q: Array, patience: float = np.inf) -> None:
         """Put the free coordinates of q (n,) into equilibrium, from where they are.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Changed in place.
+        patience : float
+            s of a processor's time after which no further Newton step begins.
 
         Raises
         ------
+        UnsettledError
+            The time is over; q is on its way.
         SolverError
             None was found nearby (a load beyond buckling).
         """
         self._found = False
-        self._multipliers[:] = 0.0
+        if not self._unsettled:
+            self._multipliers[:] = 0.0
+        self._unsettled = False
         share = np.inf
+        end = time.thread_time() + patience
         for _ in range(ITERATIONS):
             try:
                 self._linearize(q)
@@ -101,6 +118,11 @@ class Equilibrium:
                 return
             if not np.isfinite(share):
                 break
+            if time.thread_time() > end:
+                self._unsettled = True
+                raise UnsettledError(
+                    f'{self.robot.tree.name}: an equilibrium must be found in {patience:g} s'
+                )
         raise SolverError(
             f'{self.robot.tree.name}: what is not driven must have an equilibrium near its '
             f'start, got a relative change of {share:.3g} after {ITERATIONS} Newton steps '

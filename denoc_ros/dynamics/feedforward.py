@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.driven_motion import driven_motion
-from denoc_ros.dynamics.equilibrium import Equilibrium
+from denoc_ros.dynamics.equilibrium import Equilibrium, UnsettledError
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.handle import DAMPING, FRICTION
@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 MODELS = ('rigid', 'flexible', 'quasi_static')
 LONGEST_GAP = 0.5  # s between two updates after which the amplitudes start anew from equilibrium
 SUBSTEPS = 200  # at most, per update
+SEARCHES = 50  # updates at most that go on with one search for an equilibrium
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,11 @@ class TorqueFeedforward:
     ----------
     q, qd, qdd : (n,) array
         State and acceleration that the last torque is for.
+    substeps : int
+        Steps of the integration alongside at most per update; default 200. After a gap of more
+        they are longer than `step`.
+    patience : float
+        s of a processor's time that one update may search for an equilibrium; default no bound.
 
     Raises
     ------
@@ -128,11 +134,15 @@ class TorqueFeedforward:
         self._friction = diagonals[FRICTION][self._index].copy()
         self._given = np.zeros(len(self.motion.given))
         self.q[:] = self.motion.posture
+        self._rest = self.q.copy()
+        self.substeps, self.patience = SUBSTEPS, np.inf
         self._settled = False
+        self._spent = 0
 
     def reset(self) -> None:
         """Forget the amplitudes: the next update starts from equilibrium."""
         self._settled = False
+        self._spent = 0
         self._equilibrium.forget()
         if not (np.isfinite(self.q).all() and np.isfinite(self.qd).all()):
             self.q[:], self.qd[:] = self.motion.posture, 0.0
@@ -159,9 +169,14 @@ class TorqueFeedforward:
         StateError, SolverError
             A number is not finite, or the amplitudes have gone where the model fails; the next
             update starts from their equilibrium.
+        UnsettledError
+            The search for an equilibrium takes longer than `patience`; the next update goes on
+            with it.
         """
         try:
             return self._update(q, qd, qdd, elapsed)
+        except UnsettledError:
+            raise
         except (StateError, SolverError):
             # amplitudes out of reach are no start for the next, nor do they have a weight
             self.reset()
@@ -190,10 +205,11 @@ class TorqueFeedforward:
             self._result[:] = 0.0
             return self._result
         state = self._state
-        state[:] = self.q
-        if not self.terms.elastic:
-            state[self._flexible] = 0.0
+        # loops close from the last posture that did: the next one is near it
+        state[:] = self._rest
+        state[self._flexible] = self.q[self._flexible] if self.terms.elastic else 0.0
         self.motion.positions(state, q)
+        self._rest[:] = state
         self.robot.inverse_dynamics(state, self._zero, self._zero, out=self._full, check=False)
         return self.motion.reduce(self._full, self._result)
 
@@ -210,7 +226,7 @@ class TorqueFeedforward:
         if elapsed == 0.0:
             return
         change = self._given - before
-        count = min(SUBSTEPS, max(1, round(elapsed / self.step)))
+        count = min(self.substeps, max(1, round(elapsed / self.step)))
         self._stepper.step = elapsed / count
         for k in range(count):
             share = (k + 0.5) / count
@@ -228,11 +244,20 @@ class TorqueFeedforward:
     def _find_equilibrium(self) -> None:
         """Put the amplitudes into equilibrium from scratch."""
         self._settled = False
+        self._spent += 1
         try:
-            self._equilibrium.find(self.q)
+            self._equilibrium.find(self.q, self.patience)
+        except UnsettledError as error:
+            if self._spent <= SEARCHES:
+                raise
+            failure: SolverError = error
         except SolverError as error:
-            self.q[:] = self.motion.posture
-            raise StateError(str(error)) from error
+            failure = error
+        else:
+            self._spent = 0
+            return
+        self.q[:] = self.motion.posture
+        raise StateError(str(failure)) from failure
 
     def _joint_torque(self) -> Array:
         """Return the wanted terms of the torque at the state."""

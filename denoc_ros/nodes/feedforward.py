@@ -12,23 +12,26 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
-from denoc_ros.dynamics.feedforward import Terms, TorqueFeedforward
+from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError, SolverError, StateError
+from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import EVERY_MESSAGE
+from denoc_ros.nodes.carrying import CarryingTorque
 from denoc_ros.nodes.conversions import (
     InputError,
     JointStateReader,
 )
 from denoc_ros.nodes.diagnostics import Status
 from denoc_ros.nodes.feedforward_parameters import TABLE
+from denoc_ros.nodes.following import FollowingConditions
+from denoc_ros.nodes.live_torque import LiveTorque, torque_feedforward
 from denoc_ros.nodes.model_node import driven_joints, is_override
-from denoc_ros.nodes.motion_bounds import motion_bounds
+from denoc_ros.nodes.motion_bounds import limits_of, motion_bounds
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.nodes.safety import InputMonitor, SafeCommand, torque_limiter
+from denoc_ros.nodes.safety import InputMonitor, SafeCommand, TorqueLimiter, torque_limits
 from denoc_ros.nodes.stamps import StampOf
 from denoc_ros.nodes.strain_feedback import StrainFeedback
 from denoc_ros.nodes.torque_output import TorqueOutput
@@ -37,6 +40,8 @@ from denoc_ros.nodes.trajectory_messages import has_many_points, read_trajectory
 
 FINAL_COMMANDS = 5  # sent at the end, in case a reader misses some
 FINAL_SPACING = 0.005  # s
+LOOK_PERIOD = 0.02  # s between looks at whether the measured loops close
+CARRYING_ACTIONS = ('hold', 'ramp_to_gravity')  # begin with the weight where nothing has left
 END_PATIENCE = 1.0  # s beyond the ramp to reach it, however small max_delta_tau is
 
 
@@ -45,10 +50,9 @@ class FeedforwardNode(RobotNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('feedforward', TABLE, **options)
-        self.enabled = self.settings.flag('enabled')
-        self.stopped = False
         self.by_message = self.settings.text('trigger') == 'message'
         self.from_joints = self.settings.text('reference_source') == 'joint_states'
+        self.conditions = FollowingConditions(self.settings, self.from_joints)
         self.create_service(SetBool, '~/enable', self._on_enable)
         self.offer('~/stop', self._stop)
         self.offer('~/reset', self._reset)
@@ -64,13 +68,15 @@ class FeedforwardNode(RobotNode):
         self.joints = driven_joints(self.robot, settings.texts('joints'), name)
         n = len(self.joints)
         try:
-            self.limiter = torque_limiter(self.robot, self.joints, settings)
+            limits = torque_limits(self.robot, self.joints, settings)
         except ValueError as error:
             raise ConfigError(name, [str(error)]) from error
-        for joint, limit in zip(self.joints, self.limiter.limits, strict=True):
+        self.limiter = TorqueLimiter(limits, settings.number('max_delta_tau'))
+        for joint, limit in zip(self.joints, limits, strict=True):
             if limit == 0.0:
                 self.get_logger().warning(f'{joint} has effort limit 0: no torque will leave it')
-        self.feedback.build(self.robot, self.joints, settings, self.limiter.limits)
+        self.feedback.build(self.robot, self.joints, settings, limits)
+        self.carrying = CarryingTorque(n)
         self.safe = SafeCommand(settings.text('stale_action'), settings.number('ramp_time'), n)
         self.q, self.qd, self.qdd, self._posture = np.zeros((4, n))
         gap = settings.number('reference_timeout')
@@ -87,40 +93,18 @@ class FeedforwardNode(RobotNode):
             self.robot.joint_names,
             self.bounds,
         )
-        self.torque_source = self._build(self.robot, settings)
-        self._pending: TorqueFeedforward | None = None
+        self.torque = LiveTorque(self._build(self.robot, settings), not self.by_message)
+        self._has_loops = bool(self.robot.tree.loops)
         self._cause = 'waiting'
         self._message_time: int | None = None
         self._said = TorqueStatus()
-        self._model_failures = self._takeovers = 0
-        self._reset_wanted = False
-        self._cache(settings)
+        self._takeovers = 0
+        self.conditions.update(settings)
         self._connect()
 
     def _build(self, robot: Robot, settings: Settings) -> TorqueFeedforward:
-        """Return the torque of a model, each of its verbs called once."""
-        terms = Terms(**{name: settings.flag(f'terms.{name}') for name in Terms.names()})
-        source = TorqueFeedforward(
-            robot,
-            self.joints,
-            settings.text('model'),
-            terms,
-            self.period,
-            posture=self.posture(robot, settings),
-        )
-        zero, there = np.zeros(len(self.joints)), source.q[source.motion.index]
-        source.update(there, zero, zero, 0.0)
-        source.update(there, zero, zero, self.period)
-        source.gravity(there)
-        source.reset()
-        return source
-
-    def _cache(self, settings: Settings) -> None:
-        """Keep what the loop reads each tick at hand."""
-        self._joint_timeout = settings.number('joint_state_timeout')
-        self._reference_timeout = settings.number('reference_timeout')
-        self._needs_joints = settings.flag('require_joint_states')
-        self._lead = settings.number('lead_time')
+        posture = self.posture(robot, settings)
+        return torque_feedforward(robot, self.joints, settings, posture, not self.by_message)
 
     def _connect(self) -> None:
         """Subscribe, once: a node that is configured again keeps its subscriptions."""
@@ -178,26 +162,23 @@ class FeedforwardNode(RobotNode):
             )
             return
         take(message.stamp_ns, now)
-        velocities, accelerations = message.velocities, message.accelerations
-        point = self.stream.complete(
-            1e-9 * message.stamp_ns,
-            message.positions[0],
-            None if velocities is None else velocities[0],
-            None if accelerations is None else accelerations[0],
-        )
+        point = self.stream.complete(1e-9 * message.stamp_ns, *message.first)
         self._answer(message.stamp_ns, *point)
 
     def _answer(self, stamp_ns: int, q: Any, qd: Any, qdd: Any) -> None:
         """Publish the torque of one message's state, with its stamp."""
         if self.state != 'active':
             return
-        self._swap()
+        self.torque.take(self.limiter)
         before, self._message_time = self._message_time, stamp_ns
         elapsed = 0.0 if before is None else 1e-9 * (stamp_ns - before)
-        torque = self._torque(q, qd, qdd, elapsed)
+        torque = self.torque.update(q, qd, qdd, elapsed)
         if torque is None:
             return
         self.q[:], self.qd[:] = q, qd
+        if self._fresh:
+            torque = torque.copy()
+            self._start_torque(time.perf_counter())
         self._cause = 'following messages'
         self.output.send_effort(stamp_ns, self.q, self.qd, self.limiter.apply(torque))
 
@@ -213,9 +194,11 @@ class FeedforwardNode(RobotNode):
         self._stamp_of = StampOf(self.stamp_ns)
         self._last_update = -math.inf
         self._fresh = True
+        self._look_due = -math.inf
         self.limiter.reset()
+        self.carrying.forget()
         self.safe.end()
-        self.torque_source.reset()
+        self.torque.source.reset()
 
     def activate(self) -> None:
         """Start the loop, unless messages are the clock."""
@@ -230,91 +213,90 @@ class FeedforwardNode(RobotNode):
         if self.loop is not None:
             self._tick_time = self.loop.deadline
         now = time.perf_counter()
-        self._swap()
+        self.torque.take(self.limiter)
         # the model goes on along the reference even while torque may not: so a short gap in the
         # joint states does not cost it the amplitudes
         torque = self._along_reference(now)
+        if torque is not None and (self._fresh or self._has_loops):
+            torque = torque.copy()
+            self._look(now)
         cause = self._trouble(now) or ('model failed' if torque is None else '')
         if cause or torque is None:
             self._be_safe(now)
         else:
             self.safe.end()
-            self._fresh = False
+            if self._fresh:
+                self._start_torque(now)
             self._publish(self.limiter.apply(self.feedback.add(torque, now)))
         if cause and self._cause == 'following':
             self._takeovers += 1
         self._cause = cause or 'following'
 
-    def _swap(self) -> None:
-        """Take over a changed model between two ticks."""
-        if self._reset_wanted:
-            self._reset_wanted = False
-            self.torque_source.reset()
-        pending = self._pending
-        if pending is not None:
-            self._pending = None
-            pending.adopt(self.torque_source)
-            self.torque_source = pending
-
     def _trouble(self, now: float) -> str:
         """Return why the reference may not be followed, '' if it may."""
-        if self.stopped:
-            return 'stopped'
-        if not self.enabled:
-            return 'disabled'
-        if self._needs_joints or self.from_joints:
-            age = self.joint_input.age(now)
-            if age > self._joint_timeout:
-                return 'stale joint_states' if age < math.inf else 'no joint_states yet'
-        if not self.follower.given:
-            return 'no reference yet'
-        if self.follower.age(now) > self._reference_timeout:
-            return 'stale reference'
-        return ''
+        age, has_posture = self.joint_input.age(now), not self.carrying.failure
+        return self.conditions.trouble(now, age, has_posture, self.follower)
 
     def _along_reference(self, now: float) -> Any:
         """Return the torque (n,) along the reference, None if there is none or the model fails."""
         clock = self._tick_time
-        if self.follower.age(now) > self._reference_timeout or not self.follower.sample(
-            clock + self._lead, self.q, self.qd, self.qdd
+        if self.follower.age(now) > self.conditions.reference_timeout or not self.follower.sample(
+            clock + self.conditions.lead, self.q, self.qd, self.qdd
         ):
-            self.torque_source.reset()
+            self.torque.source.reset()
             return None
         elapsed, self._last_update = clock - self._last_update, clock
-        return self._torque(self.q, self.qd, self.qdd, elapsed)
-
-    def _torque(self, q: Any, qd: Any, qdd: Any, elapsed: float) -> Any:
-        """Return the torque (n,) of a motion, None if the model fails (numbers out of reach)."""
-        try:
-            return self.torque_source.update(q, qd, qdd, elapsed)
-        except (StateError, SolverError):
-            self._model_failures += 1
-            self.torque_source.reset()
-            return None
+        return self.torque.update(self.q, self.qd, self.qdd, elapsed)
 
     def _publish(self, torque: Any) -> None:
         self.output.send(self._stamp_of(self._tick_time), self.q, self.qd, self.qdd, torque)
 
-    def _be_safe(self, now: float) -> None:
-        """Publish the safe command, if a posture is known."""
-        if self.joint_input.received:
+    def _carry(self, now: float) -> bool:
+        """Find what carries the robot where it stands; say whether anything is known of that."""
+        measured = self.joint_input.received
+        if measured:
             self._posture[:] = self._reader.position
-        elif self.follower.given:
+        elif self.follower.given or self.by_message:
             self._posture[:] = self.q
         else:
+            return False
+        failure = self.carrying.update(self.torque.source, self._posture, now)
+        if failure and measured:
+            self.refuse(self.joint_input, InputError('no_posture', failure))
+        return self.carrying.found
+
+    def _look(self, now: float) -> None:
+        """Look now and then at whether measured joints are where loops close."""
+        if now >= self._look_due and self.joint_input.received:
+            self._look_due = now + LOOK_PERIOD
+            self._carry(now)
+
+    def _start_torque(self, now: float) -> None:
+        """Let the first torque start from what carries the robot: from zero it would drop."""
+        self._fresh = False
+        if self._carry(now):
+            self.limiter.reset(self.carrying.torque)
+
+    def _be_safe(self, now: float) -> None:
+        """Publish the safe command, if a posture is known."""
+        if not self._carry(now):
             return
-        gravity = self.torque_source.gravity(self._posture)
-        if self._fresh:
-            self._fresh = False
-            # a robot that stands there is carried at once: a ramp from zero would let it drop
-            if self.safe.action == 'ramp_to_gravity':
-                self.limiter.reset(gravity)
+        if self._fresh and self.safe.action in CARRYING_ACTIONS:
+            self._start_torque(now)
         self.safe.begin(now, self.limiter.last)
-        torque = self.safe.torque(now, gravity)
+        torque = self.safe.torque(now, self.carrying.torque)
         if torque is not None:
-            self.q[:] = self._posture
+            self._fresh = False
+            self.q[:] = self.carrying.posture
             self.qd[:] = self.qdd[:] = 0.0
             self._publish(self.limiter.apply(torque))
+
+    def rescue(self) -> bool:
+        """Send what left last once more; say whether anything has left."""
+        if not self._fresh:
+            self.qd[:] = self.qdd[:] = 0.0
+            self._publish(self.limiter.apply(self.limiter.last))
+        return not self._fresh
 
     def deactivate(self) -> None:
         """Stop the loop, go to the safe command, then say it again."""
@@ -337,15 +319,14 @@ class FeedforwardNode(RobotNode):
     # ---- services and live parameters
 
     def _on_enable(self, request: Any, response: Any) -> Any:
-        self.enabled = bool(request.data)
-        self.stopped = self.stopped and not self.enabled
+        self.conditions.enable(bool(request.data))
         response.success = True
-        response.message = 'enabled' if self.enabled else 'disabled: safe command'
+        response.message = 'enabled' if self.conditions.enabled else 'disabled: safe command'
         return response
 
     def _stop(self) -> str:
         """Stop until enabled again; the reference is dropped."""
-        self.stopped = True
+        self.conditions.stopped = True
         if self.state in ('active', 'inactive'):
             self.follower.clear()
         return 'stopped: safe command until ~/enable'
@@ -354,7 +335,7 @@ class FeedforwardNode(RobotNode):
         """Forget reference, stamps and amplitudes."""
         if self.state in ('active', 'inactive'):
             self.follower.clear()
-            self._reset_wanted = True
+            self.torque.request_reset()
             self._message_time = None
         for monitor in self.monitors:
             monitor.reset()
@@ -369,8 +350,11 @@ class FeedforwardNode(RobotNode):
             rule = f'joints must stay {list(self.robot.joint_names)} on reload'
             got = f'(clean up and configure instead), got {list(robot.joint_names)}'
             raise ConfigError(self.get_name(), [f'{rule} {got}'])
-        self.feedback.build(robot, self.joints, self.settings, self.limiter.limits)
-        self._pending = self._build(robot, self.settings)
+        limits = torque_limits(robot, self.joints, self.settings)
+        source = self._build(robot, self.settings)
+        self.feedback.build(robot, self.joints, self.settings, limits)
+        self.bounds.update(limits_of(robot, self.joints))
+        self.torque.replace(source, limits)
         self.robot = robot
         self.adopt_model(model, self.settings)
         return f'reloaded {robot.tree.name}'
@@ -381,9 +365,12 @@ class FeedforwardNode(RobotNode):
             return
         if any(is_override(n) or n.split('.')[0] in ('model', 'terms') for n in changes):
             robot = self.changed_robot(settings)
-            self.feedback.build(robot, self.joints, settings, self.limiter.limits)
-            self._pending, self.robot = self._build(robot, settings), robot
-        self._cache(settings)
+            limits = torque_limits(robot, self.joints, settings)
+            source = self._build(robot, settings)
+            self.feedback.build(robot, self.joints, settings, limits)
+            self.torque.replace(source, limits)
+            self.robot = robot
+        self.conditions.update(settings)
 
     # ---- diagnostics
 
@@ -393,12 +380,12 @@ class FeedforwardNode(RobotNode):
         if self.state not in ('active', 'inactive'):
             return found
         more = {
-            'enabled': self.enabled,
-            'model': self.torque_source.model,
+            'enabled': self.conditions.enabled,
+            'model': self.torque.source.model,
             'joints': ' '.join(self.joints),
             'takeovers': self._takeovers,
         }
-        status = self._said.status(self._cause, self.limiter, self._model_failures, more)
+        status = self._said.status(self._cause, self.limiter, self.torque.failures, more)
         return [*found, status]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 SLOWEST = 1.0  # s between two rounds of whatever cost
 SMOOTHING = 0.2  # weight of the newest round in the mean cost
 
@@ -48,3 +50,27 @@ class Pace:
         # rounds keep their times; those that were missed are not made up for
         self._due = max(self._due + self.period, now)
         return self._due - now
+
+
+class Backoff:
+    """Spaces attempts that fail, so that they take no more than a share of the time.
+
+    Parameters
+    ----------
+    share : float
+        Of a processor's time.
+    longest : float
+        s at most between two attempts.
+    """
+
+    def __init__(self, share: float, longest: float) -> None:
+        self._share, self._longest = share, longest
+        self._due = -math.inf
+
+    def due(self, now: float) -> bool:
+        """Say whether it may be tried again at `now` [s]."""
+        return now >= self._due
+
+    def failed(self, now: float, cost: float) -> None:
+        """Wait after an attempt that failed at `now` [s] and took `cost` [s] of a processor."""
+        self._due = now + min(cost / self._share, self._longest)

@@ -253,6 +253,13 @@ class PlantNode(RobotNode):
         # the state is that of the deadline, however late the machine let the tick begin
         self._publish(self._stamp_of(self._tick_time))
 
+    def rescue(self) -> bool:
+        """Start anew, as ~/reset does: the model cannot go on from where it failed."""
+        self.command_input.reset()
+        self.follower.forget_begun(self._tick_time)
+        self._place()
+        return False
+
     def _advance(self) -> None:
         """Step under the drives' effort: commands and feedback, saturated."""
         effort, tau = self.effort, self._tau

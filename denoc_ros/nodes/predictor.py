@@ -27,7 +27,7 @@ from denoc_ros.nodes.conversions import (
 from denoc_ros.nodes.diagnostics import WARN, Status
 from denoc_ros.nodes.markers import CentreLines
 from denoc_ros.nodes.model_node import driven_joints, is_override
-from denoc_ros.nodes.motion_bounds import motion_bounds
+from denoc_ros.nodes.motion_bounds import limits_of, motion_bounds
 from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.predictor_outputs import PredictorOutputs
 from denoc_ros.nodes.predictor_parameters import TABLE
@@ -40,6 +40,7 @@ from denoc_ros.nodes.trajectory_messages import has_many_points, read_trajectory
 
 Array = NDArray[np.float64]
 Measurement = tuple[float, Array, Array | None, Array | None]
+MOST_STEPS = 20  # periods of a processor's time that measurements may take after a pause
 QUEUE = 64  # measurements kept for a late tick
 SILENT = 0.5  # s without a value after which a fused sensor counts as missing
 OBSERVER_SETTINGS = (
@@ -210,8 +211,7 @@ class PredictorNode(RobotNode):
         self._now += steps * self.observer.settings.step
         observer = self._swap()
         try:
-            while self._queue:
-                observer.measure(*self._queue.popleft())
+            self._measure(observer, steps)
             while self.sensors.queue:
                 observer.sense(*self.sensors.queue.popleft())
             observer.tick(self._now)
@@ -221,6 +221,19 @@ class PredictorNode(RobotNode):
             # the estimate has left all bounds: better none than that
             self._model_failures += 1
             observer.reset()
+
+    def _measure(self, observer: Observer, steps: int) -> None:
+        """Take measurements in, for the time that has passed at most; the rest waits."""
+        end = time.thread_time() + min(steps, MOST_STEPS) * self.period
+        while self._queue:
+            observer.measure(*self._queue.popleft())
+            if time.thread_time() > end:
+                return
+
+    def rescue(self) -> bool:
+        """Start anew from the next measurement: better no estimate than a wrong one."""
+        self.observer.reset()
+        return False
 
     def _publish(self, observer: Observer) -> None:
         stamp_ns = self._stamp_of(observer.time)
@@ -302,7 +315,9 @@ class PredictorNode(RobotNode):
         """Read the robot again; its coordinates must be the same."""
         self.require_configured('to reload its model')
         model = self.read_model(self.settings)
-        self._replace(self.changed_robot(self.settings, model), self.settings)
+        robot = self.changed_robot(self.settings, model)
+        self._replace(robot, self.settings)
+        self.bounds.update(limits_of(robot, self.joints))
         self.adopt_model(model, self.settings)
         return 'model reloaded'
 

@@ -15,6 +15,7 @@ from denoc_ros.nodes.trajectory_messages import TrajectoryMessage
 from denoc_ros.simulation.trajectories import SplineTrajectory
 
 Array = NDArray[np.float64]
+MOST_COMING = 64  # trajectories that wait for their start
 
 
 class DifferencedStream:
@@ -160,27 +161,23 @@ class ReferenceFollower:
         Raises
         ------
         InputError
-            Cause `missing_joint`: it does not name all joints, and nothing says where they are.
+            Cause `missing_joint`: it does not name all joints, and nothing says where they are;
+            `flood`: too many wait for their start; `out_of_range`: of differences of a stream.
         """
         begin = now + (1e-9 * (message.stamp_ns - now_ns) if message.stamp_ns else 0.0)
         held = list(message.held)
         if held:
             message = self._whole(message, now if message.is_streamed else begin, measured)
+        if begin > now and len(self._coming) >= MOST_COMING:
+            rule = f'at most {MOST_COMING} trajectories must wait for their start'
+            raise InputError('flood', f'{rule}, got one more')
         admit()
         if message.is_cancel:
             self._stop(now)
             return
         if message.is_streamed:
             time = 1e-9 * message.stamp_ns if message.stamp_ns else now
-            self.offer_point(
-                now,
-                *self._stream.complete(
-                    time,
-                    message.positions[0],
-                    None if message.velocities is None else message.velocities[0],
-                    None if message.accelerations is None else message.accelerations[0],
-                ),
-            )
+            self.offer_point(now, *self._stream.complete(time, *message.first))
             return
         first = None
         if message.times[0] > 0.0 and (self.given or measured is not None):

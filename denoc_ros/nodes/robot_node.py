@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from denoc_ros.nodes.diagnostics import ERROR, Status, loop_status, realtime_status
+from denoc_ros.nodes.guarding import Guard
 from denoc_ros.nodes.inputs import LONGEST, Handler, Input, never_heavy
 from denoc_ros.nodes.model_node import ModelNode
 from denoc_ros.nodes.parameters import ParameterTable
@@ -17,6 +20,8 @@ from denoc_ros.nodes.timing import Loop, LoopStatistics
 
 # what a flood at 10 kHz brings between two ticks at 1 kHz, and some more
 WITHIN_A_TICK = QoSProfile(depth=16, reliability=ReliabilityPolicy.BEST_EFFORT)
+STANDSTILL = 0.5  # s without a tick that are an error
+PATIENCE = 1.0  # s of failing ticks that nothing can be done about
 ASIDE_PERIOD = 0.02  # s between looks at what the loop does not take
 
 
@@ -40,6 +45,8 @@ class RobotNode(ModelNode):
         self.loop: Loop | None = None
         self.last_statistics: LoopStatistics | None = None
         self._inputs: list[Input] = []
+        self._tick_guard = Guard(self.to_log.append)
+        self._failing_since = math.inf
 
     # ---- inputs
 
@@ -71,13 +78,33 @@ class RobotNode(ModelNode):
             each.take_heavy()
 
     def _turn(self, steps: int) -> None:
-        self._take_inputs()
-        self.tick(steps)
+        try:
+            self._take_inputs()
+            self.tick(steps)
+            self._failing_since = math.inf
+        except Exception as error:
+            self._on_failure(error, time.perf_counter())
+
+    def _on_failure(self, error: Exception, now: float) -> None:
+        """Count and log a failure of the tick; end the loop where nothing else is left."""
+        self._tick_guard.note('tick', error)
+        self._failing_since = min(self._failing_since, now)
+        if not self.rescue() and now - self._failing_since > PATIENCE:
+            raise error
+
+    @property
+    def tick_failures(self) -> int:
+        """Ticks that ended with an exception."""
+        return self._tick_guard.failures['tick']
 
     # ---- what a node of this kind does
 
     def tick(self, steps: int) -> None:
         """Advance by `steps` periods; called in the loop thread."""
+
+    def rescue(self) -> bool:
+        """Do what is safe after a tick that failed; say whether that can go on for ever."""
+        return False
 
     def begin(self) -> None:
         """Do what is to be done just before the loop starts."""
@@ -128,5 +155,12 @@ class RobotNode(ModelNode):
             self.fatal = f'loop failed: {type(loop.failure).__name__}: {loop.failure}'
             status.worsen(ERROR, self.fatal)
         status.values['state'] = self.state
+        status.values['failures'] = self.tick_failures
+        if self.tick_failures > self._tick_guard.reported:
+            status.worsen(ERROR, self._tick_guard.last)
+        self._tick_guard.reported = self.tick_failures
+        behind = time.perf_counter() - loop.deadline
+        if loop.running and behind > STANDSTILL + 2.0 * loop.period:
+            status.worsen(ERROR, f'no tick for {behind:.1f} s')
         loop_knobs = {f'loop {name}': what for name, what in loop.knobs.items()}
         return [status, realtime_status({**loop_knobs, **self.knobs})]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.nodes.conversions import InputError
+from denoc_ros.nodes.conversions import LARGEST_EFFORT, InputError
 from denoc_ros.nodes.parameters import Settings
 
 Array = NDArray[np.float64]
@@ -102,6 +102,9 @@ class InputMonitor:
 class TorqueLimiter:
     """Lets torque leave only finite, within the limits and the change per tick.
 
+    Whatever comes in, what left last is finite and no more than 1e9 N m or N: beyond that, and
+    where torque is not finite, what left last leaves again.
+
     Parameters
     ----------
     limits : (n,) array
@@ -119,42 +122,66 @@ class TorqueLimiter:
         Ticks in which each joint was clamped.
     non_finite : int
         Ticks in which torque was not finite and what left last left again.
+
+    Raises
+    ------
+    ValueError
+        A limit is negative or NaN, or the change per tick not positive.
     """
 
     def __init__(self, limits: Array, max_delta: float) -> None:
         n = len(limits)
+        if not max_delta > 0.0:
+            raise ValueError(f'max_delta must be > 0 N m or N, got {max_delta}')
         self.max_delta = max_delta
         self.last: Array = np.zeros(n)
         self.clamped = np.zeros(n, dtype=np.int64)
         self.non_finite = 0
-        self.limits: Array = np.array(limits, dtype=np.float64)
-        self._lower: Array = -self.limits
-        self._new: Array = np.zeros(n)
-        self._changed = np.zeros(n, dtype=bool)
+        self._new, self._least, self._most = np.zeros((3, n))
+        self.take_limits(limits)
+
+    def take_limits(self, limits: Array) -> None:
+        """Take other limits (n,): torque beyond them goes there by `max_delta` per tick."""
+        new: Array = np.array(limits, dtype=np.float64)
+        if not (new >= 0.0).all():
+            raise ValueError(f'effort limits must be >= 0 N m or N, got {new.tolist()}')
+        self.limits = new
+        self._lower: Array = -new
 
     def apply(self, torque: Array) -> Array:
         """Return what may leave (n,), the same array each time."""
-        if not all(map(math.isfinite, torque.tolist())):
+        if not is_torque(torque):
             self.non_finite += 1
-            return self.last
-        new = self._new
+            torque = self.last
+        new, last = self._new, self.last
         np.minimum(torque, self.limits, out=new)
         np.maximum(new, self._lower, out=new)
         if self.max_delta < math.inf:
-            np.subtract(new, self.last, out=new)
-            np.clip(new, -self.max_delta, self.max_delta, out=new)
-            np.add(new, self.last, out=new)
-        np.not_equal(new, torque, out=self._changed)
-        if self._changed.any():
-            # last + (torque - last) may round; only a real change is a clamp
-            self.clamped += np.abs(new - torque) > 1e-12 * np.maximum(1.0, np.abs(torque))
-        self.last[:] = new
-        return self.last
+            np.subtract(last, self.max_delta, out=self._least)
+            np.add(last, self.max_delta, out=self._most)
+            np.maximum(new, self._least, out=new)
+            np.minimum(new, self._most, out=new)
+        self.clamped += new != torque
+        last[:] = new
+        return last
 
     def reset(self, torque: Array | float = 0.0) -> None:
-        """Start again from `torque`, as if it had left last (within the limits)."""
-        np.minimum(torque, self.limits, out=self.last)
+        """Start again from `torque`, as if it had left last (within the limits).
+
+        One that is not finite is not taken: what left last stays.
+        """
+        values = np.broadcast_to(np.asarray(torque, dtype=np.float64), self.last.shape)
+        if not is_torque(values):
+            self.non_finite += 1
+            return
+        np.minimum(values, self.limits, out=self.last)
         np.maximum(self.last, self._lower, out=self.last)
+
+
+def is_torque(values: Array) -> bool:
+    """Say whether all values (n,) are finite and no larger than any robot's [N m or N]."""
+    # NaN is no less than anything
+    return all(value <= LARGEST_EFFORT for value in map(abs, values.tolist()))
 
 
 class SafeCommand:
@@ -224,8 +251,8 @@ class SafeCommand:
         return self._torque
 
 
-def torque_limiter(robot: Robot, joints: Sequence[str], settings: Settings) -> TorqueLimiter:
-    """Return the limiter that a node's parameters ask for.
+def torque_limits(robot: Robot, joints: Sequence[str], settings: Settings) -> Array:
+    """Return the effort limits (n,) that a node's parameters ask for.
 
     Raises
     ------
@@ -233,13 +260,12 @@ def torque_limiter(robot: Robot, joints: Sequence[str], settings: Settings) -> T
         `effort_limits` has a wrong length.
     """
     described = {b.joint.name: b.joint for b in robot.tree.bodies if b.joint is not None}
-    limits = effort_limits(
+    return effort_limits(
         settings.numbers('effort_limits'),
         [described[joint].limits.effort for joint in joints],
         joints,
         settings.flag('enforce_command_limits'),
     )
-    return TorqueLimiter(limits, settings.number('max_delta_tau'))
 
 
 def effort_limits(

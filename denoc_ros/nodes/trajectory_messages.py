@@ -49,6 +49,16 @@ class TrajectoryMessage:
         """Whether it has no points: what is followed ends."""
         return len(self.times) == 0
 
+    @property
+    def first(self) -> tuple[Array, Array | None, Array | None]:
+        """Position and, where given, velocity and acceleration (n,) of the first point."""
+        rates, changes = self.velocities, self.accelerations
+        return (
+            self.positions[0],
+            None if rates is None else rates[0],
+            None if changes is None else changes[0],
+        )
+
     def holding(self, q: Array) -> TrajectoryMessage:
         """Return the message with the joints that it does not name standing as in `q` (n,)."""
         held = list(self.held)

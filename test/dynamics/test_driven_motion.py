@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.driven_motion import LoopedMotion
+from denoc_ros.dynamics.equilibrium import UnsettledError
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import SolverError, StateError
@@ -109,3 +111,45 @@ def test_positions_out_of_reach_are_refused_and_change_nothing() -> None:
     with pytest.raises(SolverError, match='must be where the loops close'):
         motion.positions(q, np.array([3.1, 0.0]))
     np.testing.assert_array_equal(q, motion.posture)
+
+
+def test_turns_are_left_out_on_a_far_way() -> None:
+    motion = looped()
+    q, near = motion.posture.copy(), motion.posture.copy()
+    driven = np.array([2.0, 1.2])
+    motion.positions(near, driven)
+    turns = 2.0 * np.pi * np.array([5000.0, -5000.0])
+    begin = time.thread_time()
+    motion.positions(q, driven + turns)
+    assert time.thread_time() - begin < 1.0  # in steps of 0.2 rad it took 10 s and more
+    np.testing.assert_array_equal(q[motion.index], driven + turns)
+    np.testing.assert_allclose(motion.robot.closure(q), 0.0, atol=1e-9)
+    np.testing.assert_allclose(q[motion.bound], near[motion.bound], atol=1e-6)
+
+
+@pytest.mark.parametrize('far', [1.7e308, np.inf, np.nan])
+def test_what_is_too_far_is_refused_at_once(far: float) -> None:
+    motion = looped()
+    q = motion.posture.copy()
+    with pytest.raises(SolverError, match=r'must be within|where the loops close'):
+        motion.positions(q, np.array([far, 1.0]))
+    np.testing.assert_array_equal(q, motion.posture)
+
+
+def test_a_search_that_takes_too_long_goes_on_in_the_next_update() -> None:
+    robot, posture = five_bar('ffff')
+    whole = TorqueFeedforward(robot.copy(), DRIVEN, 'quasi_static', posture=posture)
+    parts = TorqueFeedforward(robot.copy(), DRIVEN, 'quasi_static', posture=posture)
+    parts.patience = 0.0  # one Newton step per update
+    there, still = np.radians([100.0, 75.0]), np.zeros(2)
+    for _ in range(2):  # the first one has the loops as they were before it settled
+        expected = whole.update(there, still, still, 0.0)
+    unsettled = 0
+    for _ in range(50):
+        try:
+            torque = parts.update(there, still, still, 1e-3)
+            break
+        except UnsettledError:
+            unsettled += 1
+    assert unsettled
+    np.testing.assert_allclose(torque, expected, rtol=1e-6)

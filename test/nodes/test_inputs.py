@@ -9,7 +9,7 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from denoc_ros.nodes.conversions import JointStateReader
-from denoc_ros.nodes.inputs import HELD
+from denoc_ros.nodes.inputs import HELD, LONGEST
 from denoc_ros.nodes.parameters import ParameterTable
 from denoc_ros.nodes.robot_node import WITHIN_A_TICK, RobotNode
 from denoc_ros.nodes.shared_parameters import (
@@ -152,6 +152,53 @@ def test_flood_of_heavy_messages_is_refused(taker: Any, publisher: Any) -> None:
     assert taker.monitor.rejected == {'flood': 2}
     taker._take_aside()
     assert taker.monitor.accepted == HELD
+    assert taker.reader.stamp_ns == (HELD + 2) * 10**9  # the newest win
+
+
+def test_heavy_messages_leave_time_for_others(
+    taker: Any, publisher: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handle = taker._on_state
+
+    def slow(raw: bytes, now: float) -> None:
+        time.sleep(0.05)
+        handle(raw, now)
+
+    monkeypatch.setattr(taker._inputs[0], '_handle', slow)
+    for stamp in (1, 2, 3):
+        publisher.publish(heavy(stamp))
+    time.sleep(0.2)
+    taker._take_inputs()
+    for _ in range(5):
+        taker._take_aside()
+    assert taker.monitor.accepted == 1
+    time.sleep(0.2)  # three times what it took
+    taker._take_aside()
+    assert taker.monitor.accepted == 2
+
+
+def test_messages_too_long_for_a_loop_are_refused_unread(taker: Any, publisher: Any) -> None:
+    taker._inputs[0]._is_heavy = lambda _: False
+    message = state(1)
+    message.header.frame_id = 'x' * LONGEST
+    publisher.publish(message)
+    time.sleep(0.2)
+    taker._take_inputs()
+    assert taker.monitor.rejected == {'too_long': 1}
+
+
+def test_no_message_ends_who_takes_it(
+    taker: Any, publisher: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_raw: bytes, _now: float) -> None:
+        raise ZeroDivisionError('a number was zero')
+
+    monkeypatch.setattr(taker._inputs[0], '_handle', fail)
+    publisher.publish(state(1))
+    time.sleep(0.2)
+    taker._take_inputs()
+    assert taker.monitor.rejected == {'unexpected': 1}
+    assert 'ZeroDivisionError' in taker.monitor.last_message
 
 
 def test_what_a_second_publisher_left_behind_is_refused(

@@ -253,3 +253,23 @@ def test_bad_parameters_fail_the_configuration_with_one_line(
     node.trigger_configure()
     assert node.state == 'unconfigured'
     assert says in node.failure
+
+
+def test_a_simulation_that_diverges_starts_anew_and_says_so(graph: Any, plant: Any) -> None:
+    states = graph.collect(JointState, '/joint_states')
+    node = plant(brake=True, enforce_effort_limits=False, start=[0.5, 0.0])
+    publisher = graph.publisher(Float64MultiArray, '/feedforward/commands')
+
+    def pushed() -> bool:
+        publisher.publish(command('j1,j2', [9e8, -9e8]))
+        return bool(node.tick_failures)
+
+    publisher.publish(command('j1', [1e300]))
+    graph.until(lambda: node.command_input.rejected['out_of_range'])
+    graph.until(pushed)
+    graph.until(lambda: not node.command_input.received)
+    count = len(states)
+    graph.until(lambda: len(states) > count + 20)
+    assert abs(states[-1].position[0] - 0.5) < 1e-12
+    assert np.isfinite([state.position for state in states]).all()
+    graph.until(lambda: graph.value('plant: loop', 'failures') not in (None, '0'))

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from denoc_ros.nodes.conversions import InputError
+from denoc_ros.errors import SolverError
+from denoc_ros.nodes.carrying import CarryingTorque
+from denoc_ros.nodes.conversions import LARGEST_EFFORT, InputError
+from denoc_ros.nodes.pace import Backoff
 from denoc_ros.nodes.safety import InputMonitor, SafeCommand, TorqueLimiter, effort_limits
 
 ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True, width=64)
@@ -38,6 +42,83 @@ def test_torque_within_everything_passes_unchanged_and_uncounted() -> None:
     assert limiter.clamped.sum() == 0
     limiter.apply(np.array([20.0, 7.7]))
     assert limiter.clamped.tolist() == [1, 0]
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from('arl'), ANY_FLOAT, ANY_FLOAT), max_size=20))
+def test_no_order_of_calls_lets_anything_else_leave(
+    calls: list[tuple[str, float, float]],
+) -> None:
+    limiter = TorqueLimiter(np.full(2, math.inf), max_delta=math.inf)
+    for what, *values in calls:
+        if what == 'r':
+            limiter.reset(np.array(values))
+        elif what == 'l' and all(value >= 0.0 for value in values):
+            limiter.take_limits(np.array(values))
+        left = limiter.apply(np.array(values))
+        assert np.isfinite(left).all()
+        assert (np.abs(left) <= np.minimum(limiter.limits, LARGEST_EFFORT)).all()
+    assert limiter.apply(np.zeros(2)).tolist() == [0.0, 0.0]
+
+
+def test_a_number_that_is_no_torque_is_not_remembered() -> None:
+    limiter = TorqueLimiter(np.full(2, math.inf), math.inf)
+    limiter.apply(np.array([2.0, 3.0]))
+    for bad in (math.nan, math.inf, 1e301):
+        limiter.reset(np.array([bad, 1.0]))
+        assert limiter.apply(np.array([1.0, bad])).tolist() == [2.0, 3.0]
+    assert limiter.non_finite == 6
+
+
+def test_new_limits_are_gone_to_by_the_change_per_tick() -> None:
+    limiter = TorqueLimiter(np.array([10.0]), max_delta=2.0)
+    for _ in range(5):
+        limiter.apply(np.array([10.0]))
+    limiter.take_limits(np.array([5.0]))
+    assert [float(limiter.apply(np.array([9.0]))[0]) for _ in range(4)] == [8.0, 6.0, 5.0, 5.0]
+    limiter.take_limits(np.array([4.0]))
+    assert limiter.apply(np.array([math.nan]))[0] == 4.0
+    for wrong in ([-1.0], [math.nan]):
+        with pytest.raises(ValueError, match='effort limits must be >= 0'):
+            limiter.take_limits(np.array(wrong))
+    with pytest.raises(ValueError, match='max_delta must be > 0'):
+        TorqueLimiter(np.array([1.0]), math.nan)
+
+
+class Weights:
+    """Stands for a model whose weight overflows or fails in some postures."""
+
+    looked = 0
+
+    def gravity(self, posture: Any) -> Any:
+        self.looked += 1
+        if posture[0] > 1.0:
+            raise SolverError('the loops must close')
+        return np.array([math.inf if posture[0] < 0.0 else 7.0])
+
+
+def test_a_posture_without_weight_leaves_the_last_one_that_had_one() -> None:
+    carrying, weights = CarryingTorque(1), Weights()
+    assert carrying.update(weights, np.array([2.0]), 0.0)  # type: ignore[arg-type]
+    assert not carrying.found
+    assert not carrying.update(weights, np.array([0.5]), 10.0)  # type: ignore[arg-type]
+    for time, posture in ((20.0, 2.0), (30.0, -1.0)):
+        assert carrying.update(weights, np.array([posture]), time)  # type: ignore[arg-type]
+        assert carrying.found
+        assert (carrying.posture[0], carrying.torque[0]) == (0.5, 7.0)
+    looked = weights.looked
+    assert not carrying.update(weights, np.array([-1.0]), 40.0)  # type: ignore[arg-type]
+    assert weights.looked == looked  # the same again
+
+
+def test_failing_attempts_take_a_share_of_the_time() -> None:
+    backoff = Backoff(share=0.1, longest=0.25)
+    assert backoff.due(1.0)
+    backoff.failed(1.0, cost=0.01)
+    assert not backoff.due(1.09)
+    assert backoff.due(1.11)
+    backoff.failed(2.0, cost=5.0)
+    assert backoff.due(2.26)
 
 
 def test_non_finite_torque_is_counted_and_the_last_one_leaves_again() -> None:
