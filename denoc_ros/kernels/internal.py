@@ -14,3 +14,13 @@ def internal_force(reals, diagonals, q, qd, j):
     if diagonals[FRICTION][j] != 0.0:
         force += diagonals[FRICTION][j] * np.tanh(qd[j] / reals[SLIP_RATE])
     return force
+
+
+@inlined
+def internal_slope(reals, diagonals, q, qd, j):
+    """Return the derivatives by q_j and q'_j of :func:`internal_force`."""
+    damping = diagonals[DAMPING][j]
+    if diagonals[FRICTION][j] != 0.0:
+        slip = np.tanh(qd[j] / reals[SLIP_RATE])
+        damping += diagonals[FRICTION][j] / reals[SLIP_RATE] * (1.0 - slip * slip)
+    return diagonals[STIFFNESS][j], damping

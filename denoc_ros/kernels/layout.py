@@ -24,7 +24,13 @@ BEAM_WORK = 13  # offset of the beam's workspace
 SECTION_WORK = 14  # offset of the section's workspace
 INERTIA_WORK = 15  # offset of the inertia: (6 + MODES)^2, or a block where rigid
 ELIMINATED = 16  # offset of what is eliminated: W (k columns), L (k k), y (k), k = JOINT + MODES
-INTS = 17
+DERIVED = 17  # offset of the body's workspace of derivatives (see derivative_layout)
+OWN = 18  # offset of that of its beam
+BRANCH_END = 19  # index after the last coordinate of the body and all it carries
+RUN = 20  # row of the body from which on each carries the next, down to this one
+SIBLING = 21  # row of the body before this one on the same carrier, 0: none
+SLOT = 22  # where right-hand sides pass through this body (see right_hand_sides)
+INTS = 23
 
 FIXED = 0
 REVOLUTE = 1

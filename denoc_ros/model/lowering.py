@@ -14,7 +14,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from denoc_ros.kernels import layout, tie_layout
+from denoc_ros.kernels import derivative_layout, layout, tie_layout
+from denoc_ros.model.branches import mark_branches
 from denoc_ros.model.shapes import ShapeFunctions, gauss_rule
 from denoc_ros.model.ties import lower_ties
 from denoc_ros.model.tree import (
@@ -276,6 +277,11 @@ class _Lowering:
         eliminated = int(row[layout.JOINT]) + modes
         row[layout.INERTIA_WORK] = self.reserve((6 + modes) ** 2 if modes else layout.BLOCK_SIZE)
         row[layout.ELIMINATED] = self.reserve(eliminated * (6 + eliminated + 1))
+        carried = int(self.rows[row[layout.PARENT]][layout.MODES])
+        row[layout.DERIVED] = self.reserve(
+            derivative_layout.SEEN + derivative_layout.SEEN_SIZE * carried
+        )
+        row[layout.OWN] = self.reserve(derivative_layout.own_size(modes))
         self.coordinate += eliminated
         self.rows.append(row)
 
@@ -289,6 +295,14 @@ class _Lowering:
         row[layout.BEAM] = self.append(*_polar(body.beam), points)
         bending = int(row[layout.NY] + row[layout.NZ])
         row[layout.BEAM_WORK] = self.reserve(int(row[layout.MODES]) + len(points) * (3 + bending))
+
+    def derivatives(self) -> None:
+        """Reserve what the derivatives need over all coordinates."""
+        slots = mark_branches(self.rows)
+        size = derivative_layout.base_size(self.coordinate, slots)
+        base = self.rows[0]
+        base[layout.DERIVED] = self.reserve(size)
+        base[derivative_layout.ROW_LENGTH] = derivative_layout.row_length(self.coordinate)
 
     def frame(self, attachment: Attachment) -> None:
         """Lower one frame."""
@@ -359,6 +373,7 @@ def lower(tree: Tree, gravity: Array, geometric_stiffness: bool) -> Lowered:
     lowering = _Lowering(tree, gravity, geometric_stiffness)
     for body in tree.bodies:
         lowering.body(body)
+    lowering.derivatives()
     for attachment in tree.frames.values():
         lowering.frame(attachment)
     frame_rows = {name: 1 + len(tree.bodies) + k for k, name in enumerate(tree.frames)}

@@ -1,0 +1,57 @@
+"""Where the derivatives' intermediate results stand in work.
+
+All motions and wrenches are in base axes about the base's origin, so that they pass from body to
+body unchanged. What is seen of a coordinate from bodies that it moves is its column J (6) of their
+twist, and the column's first and second time derivative.
+"""
+
+# ints, row 0, in a column that means nothing to the base
+ROW_LENGTH = 18  # of a row over the coordinates
+
+# work: a body, from DERIVED; the base too
+TWIST = 0  # (6) linear first
+ACCELERATED = 6  # (6) its time derivative, with -g at the base
+BODY_MASS = 12  # of the body, or of it and all it carries, as all down to WRENCH
+BODY_MOMENT = 13  # (3) first moment
+BODY_SPIN = 16  # (6) rotational inertia: xx xy xz yy yz zz
+MOMENTUM = 22  # (3) linear
+TURNING = 25  # (9) torque by an added angular velocity: 2 int (v . p - v p^T) dm, and spin
+WRENCH = 34  # (6) force and torque
+COMPOSITE_SIZE = 28  # BODY_MASS .. WRENCH
+SEEN = 40  # per mode of the carrier: J, J', J'' as seen from here (18)
+SEEN_SIZE = 18
+
+# work: a beam, from OWN: per mode
+BY_ACCELERATION = 0  # (6) the wrench by d'' of this mode
+BY_TURNING = 6  # (3) half the modal force by an added angular velocity
+BY_POSITION = 9  # (6) the wrench by d
+BY_RATE = 15  # (6) the wrench by d'
+OWN_SIZE = 21
+# then modal forces by d, d' and d'' (each MODES x MODES, row: force)
+
+# work: from the base's DERIVED, after TWIST and ACCELERATED
+SCRATCH_SIZE = 36
+COLUMNS = 12 + SCRATCH_SIZE  # rows of so many numbers as row_length says
+COLUMN = 0  # (6) J of each coordinate
+COLUMN_RATE = 6  # (6) J'
+COLUMN_BEND = 12  # (6) J''
+WRENCH_Q = 18  # (6) the wrench that comes inward by q,
+WRENCH_QD = 24  # (6) by q'
+WRENCH_QDD = 30  # (6) and by q''
+PASSING = 36  # (6 per slot) right-hand sides on their way
+LANES = 4
+
+
+def row_length(n: int) -> int:
+    """Return the length of a row over n coordinates: whole lanes, and as many again beyond."""
+    return (n + LANES - 1) // LANES * LANES + LANES
+
+
+def own_size(modes: int) -> int:
+    """Return the size of a beam's workspace."""
+    return modes * (OWN_SIZE + 3 * modes)
+
+
+def base_size(n: int, slots: int) -> int:
+    """Return the size of the base's workspace."""
+    return COLUMNS + (PASSING + 6 * slots) * row_length(n)

@@ -1,0 +1,168 @@
+"""Entries between coordinates of different bodies, and of a beam's own: products of six numbers.
+
+A column j inboard of a row i gives the row's bodies J'_j and J''_j of twist and its derivative by
+q_j, J_j and 2 J'_j by q'_j, nothing and J_j by q''_j; they answer with their composite inertia and
+turning. A column outboard sends its wrench inward, where every row's own J takes its power.
+"""
+
+from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.composite import rigid_wrench
+from denoc_ros.kernels.derivative_layout import (
+    BODY_MASS,
+    COLUMN,
+    COLUMN_BEND,
+    COLUMN_RATE,
+    COLUMNS,
+    LANES,
+    MOMENTUM,
+    ROW_LENGTH,
+    TURNING,
+    WRENCH,
+    WRENCH_Q,
+    WRENCH_QD,
+    WRENCH_QDD,
+)
+from denoc_ros.kernels.handle import at
+from denoc_ros.kernels.lanes import plus, plus_product, product, put, spread, take
+from denoc_ros.kernels.layout import COORDINATE, DERIVED, JOINT, MODES, PARENT, RUN
+from denoc_ros.kernels.spatial import carried_wrench, pair, scale_pair, store_strided, sum_pair
+from denoc_ros.kernels.vector import add, cross, load, rotate, scale, unrotate
+
+
+@inlined
+def columns_of(ints):
+    """Return where the rows over the coordinates begin in work, and how long they are."""
+    return at(ints, 0, DERIVED) + COLUMNS, at(ints, 0, ROW_LENGTH)
+
+
+@inlined
+def turned_wrench(work, e, w):
+    """Return the wrench that a composite body needs for an added angular velocity."""
+    return scale(2.0, cross(w, load(work, e + MOMENTUM))), rotate(work, e + TURNING, w)
+
+
+@inlined
+def half_turning(work, e, x):
+    """Return half the power on a twist x of that wrench, per angular velocity."""
+    return add(
+        cross(load(work, e + MOMENTUM), x[0]), scale(0.5, unrotate(work, e + TURNING, x[1]))
+    )
+
+
+@inlined
+def inertial_wrench(work, e, x):
+    """Return the wrench that a composite body needs for an acceleration."""
+    return rigid_wrench(work, e + BODY_MASS, x[0], x[1])
+
+
+@inlined
+def wrenches_by(work, e, column, rate, bend):
+    """Return the wrenches on a composite body by a coordinate, its rate and its acceleration."""
+    by_q = sum_pair(inertial_wrench(work, e, bend), turned_wrench(work, e, rate[1]))
+    by_q = sum_pair(by_q, carried_wrench(column, pair(work, e + WRENCH)))
+    by_rate = scale_pair(2.0, inertial_wrench(work, e, rate))
+    by_rate = sum_pair(by_rate, turned_wrench(work, e, column[1]))
+    return by_q, by_rate, inertial_wrench(work, e, column)
+
+
+@inlined
+def store_wrenches(work, c, length, j, by_q, by_rate, by_acceleration):
+    """Write the wrenches that come inward from coordinate j."""
+    store_strided(work, c + length * WRENCH_Q + j, length, by_q)
+    store_strided(work, c + length * WRENCH_QD + j, length, by_rate)
+    store_strided(work, c + length * WRENCH_QDD + j, length, by_acceleration)
+
+
+@inlined
+def spread_pair(x):
+    """Return the six numbers of a pair, each in every lane."""
+    (a, b, c), (d, e, f) = x
+    return spread(a), spread(b), spread(c), spread(d), spread(e), spread(f)
+
+
+@inlined
+def sixfold(x, work, o, length):
+    """Return the product of six numbers with six rows, some columns at once."""
+    a = product(x[0], take(work, o))
+    b = product(x[1], take(work, o + length))
+    a = plus_product(a, x[2], take(work, o + 2 * length))
+    b = plus_product(b, x[3], take(work, o + 3 * length))
+    a = plus_product(a, x[4], take(work, o + 4 * length))
+    b = plus_product(b, x[5], take(work, o + 5 * length))
+    return plus(a, b)
+
+
+@inlined
+def threefold(x, work, o, length):
+    """Return the product of three numbers with three rows, some columns at once."""
+    a = product(x[0], take(work, o))
+    a = plus_product(a, x[1], take(work, o + length))
+    return plus_product(a, x[2], take(work, o + 2 * length))
+
+
+@inlined
+def inboard_span(work, c, length, first, last, force, half, o, by_q, by_rate, inertia):
+    """Write a row's entries in columns first .. last - 1, all inboard of it.
+
+    force: the row's wrench per acceleration, half: half that per angular velocity, both spread; o:
+    where the row begins in the results.
+    """
+    for j in range(first, last, LANES):
+        k = c + j
+        count = last - j
+        turning = threefold(half, work, k + length * (COLUMN_RATE + 3), length)
+        total = sixfold(force, work, k + length * COLUMN_BEND, length)
+        put(by_q, o + j, plus(total, plus(turning, turning)), count)
+        total = sixfold(force, work, k + length * COLUMN_RATE, length)
+        total = plus(total, threefold(half, work, k + length * (COLUMN + 3), length))
+        put(by_rate, o + j, plus(total, total), count)
+        put(inertia, o + j, sixfold(force, work, k + length * COLUMN, length), count)
+
+
+@inlined
+def zero_span(first, last, o, by_q, by_rate, inertia):
+    """Write zeros in columns first .. last - 1 of a row."""
+    for j in range(o + first, o + last):
+        by_q[j] = 0.0
+        by_rate[j] = 0.0
+        inertia[j] = 0.0
+
+
+@shared
+def inboard_entries(ints, work, n, i, row, last, share, by_q, by_rate, inertia):
+    """Write the entries of a row of body i in all columns before `last`.
+
+    share: the row's wrench per acceleration, and half that per angular velocity. A joint's own
+    column counts as inboard of it, and so it is of the modes of the same body.
+    """
+    c, length = columns_of(ints)
+    force = spread_pair(share[0])
+    half = (spread(share[1][0]), spread(share[1][1]), spread(share[1][2]))
+    o = n * row
+    run = at(ints, i, RUN)
+    while True:
+        start = at(ints, run, COORDINATE)
+        inboard_span(work, c, length, start, last, force, half, o, by_q, by_rate, inertia)
+        run = at(ints, run, PARENT)
+        end = 0
+        if run > 0:
+            end = at(ints, run, COORDINATE) + at(ints, run, JOINT) + at(ints, run, MODES)
+        zero_span(end, start, o, by_q, by_rate, inertia)
+        if run == 0:
+            return
+        last = end
+        run = at(ints, run, RUN)
+
+
+@shared
+def outboard_entries(ints, work, n, row, first, last, column, by_q, by_rate, inertia):
+    """Write a row's entries in columns first .. last - 1, all outboard of it."""
+    c, length = columns_of(ints)
+    x = spread_pair(column)
+    for j in range(first, last, LANES):
+        k = c + j
+        count = last - j
+        o = n * row + j
+        put(by_q, o, sixfold(x, work, k + length * WRENCH_Q, length), count)
+        put(by_rate, o, sixfold(x, work, k + length * WRENCH_QD, length), count)
+        put(inertia, o, sixfold(x, work, k + length * WRENCH_QDD, length), count)

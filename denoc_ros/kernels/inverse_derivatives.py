@@ -1,0 +1,307 @@
+"""Derivatives of inverse dynamics by coordinates, rates, accelerations: docs/derivatives.md."""
+
+from numba import types
+
+from denoc_ros.kernels.array_object import (
+    READABLE,
+    WRITABLE,
+    array_object,
+    content,
+    is_matrix,
+    is_vector,
+)
+from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.derivative_layout import (
+    ACCELERATED,
+    BODY_MASS,
+    BY_ACCELERATION,
+    BY_POSITION,
+    BY_RATE,
+    BY_TURNING,
+    COLUMN,
+    COLUMN_BEND,
+    COLUMN_RATE,
+    COMPOSITE_SIZE,
+    OWN_SIZE,
+    SEEN,
+    SEEN_SIZE,
+    TWIST,
+    WRENCH,
+)
+from denoc_ros.kernels.derivative_rows import (
+    columns_of,
+    half_turning,
+    inboard_entries,
+    inertial_wrench,
+    outboard_entries,
+    store_wrenches,
+    wrenches_by,
+    zero_span,
+)
+from denoc_ros.kernels.handle import (
+    ARMATURE,
+    COSINE,
+    GOOD,
+    MISFIT,
+    NOT_FINITE,
+    SINE,
+    at,
+    beyond,
+    coordinates,
+    elements,
+    model_arrays,
+)
+from denoc_ros.kernels.internal import internal_slope
+from denoc_ros.kernels.layout import (
+    ACCELERATION,
+    BRANCH_END,
+    COORDINATE,
+    DERIVED,
+    JOINT,
+    MODES,
+    OWN,
+    PARENT,
+    POINTS,
+    SECTION,
+    SIBLING,
+    WORK,
+    WORLD_POSITION,
+    WORLD_ROTATION,
+)
+from denoc_ros.kernels.placement import place_beam, place_by_sines
+from denoc_ros.kernels.section_columns import geometric_terms, show_columns
+from denoc_ros.kernels.sine_cosine import write_sines
+from denoc_ros.kernels.spatial import (
+    dot_pair,
+    pair,
+    store_pair,
+    strided,
+    sum_pair,
+    wrench_about_origin,
+)
+from denoc_ros.kernels.vector import (
+    add,
+    all_finite,
+    cross,
+    dot,
+    load,
+    rotate,
+    store,
+    unrotate,
+)
+from denoc_ros.kernels.world import section_place, world_pose
+from denoc_ros.kernels.world_motion import move_world, own_share
+
+
+@inlined
+def outward_derivatives(n, ints, reals, work, diagonals, bodies, q, qd, qdd):
+    """Place and move every body in base axes and write its own share."""
+    sines, cosines = diagonals[SINE], diagonals[COSINE]
+    write_sines(q, n, sines, cosines)
+    base = at(ints, 0, DERIVED)
+    for k in range(6):
+        work[base + TWIST + k] = 0.0
+    # spatial acceleration of a base at rest: the classical one of its origin
+    store(work, base + ACCELERATED, load(work, at(ints, 0, WORK) + ACCELERATION))
+    store(work, base + ACCELERATED + 3, (0.0, 0.0, 0.0))
+    for i in range(1, bodies + 1):
+        place_by_sines(ints, reals, work, q, sines, cosines, i)
+        if at(ints, i, POINTS) > 0:
+            place_beam(ints, reals, work, q, i)
+        world_pose(ints, work, i)
+        move_world(ints, reals, work, qd, qdd, i)
+        own_share(ints, reals, work, qd, qdd, i)
+
+
+@inlined
+def joint_entries(ints, work, n, i, by_q, by_rate, inertia):
+    """Write the row of body i's joint, and the wrenches that it sends inward."""
+    j = at(ints, i, COORDINATE)
+    e = at(ints, i, DERIVED)
+    c, length = columns_of(ints)
+    column = strided(work, c + length * COLUMN + j, length)
+    rate = strided(work, c + length * COLUMN_RATE + j, length)
+    bend = strided(work, c + length * COLUMN_BEND + j, length)
+    wrenches = wrenches_by(work, e, column, rate, bend)
+    store_wrenches(work, c, length, j, wrenches[0], wrenches[1], wrenches[2])
+    half = half_turning(work, e, column)
+    # its own column among those inboard: nothing of a joint's column changes by its own angle
+    inboard_entries(ints, work, n, i, j, j + 1, (wrenches[2], half), by_q, by_rate, inertia)
+    outboard_entries(
+        ints, work, n, j, j + 1, at(ints, i, BRANCH_END), column, by_q, by_rate, inertia
+    )
+    end = at(ints, i, BRANCH_END)
+    zero_span(end, n, n * j, by_q, by_rate, inertia)
+
+
+@inlined
+def modal_entries(ints, work, n, i, by_q, by_rate, inertia):
+    """Write the rows of body i's modes, inboard and among themselves, and their wrenches."""
+    m = at(ints, i, MODES)
+    j = at(ints, i, COORDINATE) + at(ints, i, JOINT)
+    own = at(ints, i, OWN)
+    forces = own + OWN_SIZE * m
+    c, length = columns_of(ints)
+    end = at(ints, i, BRANCH_END)
+    for k in range(m):
+        u = own + OWN_SIZE * k
+        by_acceleration = pair(work, u + BY_ACCELERATION)
+        store_wrenches(
+            work, c, length, j + k, pair(work, u + BY_POSITION), pair(work, u + BY_RATE),
+            by_acceleration,
+        )  # fmt: skip
+        half = load(work, u + BY_TURNING)
+        share = (by_acceleration, half)
+        inboard_entries(ints, work, n, i, j + k, j, share, by_q, by_rate, inertia)
+        o = n * (j + k) + j
+        for r in range(m):
+            by_q[o + r] = work[forces + m * k + r]
+            by_rate[o + r] = work[forces + m * (m + k) + r]
+            inertia[o + r] = work[forces + m * (2 * m + k) + r]
+        zero_span(end, n, n * (j + k), by_q, by_rate, inertia)
+
+
+@inlined
+def own_to_base(ints, work, i):
+    """Turn what stands at OWN of body i from body axes to base axes."""
+    o = at(ints, i, WORK)
+    turn = o + WORLD_ROTATION
+    x = load(work, o + WORLD_POSITION)
+    for k in range(at(ints, i, MODES)):
+        u = at(ints, i, OWN) + OWN_SIZE * k
+        store(work, u + BY_TURNING, rotate(work, turn, load(work, u + BY_TURNING)))
+        for part in (BY_ACCELERATION, BY_POSITION, BY_RATE):
+            f, t = pair(work, u + part)
+            store_pair(work, u + part, wrench_about_origin(work, turn, x, f, t))
+
+
+@shared
+def transmit_to_own(ints, reals, work, i):
+    """Add what body i and all it carries take part in their carrier's modal forces."""
+    p = at(ints, i, PARENT)
+    m = at(ints, p, MODES)
+    e = at(ints, i, DERIVED)
+    own = at(ints, p, OWN)
+    forces = own + OWN_SIZE * m
+    for j in range(m):
+        s = e + SEEN + SEEN_SIZE * j
+        column, rate, bend = pair(work, s), pair(work, s + 6), pair(work, s + 12)
+        by_q, by_rate, by_acceleration = wrenches_by(work, e, column, rate, bend)
+        u = own + OWN_SIZE * j
+        half = half_turning(work, e, column)
+        store(work, u + BY_TURNING, add(load(work, u + BY_TURNING), half))
+        store_pair(work, u + BY_POSITION, sum_pair(pair(work, u + BY_POSITION), by_q))
+        store_pair(work, u + BY_RATE, sum_pair(pair(work, u + BY_RATE), by_rate))
+        by = u + BY_ACCELERATION
+        store_pair(work, by, sum_pair(pair(work, by), by_acceleration))
+        for k in range(m):
+            other = pair(work, e + SEEN + SEEN_SIZE * k)
+            force = inertial_wrench(work, e, other)
+            turning = dot(half_turning(work, e, other), rate[1])
+            work[forces + m * k + j] += dot_pair(force, bend) + 2.0 * turning
+            work[forces + m * (m + k) + j] += dot_pair(by_rate, other)
+            work[forces + m * (2 * m + k) + j] += dot_pair(by_acceleration, other)
+    turn = at(ints, p, WORK) + WORLD_ROTATION
+    f, t = pair(work, e + WRENCH)
+    t = add(t, cross(f, section_place(ints, work, i)))
+    geometric_terms(ints, reals, work, i, unrotate(work, turn, f), unrotate(work, turn, t), forces)
+
+
+@inlined
+def carrier_entries(ints, reals, work, n, i, by_q, by_rate, inertia):
+    """Write the entries of the modes of body i's carrier in the columns of body i's branch."""
+    p = at(ints, i, PARENT)
+    j = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+    first, last = at(ints, i, COORDINATE), at(ints, i, BRANCH_END)
+    for k in range(at(ints, p, MODES)):
+        if at(ints, i, SECTION) > 0:
+            column = pair(work, at(ints, i, DERIVED) + SEEN + SEEN_SIZE * k)
+            outboard_entries(ints, work, n, j + k, first, last, column, by_q, by_rate, inertia)
+        else:
+            zero_span(first, last, n * (j + k), by_q, by_rate, inertia)
+    if at(ints, i, SECTION) > 0:
+        transmit_to_own(ints, reals, work, i)
+    if at(ints, i, SIBLING) > 0:
+        show_columns(ints, work, at(ints, i, SIBLING))
+
+
+@inlined
+def transmit_share(ints, work, i):
+    """Add body i's composite to its carrier's."""
+    e = at(ints, i, DERIVED) + BODY_MASS
+    u = at(ints, at(ints, i, PARENT), DERIVED) + BODY_MASS
+    for k in range(COMPOSITE_SIZE):
+        work[u + k] += work[e + k]
+
+
+@inlined
+def inward_derivatives(n, ints, reals, work, bodies, by_q, by_rate, inertia):
+    """Write all entries, from the tips to the base."""
+    for i in range(bodies, 0, -1):
+        if at(ints, i, MODES) > 0:
+            modal_entries(ints, work, n, i, by_q, by_rate, inertia)
+        if at(ints, i, JOINT) == 1:
+            joint_entries(ints, work, n, i, by_q, by_rate, inertia)
+        p = at(ints, i, PARENT)
+        if at(ints, p, MODES) > 0:
+            carrier_entries(ints, reals, work, n, i, by_q, by_rate, inertia)
+        if p > 0:
+            transmit_share(ints, work, i)
+
+
+@shared
+def find_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia):
+    """Write d tau / dq, d tau / dq' and I (n, n each)."""
+    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    n = coordinates(handle)
+    outward_derivatives(n, ints, reals, work, diagonals, bodies, q, qd, qdd)
+    for i in range(1, bodies + 1):
+        if at(ints, i, MODES) > 0:
+            own_to_base(ints, work, i)
+    inward_derivatives(n, ints, reals, work, bodies, by_q, by_rate, inertia)
+    for j in range(n):
+        stiffness, damping = internal_slope(reals, diagonals, q, qd, j)
+        by_q[(n + 1) * j] += stiffness
+        by_rate[(n + 1) * j] += damping
+        inertia[(n + 1) * j] += diagonals[ARMATURE][j]
+    finite = all_finite(by_q, n * n) and all_finite(by_rate, n * n)
+    return GOOD if finite and all_finite(inertia, n * n) else NOT_FINITE
+
+
+@kernel(types.int64(types.int64, *[array_object] * 6))
+def inverse_dynamics_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia):
+    """Write d tau / dq, d tau / dq' and I (n, n each)."""
+    n = coordinates(handle)
+    if not (
+        is_vector(handle, q, n, READABLE)
+        and is_vector(handle, qd, n, READABLE)
+        and is_vector(handle, qdd, n, READABLE)
+        and is_matrix(handle, by_q, n, WRITABLE)
+        and is_matrix(handle, by_rate, n, WRITABLE)
+        and is_matrix(handle, inertia, n, WRITABLE)
+    ):
+        return MISFIT
+    return find_derivatives(
+        handle, content(q), content(qd), content(qdd), content(by_q), content(by_rate),
+        content(inertia),
+    )  # fmt: skip
+
+
+@rows_kernel(
+    'int64(int64, float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64, '
+    'float64[:, :, ::1], float64[:, :, ::1], float64[:, :, ::1])'
+)
+def inverse_dynamics_derivatives_rows(handle, q, qd, qdd, first, last, by_q, by_rate, inertia):
+    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
+    n = coordinates(handle)
+    a, b, c = elements(q), elements(qd), elements(qdd)
+    d, e, f = elements(by_q), elements(by_rate), elements(inertia)
+    worst = GOOD
+    for row in range(first, last):
+        k, m = n * row, n * n * row
+        status = find_derivatives(
+            handle, beyond(a, k), beyond(b, k), beyond(c, k), beyond(d, m), beyond(e, m),
+            beyond(f, m),
+        )  # fmt: skip
+        worst = max(worst, status)
+    return worst

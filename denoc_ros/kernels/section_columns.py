@@ -1,0 +1,227 @@
+"""What a beam's section shows of its amplitudes: columns of its twist and their time derivatives.
+
+With the left Jacobian J = 1 + b K + c K^2 of the section's rotation vector phi, K = phi x, the
+angular column of a mode of slope s about axis e is J s e; K^2 = phi phi^T - |phi|^2.
+"""
+
+from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.derivative_layout import (
+    ACCELERATED,
+    COLUMNS,
+    ROW_LENGTH,
+    SEEN,
+    SEEN_SIZE,
+    TWIST,
+)
+from denoc_ros.kernels.handle import at
+from denoc_ros.kernels.layout import (
+    COEFFICIENTS,
+    COORDINATE,
+    DERIVED,
+    JOINT,
+    MODES,
+    NT,
+    NY,
+    NZ,
+    PARENT,
+    PLACE,
+    SECTION,
+    SECTION_WORK,
+    VECTOR,
+    WORK,
+    WORLD_POSITION,
+    WORLD_ROTATION,
+)
+from denoc_ros.kernels.layout import COLUMNS as SECTION_COLUMNS
+from denoc_ros.kernels.motion import section_rates
+from denoc_ros.kernels.placement import SERIES_DB, SERIES_DC, six_terms
+from denoc_ros.kernels.spatial import (
+    carried,
+    pair,
+    scale_pair,
+    store_pair,
+    sum_pair,
+    twist_about_origin,
+)
+from denoc_ros.kernels.vector import add, cross, dot, load, scale
+
+# Taylor series in |phi|^2 of the rates per phi . phi' of what COEFFICIENTS has of b and c
+SERIES_DDB = tuple(2 * (k + 1) * SERIES_DB[k + 1] for k in range(5)) + (0.0,)
+SERIES_DDC = tuple(2 * (k + 1) * SERIES_DC[k + 1] for k in range(5)) + (0.0,)
+
+
+@inlined
+def second_coefficients(s, b, c, db, dc):
+    """Return the rates per phi . phi' of db and dc, for s = |phi|^2."""
+    if s < 0.25:
+        return six_terms(SERIES_DDB, s), six_terms(SERIES_DDC, s)
+    return (c - b - 4.0 * db) / s, (db - 5.0 * dc) / s
+
+
+@inlined
+def unit(axis):
+    """Return the unit vector along an axis."""
+    return 1.0 * (axis == 0), 1.0 * (axis == 1), 1.0 * (axis == 2)
+
+
+@inlined
+def symmetric_rates(phi, rate, bend, x):
+    """Return K^2 x and its first and second derivative at a constant x."""
+    r = dot(phi, rate)
+    zero = add(scale(dot(phi, x), phi), scale(-dot(phi, phi), x))
+    first = add(add(scale(dot(phi, x), rate), scale(dot(rate, x), phi)), scale(-2.0 * r, x))
+    second = add(
+        add(scale(dot(phi, x), bend), scale(dot(bend, x), phi)),
+        add(scale(2.0 * dot(rate, x), rate), scale(-2.0 * (dot(rate, rate) + dot(phi, bend)), x)),
+    )
+    return zero, first, second
+
+
+@inlined
+def turning_rates(work, k, phi, rate, bend, x):
+    """Return the first and second derivative of J x along a motion of phi, x constant.
+
+    k is the offset of the left Jacobian's coefficients.
+    """
+    b, c, db, dc = work[k], work[k + 1], work[k + 2], work[k + 3]
+    ddb, ddc = second_coefficients(dot(phi, phi), b, c, db, dc)
+    r = dot(phi, rate)
+    rr = dot(rate, rate) + dot(phi, bend)
+    zero, first, second = symmetric_rates(phi, rate, bend, x)
+    turned, turned_rate, turned_bend = cross(phi, x), cross(rate, x), cross(bend, x)
+    up = add(
+        add(scale(db * r, turned), scale(b, turned_rate)),
+        add(scale(dc * r, zero), scale(c, first)),
+    )
+    upper = add(
+        add(scale(db * rr + ddb * r * r, turned), scale(2.0 * db * r, turned_rate)),
+        add(scale(b, turned_bend), scale(dc * rr + ddc * r * r, zero)),
+    )
+    return up, add(upper, add(scale(2.0 * dc * r, first), scale(c, second)))
+
+
+@inlined
+def mode_slope(ints, reals, i, j):
+    """Return slope and axis of the turn of mode j of row i's carrier, at row i's section."""
+    p = at(ints, i, PARENT)
+    ny, nz = at(ints, p, NY), at(ints, p, NZ)
+    slope = reals[at(ints, i, SECTION) + 1 + ny + nz + j]
+    if j < ny:
+        return slope, 2
+    if j < ny + nz:
+        return -slope, 1
+    return slope, 0
+
+
+@inlined
+def shortening_rate(ints, reals, i, j, qd):
+    """Return (H d')_j of mode j of row i's carrier, at row i's section: 0 for torsion."""
+    p = at(ints, i, PARENT)
+    ny, nz = at(ints, p, NY), at(ints, p, NZ)
+    h = at(ints, i, SECTION) + 1 + 2 * (ny + nz) + at(ints, p, NT)
+    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+    total = 0.0
+    if j < ny:
+        for k in range(ny):
+            total += reals[h + ny * j + k] * qd[d + k]
+    elif j < ny + nz:
+        h += ny * ny + nz * (j - ny)
+        for k in range(nz):
+            total += reals[h + k] * qd[d + ny + k]
+    return total
+
+
+@shared
+def write_seen(ints, reals, work, qd, qdd, i):
+    """Write what row i's section shows of its carrier's amplitudes; move its twist on.
+
+    The twist and its derivative at DERIVED of row i are to be the carrier's.
+    """
+    p = at(ints, i, PARENT)
+    o = at(ints, i, SECTION_WORK)
+    e = at(ints, i, DERIVED)
+    turn = at(ints, p, WORK) + WORLD_ROTATION
+    origin = load(work, at(ints, p, WORK) + WORLD_POSITION)
+    phi = load(work, o + VECTOR)
+    place = load(work, o + PLACE)
+    rate, shortening = section_rates(ints, reals, qd, i)
+    bend, _ = section_rates(ints, reals, qdd, i)
+    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+    slip, slip_up = (0.0, 0.0, 0.0), (shortening, 0.0, 0.0)
+    for j in range(at(ints, p, MODES)):
+        linear = load(work, o + SECTION_COLUMNS + 6 * j)
+        slip = add(slip, scale(qd[d + j], linear))
+        slip_up = add(slip_up, scale(qdd[d + j], linear))
+    v, a = pair(work, e + TWIST), pair(work, e + ACCELERATED)
+    twist, up = v, a
+    for j in range(at(ints, p, MODES)):
+        linear, angular = pair(work, o + SECTION_COLUMNS + 6 * j)
+        slope, axis = mode_slope(ints, reals, i, j)
+        first, second = turning_rates(work, o + COEFFICIENTS, phi, rate, bend, unit(axis))
+        first, second = scale(slope, first), scale(slope, second)
+        straight = add(linear, cross(place, angular))
+        swept = add(cross(slip, angular), cross(place, first))
+        swept = (swept[0] - shortening_rate(ints, reals, i, j, qd), swept[1], swept[2])
+        bent = add(cross(slip_up, angular), cross(place, second))
+        bent = add(bent, scale(2.0, cross(slip, first)))
+        bent = (bent[0] - shortening_rate(ints, reals, i, j, qdd), bent[1], bent[2])
+        column = twist_about_origin(work, turn, origin, straight, angular)
+        own_rate = twist_about_origin(work, turn, origin, swept, first)
+        own_bend = twist_about_origin(work, turn, origin, bent, second)
+        column_rate = sum_pair(carried(v, column), own_rate)
+        column_bend = sum_pair(
+            sum_pair(carried(a, column), carried(v, column_rate)),
+            sum_pair(carried(v, own_rate), own_bend),
+        )
+        k = e + SEEN + SEEN_SIZE * j
+        store_pair(work, k, column)
+        store_pair(work, k + 6, column_rate)
+        store_pair(work, k + 12, column_bend)
+        twist = sum_pair(twist, scale_pair(qd[d + j], column))
+        up = sum_pair(
+            up, sum_pair(scale_pair(qdd[d + j], column), scale_pair(qd[d + j], column_rate))
+        )
+    store_pair(work, e + TWIST, twist)
+    store_pair(work, e + ACCELERATED, up)
+
+
+@inlined
+def show_columns(ints, work, i):
+    """Write among the columns what row i sees of its carrier's amplitudes."""
+    p = at(ints, i, PARENT)
+    length = at(ints, 0, ROW_LENGTH)
+    c = at(ints, 0, DERIVED) + COLUMNS + at(ints, p, COORDINATE) + at(ints, p, JOINT)
+    e = at(ints, i, DERIVED) + SEEN
+    for j in range(at(ints, p, MODES)):
+        for k in range(SEEN_SIZE):
+            seen = work[e + SEEN_SIZE * j + k] if at(ints, i, SECTION) > 0 else 0.0
+            work[c + length * k + j] = seen
+
+
+@inlined
+def geometric_terms(ints, reals, work, i, force, torque, out):
+    """Write what the wrench on a section adds to its carrier's modal forces as these turn it.
+
+    force and torque are about the section, in the carrier's axes. Written at offset out (m x m,
+    row: force) is f . dB_k/dd_j + B_k . (theta_j x f) + n . dtheta_j/dd_k.
+    """
+    p = at(ints, i, PARENT)
+    m, ny, nz = at(ints, p, MODES), at(ints, p, NY), at(ints, p, NZ)
+    o = at(ints, i, SECTION_WORK)
+    phi = load(work, o + VECTOR)
+    h = at(ints, i, SECTION) + 1 + 2 * (ny + nz) + at(ints, p, NT)
+    for j in range(m):
+        slope, axis = mode_slope(ints, reals, i, j)
+        pushed = cross(load(work, o + SECTION_COLUMNS + 6 * j + 3), force)
+        for k in range(m):
+            other, about = mode_slope(ints, reals, i, k)
+            first, _ = turning_rates(
+                work, o + COEFFICIENTS, phi, unit(about), (0.0, 0.0, 0.0), unit(axis)
+            )
+            total = dot(load(work, o + SECTION_COLUMNS + 6 * k), pushed)
+            total += slope * other * dot(torque, first)
+            if j < ny and k < ny:
+                total -= force[0] * reals[h + ny * k + j]
+            elif ny <= j < ny + nz and ny <= k < ny + nz:
+                total -= force[0] * reals[h + ny * ny + nz * (k - ny) + j - ny]
+            work[out + m * k + j] += total

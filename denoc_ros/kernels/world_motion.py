@@ -1,0 +1,209 @@
+"""Outward pass of the derivatives: twists, columns and each body's own share, in base axes."""
+
+from denoc_ros.kernels.beam_derivatives import beam_derivatives
+from denoc_ros.kernels.block import six
+from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.composite import own_composite, shifted_spin
+from denoc_ros.kernels.derivative_layout import (
+    ACCELERATED,
+    BODY_MASS,
+    BODY_MOMENT,
+    BODY_SPIN,
+    COLUMN,
+    COLUMN_BEND,
+    COLUMN_RATE,
+    COLUMNS,
+    MOMENTUM,
+    ROW_LENGTH,
+    TURNING,
+    TWIST,
+    WRENCH,
+)
+from denoc_ros.kernels.handle import at
+from denoc_ros.kernels.layout import (
+    ACCELERATION,
+    AXIS,
+    COMPOSITE,
+    COORDINATE,
+    DERIVED,
+    FORCE,
+    JOINT,
+    MASS,
+    MODES,
+    MOTION,
+    PARENT,
+    REAL,
+    SECTION,
+    SPEED,
+    SPIN_UP,
+    TORQUE,
+    TURN,
+    VELOCITY,
+    WORK,
+    WORLD_POSITION,
+    WORLD_ROTATION,
+)
+from denoc_ros.kernels.section_columns import show_columns, write_seen
+from denoc_ros.kernels.spatial import (
+    carried,
+    pair,
+    scale_pair,
+    store_pair,
+    store_strided,
+    sum_pair,
+    twist_about_origin,
+    wrench_about_origin,
+)
+from denoc_ros.kernels.vector import (
+    add,
+    cross,
+    dot,
+    load,
+    rotate,
+    scale,
+    store,
+    symmetric,
+    turned,
+    unrotate,
+)
+from denoc_ros.kernels.wrench import body_wrench
+
+
+@inlined
+def joint_column(ints, reals, work, i):
+    """Return the column of body i's joint: its motion subspace in base axes."""
+    turn = at(ints, i, WORK) + WORLD_ROTATION
+    x = load(work, at(ints, i, WORK) + WORLD_POSITION)
+    if at(ints, i, MOTION) == TURN:
+        w = (work[turn + 2], work[turn + 5], work[turn + 8])
+        return cross(x, w), w
+    s = at(ints, i, REAL) + AXIS
+    return twist_about_origin(work, turn, x, load(reals, s), load(reals, s + 3))
+
+
+@inlined
+def move_world(ints, reals, work, qd, qdd, i):
+    """Write body i's twist and its derivative and the columns that its motion adds."""
+    p = at(ints, i, PARENT)
+    e, u = at(ints, i, DERIVED), at(ints, p, DERIVED)
+    for k in range(12):
+        work[e + TWIST + k] = work[u + TWIST + k]
+    if at(ints, i, SECTION) > 0:
+        write_seen(ints, reals, work, qd, qdd, i)
+    if at(ints, p, MODES) > 0:
+        show_columns(ints, work, i)
+    if at(ints, i, JOINT) == 0:
+        return
+    j = at(ints, i, COORDINATE)
+    v, a = pair(work, e + TWIST), pair(work, e + ACCELERATED)
+    column = joint_column(ints, reals, work, i)
+    rate = carried(v, column)
+    v = sum_pair(v, scale_pair(qd[j], column))
+    a = sum_pair(a, sum_pair(scale_pair(qdd[j], column), scale_pair(qd[j], rate)))
+    store_pair(work, e + TWIST, v)
+    store_pair(work, e + ACCELERATED, a)
+    length = at(ints, 0, ROW_LENGTH)
+    c = at(ints, 0, DERIVED) + COLUMNS + j
+    store_strided(work, c + length * COLUMN, length, column)
+    store_strided(work, c + length * COLUMN_RATE, length, rate)
+    bend = sum_pair(carried(a, column), carried(v, rate))
+    store_strided(work, c + length * COLUMN_BEND, length, bend)
+
+
+@inlined
+def turning_of_rigid(mass_velocity, v, w, moment, spin, work, o):
+    """Add to the 3 x 3 at offset o of work 2 int (v . p - v p^T) dm of a rigid body.
+
+    2 (v . c) 1 - 2 v c^T - tr(I) w x + 2 w x I, with the first moment c and the inertia I.
+    """
+    xx, xy, xz, yy, yz, zz = spin
+    trace = xx + yy + zz
+    outward = 2.0 * mass_velocity
+    x, y, z = cross(w, (xx, xy, xz)), cross(w, (xy, yy, yz)), cross(w, (xz, yz, zz))
+    for r in range(3):
+        work[o + 3 * r] += 2.0 * (x[r] - v[r] * moment[0])
+        work[o + 3 * r + 1] += 2.0 * (y[r] - v[r] * moment[1])
+        work[o + 3 * r + 2] += 2.0 * (z[r] - v[r] * moment[2])
+        work[o + 4 * r] += outward
+    work[o + 1] += trace * w[2]
+    work[o + 2] -= trace * w[1]
+    work[o + 3] -= trace * w[2]
+    work[o + 5] += trace * w[0]
+    work[o + 6] += trace * w[1]
+    work[o + 7] -= trace * w[0]
+
+
+@inlined
+def turn_matrix(work, turn, o):
+    """Turn the 3 x 3 at offset o of work from body axes to base axes: R K R^T."""
+    x, y, z = load(work, o), load(work, o + 3), load(work, o + 6)
+    x, y, z = rotate(work, turn, x), rotate(work, turn, y), rotate(work, turn, z)
+    for k in range(3):
+        column = rotate(work, turn, (x[k], y[k], z[k]))
+        work[o + k], work[o + 3 + k], work[o + 6 + k] = column
+
+
+@inlined
+def own_beam(ints, reals, work, qd, qdd, i):
+    """Write body i's beam's share and wrench in body axes, momentum and turning in base axes."""
+    o, e = at(ints, i, WORK), at(ints, i, DERIVED)
+    turn = o + WORLD_ROTATION
+    x = load(work, o + WORLD_POSITION)
+    (v, w), (a, al) = pair(work, e + TWIST), pair(work, e + ACCELERATED)
+    velocity = add(v, cross(w, x))
+    acceleration = add(add(a, cross(al, x)), cross(w, velocity))
+    store(work, o + VELOCITY, unrotate(work, turn, velocity))
+    store(work, o + SPEED, unrotate(work, turn, w))
+    store(work, o + ACCELERATION, unrotate(work, turn, acceleration))
+    store(work, o + SPIN_UP, unrotate(work, turn, al))
+    body_wrench(ints, reals, work, qd, qdd, i)
+    beam_derivatives(ints, reals, work, qd, qdd, i)
+    momentum = rotate(work, turn, load(work, e + MOMENTUM))
+    store(work, e + MOMENTUM, momentum)
+    turn_matrix(work, turn, e + TURNING)
+    outward = 2.0 * dot(momentum, x)
+    for r in range(3):
+        work[e + TURNING + 4 * r] += outward
+        for k in range(3):
+            work[e + TURNING + 3 * r + k] -= 2.0 * momentum[r] * x[k]
+
+
+@shared
+def own_share(ints, reals, work, qd, qdd, i):
+    """Write inertia, momentum, turning and wrench of body i alone, in base axes."""
+    o, e = at(ints, i, WORK), at(ints, i, DERIVED)
+    turn = o + WORLD_ROTATION
+    x = load(work, o + WORLD_POSITION)
+    flexible = at(ints, i, MODES) > 0
+    for k in range(MOMENTUM, TURNING + 9):
+        work[e + k] = 0.0
+    if flexible:
+        own_composite(ints, reals, work, i)
+        own_beam(ints, reals, work, qd, qdd, i)
+        c, source = o + COMPOSITE, work
+    else:
+        c, source = at(ints, i, REAL) + MASS, reals
+    mass = source[c]
+    moment = rotate(work, turn, load(source, c + 1))
+    rotated = turned(
+        six(source, c + 4), load(work, turn), load(work, turn + 3), load(work, turn + 6)
+    )
+    spin = shifted_spin(rotated, mass, moment, x)
+    moment = add(moment, scale(mass, x))
+    work[e + BODY_MASS] = mass
+    store(work, e + BODY_MOMENT, moment)
+    store(work, e + BODY_SPIN, (spin[0], spin[1], spin[2]))
+    store(work, e + BODY_SPIN + 3, (spin[3], spin[4], spin[5]))
+    (v, w), (a, al) = pair(work, e + TWIST), pair(work, e + ACCELERATED)
+    momentum = add(scale(mass, v), cross(w, moment))
+    turning_of_rigid(dot(v, moment), v, w, moment, spin, work, e + TURNING)
+    if flexible:
+        f, t = wrench_about_origin(work, turn, x, load(work, o + FORCE), load(work, o + TORQUE))
+    else:
+        angular = add(cross(moment, v), symmetric(work, e + BODY_SPIN, w))
+        f = add(add(scale(mass, a), cross(al, moment)), cross(w, momentum))
+        t = add(cross(moment, a), symmetric(work, e + BODY_SPIN, al))
+        t = add(t, add(cross(w, angular), cross(v, momentum)))
+    store(work, e + MOMENTUM, add(load(work, e + MOMENTUM), momentum))
+    store(work, e + WRENCH, f)
+    store(work, e + WRENCH + 3, t)
