@@ -2,6 +2,7 @@
 
 The arithmetic of test/oracles.py. A `Jet` holds `c[i, 0]`, the coefficient of t^i, and
 `c[i, 1 + k]`, the coefficient of t^i e_k with e_k e_l = 0. Derivatives come out exact.
+Coefficients may be complex: a step along the imaginary axis gives one more derivative.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class Jet:
     @classmethod
     def constant(cls, value: Array, directions: int) -> Jet:
         """Series of a constant."""
-        c = np.zeros((ORDERS, 1 + directions, *np.shape(value)))
+        c = np.zeros((ORDERS, 1 + directions, *np.shape(value)), np.result_type(value, float))
         c[0, 0] = value
         return cls(c)
 
@@ -53,7 +54,7 @@ class Jet:
     def __add__(self, other: Jet | Array | float) -> Jet:
         if isinstance(other, Jet):
             return Jet(self.c + other.c)
-        c = self.c.copy()
+        c = self.c.astype(np.result_type(self.c, other))
         c[0, 0] += other
         return Jet(c)
 
@@ -94,7 +95,7 @@ class Jet:
 def _bilinear(a: Array, b: Array, product: Callable[..., Array]) -> Jet:
     pairs = [(i, j) for i in range(ORDERS) for j in range(ORDERS - i)]
     shape = product(a[0, 0], b[0, 0]).shape
-    c = np.zeros((ORDERS, a.shape[1], *shape))
+    c = np.zeros((ORDERS, a.shape[1], *shape), np.result_type(a, b))
     for i, j in pairs:
         c[i + j, 0] += product(a[i, 0], b[j, 0])
         c[i + j, 1:] += product(a[i, 1:], b[j, :1]) + product(a[i, :1], b[j, 1:])

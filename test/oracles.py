@@ -79,7 +79,7 @@ def torsion_stiffness(part: Deformation, length: float) -> Array:
 
 def homogeneous(R: Jet, p: Jet) -> Jet:
     """(4, 4) series of a rotation (3, 3) and a position (3,)."""
-    c = np.zeros((*R.c.shape[:2], 4, 4))
+    c = np.zeros((*R.c.shape[:2], 4, 4), np.result_type(R.c, p.c))
     c[..., :3, :3], c[..., :3, 3] = R.c, p.c
     c[0, 0, 3, 3] = 1
     return Jet(c)
@@ -142,7 +142,7 @@ class Oracle:
     def _series(self, q: Array, qd: Array, qdd: Array) -> Jet:
         """Coordinates along the motion, perturbed by e_k (k < n) and by t e_k (n <= k < 2 n)."""
         n = self.n
-        c = np.zeros((3, 1 + 2 * n, n))
+        c = np.zeros((3, 1 + 2 * n, n), np.result_type(q, qd, qdd, float))
         c[0, 0], c[1, 0], c[2, 0] = q, qd, np.asarray(qdd) / 2
         c[0, 1 : 1 + n] = c[1, 1 + n :] = np.eye(n)
         return Jet(c)

@@ -12,6 +12,7 @@ from denoc_ros.dynamics import equilibrium, linearization, structure
 from denoc_ros.dynamics.batch import each_row, run_rows
 from denoc_ros.dynamics.borders import as_output, as_rows, as_states, as_vector, same_rows
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
+from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.held_model import Source
 from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
 from denoc_ros.dynamics.regressor import TorqueRegressor
@@ -44,7 +45,7 @@ FRAME_POSE = Verb(world.frame_pose, world.frame_pose_rows, lambda n: (4, 4))
 FRAME_JACOBIAN = Verb(world.frame_jacobian, world.frame_jacobian_rows, lambda n: (6, n))
 
 
-class Robot(KinematicDerivatives, TorqueRegressor, ConstrainedModel):
+class Robot(DifferentiableModel, KinematicDerivatives, TorqueRegressor, ConstrainedModel):
     """A robot with rigid and flexible links (see :func:`load_robot`).
 
     States are vectors (n,) in the order of `coordinate_names`; every verb also takes rows (k, n)
@@ -52,9 +53,9 @@ class Robot(KinematicDerivatives, TorqueRegressor, ConstrainedModel):
     wanted, `check=False` skips the test that arguments are finite. A robot holds one workspace and
     so is not to be used by two threads at once: give each its own :meth:`copy`.
 
-    Loops and mimic joints: :class:`ConstrainedModel`. Derivatives of kinematics:
-    :class:`KinematicDerivatives`; by parameters: :class:`TorqueRegressor`. Attributes as in
-    :class:`HeldModel`.
+    Loops and mimic joints: :class:`ConstrainedModel`. Derivatives of the dynamics:
+    :class:`DifferentiableModel`; of kinematics: :class:`KinematicDerivatives`; by parameters:
+    :class:`TorqueRegressor`. Attributes as in :class:`HeldModel`.
     """
 
     def __init__(

@@ -1,0 +1,148 @@
+"""How the generalized forces of a wrench on a frame change with the coordinates.
+
+A wrench F keeps its direction and acts at the frame's origin x: F = [f; n + x x f]. A row i takes
+J_i . F; with u_j = b_j + w_j x x the frame's velocity by q'_j, J_j = [b_j; w_j], its derivative is
+w_i . (u_j x f), and (J_j x J_i) . F where column j moves the row's own.
+"""
+
+from denoc_ros.kernels.compiled import inlined, rows_kernel, shared
+from denoc_ros.kernels.derivative_layout import COLUMN, WRENCH_Q
+from denoc_ros.kernels.derivative_rows import columns_of
+from denoc_ros.kernels.handle import (
+    GOOD,
+    NOT_FINITE,
+    at,
+    beyond,
+    coordinates,
+    elements,
+    model_arrays,
+)
+from denoc_ros.kernels.layout import (
+    AXIS,
+    COORDINATE,
+    JOINT,
+    MODES,
+    OWN,
+    PARENT,
+    REAL,
+    SECTION,
+    SECTION_WORK,
+    WORK,
+    WORLD_POSITION,
+    WORLD_ROTATION,
+)
+from denoc_ros.kernels.layout import COLUMNS as SECTION_COLUMNS
+from denoc_ros.kernels.placement import place_body
+from denoc_ros.kernels.section_columns import geometric_terms
+from denoc_ros.kernels.spatial import (
+    carried,
+    dot_pair,
+    pair,
+    store_strided,
+    strided,
+    twist_about_origin,
+)
+from denoc_ros.kernels.vector import add, all_finite, cross, dot, load, unrotate
+from denoc_ros.kernels.world import place_world, section_place, world_pose
+
+
+@inlined
+def write_path(ints, reals, work, n, i):
+    """Write the columns of all coordinates that move row i, and which of them move each.
+
+    REACH, in the row WRENCH_Q, is the index after the last column that moves a row's own; 0 for a
+    coordinate that does not move row i.
+    """
+    c, length = columns_of(ints)
+    reach = c + length * WRENCH_Q
+    for j in range(n):
+        work[reach + j] = 0.0
+    while i > 0:
+        j = at(ints, i, COORDINATE)
+        if at(ints, i, JOINT) == 1:
+            s = at(ints, i, REAL) + AXIS
+            o = at(ints, i, WORK)
+            x = load(work, o + WORLD_POSITION)
+            turn = o + WORLD_ROTATION
+            column = twist_about_origin(work, turn, x, load(reals, s), load(reals, s + 3))
+            store_strided(work, c + length * COLUMN + j, length, column)
+            work[reach + j] = j + 1
+        p = at(ints, i, PARENT)
+        if at(ints, i, SECTION) > 0:
+            turn = at(ints, p, WORK) + WORLD_ROTATION
+            place = section_place(ints, work, i)
+            j = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+            for k in range(at(ints, p, MODES)):
+                linear, angular = pair(work, at(ints, i, SECTION_WORK) + SECTION_COLUMNS + 6 * k)
+                column = twist_about_origin(work, turn, place, linear, angular)
+                store_strided(work, c + length * COLUMN + j + k, length, column)
+                work[reach + j + k] = j + at(ints, p, MODES)
+        i = p
+
+
+@inlined
+def subtract_geometric(ints, reals, work, n, i, wrench, out):
+    """Subtract what sections that turn, from row i to the base, do to their modal forces."""
+    while i > 0:
+        p = at(ints, i, PARENT)
+        if at(ints, i, SECTION) > 0:
+            m = at(ints, p, MODES)
+            block = at(ints, p, OWN)  # has room for m x m
+            j = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+            turn = at(ints, p, WORK) + WORLD_ROTATION
+            torque = add(wrench[1], cross(wrench[0], section_place(ints, work, i)))
+            f, t = unrotate(work, turn, wrench[0]), unrotate(work, turn, torque)
+            for k in range(m * m):
+                work[block + k] = 0.0
+            geometric_terms(ints, reals, work, i, f, t, block)
+            for k in range(m):
+                for r in range(m):
+                    out[n * (j + k) + j + r] -= work[block + m * k + r]
+        i = p
+
+
+@shared
+def subtract_load(handle, q, i, wrench, out):
+    """Subtract from out (n, n) the derivative by q of the generalized forces of a wrench (6)."""
+    ints, reals, work, _diagonals, bodies = model_arrays(handle)
+    n = coordinates(handle)
+    place_world(ints, reals, work, bodies, q)
+    if i > bodies:
+        place_body(ints, reals, work, q, i)
+        world_pose(ints, work, i)
+    write_path(ints, reals, work, n, i)
+    c, length = columns_of(ints)
+    x = load(work, at(ints, i, WORK) + WORLD_POSITION)
+    force = load(wrench, 0)
+    about = force, add(load(wrench, 3), cross(x, force))
+    for row in range(n):
+        reach = work[c + length * WRENCH_Q + row]
+        if reach == 0.0:
+            continue
+        own = strided(work, c + length * COLUMN + row, length)
+        for j in range(n):
+            if work[c + length * WRENCH_Q + j] == 0.0:
+                continue
+            column = strided(work, c + length * COLUMN + j, length)
+            change = dot(own[1], cross(add(column[0], cross(column[1], x)), force))
+            if j < reach:
+                change += dot_pair(carried(column, own), about)
+            out[n * row + j] -= change
+    subtract_geometric(ints, reals, work, n, i, about, out)
+    return GOOD if all_finite(out, n * n) else NOT_FINITE
+
+
+@rows_kernel(
+    'int64(int64, float64[:, ::1], int64, float64[::1], int64, int64, float64[:, :, ::1])'
+)
+def subtract_load_rows(handle, q, i, wrench, first, last, out):
+    """Subtract the derivative of a wrench on row i for states first .. last - 1 of (k, n)."""
+    n = coordinates(handle)
+    worst = GOOD
+    for k in range(first, last):
+        place = beyond(elements(q), n * k)
+        status = subtract_load(
+            handle, place, i, elements(wrench), beyond(elements(out), n * n * k)
+        )
+        worst = max(worst, status)
+    return worst
