@@ -111,7 +111,7 @@ class DifferentiableModel(ConstrainedModel):
     def _subtract_loads(self, q: Array, wrenches: Wrenches, out: Array) -> None:
         """Subtract from out (n, n) or (k, n, n) the derivative by q of what wrenches do."""
         count = out.shape[0] if out.ndim == 3 else 1
-        rows = np.ascontiguousarray(np.broadcast_to(q, (count, self.n)))
+        rows = np.array(np.broadcast_to(q, (count, self.n)))
         for frame, wrench in wrenches.items():
             inputs = (rows, self._row(frame), as_vector('wrench', wrench, (6,)))
             flat = out.reshape(count, self.n, self.n)
