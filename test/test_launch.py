@@ -177,6 +177,19 @@ def test_the_player_is_called_as_its_command_line_is(monkeypatch: pytest.MonkeyP
     assert set(options.listeners) == {'predictor', 'feedforward'} <= set(processes)
 
 
+@pytest.mark.ros
+@pytest.mark.parametrize('speed', ['0', '-1', 'nan', 'inf', 'fast'])
+def test_the_player_takes_no_speed_that_there_is_not(
+    speed: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from denoc_ros.nodes import player
+
+    with pytest.raises(SystemExit) as caught:
+        player.main(['bag', f'--speed={speed}'])
+    assert caught.value.code == 2
+    assert f"speed must be a number > 0, got '{speed}'" in capsys.readouterr().err
+
+
 def test_a_switch_is_on_or_off() -> None:
     with pytest.raises(RuntimeError, match='viewer'):
         start('bringup', viewer='maybe')

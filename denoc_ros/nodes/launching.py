@@ -238,6 +238,7 @@ def player(bag: str, speed: str, listeners: Sequence[str]) -> Any:
     words = (bag, '--speed', speed, '--listeners', *listeners)
     return Node(
         executable=sys.executable,
+        exec_name='player',
         name='player',
         arguments=['-m', 'denoc_ros.nodes.player', *words],
         output='screen',
