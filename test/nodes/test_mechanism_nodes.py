@@ -93,3 +93,29 @@ def test_the_driven_joints_must_be_named(graph: Any) -> None:
     node.trigger_configure()
     assert node.state != 'inactive'
     assert "parameter 'joints' must name the driven joints" in str(node.failure)
+
+
+def test_joint_states_that_the_mechanism_cannot_have_do_not_hold_the_predictor(
+    graph: Any,
+) -> None:
+    estimates = graph.collect(JointState, '/predictor/modal_state')
+    node = graph.add(PredictorNode, parameters={**COMMON, 'joint_state_timeout': 0.3})
+    states = graph.publisher(JointState, 'joint_states')
+
+    def said(positions: Any) -> bool:
+        states.publish(JointState(name=DRIVEN, position=list(positions)))
+        return False
+
+    graph.until(lambda: said(START) or len(estimates) > 10)
+    for far in (1e4, 1e300):
+        refused = node.joint_input.rejected['out_of_range']
+        graph.until(
+            lambda to=far, before=refused: (
+                said([to, -to]) or node.joint_input.rejected['out_of_range'] > before
+            )
+        )
+    # within reach, but the arms are apart
+    graph.until(lambda: said([2.28, 0.86]) or node._model_failures)
+    count = len(estimates)
+    graph.until(lambda: said(START) or len(estimates) > count + 20)
+    assert node.loop.failure is None
