@@ -19,7 +19,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint bench mechanisms rates soak siege longbag fuzz load watched longload ends readme venv clean
+.PHONY: demo test check browser lint bench mechanisms rates soak siege longbag fuzz load watched requests longload ends readme venv clean
 
 venv: $(STAMP)
 
@@ -92,6 +92,10 @@ load: $(STAMP)
 # three minutes: what the viewer costs the loops of the SSRMS beside it
 watched: $(STAMP)
 	PYTHONPATH=test $(BIN)/python -m bench.viewer_lateness
+
+# twenty minutes: what ten minutes of requests cost a loop of the SSRMS
+requests: $(STAMP)
+	PYTHONPATH=test $(BIN)/python -m bench.request_lateness --minutes 10
 
 # ten minutes, 3 GB on the disk
 longload: $(STAMP)

@@ -1,7 +1,8 @@
 """A bare node: passes messages as one of ours does, at the same rate, and does nothing else.
 
 `python -m bench.bare_node JOURNAL SPEC.json`: SPEC gives `publish` (topic, type, depth, stamped,
-raw: hexadecimal bytes), `listen` (topic, type), `rate` [Hz], `priority`, and for a recorder `bag`.
+raw: hexadecimal bytes), `listen` (topic, type), `rate` [Hz], `priority`, numbers that may be set
+(`parameters`), and for a recorder `bag`.
 Raw subscriptions, EventsExecutor, prebuilt bytes, a loop thread on absolute deadlines, no garbage
 collection; the recorder's MCAP writer in a thread. JOURNAL.ready appears when all are connected.
 """
@@ -135,6 +136,8 @@ def main() -> None:
                 NEWEST,
                 raw=True,
             )
+    for name in spec.get('parameters', ()):
+        node.declare_parameter(name, 0.0)
     talker = Talker(node, spec['publish'])
     executor = EventsExecutor()
     executor.add_node(node)

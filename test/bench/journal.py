@@ -12,7 +12,7 @@ import time
 from array import array
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 from zlib import crc32
 
 import numpy as np
@@ -21,7 +21,7 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes import timing
+from denoc_ros.nodes import process, timing
 from denoc_ros.nodes.timing import Loop
 
 TICKS_KEPT = 1 << 20  # a quarter of an hour at 1000 Hz
@@ -142,6 +142,13 @@ def main() -> None:
     journal = Journal()
     journal.watch()
     sys.argv = sys.argv[2:]
+    leave = process.leave
+
+    def write_and_leave(status: int) -> NoReturn:
+        journal.write(file)
+        leave(status)
+
+    process.leave = write_and_leave  # a node ends at once, without what stands below
     try:
         runpy.run_module(module, run_name='__main__', alter_sys=True)
     finally:
