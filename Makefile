@@ -19,7 +19,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint bench mechanisms rates soak siege longbag fuzz load watched requests longload ends readme venv clean
+.PHONY: demo test check browser lint bench mechanisms rates soak siege longbag fuzz load watched requests bounds longload ends readme venv clean
 
 venv: $(STAMP)
 
@@ -100,6 +100,10 @@ requests: $(STAMP)
 # ten minutes, 3 GB on the disk
 longload: $(STAMP)
 	PYTHONPATH=test $(BIN)/python -m bench.recorder_load --seconds 600
+
+# a quarter of an hour: all tests of the dynamics with kernels that check every offset
+bounds: $(STAMP)
+	DENOC_CHECK_BOUNDS=1 $(BIN)/pytest test/dynamics
 
 # a quarter of an hour: thousands of spoiled robots and recordings
 fuzz: $(STAMP)

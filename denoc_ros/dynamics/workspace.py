@@ -44,6 +44,9 @@ class Workspace:
         record[handle.DIAGONALS_ADDRESS] = self._diagonals.ctypes.data
         record[handle.COORDINATES] = lowered.n
         record[handle.BODIES] = lowered.bodies
+        record[handle.INTS_LENGTH] = lowered.ints.size
+        record[handle.REALS_LENGTH] = reals.size
+        record[handle.WORK_LENGTH] = self.work.size
         record[handle.ARRAY_TYPE] = ARRAY_TYPE
         record[handle.ELEMENT_TYPE] = id(FLOAT64)
         self._record = record

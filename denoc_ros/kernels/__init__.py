@@ -3,6 +3,10 @@
 The compiled code is cached in a folder named by the kernels' own source, so that an edit of one
 file never meets stale code of another (numba looks at the file of the called function only).
 `NUMBA_CACHE_DIR` moves the cache; a read-only home falls back to the temporary folder.
+
+With `DENOC_CHECK_BOUNDS=1` every offset is compared with its array's length before an element is
+read or written, and IndexError names the function that strays. That is slow, has a cache of its
+own, and is for tests.
 """
 
 from __future__ import annotations
@@ -18,6 +22,10 @@ from llvmlite.binding import get_host_cpu_name
 
 # what these say changes no compiled code
 WITHOUT_KERNELS = ('__init__.py', 'cache.py', 'compiling.py')
+
+CHECKED = os.environ.get('DENOC_CHECK_BOUNDS', '0') not in ('', '0')
+if CHECKED:
+    os.environ.setdefault('NUMBA_OPT', '0')  # optimizing all the checks takes minutes
 
 
 def _digest() -> str:
@@ -48,7 +56,7 @@ def cache_folder() -> Path:
     candidates = [Path(named)] if named else []
     candidates += [Path(home) / 'denoc_ros', Path(tempfile.gettempdir()) / user]
     for candidate in candidates:
-        folder = candidate / f'kernels-{_digest()}'
+        folder = candidate / f'{"checked" if CHECKED else "kernels"}-{_digest()}'
         if _writable(folder):
             return folder
     return candidates[-1]

@@ -14,7 +14,8 @@ from numba import types
 from numba.extending import NativeValue, intrinsic, models, register_model, unbox
 
 from denoc_ros.kernels.compiled import inlined
-from denoc_ros.kernels.handle import ARRAY_TYPE, ELEMENT_TYPE, pointer, record_of
+from denoc_ros.kernels.handle import ARRAY_TYPE, ELEMENT_TYPE, record_of
+from denoc_ros.kernels.pointers import pointer, span
 
 # where things stand in an array object [bytes], of a 64-bit CPython and its numpy
 TYPE = 8
@@ -88,9 +89,18 @@ def is_matrix(handle, array, n, flags):
 
 
 @inlined
+def element_count(array):
+    """Return the number of elements of an array object of one or two dimensions."""
+    if pointer(address_of(array) + DIMENSIONS, np.int32)[0] == 2:
+        return length(array, 0) * length(array, 1)
+    return length(array, 0)
+
+
+@inlined
 def content(array):
     """Return a pointer to the elements of an array object."""
-    return pointer(pointer(address_of(array) + DATA, np.int64)[0], np.float64)
+    start = pointer(address_of(array) + DATA, np.int64)[0]
+    return span(start, element_count(array), np.float64)
 
 
 def _words(array: np.ndarray) -> tuple[int, ...]:

@@ -7,12 +7,14 @@ from typing import Any
 
 from numba import njit
 
+from denoc_ros.kernels import CHECKED
 from denoc_ros.kernels.cache import keep_by_name
 from denoc_ros.kernels.compiling import compile_in_turn
 
 keep_by_name()
 
 _OPTIONS = {
+    'boundscheck': CHECKED or None,
     'cache': True,
     'error_model': 'numpy',
     'fastmath': {'contract', 'nsz', 'reassoc'},
@@ -20,9 +22,10 @@ _OPTIONS = {
 # every kernel that Python calls, and the one signature it is compiled for
 DECLARED: dict[Any, Any] = {}
 
-inlined = njit(forceinline=True, **_OPTIONS)
+# checks within one large function would take the compiler minutes
+inlined = njit(forceinline=not CHECKED, **_OPTIONS)
 # its sums are done in the order in which they are written
-ordered = njit(forceinline=True, **{**_OPTIONS, 'fastmath': {'contract', 'nsz'}})
+ordered = njit(forceinline=not CHECKED, **{**_OPTIONS, 'fastmath': {'contract', 'nsz'}})
 # the whole of an algorithm, which more than one kernel calls
 shared = njit(**_OPTIONS)
 

@@ -6,11 +6,12 @@ names are kept alive by who made it.
 """
 
 import numpy as np
-from numba import types
-from numba.extending import intrinsic
 
 from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.layout import INTS
+from denoc_ros.kernels.pointers import beyond, part, pointer, span
+
+__all__ = ['beyond', 'pointer']  # kernels import what they need of pointers from here
 
 # elements of the record
 INTS_ADDRESS = 0
@@ -21,7 +22,10 @@ COORDINATES = 4
 BODIES = 5
 ARRAY_TYPE = 6  # addresses of numpy's array type and of its float64 (see array_object)
 ELEMENT_TYPE = 7
-RECORD = 8
+INTS_LENGTH = 8  # numbers of elements, for pointers that check offsets (see pointers)
+REALS_LENGTH = 9
+WORK_LENGTH = 10
+RECORD = 11
 
 # rows of the (8, n) array of diagonals and scratch
 STIFFNESS = 0
@@ -41,37 +45,16 @@ SINGULAR = 2
 MISFIT = 3
 
 
-@intrinsic
-def pointer(_typing, address, dtype):
-    """Return an address as a pointer to numbers of a type."""
-    kind = types.CPointer(dtype.dtype)
-
-    def generate(context, builder, _signature, args):
-        return builder.inttoptr(args[0], context.get_value_type(kind))
-
-    return kind(address, dtype), generate
-
-
-@intrinsic
-def beyond(_typing, start, count):
-    """Return the pointer to what stands `count` elements after the start of another."""
-
-    def generate(_context, builder, _signature, args):
-        return builder.gep(args[0], [args[1]])
-
-    return start(start, count), generate
-
-
 @inlined
 def elements(array):
     """Return a pointer to the elements of a C-contiguous float64 array."""
-    return pointer(array.ctypes.data, np.float64)
+    return span(array.ctypes.data, array.size, np.float64)
 
 
 @inlined
 def record_of(handle):
     """Return the record of a model."""
-    return pointer(handle, np.int64)
+    return span(handle, RECORD, np.int64)
 
 
 @inlined
@@ -85,20 +68,20 @@ def model_arrays(handle):
     """Return ints, reals, work, the rows of the diagonals and the number of bodies of a model."""
     record = record_of(handle)
     n = record[COORDINATES]
-    rows = pointer(record[DIAGONALS_ADDRESS], np.float64)
+    rows = span(record[DIAGONALS_ADDRESS], DIAGONALS * n, np.float64)
     return (
-        pointer(record[INTS_ADDRESS], np.uint32),
-        pointer(record[REALS_ADDRESS], np.float64),
-        pointer(record[WORK_ADDRESS], np.float64),
+        span(record[INTS_ADDRESS], record[INTS_LENGTH], np.uint32),
+        span(record[REALS_ADDRESS], record[REALS_LENGTH], np.float64),
+        span(record[WORK_ADDRESS], record[WORK_LENGTH], np.float64),
         (
-            beyond(rows, STIFFNESS * n),
-            beyond(rows, DAMPING * n),
-            beyond(rows, FRICTION * n),
-            beyond(rows, ARMATURE * n),
-            beyond(rows, ZERO * n),
-            beyond(rows, SCRATCH * n),
-            beyond(rows, SINE * n),
-            beyond(rows, COSINE * n),
+            part(rows, STIFFNESS * n, n),
+            part(rows, DAMPING * n, n),
+            part(rows, FRICTION * n, n),
+            part(rows, ARMATURE * n, n),
+            part(rows, ZERO * n, n),
+            part(rows, SCRATCH * n, n),
+            part(rows, SINE * n, n),
+            part(rows, COSINE * n, n),
         ),
         record[BODIES],
     )

@@ -1,0 +1,97 @@
+"""With DENOC_CHECK_BOUNDS=1 every offset of a kernel is compared with its array's length."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from strategies import random_state, seeded_robot
+
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.workspace import Workspace
+from denoc_ros.kernels import CHECKED, cache_folder, handle
+from denoc_ros.kernels.layout import BEAM_WORK, COORDINATE, WORK
+
+checked = pytest.mark.skipif(not CHECKED, reason='in the mode that checks offsets')
+SHORT = ('-k', 'not loops and not mechanisms')
+TIMEOUT = 550.0  # s, with kernels to compile on a loaded machine
+HERE = Path(__file__).parent
+
+
+def spoiled(column: int, value: int) -> tuple[Robot, Workspace]:
+    """Return a robot, and a workspace in which the last body's offset is another."""
+    robot = load_robot(seeded_robot(3, 6))
+    robot.lowered.ints.setflags(write=True)
+    last = int(robot.lowered.bodies)
+    robot.lowered.ints[last, column] = value
+    return robot, robot.new_workspace()
+
+
+def inverse(robot: Robot) -> None:
+    state = random_state(robot.coordinate_names, 1)
+    robot.inverse_dynamics(state.q, state.qd, state.qdd)
+
+
+@checked
+@pytest.mark.parametrize(
+    ('column', 'value'),
+    [(WORK, 10**6), (WORK, 2**32 - 40), (BEAM_WORK, 10**6), (COORDINATE, 10**5)],
+)
+def test_a_planted_offset_is_found_out(column: int, value: int) -> None:
+    robot, workspace = spoiled(column, value)
+    robot._use(workspace)
+    with pytest.raises(
+        IndexError, match=r'^denoc_ros\.kernels\.\w+\.\w+: offset must lie within its array of'
+    ):
+        inverse(robot)
+    inverse(load_robot(seeded_robot(3, 6)))
+
+
+@checked
+@pytest.mark.parametrize('element', ['INTS_LENGTH', 'REALS_LENGTH', 'WORK_LENGTH'])
+def test_an_array_that_is_too_short_is_found_out(element: str) -> None:
+    robot = load_robot(seeded_robot(3, 6))
+    robot._workspace._record[getattr(handle, element)] = 30
+    with pytest.raises(IndexError, match='offset must lie within its array'):
+        inverse(robot)
+
+
+@checked
+def test_an_output_that_is_too_short_is_found_out() -> None:
+    """Kernels over rows trust who calls them to give arrays of the same rows."""
+    from denoc_ros.kernels.inverse import inverse_dynamics_rows
+
+    robot = load_robot(seeded_robot(3, 6))
+    inverse(robot)
+    rows, short = np.zeros((3, robot.n)), np.zeros((2, robot.n))
+    robot.inverse_dynamics(rows, rows, rows)  # compiles it
+    with pytest.raises(IndexError, match='offset must lie within its array of float64'):
+        inverse_dynamics_rows(robot.handle, rows, rows, rows, 0, 3, short)
+
+
+@pytest.mark.skipif(CHECKED, reason='this is that mode')
+def test_dynamics_stay_within_their_arrays() -> None:
+    """The canaries' tests and those above, in a process that checks every offset.
+
+    Without the kernels of loops, which take minutes to compile: `make bounds` has them.
+    """
+    files = [str(HERE / name) for name in ('test_bounds.py', 'test_canaries.py')]
+    done = subprocess.run(
+        [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', *files, *SHORT],
+        env={**os.environ, 'DENOC_CHECK_BOUNDS': '1'},
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        cwd=HERE.parent.parent,
+    )
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert ' passed, 1 skipped' in done.stdout
+
+
+def test_each_mode_has_a_cache_of_its_own() -> None:
+    prefix = 'checked-' if CHECKED else 'kernels-'
+    assert cache_folder().name.startswith(prefix)
