@@ -11,6 +11,7 @@ from denoc_ros.errors import ConfigError
 Value = TypeVar('Value')
 
 EARTH = (0.0, 0.0, -9.81)
+FORMATS = ('.mcap', '.db3', '.csv', '.tsv', '.txt', '.dat', '.mat', '.json')
 
 
 def add_gravity(
@@ -45,6 +46,25 @@ def add_stamp(parser: Any) -> None:
         default='header',
         help="a bag's times: header stamps (default) or when it was recorded",
     )
+
+
+def recording_name(path: Path) -> str:
+    """Return what a recording is called: its name without the suffix of its format.
+
+    A dot in the name of a folder is no suffix: `run_0.55s` is not `run_0`.
+    """
+    name = path.resolve().name
+    return next((name[: -len(end)] for end in FORMATS if name.lower().endswith(end)), name)
+
+
+def unused(path: Path) -> Path:
+    """Return a path at which nothing is yet: itself, or with _2, _3, … before its suffix."""
+    end = path.suffix if path.suffix in ('.html', '.mcap') else ''
+    start, number, free = path.name[: len(path.name) - len(end)], 2, path
+    while free.exists():
+        free = path.with_name(f'{start}_{number}{end}')
+        number += 1
+    return free
 
 
 def given_file(path: str, whose: str) -> Path:

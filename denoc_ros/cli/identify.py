@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 from typing import Any
 
 # which module has an action
@@ -37,4 +38,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the action and return the exit status; errors are raised."""
+    # thousands of small solutions: threads wait for each other, on a busy machine for most of the
+    # time; read when numpy is first imported
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     return int(args.act(args))

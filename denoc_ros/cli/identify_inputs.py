@@ -42,7 +42,13 @@ def add_channel_options(parser: argparse.ArgumentParser, window: bool = True) ->
         help='of a JointState; default: position',
     )
     add_stamp(group)
-    group.add_argument('--time', metavar='COLUMN', default='', help="a table's times [s]")
+    group.add_argument('--time', metavar='COLUMN', default='', help="a table's times")
+    group.add_argument(
+        '--time-unit',
+        choices=('s', 'ms', 'us', 'ns'),
+        default='',
+        help="of a table's times; default: what the column's name says (time_ms, t [us]), else s",
+    )
     group.add_argument(
         '--rate', metavar='HZ', type=float, default=0.0, help='of a table without times'
     )
@@ -56,6 +62,35 @@ def add_channel_options(parser: argparse.ArgumentParser, window: bool = True) ->
         group.add_argument(
             '--end', metavar='S', type=float, default=math.inf, help='since the first sample [s]'
         )
+
+
+def add_verdict_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that say which modes the verdict is of."""
+    group = parser.add_argument_group('the verdict (default: that of the strongest mode)')
+    group.add_argument(
+        '--band', metavar='LO:HI', default='', help='of all modes between two frequencies [Hz]'
+    )
+    group.add_argument(
+        '--modes', metavar='K', type=int, help='of the K strongest modes, in the band or at all'
+    )
+
+
+def asked_of(args: argparse.Namespace) -> tuple[tuple[float, float], int | None]:
+    """Return band [Hz] and number of the modes that are asked for; ConfigError with findings."""
+    findings, band = [], (0.0, math.inf)
+    if args.band:
+        try:
+            low, high = (float(end) if end else None for end in args.band.split(':'))
+            band = (low or 0.0, math.inf if high is None else high)
+        except ValueError:
+            findings.append(f'--band must be LO:HI in Hz, got {args.band!r}')
+        if not 0.0 <= band[0] < band[1]:
+            findings.append(f'--band must have 0 <= LO < HI, got {args.band}')
+    if args.modes is not None and args.modes < 1:
+        findings.append(f'--modes must be at least 1, got {args.modes}')
+    if findings:
+        raise ConfigError('identify', findings)
+    return band, args.modes
 
 
 def channel_of(args: argparse.Namespace) -> Channel:
@@ -82,6 +117,7 @@ def channel_of(args: argparse.Namespace) -> Channel:
         quantity=args.quantity,
         stamp=args.stamp,
         time=args.time,
+        time_unit=args.time_unit,
         rate=args.rate,
         gain=args.gain,
         offset=args.offset,

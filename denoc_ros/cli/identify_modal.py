@@ -13,6 +13,8 @@ from denoc_ros.cli.batch import Crew, add_crew_options, crew_of
 from denoc_ros.cli.identify_inputs import (
     add_channel_options,
     add_robot_options,
+    add_verdict_options,
+    asked_of,
     attached_robot,
     channel_of,
     joint_values,
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
 
 Document = dict[str, Any]
 
-RECORDINGS = ('.mcap', '.db3', '.csv', '.mat', '.json')
+RECORDINGS = ('.mcap', '.db3', '.csv', '.tsv', '.dat', '.mat', '.json')
 
 
 def add_actions(actions: Any) -> None:
@@ -53,13 +55,14 @@ def add_actions(actions: Any) -> None:
     )
     parser.add_argument('--json', action='store_true', help='print JSON for machines')
     add_channel_options(parser)
+    add_verdict_options(parser)
     add_robot_options(parser)
     add_crew_options(parser)
     parser.set_defaults(act=run_modal)
 
 
 def run_modal(args: argparse.Namespace) -> int:
-    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
+    """Identify; exit status of the modes asked for: 0 good, 2 doubtful, 3 not identifiable."""
     paths, crew = recordings(args.paths), crew_of(args)
     if len(paths) > 1 or str(paths[0]) not in args.paths or crew != Crew():
         from denoc_ros.cli.identify_folder import run_folder
@@ -105,18 +108,26 @@ def identify(args: argparse.Namespace, path: Path) -> tuple[Document, DecayAnaly
     from denoc_ros.cli.versions import versions
     from denoc_ros.identification.analysis import analyse_decay
     from denoc_ros.identification.channel import read_record
+    from denoc_ros.identification.modes import strongest
     from denoc_ros.identification.result import modal_result
+    from denoc_ros.identification.windows import standing_spans
 
-    channel = channel_of(args)
+    channel, (band, count) = channel_of(args), asked_of(args)
     reading = read_record(path, channel)
     given = channel.begin > 0.0 or math.isfinite(channel.end)
-    analysis = analyse_decay(reading.record, given)
+    held = args.joints == 'held'
+    analysis = analyse_decay(reading.record, given, standing_spans(reading) if held else ())
     coefficients, model = _of_model(args, reading, analysis)
-    return modal_result(reading, analysis, coefficients, versions(), model), analysis
+    modes = analysis.modes
+    asked = strongest(modes.frequency, modes.energy, band, count)
+    document = modal_result(reading, analysis, coefficients, versions(), model, asked)
+    return document, analysis
 
 
 def as_text(document: Mapping[str, Any]) -> str:
     """Return a result's lines for a terminal."""
+    from denoc_ros.cli.identify_outputs import interval_text, verdict_text
+
     source, window, quality = document['source'], document['window'], document['quality']
     signal = ' '.join(filter(None, (source['topic'], source['field'], source['quantity'])))
     lines = [
@@ -128,7 +139,7 @@ def as_text(document: Mapping[str, Any]) -> str:
         {
             'f [Hz]': mode['frequency_hz'],
             'zeta': mode['damping_ratio'],
-            '95 %': '{:.4g} … {:.4g}'.format(*mode['interval']),
+            '95 %': interval_text(mode['interval']).removeprefix('95 %: '),
             'bound': f'{100.0 * mode["bound"]:.2g} %' if mode['bound'] is not None else '-',
             'SNR [dB]': mode['snr_db'],
             'verdict': mode['verdict'],
@@ -155,7 +166,7 @@ def as_text(document: Mapping[str, Any]) -> str:
     lines += [f'  {remark}' for remark in document['remarks']]
     if note := document.get('model', {}).get('left_out'):
         lines.append(f'  coefficients left out: {note}')
-    return '\n'.join([*lines, f'verdict: {document["verdict"]}'])
+    return '\n'.join([*lines, verdict_text(document)])
 
 
 def _check_text(check: Mapping[str, Any]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 from denoc_ros.cli.pages import Card, Page, Section, Table, Tone, Verdict
 from denoc_ros.cli.provenance import provenance
 from denoc_ros.cli.text_table import cell_text
-from denoc_ros.identification.result import exit_status, write_result
+from denoc_ros.identification.result import RESULT_FILE, exit_status, write_result
 
 TONES: Mapping[str, Tone] = {'good': 'good', 'doubtful': 'doubtful', 'not identifiable': 'bad'}
 SHOWN = 4  # modes on cards
@@ -64,6 +65,10 @@ def give_result(
 ) -> int:
     """Write a result and its page where they are wanted, print it, return its exit status."""
     if args.output:
+        if (args.output / RESULT_FILE).exists():
+            print(
+                f'denoc identify: {args.output}: the earlier result is replaced', file=sys.stderr
+            )
         write_result(args.output, document)
         (args.output / 'report.html').write_text(page().html(), encoding='utf-8')
     print(json.dumps(document, indent=2) if args.json else text)
@@ -87,6 +92,14 @@ def interval_text(interval: Sequence[float | None]) -> str:
         return '95 %: not determined'
     low, high = interval
     return f'95 %: {low:.4g} … {high:.4g}'
+
+
+def verdict_text(document: Mapping[str, Any]) -> str:
+    """Return the verdict on a result of modes, and which of several modes it is of."""
+    asked = [f'{mode["frequency_hz"]:.4g}' for mode in document['modes'] if mode['asked']]
+    of = f' (of {", ".join(asked)} Hz)' if len(document['modes']) > len(asked) > 0 else ''
+    none = ' (no mode asked for was found)' if document['modes'] and not asked else ''
+    return f'verdict: {document["verdict"]}{of}{none}'
 
 
 def modes_found(document: Mapping[str, Any]) -> str:

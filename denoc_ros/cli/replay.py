@@ -8,7 +8,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.arguments import EARTH, add_gravity, add_stamp, named_values, require
+from denoc_ros.cli.arguments import (
+    EARTH,
+    add_gravity,
+    add_stamp,
+    named_values,
+    recording_name,
+    require,
+    unused,
+)
 from denoc_ros.cli.overrides import add_overrides, overrides_of
 from denoc_ros.cli.text_table import Row, text_table
 from denoc_ros.errors import BagError
@@ -113,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
     )
     bag = find_bag(args.bag)
     output = args.output or _default_output(args.bag, bag)
-    report = args.report or output.with_suffix('.html')
+    report = args.report or unused(output.with_name(f'{recording_name(output)}.html'))
     if not args.no_output and output.exists():
         raise BagError(f'{output}: output must not exist yet, got an existing one')
     robot = _robot(args, bag, read_session(args.bag))
@@ -122,12 +130,13 @@ def run(args: argparse.Namespace) -> int:
     summary = {'output': None if args.no_output else str(output), **summarize(replay)}
     sources = {'bag': named_file(bag), 'robot': named_text(_robot_name(args), robot.tree.source)}
     shown = page(replay, summary, robot, provenance(args.command, sources))
+    replaced = ' (replaced)' if report.exists() else ''
     report.write_text(shown.html(), encoding='utf-8')
     if args.json:
         print(json.dumps({**summary, 'report': str(report)}, indent=2, allow_nan=False))
     else:
         print('\n'.join(lines(replay, summary)))
-        print(f'report  {report}')
+        print(f'report  {report}{replaced}')
     return DOUBTFUL if summary['doubts'] else 0
 
 
@@ -136,7 +145,7 @@ def _robot_name(args: argparse.Namespace) -> str:
 
 
 def _default_output(run: Path, bag: Path) -> Path:
-    return Path(f'{run.resolve().stem}_replay') if run == bag else run / 'replay'
+    return Path(f'{recording_name(run)}_replay') if run == bag else run / 'replay'
 
 
 def _renames(texts: list[str]) -> dict[str, str]:

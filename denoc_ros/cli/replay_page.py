@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from denoc_ros.cli.arguments import recording_name
 from denoc_ros.cli.figures import (
     DIFFERENCE_COLOUR,
     PHASE_COLOURS,
@@ -49,7 +50,7 @@ def page(replay: Replay, summary: Summary, robot: Robot, provenance: Mapping[str
     units = Units.of(robot.tree)
     path = replay.plan.source.path
     return Page(
-        title=f'Replay of {path.resolve().stem}',
+        title=f'Replay of {recording_name(path)}',
         subtitle=f'{path.name} · {robot.tree.name} · {replay.duration:.4g} s · '
         f'{summary["derivative"]}, {summary["cutoff_hz"]:.3g} Hz',
         verdict=_verdict(summary),

@@ -10,7 +10,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.arguments import EARTH
+from denoc_ros.cli.arguments import EARTH, recording_name, unused
 from denoc_ros.errors import BagError, DenocError
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def default_output(run_path: Path) -> Path:
     """Return where the page goes when nothing is said."""
     if (run_path / BAG_FOLDER).is_dir():
         return run_path / 'report.html'
-    return Path(f'{run_path.resolve().stem}.html')
+    return unused(Path(f'{recording_name(run_path)}.html'))
 
 
 def make_report(run_path: Path, command: str = '') -> tuple[str, dict[str, Any]]:
@@ -195,7 +195,7 @@ def _page(found: _Found, command: str) -> Page:
     units = sections.Units.of(found.robot.tree if found.robot else None)
     simulated = found.simulated
     return Page(
-        title=found.session.get('name') or found.recording.path.resolve().stem,
+        title=found.session.get('name') or recording_name(found.recording.path),
         subtitle=' · '.join(_subtitle(found)),
         verdict=balance.verdict(simulated, sections.said(phases, units))
         if simulated

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,6 +40,12 @@ def add_parser(subparsers: Any) -> None:
         '--report', metavar='FILE', type=Path, help='also write the HTML page of the run'
     )
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
+    parser.add_argument(
+        '--smooth',
+        metavar='HZ',
+        type=float,
+        help='take motion faster than that out of points of the scenario, such as rounding',
+    )
     varied = parser.add_argument_group('many runs, with the model varied')
     varied.add_argument(
         '--vary',
@@ -66,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         return run_varied(args)
     if args.output.exists():
         raise BagError(f'{args.output}: output must not exist yet, got an existing one')
-    robot, scenario, description = load(args.robot, args.scenario)
+    robot, scenario, description = load(args.robot, args.scenario, args.smooth)
     result = scenario.run(robot, progress=not args.json)
     session = session_of(args, robot, scenario, result)
     with tqdm(total=len(result.t), disable=True if args.json else None, leave=False) as bar:
@@ -108,13 +115,16 @@ def session_of(
     }
 
 
-def load(robot: str, scenario: str) -> tuple[Robot, Scenario, str]:
+def load(robot: str, scenario: str, smooth: float | None = None) -> tuple[Robot, Scenario, str]:
     """Return the robot as the scenario wants it, the scenario, and the robot's URDF text.
 
     Parameters
     ----------
     robot, scenario : str
         Paths; ones that are not here are looked for where the package is installed.
+    smooth : float, optional
+        What is faster is taken out of the scenario's points [Hz]; without it, points whose
+        accelerations are mostly rounding are warned of.
 
     Raises
     ------
@@ -124,9 +134,21 @@ def load(robot: str, scenario: str) -> tuple[Robot, Scenario, str]:
     from denoc_ros.cli.config import read_yaml
 
     robot_file, scenario_file = given_file(robot, 'robot'), given_file(scenario, 'scenario')
-    values = read_yaml(scenario_file)
+    values = _smooth_enough(read_yaml(scenario_file), smooth)
     loaded, made = prepare(robot_file, values, str(scenario_file))
     return loaded, made, robot_file.read_text(encoding='utf-8')
+
+
+def _smooth_enough(values: Mapping[str, Any], smooth: float | None) -> Mapping[str, Any]:
+    from denoc_ros.cli.setpoints import rounded_setpoints, smoothed
+
+    if smooth is None:
+        for warning in rounded_setpoints(values):
+            print(f'denoc simulate: warning: {warning}', file=sys.stderr)
+        return values
+    if not 0.0 < smooth < float('inf'):
+        raise ConfigError('--smooth', [f'the frequency must be > 0 Hz, got {smooth}'])
+    return smoothed(values, smooth)
 
 
 def prepare(

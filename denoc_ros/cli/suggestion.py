@@ -173,7 +173,7 @@ def _beam(beam: BeamSuggestion) -> Row:
     }
 
 
-COLUMNS = ('link', 'length_m', 'ei_y', 'ei_z', 'ei_low', 'ei_high', 'gj', 'modes', 'first_hz')
+COLUMNS = ('link', 'length_m', 'ei_y', 'ei_z', 'ei_low', 'ei_high', 'gj', 'modes')
 
 
 def _as_text(row: Row) -> str:
@@ -188,14 +188,20 @@ def _as_text(row: Row) -> str:
         f'{material["density"]:.4g} kg/m^3; {material["source"]})'
     ]
     if proposed:
-        parts.append('beams\n' + text_table([{k: b[k] for k in COLUMNS} for b in proposed]))
+        rows = [
+            {**{k: b[k] for k in COLUMNS}, 'alone_hz': f'~{b["first_hz"]:.2g}'} for b in proposed
+        ]
+        parts.append('beams\n' + text_table(rows))
         parts.append('\n'.join(_explained(beam) for beam in proposed))
     rigid = [{'link': b['link'], 'why': b['reason']} for b in row['beams'] if not b['proposed']]
     if rigid or row['refused']:
         parts.append('left rigid\n' + text_table(rigid + row['refused']))
     if row['natural_frequencies_hz']:
         listed = '  '.join(cell_text(value) for value in row['natural_frequencies_hz'])
-        parts.append(f'natural frequencies [Hz], joints held at zero\n  {listed}')
+        parts.append(
+            'natural frequencies [Hz] of the robot as proposed, joints held at zero (alone_hz: '
+            f'roughly, one beam with a mass at its tip)\n  {listed}'
+        )
     if proposed:
         ratio = proposed[0]['damping_ratio']
         parts.append(f'damping ratio {ratio:g} is assumed, between {material["damping_ratio"]}')

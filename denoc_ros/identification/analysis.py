@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.decrement import Convention, log_decrement
+from denoc_ros.identification.clock import doubtful_rate
+from denoc_ros.identification.decrement import Convention, Decrement, log_decrement
 from denoc_ros.identification.fit import fit_modes
-from denoc_ros.identification.modes import Modes
+from denoc_ros.identification.modes import DOUBTFUL, GOOD, Modes
 from denoc_ros.identification.quality import Quality, assess
 from denoc_ros.identification.records import Floats, Record
-from denoc_ros.identification.segments import find_segments
 from denoc_ros.identification.spectra import Method, SpectralDecay, evolving_spectra
+from denoc_ros.identification.windows import Span, decay_window, moving_until
 
 CONVENTIONS: tuple[Convention, ...] = ('exact', 'book')
 CLEAR = 5.0  # standard deviations of the noise: lower crests are not counted
@@ -48,7 +50,7 @@ class DecayAnalysis:
     record : Record
         The part that was fitted.
     window_by : str
-        Who chose it: `given`, `found` or `whole record`.
+        Who chose it: `given`, `found`, `found where the joints stand` or `whole record`.
     quality : Quality
         Of that part.
     modes : Modes
@@ -66,7 +68,9 @@ class DecayAnalysis:
     checks: tuple[tuple[Check, ...], ...]
 
 
-def analyse_decay(record: Record, given: bool = False) -> DecayAnalysis:
+def analyse_decay(
+    record: Record, given: bool = False, standing: Sequence[Span] = ()
+) -> DecayAnalysis:
     """Return the modes of a record of a free decay, and what other methods say of them.
 
     Parameters
@@ -74,14 +78,24 @@ def analyse_decay(record: Record, given: bool = False) -> DecayAnalysis:
     record : Record
     given : bool
         Whether the record is the decay; else the longest free decay in it is looked for.
+    standing : sequence of (float, float)
+        From when to when the joints stand [s], where that is known: the decay is looked for
+        there, and a given window that they move in is doubted.
 
     Raises
     ------
     IdentificationError
         As `fit_modes`.
     """
-    record, window_by = (record, 'given') if given else _longest_decay(record)
+    if given:
+        window_by = 'given'
+    else:
+        record, window_by = decay_window(record, standing)
     modes = fit_modes(record)
+    if moves := moving_until(record, standing):
+        modes = _doubted(modes, f'joints move until {moves:.4g} s, in the window')
+    if doubt := doubtful_rate(record):
+        modes = _doubted(modes, doubt)
     spectra = _spectra(record, modes, 'weighted')
     checks = tuple(
         (
@@ -127,15 +141,13 @@ def residual_spectrum(analysis: DecayAnalysis) -> tuple[Floats, Floats, Floats]:
     return frequency, amplitudes[0], amplitudes[1]
 
 
-def _longest_decay(record: Record) -> tuple[Record, str]:
-    """Return the free decay that says most, with the rest that follows, and how it was chosen."""
-    segments = find_segments(record)
-    decays = [segment for segment in segments if segment.kind == 'decay']
-    if not decays:
-        return record, 'whole record'
-    chosen = max(decays, key=lambda segment: segment.amplitude * (segment.stop - segment.start))
-    later = [s.start for s in segments if s.kind != 'rest' and s.start >= chosen.stop]
-    return record.part(chosen.start, min([float(record.t[-1]), *later])), 'found'
+def _doubted(modes: Modes, reason: str) -> Modes:
+    """Return modes of which none is good any more, for a reason."""
+    return replace(
+        modes,
+        verdict=tuple(DOUBTFUL if word == GOOD else word for word in modes.verdict),
+        reasons=tuple((*reasons, reason) for reasons in modes.reasons),
+    )
 
 
 def _spectra(record: Record, modes: Modes, method: Method) -> tuple[SpectralDecay, ...]:
@@ -168,18 +180,25 @@ def _decrement_check(record: Record, modes: Modes, k: int, convention: Conventio
     rate = 2.0 * np.pi * modes.frequency[k] * modes.damping_ratio[k]
     above = np.log(max(modes.amplitude[k] / (CLEAR * modes.noise), 1.0)) if modes.noise else np.inf
     stop = modes.start + above / rate if rate > 0.0 else modes.stop
+    damped = modes.frequency[k] * np.sqrt(max(1.0 - modes.damping_ratio[k] ** 2, 0.01))
     try:
-        found = log_decrement(own.part(modes.start, stop), convention)
+        found = log_decrement(own.part(modes.start, stop), convention, damped)
     except IdentificationError as error:
         return Check(method, None, None, str(error).removeprefix(f'{record.name}: '))
-    reason = ''
-    low, high = modes.interval[k]
-    if not low <= found.damping_ratio <= high:
-        curve = modes.curves[k]
-        if curve is not None and curve.dependent:
-            reason = 'outside the interval: it weighs small amplitudes as much as large ones'
-        elif convention == 'book':
-            reason = 'outside the interval: two crests alone, and the formula for small damping'
-        else:
-            reason = 'outside the interval: lines and noise that the fit leaves move its crests'
+    reason = _difference(modes, k, found)
     return Check(method, float(found.frequency), float(found.damping_ratio), reason)
+
+
+def _difference(modes: Modes, k: int, found: Decrement) -> str:
+    """Return why a log decrement is outside the interval of a mode; '' where it is not."""
+    low, high = modes.interval[k]
+    if low <= found.damping_ratio <= high:
+        return ''
+    if found.interval[0] <= high and found.interval[1] >= low:
+        return 'outside the interval, which meets that of its own crests'
+    curve = modes.curves[k]
+    if curve is not None and curve.dependent:
+        return 'outside the interval: it weighs small amplitudes as much as large ones'
+    if found.convention == 'book':
+        return 'outside the interval: two crests alone, and the formula for small damping'
+    return f'outside the interval: {found.height.size} half cycles against the whole record'

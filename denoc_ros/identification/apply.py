@@ -48,7 +48,7 @@ def modal_overrides(
     if not modes:
         raise IdentificationError(
             f'{robot.tree.name}: results must have a mode whose verdict is '
-            f'{" or ".join(wanted)}, got none'
+            f'{" or ".join(wanted)}, got {_left_out(results, doubtful)}'
         )
     assigned = assign_damping(
         robot,
@@ -103,6 +103,14 @@ def configuration(robot: Robot, joints: Mapping[str, float]) -> np.ndarray[Any, 
             f'got {", ".join(unknown)}'
         )
     return robot.static_deflection([joints.get(name, 0.0) for name in robot.joint_names])
+
+
+def _left_out(results: Sequence[Mapping[str, Any]], doubtful: bool) -> str:
+    """Return what verdicts the modes have that do not count, and what would take them."""
+    verdicts = [mode['verdict'] for one in results for mode in one['modes']]
+    if 'doubtful' in verdicts and not doubtful:
+        return f'{verdicts.count("doubtful")} doubtful: --doubtful takes them'
+    return ', '.join(f'{verdicts.count(one)} {one}' for one in sorted(set(verdicts))) or 'none'
 
 
 def _without_repeats(modes: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:

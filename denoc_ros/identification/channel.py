@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from denoc_ros.bags.reader import Stamp, bag_topics, read_bag
 from denoc_ros.bags.series import Stamps, elapsed, read_arrays, read_joint_states
 from denoc_ros.errors import BagError
+from denoc_ros.identification.clock import TIME_NAMES, UNITS, is_time, unit_in
 from denoc_ros.identification.records import Record
 from denoc_ros.identification.tables import READERS, read_table
 
@@ -22,7 +23,8 @@ Floats = NDArray[np.float64]
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
 QUANTITIES = ('position', 'velocity', 'effort')
-TIME_NAMES = ('time', 't', 'timestamp', 'stamp')
+BAGS = ('.mcap', '.db3')
+SHOWN = 20  # names in a message
 DEFLECTION_UNITS = {'u': 'm', 'r': 'rad'}
 DEEPEST = 4  # levels of a message that are looked into
 
@@ -43,7 +45,9 @@ class Channel:
     stamp : str
         Stamps of a bag: `header`, or `log` for the time of recording.
     time : str
-        A table's column of times [s]; '' for one of the usual names.
+        A table's column of times; '' for one of the usual names.
+    time_unit : str
+        Of these times: s, ms, us or ns; '' for what the column's name says, else s.
     rate : float
         A table's sample rate [Hz], where it has no times; 0: it has.
     gain, offset : float
@@ -59,6 +63,7 @@ class Channel:
     quantity: str = 'position'
     stamp: Stamp = 'header'
     time: str = ''
+    time_unit: str = ''
     rate: float = 0.0
     gain: float = 1.0
     offset: float = 0.0
@@ -152,14 +157,15 @@ def channels_of(path: str | Path) -> list[Channel]:
         return [
             Channel(field=name)
             for name, values in columns.items()
-            if len(values) == longest and name not in TIME_NAMES
+            if len(values) == longest and not is_time(name)
         ]
     return list(_bag_channels(path))
 
 
 def is_table(path: Path) -> bool:
-    """Say whether a path is that of a table."""
-    return path.suffix.lower() in READERS
+    """Say whether a path is that of a table: a file that is no bag."""
+    suffix = path.suffix.lower()
+    return suffix in READERS or (suffix not in BAGS and path.is_file())
 
 
 def _deflection_unit(channel: Channel) -> str:
@@ -172,18 +178,19 @@ def _deflection_unit(channel: Channel) -> str:
 
 def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Floats, Floats]:
     columns = read_table(path)
-    time = channel.time or next((name for name in TIME_NAMES if name in columns), '')
+    time = channel.time or next((name for name in columns if is_time(name)), '')
     field = channel.field or _only_one(path, 'field', [name for name in columns if name != time])
     for whose, name in (('time', channel.time), ('field', field)):
         if name and name not in columns:
             raise BagError(
-                f'{path}: {whose} must be a column ({", ".join(columns)}), got {name!r}'
+                f'{path}: {whose} must be a column ({_shown(list(columns))}), got {name!r}'
             )
+    unit = channel.time_unit or unit_in(time)
     values = columns[field]
     if channel.rate > 0.0:
         t = np.arange(len(values)) / channel.rate
     elif time:
-        t = columns[time] - columns[time][0]
+        t = (columns[time] - columns[time][0]) * UNITS[unit]
     else:
         raise BagError(
             f'{path}: table must have a column of times ({", ".join(TIME_NAMES)}, or the one '
@@ -193,7 +200,9 @@ def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Floats, Float
         raise BagError(
             f'{path}: {field} must have as many values as {time} has ({len(t)}), got {len(values)}'
         )
-    return replace(channel, field=field, time='' if channel.rate > 0.0 else time), t, values
+    if channel.rate > 0.0:
+        return replace(channel, field=field, time=''), t, values
+    return replace(channel, field=field, time=time, time_unit=unit), t, values
 
 
 def _bag_samples(path: Path, channel: Channel) -> tuple[Channel, Stamps, Floats]:
@@ -203,7 +212,14 @@ def _bag_samples(path: Path, channel: Channel) -> tuple[Channel, Stamps, Floats]
     kind = topics.get(channel.topic, '')
     if kind == JOINT_STATE:
         joints = read_joint_states(path, channel.topic, [channel.field], channel.stamp)
-        return channel, joints.stamp_ns, getattr(joints, channel.quantity)[:, 0]
+        values = getattr(joints, channel.quantity)[:, 0]
+        given = [one for one in QUANTITIES if np.any(np.isfinite(getattr(joints, one)))]
+        if len(values) and channel.quantity not in given:
+            raise BagError(
+                f'{path}: {channel.quantity} of {channel.field} on {channel.topic} must be in the '
+                f'messages, which have {" and ".join(given) or "none"}: --quantity'
+            )
+        return channel, joints.stamp_ns, values
     if kind == MULTI_ARRAY:
         arrays = read_arrays(path, channel.topic, channel.stamp)
         column = _column(path, channel, arrays.labels, arrays.values.shape[1])
@@ -228,9 +244,15 @@ def _completed(path: Path, channel: Channel) -> Channel:
 
 def _only_one(path: Path, whose: str, names: list[str]) -> str:
     if len(names) != 1:
-        listed = ', '.join(names) or '(none)'
+        listed = _shown(names) or '(none)'
         raise BagError(f'{path}: {whose} must be given, one of {listed}, got none')
     return names[0]
+
+
+def _shown(names: list[str]) -> str:
+    """Return names for a message: all, or the first of many."""
+    more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
+    return ', '.join(names[:SHOWN]) + more
 
 
 def _column(path: Path, channel: Channel, labels: tuple[str, ...], width: int) -> int:

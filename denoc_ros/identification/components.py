@@ -10,12 +10,14 @@ from denoc_ros.identification.curves import (
     NORMAL_95,
     along,
     amplitude_curve,
+    frequency_spread,
     window_interval,
     zeta_and_rate,
     zeta_deviation,
 )
 from denoc_ros.identification.damped import Damped, columns, fit_damped
 from denoc_ros.identification.drifting import drifting_rss
+from denoc_ros.identification.free_decay import later_start_differs, overlapping
 from denoc_ros.identification.lines import find_lines, suspects
 from denoc_ros.identification.modes import AmplitudeCurve, Line
 from denoc_ros.identification.records import Floats
@@ -25,6 +27,7 @@ CYCLES = 0.75  # in the record: less is part of the drift
 SEEN = 3.5  # time constants that a mode is seen for: 0.1 % of its energy is left
 NEAR = 2.0  # over the time that both of two modes are seen for [Hz]: maybe they are one
 DRIFT_LEAVES = 0.02  # of a group's energy
+AS_LONG = 3.0  # times the time constant of what is no free decay
 SMALLEST = 0.01  # of the largest: what a coloured residual lets pass for a mode
 
 
@@ -34,7 +37,8 @@ class Component:
 
     `deviation` is the fit's standard deviation of zeta, `formal` and `windowed` are 95 %
     intervals, `bound` the Cramer-Rao bound relative to zeta, `share` the amplitude relative to
-    the largest one's, `merged` how many cosines it took, `origin` of what it may be a harmonic.
+    the largest one's, `merged` how many cosines it took, `origin` of what it may be a harmonic,
+    `no_decay` and `overlap` why it may be no free decay.
     """
 
     frequency: float
@@ -51,6 +55,8 @@ class Component:
     curve: AmplitudeCurve | None
     merged: int
     origin: str
+    no_decay: str
+    overlap: str
 
     @property
     def interval(self) -> Floats:
@@ -80,13 +86,35 @@ def components(t: Floats, fit: Damped, span: float) -> tuple[list[Component], tu
     origins = suspects(fit, span)
     kept.sort(key=lambda k: float(fit.poles[k, 1]))
     parts = [
-        replace(_component(t, fit, group, span), origin=origins.get(group[0], ''))
+        replace(
+            _component(t, fit, group, span),
+            origin=origins.get(group[0], ''),
+            overlap=overlapping(fit.poles, size, group[0]) if len(group) == 1 else '',
+        )
         for group in _groups(t, fit, kept, span)
     ]
+    parts = _beside_no_decay(parts)
     parts.sort(key=lambda part: part.frequency)
     largest = max((part.amplitude for part in parts), default=1.0)
     parts = [replace(part, share=part.amplitude / largest) for part in parts]
     return parts, tuple(lines.values())
+
+
+def _beside_no_decay(parts: list[Component]) -> list[Component]:
+    """Doubt what decays about as fast as a part that is no free decay."""
+    longest = max((_time_constant(part) for part in parts if part.no_decay), default=0.0)
+    said = 'beside what is no free decay and lasts as long'
+    return [
+        replace(part, overlap=part.overlap or said)
+        if _time_constant(part) < AS_LONG * longest
+        else part
+        for part in parts
+    ]
+
+
+def _time_constant(part: Component) -> float:
+    rate = 2.0 * np.pi * part.frequency * part.zeta
+    return 1.0 / rate if rate > 0.0 else np.inf
 
 
 def _groups(t: Floats, fit: Damped, kept: list[int], span: float) -> list[list[int]]:
@@ -165,9 +193,11 @@ def _component(t: Floats, fit: Damped, group: list[int], span: float) -> Compone
     value = alone.complex_amplitudes[place]
     noise = float(np.sqrt(fit.variance))
     least = zeta_deviation(alone, place)
-    deviation = least * _excess(t, alone, span, place)
+    excess = _excess(t, alone, span, place)
+    deviation = least * excess
     half = NORMAL_95 * deviation
     curve = amplitude_curve(t, own, sigma, omega, noise)
+    spread = frequency_spread(curve) if curve else 0.0
     return Component(
         frequency=rate / (2.0 * np.pi),
         zeta=zeta,
@@ -177,12 +207,14 @@ def _component(t: Floats, fit: Damped, group: list[int], span: float) -> Compone
         formal=np.array([zeta - half, zeta + half]),
         windowed=window_interval(curve, zeta, deviation) if curve else np.full(2, np.nan),
         bound=least / abs(zeta) if zeta else np.inf,
-        frequency_deviation=_frequency_deviation(alone, place),
+        frequency_deviation=float(np.hypot(excess * _frequency_deviation(alone, place), spread)),
         snr_db=20.0 * float(np.log10(abs(value) / (noise * np.sqrt(2.0)))) if noise else np.inf,
         share=1.0,
         curve=curve,
         merged=len(group),
         origin='',
+        no_decay='' if len(group) > 1 else later_start_differs(t, fit, span, index),
+        overlap='',
     )
 
 

@@ -19,6 +19,7 @@ CYCLES = 1.5  # of the mode in one window
 SAMPLES = 16
 LOWEST = 3.0  # envelope in standard deviations of the noise where the last window ends
 CHANCE = 1e-4  # of calling noise a change
+UNLIKELY = 0.01  # of calling noise a spread of the frequency
 SMALLEST_CHANGE = 0.03  # of the damping ratio, between windows
 
 
@@ -88,17 +89,36 @@ def window_interval(curve: AmplitudeCurve, zeta: float, deviation: float) -> Flo
     -----
     DerSimonian and Laird's moment estimate, Controlled Clinical Trials 7, 1986.
     """
-    weight = 1.0 / curve.deviation**2
-    mean = weight @ curve.damping_ratio / weight.sum()
-    excess = weight @ (curve.damping_ratio - mean) ** 2 - (weight.size - 1)
-    between = max(0.0, excess / (weight.sum() - weight @ weight / weight.sum()))
-    half = NORMAL_95 * np.sqrt(deviation**2 + between)
+    half = NORMAL_95 * np.sqrt(deviation**2 + _between(curve.damping_ratio, curve.deviation))
     low, high = zeta - half, zeta + half
     if curve.dependent:
         sharp = curve.deviation <= max(0.25 * abs(zeta), np.sort(curve.deviation)[1])
         low = min(curve.damping_ratio[sharp].min(), zeta - NORMAL_95 * deviation)
         high = max(curve.damping_ratio[sharp].max(), zeta + NORMAL_95 * deviation)
     return np.array([low, high])
+
+
+def frequency_spread(curve: AmplitudeCurve) -> float:
+    """Return the standard deviation of the frequency between windows, noise taken off [Hz].
+
+    0 where noise alone explains the differences. Noise moves decay rate and frequency alike, so
+    a window's deviation of the frequency is the frequency times that of the damping ratio.
+    """
+    noise = curve.frequency * curve.deviation
+    weight = 1.0 / noise**2
+    mean = weight @ curve.frequency / weight.sum()
+    scatter = float(weight @ (curve.frequency - mean) ** 2)
+    if chi2.sf(scatter, weight.size - 1) > UNLIKELY:
+        return 0.0
+    return float(np.sqrt(_between(curve.frequency, noise)))
+
+
+def _between(values: Floats, deviation: Floats) -> float:
+    """Return the variance between windows by DerSimonian and Laird's moment estimate."""
+    weight = 1.0 / deviation**2
+    mean = weight @ values / weight.sum()
+    excess = weight @ (values - mean) ** 2 - (weight.size - 1)
+    return float(max(0.0, excess / (weight.sum() - weight @ weight / weight.sum())))
 
 
 def _windows(t: Floats, own: Floats, omega: float, noise: float) -> list[Mask]:

@@ -15,6 +15,8 @@ from denoc_ros.identification.records import Floats, Record
 
 Convention = Literal['exact', 'book']
 
+CLOSEST = 0.6  # of a cycle: crests nearer than that are one
+SAME_FREQUENCY = 0.1  # that the crests may be off the mode's
 PROMINENCE = 10.0  # standard deviations of the noise: its own extremes have up to 7
 FEWEST_CRESTS = 2
 
@@ -58,7 +60,9 @@ def damping_ratio(decrement: float, convention: Convention = 'exact') -> float:
     return decrement / float(np.hypot(2.0 * np.pi, decrement))
 
 
-def log_decrement(record: Record, convention: Convention = 'exact') -> Decrement:
+def log_decrement(
+    record: Record, convention: Convention = 'exact', frequency: float | None = None
+) -> Decrement:
     """Return the damping ratio of a decay of one mode from its extremes.
 
     Exact: the slope of the logarithm of all distances between neighbouring extremes (half cycles:
@@ -66,12 +70,22 @@ def log_decrement(record: Record, convention: Convention = 'exact') -> Decrement
     by their squares. Book, eq. 8.4b: the first and the last crest above the mean
     of the last cycle.
 
+    Parameters
+    ----------
+    record : Record
+    convention : {'exact', 'book'}
+    frequency : float, optional
+        Of the mode, damped [Hz], where it is known: what else swings then makes no crests of its
+        own.
+
     Raises
     ------
     IdentificationError
-        Fewer than two crests stand out of the noise.
+        Fewer than two crests stand out of the noise, or they are not those of the frequency.
     """
-    times, values = _extremes(record)
+    times, values = _extremes(record, frequency)
+    if frequency is not None:
+        _require_same(record, frequency, 0.5 / float(np.mean(np.diff(times))))
     if convention == 'book':
         return _from_crests(record, times, values)
     heights = np.abs(np.diff(values)) / 2.0
@@ -118,12 +132,21 @@ def critical_joint_damping(
     return 2.0 * inertia * 2.0 * np.pi * frequency
 
 
-def _extremes(record: Record) -> tuple[Floats, Floats]:
+def _require_same(record: Record, frequency: float, found: float) -> None:
+    if abs(found / frequency - 1.0) > SAME_FREQUENCY:
+        raise IdentificationError(
+            f'{record.name}: crests must be those of {frequency:.4g} Hz, got some of '
+            f'{found:.4g} Hz: something else swings beside it'
+        )
+
+
+def _extremes(record: Record, frequency: float | None) -> tuple[Floats, Floats]:
     """Return times and values of alternating crests and troughs that stand out of the noise."""
     y = record.y - np.mean(record.y)
     prominence = PROMINENCE * max(assess(record).noise, 1e-6 * float(np.ptp(y)))
-    signed = [(k, 1) for k in find_peaks(y, prominence=prominence)[0]]
-    signed += [(k, -1) for k in find_peaks(-y, prominence=prominence)[0]]
+    apart = 1 if frequency is None else max(int(CLOSEST / frequency / record.step), 1)
+    signed = [(k, 1) for k in find_peaks(y, prominence=prominence, distance=apart)[0]]
+    signed += [(k, -1) for k in find_peaks(-y, prominence=prominence, distance=apart)[0]]
     kept: list[tuple[int, int]] = []
     for k, side in sorted(signed):
         if kept and kept[-1][1] == side:

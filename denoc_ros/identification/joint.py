@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.clock import doubtful_rate
 from denoc_ros.identification.curves import NORMAL_95
 from denoc_ros.identification.friction_choice import choose_terms, open_questions, rejection
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
@@ -234,4 +235,6 @@ def _verdict(
                 f'than {100.0 * WIDEST:.0f} %'
             )
     reasons += open_questions(fits, chosen)
+    if doubt := doubtful_rate(record):
+        reasons.append(doubt)
     return (DOUBTFUL if reasons else GOOD), reasons

@@ -18,6 +18,8 @@ WEAKER = 0.3  # than each of its parents at the release
 DEVIATIONS = 3.0
 RESOLUTION = 0.1  # of one over the record's duration
 WIDTH = 0.5  # of its decay rate, for a line beside a residual that is no white noise
+FARTHEST = 0.03  # of the line's frequency, however uncertain it is
+FEWEST_CYCLES = 2.0  # of a parent in the record: a slower one is hardly told from the drift
 DECAY_MATCH = 0.3  # of the decay rate that the parents give
 
 
@@ -35,6 +37,8 @@ def find_lines(fit: Damped, span: float) -> dict[int, Line]:
         for multiples, origin in _combinations(fit.poles, int(k)):
             parents = np.flatnonzero(multiples)
             if any(p in found for p in parents) or size[k] > WEAKER * size[parents].min():
+                continue
+            if fit.poles[parents, 1].min() * span < 2.0 * np.pi * FEWEST_CYCLES:
                 continue
             if _matches(fit.poles, variance, int(k), multiples, span, width):
                 sigma, omega = fit.poles[k]
@@ -55,7 +59,8 @@ def suspects(fit: Damped, span: float) -> dict[int, str]:
     for k in range(len(hertz)):
         for i in range(len(hertz)):
             n = round(hertz[k] / hertz[i])
-            near = abs(hertz[k] - n * hertz[i]) * span < NEAR
+            near = abs(hertz[k] - n * hertz[i]) < min(NEAR / span, FARTHEST * hertz[k])
+            near = near and hertz[i] * span > FEWEST_CYCLES
             if 2 <= n <= HIGHEST_HARMONIC and near and size[k] < MUCH_WEAKER * size[i]:
                 found[k] = f'{n} x {hertz[i]:.4g} Hz'
     return found
@@ -92,6 +97,6 @@ def _matches(
     off_decay = abs(poles[k, 0] - decay)
     near = max(DEVIATIONS * spread[1], 2.0 * np.pi * RESOLUTION / span)
     near = max(min(near, 2.0 * np.pi / span), width * decay)
-    return bool(
-        off_frequency < near and off_decay < DEVIATIONS * spread[0] + DECAY_MATCH * abs(decay)
-    )
+    near = min(near, FARTHEST * poles[k, 1])
+    uncertain = min(DEVIATIONS * spread[0], abs(decay))
+    return bool(off_frequency < near and off_decay < uncertain + DECAY_MATCH * abs(decay))

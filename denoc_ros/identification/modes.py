@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +18,30 @@ WORST_FIRST = (NOT_IDENTIFIABLE, DOUBTFUL, GOOD)
 def worst(verdicts: tuple[str, ...]) -> str:
     """Return the worst of the verdicts, `not identifiable` where there is none."""
     return next((word for word in WORST_FIRST if word in verdicts), NOT_IDENTIFIABLE)
+
+
+def strongest(
+    frequency: Floats,
+    strength: Floats,
+    band: tuple[float, float] = (0.0, np.inf),
+    count: int | None = None,
+) -> tuple[int, ...]:
+    """Return which modes a verdict is of, strongest first.
+
+    Parameters
+    ----------
+    frequency, strength : ndarray, shape (k,)
+        [Hz]; what they are ordered by.
+    band : (float, float)
+        Frequencies that are asked for [Hz].
+    count : int, optional
+        How many are; default: all in a band that is narrower than everything, else one.
+    """
+    low, high = band
+    inside = [int(k) for k in np.argsort(-strength) if low <= frequency[k] <= high]
+    if count is None:
+        count = 1 if (low <= 0.0 and high == np.inf) else len(inside)
+    return tuple(inside[:count])
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +119,8 @@ class Modes:
         Cramer-Rao bound of zeta at the noise found: smallest possible standard deviation of an
         unbiased estimate, relative to zeta.
     frequency_deviation : ndarray, shape (k,)
-        Standard deviation of the frequency [Hz].
+        Standard deviation of the frequency [Hz]: the fit's, widened like that of zeta where the
+        residual is coloured, and the spread over windows where noise does not explain it.
     snr_db : ndarray, shape (k,)
         Power of the mode at the start against that of the noise [dB].
     verdict : tuple of str
@@ -134,8 +160,21 @@ class Modes:
 
     @property
     def status(self) -> str:
-        """Verdict on the record: its worst mode's, `not identifiable` where there is none."""
-        return worst(self.verdict)
+        """Verdict on the record: its strongest mode's, `not identifiable` where there is none."""
+        return self.status_of(strongest(self.frequency, self.energy))
+
+    def status_of(self, asked: Sequence[int]) -> str:
+        """Return the worst verdict of some modes, `not identifiable` where there is none."""
+        return worst(tuple(self.verdict[k] for k in asked))
+
+    @property
+    def energy(self) -> Floats:
+        """Integral of each mode's square over the record, (k,): what makes one the strongest."""
+        rate = 2.0 * np.pi * self.frequency * self.damping_ratio
+        span = self.stop - self.start
+        small = np.abs(rate) * span < 1e-9
+        fall = -np.expm1(-2.0 * rate * span) / np.where(small, 1.0, 2.0 * rate)
+        return np.asarray(0.5 * self.amplitude**2 * np.where(small, span, fall))
 
     def component(self, k: int, t: Floats) -> Floats:
         """Return mode k alone at times t [s]."""

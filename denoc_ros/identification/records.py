@@ -53,7 +53,7 @@ class Record:
             raise IdentificationError(
                 f'{self.name}: stamps must increase, got {t[k + 1]:.9g} s after {t[k]:.9g} s'
             )
-        first = np.append(True, steps > 0.0)
+        first = np.append(np.ones(min(t.size, 1), bool), steps > 0.0)
         t, y = t[first], y[first]
         if t.size < FEWEST_SAMPLES:
             raise IdentificationError(

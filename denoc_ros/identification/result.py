@@ -15,9 +15,9 @@ import yaml
 from denoc_ros.bags.digest import file_hash
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.analysis import DecayAnalysis
-from denoc_ros.identification.channel import Reading
+from denoc_ros.identification.channel import Channel, Reading
 from denoc_ros.identification.damping import SCALING, Assigned
-from denoc_ros.identification.modes import Modes
+from denoc_ros.identification.modes import Modes, strongest
 from denoc_ros.identification.quality import Quality
 
 RESULT_FILE = 'result.yaml'
@@ -47,9 +47,17 @@ def source_of(reading: Reading) -> Document:
         'topic': channel.topic,
         'field': channel.field,
         'quantity': channel.quantity if channel.topic else '',
-        'stamp': channel.stamp if channel.topic else (channel.time or f'{channel.rate:g} Hz'),
+        'stamp': channel.stamp if channel.topic else _clock_of(channel),
         'calibration': {'gain': channel.gain, 'offset': channel.offset, 'unit': channel.unit},
     }
+
+
+def _clock_of(channel: Channel) -> str:
+    """Return what a table's times are: a column and its unit, or a rate."""
+    if not channel.time:
+        return f'{channel.rate:g} Hz'
+    unit = f' in {channel.time_unit}' if channel.time_unit not in ('', 's') else ''
+    return f'{channel.time}{unit}'
 
 
 def quality_of(quality: Quality) -> Document:
@@ -65,6 +73,7 @@ def modal_result(
     coefficients: Mapping[int, Assigned],
     versions: Mapping[str, str],
     model: Mapping[str, Any],
+    asked: Sequence[int] | None = None,
 ) -> Document:
     """Return all that is kept of an identification of modes.
 
@@ -80,8 +89,11 @@ def modal_result(
         Of the packages.
     model : mapping
         Of what robot the coefficients are, and where its joints stood; may be empty.
+    asked : sequence of int, optional
+        Places of the modes that the verdict is of; default: the strongest.
     """
     modes = analysis.modes
+    of = strongest(modes.frequency, modes.energy) if asked is None else tuple(asked)
     document = {
         'kind': 'modal',
         'source': source_of(reading),
@@ -95,6 +107,7 @@ def modal_result(
         'modes': [
             {
                 **_mode(modes, k),
+                'asked': k in of,
                 'checks': [_check(check) for check in analysis.checks[k]],
                 **({'coefficient': _coefficient(coefficients[k])} if k in coefficients else {}),
             }
@@ -108,9 +121,9 @@ def modal_result(
         'offset': modes.offset,
         'drift_per_s': modes.drift,
         **({'model': dict(model)} if model else {}),
-        'verdict': modes.status,
+        'verdict': modes.status_of(of),
         'remarks': list(modes.remarks),
-        'reasons': [*modes.remarks, *(one for some in modes.reasons for one in some)],
+        'reasons': [*modes.remarks, *(one for k in of for one in modes.reasons[k])],
         'versions': dict(versions),
     }
     return dict(plain(document))

@@ -12,6 +12,7 @@ from denoc_ros.identification.records import Record
 WIDEST = 0.05  # relative standard deviation of zeta of a good mode
 USELESS = 0.35  # relative standard deviation that says nothing
 FEWEST_CYCLES = 1.5
+HEAVIEST = 0.43  # damping ratio with which the amplitude falls to 5 % in one cycle
 MOST_CLIPPED = 0.4
 WEAK = 0.1  # of the strongest, for a mode beside a coloured residual
 NEAR_NYQUIST = 0.8  # of half the sample rate
@@ -24,6 +25,8 @@ def judge(
     doubts = _doubts(part, record, quality, coloured)
     if part.zeta <= 0.0:
         return NOT_IDENTIFIABLE, (f'does not decay: damping ratio {part.zeta:.3g}', *doubts)
+    if part.no_decay:
+        return NOT_IDENTIFIABLE, (part.no_decay, *doubts)
     relative = part.deviation / part.zeta
     spread = f'standard deviation of the damping ratio is {100.0 * relative:.1f} % of it'
     if relative > USELESS:
@@ -42,6 +45,10 @@ def _doubts(part: Component, record: Record, quality: Quality, coloured: bool) -
         )
     if part.origin:
         reasons.append(f'may be a harmonic: {part.origin}')
+    if part.overlap:
+        reasons.append(part.overlap)
+    if part.zeta > HEAVIEST:
+        reasons.append(f'falls to 5 % in less than a cycle: a damping ratio above {HEAVIEST}')
     if part.merged > 1:
         reasons.append(
             f'{part.merged} components closer than one over the duration '

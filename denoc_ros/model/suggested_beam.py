@@ -254,6 +254,6 @@ def _judge(
     if by_effort >= VISIBLE * length:
         return True, f'bends by {by_effort / length:.2g} of its length at its rated effort'
     if frequency <= NEAR * bandwidth:
-        return True, f'swings at {frequency:.3g} Hz, below {NEAR * bandwidth:g} Hz'
+        return True, f'swings at about {frequency:.2g} Hz, below {NEAR * bandwidth:g} Hz'
     most = np.nanmax([sag, by_effort]) / length
-    return False, f'stiff: bends by {most:.1g} of its length, swings at {frequency:.3g} Hz'
+    return False, f'stiff: bends by {most:.1g} of its length, swings at about {frequency:.2g} Hz'

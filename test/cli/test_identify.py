@@ -86,6 +86,39 @@ def test_exit_status_is_the_verdict(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert 'begin must be before' in errors[3]
 
 
+def test_exit_status_is_that_of_the_modes_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    strong, weak = Truth(3.0, 0.01, 1.0, 0.3), Truth(17.0, 0.02, 0.04, 1.0)
+    record = synthetic_decay([strong, weak], 100.0, 10.0, Defects(40.0), 4).record
+    modal = ['identify', 'modal', table(tmp_path / 'companion.csv', record)]
+    assert main(modal) == 0
+    assert 'verdict: good (of 3 Hz)' in capsys.readouterr().out
+    assert main([*modal, '--modes', '2']) in (2, 3)
+    assert main([*modal, '--band', '10:30']) in (2, 3)
+    assert main([*modal, '--band', ':10']) == 0
+    capsys.readouterr()
+    assert main([*modal, '--band', '30:40']) == 3
+    assert 'no mode asked for was found' in capsys.readouterr().out
+    for wrong in (['--band', '3'], ['--band', '5:2'], ['--modes', '0']):
+        assert main([*modal, *wrong]) == 1
+    errors = capsys.readouterr().err
+    assert "--band must be LO:HI in Hz, got '3'" in errors
+    assert '--band must have 0 <= LO < HI, got 5:2' in errors
+    assert '--modes must be at least 1, got 0' in errors
+
+
+def test_apply_says_how_doubtful_modes_are_taken(
+    repository: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mode = {'verdict': 'doubtful', 'frequency_hz': 3.0}
+    (tmp_path / 'result.yaml').write_text(yaml.safe_dump({'kind': 'modal', 'modes': [mode]}))
+    robot = str(repository / 'config/robots/canadarm.urdf')
+    apply = ['identify', 'apply', str(tmp_path), '--robot', robot, '-o', str(tmp_path / 'a.urdf')]
+    assert main(apply) == 1
+    assert 'got 1 doubtful: --doubtful takes them' in capsys.readouterr().err
+
+
 def test_page_of_a_swing_that_says_little_is_written(shared: Path, tmp_path: Path) -> None:
     swing = str(shared / 'data/servo_pendulum/lift_and_drop.json')
     joint = ['identify', 'joint', swing, '--field', 'position', '--begin', '3', '--json']

@@ -7,21 +7,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.io import savemat
 
 from denoc_ros.bags.writer import BagWriter
-from denoc_ros.errors import BagError
+from denoc_ros.errors import BagError, IdentificationError
 from denoc_ros.identification.channel import (
     Channel,
     channels_of,
     joint_positions,
     read_record,
 )
+from denoc_ros.identification.clock import doubtful_rate, is_time, unit_in
+from denoc_ros.identification.records import Record
 
 START_NS = 1_700_000_000_000_000_000
 DELAY_NS = 2_000_000  # from stamp to recording
-T = np.arange(20) * 0.01
-Y = np.cos(T)
+T = np.asarray(np.arange(20) * 0.01, dtype=np.float64)
+Y = np.asarray(np.cos(T), dtype=np.float64)
 
 
 @pytest.fixture
@@ -140,3 +143,83 @@ def test_what_a_file_does_not_have_is_said_with_what_it_has(bag: Path, tmp_path:
         (tmp_path / name).write_text(text)
         with pytest.raises(BagError, match='table must'):
             read_record(tmp_path / name, Channel(field='a'))
+
+
+def lines(template: str) -> str:
+    """Return one line per sample, its number, time and value filled in."""
+    samples = enumerate(zip(T, Y, strict=True))
+    return ''.join(template.format(k=k, t=t, y=y, ms=1e3 * t) + '\n' for k, (t, y) in samples)
+
+
+def row(name: str, values: NDArray[np.float64]) -> str:
+    return ','.join([name, *map(str, values)]) + '\n'
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'channel'),
+    [
+        ('a.csv', 't;y\n' + lines('{t:.2f};{y:.9f}').replace('.', ','), Channel(field='y')),
+        ('names_missing.csv', 't\n' + lines('{t},{y}'), Channel(field='1')),
+        ('counted.csv', 't,y\n' + lines('{k},{t},{y}'), Channel(field='y')),
+        ('trailing.csv', 't,y\n' + lines('{t},{y},'), Channel(field='y')),
+        ('blanks.asc', '% made here\n' + lines('{t} {y}'), Channel(field='1', time='0')),
+        ('rows.txt', row('t', T) + row('y', Y), Channel(field='y')),
+        ('named.tsv', 'time_ms\ty\n' + lines('{ms}\t{y}'), Channel(field='y')),
+        ('told.csv', 'time,y\n' + lines('{ms},{y}'), Channel(field='y', time_unit='ms')),
+    ],
+)
+def test_texts_of_other_programs_are_read(
+    tmp_path: Path, name: str, text: str, channel: Channel
+) -> None:
+    (tmp_path / name).write_text(text)
+    record = read_record(tmp_path / name, channel).record
+    np.testing.assert_allclose(record.t, T, atol=1e-12)
+    np.testing.assert_allclose(record.y, Y, atol=1e-9)
+
+
+def test_structs_and_rows_of_matlab_are_read(tmp_path: Path) -> None:
+    path = tmp_path / 'run.mat'
+    savemat(path, {'run': {'t': T, 'tip': {'y': Y}}, 'wide': np.vstack((T, Y))})
+    for channel in (
+        Channel(field='run.tip.y', time='run.t'),
+        Channel(field='wide[1]', time='wide[0]'),
+    ):
+        np.testing.assert_allclose(read_record(path, channel).record.y, Y)
+
+
+def test_table_of_very_many_columns_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'wide.csv'
+    path.write_text((','.join(map(str, range(2000))) + '\n') * 3000)
+    with pytest.raises(BagError, match='at most 1000 columns, got 2000'):
+        read_record(path, Channel(field='0', rate=1.0))
+
+
+def test_quantity_that_messages_lack_is_said_with_what_they_have(tmp_path: Path) -> None:
+    path = tmp_path / 'effort.mcap'
+    with BagWriter(path) as writer:
+        writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+        for k, y in enumerate(Y):
+            writer.write_message('/joint_states', START_NS + 10**7 * k, name=['j1'], effort=[y])
+    with pytest.raises(
+        BagError,
+        match='position of j1 on /joint_states must be in the messages, which have effort',
+    ):
+        read_record(path, Channel('/joint_states', 'j1'))
+    np.testing.assert_allclose(
+        read_record(path, Channel('/joint_states', 'j1', 'effort')).record.y, Y
+    )
+
+
+def test_times_in_other_units_are_doubted() -> None:
+    assert doubtful_rate(Record(T, Y)) == ''
+    assert '--time-unit ms' in doubtful_rate(Record(1e3 * T, Y))
+    assert '--time-unit ns' in doubtful_rate(Record(1e9 * T, Y))
+    assert (unit_in('Time [ms]'), unit_in('stamp_ns'), unit_in('t'), unit_in('ts')) == (
+        'ms',
+        'ns',
+        's',
+        's',
+    )
+    assert not is_time('ts')
+    with pytest.raises(IdentificationError, match=r'at least 8 samples .* got 0'):
+        Record(np.empty(0), np.empty(0))

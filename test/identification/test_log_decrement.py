@@ -59,3 +59,17 @@ def test_missing_inertia_and_link_are_refused() -> None:
         critical_joint_damping(1.0)
     with pytest.raises(dn.IdentificationError, match='mass_per_length and length must be given'):
         critical_joint_damping(1.0, convention='book')
+
+
+def test_crests_are_those_of_the_mode_that_is_known() -> None:
+    t = np.arange(0.0, 6.0, 0.005)
+    slow = np.exp(-0.1 * t) * np.cos(2.0 * np.pi * 1.8 * t)
+    record = Record(t, slow + 0.15 * np.cos(2.0 * np.pi * 21.9 * t))
+    # without the frequency every wave of the faster motion counts
+    assert log_decrement(record).frequency > 10.0
+    found = log_decrement(record, 'exact', 1.8)
+    # the other motion moves each crest by up to half of its own cycle
+    assert found.frequency == pytest.approx(1.8, rel=0.05)
+    assert found.damping_ratio == pytest.approx(0.1 / (2.0 * np.pi * 1.8), rel=0.3)
+    with pytest.raises(dn.IdentificationError, match=r'crests must be those of 7 Hz, got some of'):
+        log_decrement(record, 'exact', 7.0)

@@ -1,0 +1,141 @@
+"""Windows that hold an impact or a motion: what is no free decay is not called good."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.identification.analysis import analyse_decay
+from denoc_ros.identification.channel import Channel, read_record
+from denoc_ros.identification.damped import Damped, fit_damped
+from denoc_ros.identification.fit import fit_modes
+from denoc_ros.identification.free_decay import later_start_differs
+from denoc_ros.identification.lines import find_lines, suspects
+from denoc_ros.identification.records import Record
+from denoc_ros.identification.windows import decay_window, moving_until, standing_spans
+
+Floats = NDArray[np.float64]
+RATE, SECONDS = 250.0, 2.5
+T = np.arange(0.0, SECONDS, 1.0 / RATE)
+MODES = ((4.3, 0.006, 1.0), (26.0, 0.01, 0.5))  # frequency [Hz], damping ratio, gain
+
+
+def response(force: Floats) -> Floats:
+    """Return what two modes answer to a force, with noise at 50 dB."""
+    y = np.zeros(T.size)
+    for frequency, zeta, gain in MODES:
+        rate = 2.0 * np.pi * frequency
+        damped = rate * np.sqrt(1.0 - zeta**2)
+        impulse = np.exp(-zeta * rate * T) * np.sin(damped * T) / damped
+        y += gain * np.convolve(force, impulse)[: T.size] / RATE
+    noise = 3e-3 * np.abs(y).max() * np.random.default_rng(1).standard_normal(T.size)
+    return np.asarray(y + noise)
+
+
+def hammer(at: float, width: float) -> Floats:
+    inside = (at < T) & (at + width > T)
+    return np.where(inside, np.sin(np.pi * (T - at) / width) ** 2 / width, 0.0)
+
+
+def motion(start: float, duration: float) -> tuple[Floats, Floats]:
+    """Return position and acceleration of a rest-to-rest motion by one."""
+    s = np.clip((T - start) / duration, 0.0, 1.0)
+    acceleration = (60.0 * s - 180.0 * s**2 + 120.0 * s**3) / duration**2
+    return 10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5, acceleration
+
+
+@pytest.mark.parametrize(
+    ('force', 'begin'),
+    [
+        (hammer(0.5, 0.008), 0.485),
+        (hammer(0.5, 0.02), 0.49),
+        (motion(0.2, 0.4)[1], 0.25),
+        (motion(0.2, 0.4)[1], 0.45),
+    ],
+)
+def test_impact_or_motion_in_the_window_is_no_good_mode(force: Floats, begin: float) -> None:
+    modes = fit_modes(Record(T, response(force)).part(begin, SECONDS))
+    # what is called good is a mode of the structure
+    for k, verdict in enumerate(modes.verdict):
+        off = min(abs(modes.frequency[k] / frequency - 1.0) for frequency, _, _ in MODES)
+        assert verdict != 'good' or off < 0.01, f'{modes.frequency[k]:.4g} Hz {modes.reasons[k]}'
+
+
+def test_component_of_an_impact_is_not_found_by_a_later_start() -> None:
+    t = np.arange(0.0, 2.0, 0.001)
+    noise = 1e-3 * np.random.default_rng(4).standard_normal(t.size)
+    light, heavy = (0.2, 27.0), (35.0, 160.0)  # decay rate [1/s], damped frequency [rad/s]
+    starts = np.array([light, heavy])
+
+    def decay(sigma: float, omega: float) -> Floats:
+        return np.asarray(np.exp(-sigma * t) * np.cos(omega * t))
+
+    true = fit_damped(t, decay(*light) + decay(*heavy) + noise, starts)
+    assert later_start_differs(t, true, 2.0, 1) == ''
+    bump = np.exp(-(((t - 0.012) / 0.006) ** 2))
+    made_up = fit_damped(t, decay(*light) + bump + noise, starts)
+    reason = later_start_differs(t, made_up, 2.0, 1)
+    assert 'no free decay from the start of the window' in reason
+    assert later_start_differs(t, made_up, 2.0, 0) == ''
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Bag of a joint that moves from 0.4 to 0.9 s, and of the tip that rings from then on."""
+    path = tmp_path_factory.mktemp('stop') / 'stop.mcap'
+    position, acceleration = motion(0.4, 0.5)
+    tip = response(-acceleration)
+    with BagWriter(path) as writer:
+        for topic in ('/joint_states', '/tip'):
+            writer.add_topic(topic, 'sensor_msgs/msg/JointState')
+        draw = np.random.default_rng(3)
+        for k, t in enumerate(T):
+            stamp = 10**18 + round(t * 1e9)
+            header = {'stamp': {'sec': stamp // 10**9, 'nanosec': stamp % 10**9}}
+            joints = [position[k] + 1e-5 * draw.standard_normal(), 1e-5 * draw.standard_normal()]
+            writer.write_message(
+                '/joint_states', stamp, header=header, name=['a', 'b'], position=joints
+            )
+            writer.write_message('/tip', stamp, header=header, name=['uy'], position=[tip[k]])
+    return path
+
+
+def test_window_begins_when_the_joints_stop(bag: Path) -> None:
+    reading = read_record(bag, Channel('/tip', 'uy'))
+    standing = standing_spans(reading)
+    assert [span[0] < 0.01 or 0.8 < span[0] < 0.92 for span in standing] == [True, True]
+    record, chosen_by = decay_window(reading.record, standing)
+    assert chosen_by == 'found where the joints stand'
+    # the joint is slower than 2 % of its largest speed for its last 50 ms
+    assert 0.84 < record.t[0] < 0.92
+    found = analyse_decay(reading.record, standing=standing).modes
+    main = int(np.argmax(found.energy))
+    assert found.frequency[main] == pytest.approx(4.3, rel=2e-3)
+    assert found.damping_ratio[main] == pytest.approx(0.006, rel=0.1)
+    # the joints' own motion is no ring of theirs
+    assert standing_spans(read_record(bag, Channel('/joint_states', 'a'))) == []
+
+
+def test_given_window_in_which_the_joints_move_is_doubted(bag: Path) -> None:
+    channel = Channel('/tip', 'uy', begin=0.6)
+    reading = read_record(bag, channel)
+    standing = standing_spans(reading)
+    found = analyse_decay(reading.record, True, standing).modes
+    assert 'good' not in found.verdict
+    assert all(any('joints move until' in one for one in some) for some in found.reasons)
+    assert moving_until(read_record(bag, Channel('/tip', 'uy', begin=1.0)).record, standing) == 0.0
+
+
+def test_lines_are_not_named_by_a_tolerance_that_grows() -> None:
+    t = np.linspace(0.0, 8.0, 400)
+    poles = np.array([[2.0, 2.0 * np.pi * 0.3951], [8.0, 2.0 * np.pi * 1.75]])
+    residual = 0.01 * np.sin(3.0 * t)  # hangs together: it widens the tolerance by the decay
+    fit = Damped(
+        poles, np.array([1.0, 0.0, 0.05, 0.0, 0.0, 0.0]), residual, np.ones((400, 4)), 8.0
+    )
+    assert find_lines(fit, 8.0) == {}
+    assert suspects(fit, 8.0) == {}
