@@ -34,7 +34,7 @@ reference: {kind: sine, amplitude: 0.2, frequency: 0.5, duration: 2}
 def session(folder: Path, environment: dict[str, str], name: str) -> subprocess.Popen[str]:
     command = [sys.executable, '-m', 'denoc_ros.cli.main', 'up', str(folder / 'session.yaml')]
     return subprocess.Popen(
-        [*command, '-o', str(folder / name)],
+        [*command, '--output', str(folder / name)],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         env={**os.environ, **environment},
@@ -49,6 +49,7 @@ def start_time(folder: Path, environment: dict[str, str]) -> float:
         while not (folder / 'first' / 'logs').exists() or not any(
             (folder / 'first' / 'logs').iterdir()
         ):
+            assert process.poll() is None, process.communicate()[0]
             assert time.perf_counter() - began < PATIENCE
             time.sleep(0.02)
         took = time.perf_counter() - began
