@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import rclpy
 from numpy.typing import NDArray
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -24,9 +24,13 @@ from trajectory_msgs.msg import JointTrajectory
 from denoc_ros.bags.series import read_joint_states
 from denoc_ros.errors import BagError, DenocError
 from denoc_ros.nodes.base import EVERY_MESSAGE
+from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.nodes.messages import JointStateMessage, TrajectoryPointMessage
+from denoc_ros.nodes.process import leave
+from denoc_ros.nodes.signals import SIGNALS, Interrupted
 
 Array = NDArray[np.float64]
+LOOK = Duration(seconds=0.2)
 DISCOVERY_TIMEOUT = 20.0  # s to wait for those who are to listen
 
 
@@ -142,8 +146,9 @@ class Player(Node):
             if wait > 0.0:
                 time.sleep(wait)
             self._publish(k, start_ns + elapsed_ns)
-        self._state.wait_for_all_acked()
-        self._reference.wait_for_all_acked()
+        for publisher in (self._state, self._reference):
+            while not publisher.wait_for_all_acked(LOOK):
+                pass  # a signal has its turn between two looks
 
     def _publish(self, k: int, stamp_ns: int) -> None:
         state, point, motion = self._state_message, self._reference_message, self._motion
@@ -202,20 +207,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--speed', type=speed, default=1.0, help='> 0; 1 for real time')
     parser.add_argument('--listeners', nargs='*', default=[], help='nodes to wait for')
     options = parser.parse_args(remove_ros_args(given))
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    SIGNALS.keep()
     rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
+    player: Player | None = None
     try:
-        player = Player(read_motion(options.bag, options.topic), options.speed)
-        player.play(options.listeners)
+        with SIGNALS.interrupting():
+            player = Player(read_motion(options.bag, options.topic), options.speed)
+            player.play(options.listeners)
     except DenocError as error:
         print(f'player: {error}', file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
+    except Interrupted:
         return 0
     finally:
-        rclpy.try_shutdown()
+        if player is not None:
+            player.destroy_node()
+        leave_graph()
     return 0
 
 
 if __name__ == '__main__':
-    raise SystemExit(main())
+    leave(main())

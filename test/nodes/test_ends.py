@@ -8,9 +8,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from node_robots import two_links
+from sensor_msgs.msg import JointState
+
+from denoc_ros.bags.writer import BagWriter
 
 pytestmark = pytest.mark.ros
 
@@ -132,5 +136,33 @@ def test_signals_are_honoured_while_a_node_compiles(
         began = time.monotonic()
         assert process.wait(30.0) == 0
         assert time.monotonic() - began < 10.0  # a second on a machine that does nothing else
+        assert process.stderr is not None
+        assert process.stderr.read() == ''
+
+
+def write_motion(path: Path) -> None:
+    """Write a recording of a joint that moves, 100 messages in a second."""
+    with BagWriter(path) as writer:
+        writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+        for k in range(100):
+            stamp = {'sec': 1, 'nanosec': k * 10_000_000}
+            fields = {'name': ['a'], 'position': [0.01 * k], 'velocity': [1.0]}
+            writer.write_message(
+                '/joint_states', 10**9 + k * 10**7, header={'stamp': stamp}, **fields
+            )
+
+
+@pytest.mark.parametrize('numbers', [[signal.SIGINT] * 2, [signal.SIGTERM], [signal.SIGHUP]])
+def test_a_player_ends_as_it_is_told(graph: Any, tmp_path: Path, numbers: list[int]) -> None:
+    bag = tmp_path / 'bag'
+    write_motion(bag)
+    states = graph.collect(JointState, '/joint_states')
+    command = [sys.executable, '-m', 'denoc_ros.nodes.player', str(bag), '--speed', '0.1']
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        graph.until(lambda: len(states) > 3, timeout=60.0)
+        for number in numbers:
+            process.send_signal(number)
+            time.sleep(0.05)
+        assert process.wait(20.0) == 0
         assert process.stderr is not None
         assert process.stderr.read() == ''
