@@ -58,12 +58,14 @@ class Assault:
         self.tally: Counter[tuple[str, str]] = Counter()
         self.asked: set[str] = set()
         self.unanswered: list[tuple[str, str]] = []
+        self.spoilt = False  # whether the recorder's files were, in the step at hand
         self._lock = threading.Lock()
 
     def do(self, step: Step) -> None:
         """Do all attacks of a step at once; return when all are over."""
         self.asked.clear()
         self.unanswered.clear()
+        self.spoilt = False
         threads = [threading.Thread(target=self._do, args=(a,), daemon=True) for a in step]
         for thread in threads:
             thread.start()
@@ -301,6 +303,7 @@ class Assault:
         folder = max(bags, key=lambda bag: bag.stat().st_mtime)
         files = sorted(folder.glob('*.mcap'))
         self._count('recorder', 'files')
+        self.spoilt = True
         if attack['what'] == 'folder' or not files:
             shutil.rmtree(folder, ignore_errors=True)
         elif attack['what'] == 'file':

@@ -6,6 +6,7 @@ broken law.
 
 from __future__ import annotations
 
+import signal
 import time
 import urllib.request
 from collections.abc import Callable
@@ -61,7 +62,8 @@ class Mending:
             except StageError as error:
                 tell(self._why(node, error))
                 self._anew(node)
-        if 'files' in does and 'recorder' not in self.assault.asked:
+        to_recorder = [attack['do'] for attack in step if attack['node'] == 'recorder']
+        if to_recorder == ['files'] and self.assault.spoilt:  # it was recording throughout
             self._noticed(tell)
         stage.witness.settle()
 
@@ -125,8 +127,13 @@ class Mending:
         """After a broken law: a new process, so that the siege goes on."""
         stage = self.stage
         stage.witness.excuse_anew()
-        stage.process(node).kill()
-        stage.process(node).wait()
+        process = stage.process(node)
+        if process.poll() is None:
+            process.send_signal(signal.SIGABRT)  # it prints where every thread stands
+            stage.comes(lambda: process.poll() is not None, NOTICED)
+            print(stage.words(node), flush=True)
+        process.kill()
+        process.wait()
         stage.start(node)
         stage.comes(lambda: node in stage.node.get_node_names(), RECOVERY)
         try:

@@ -99,6 +99,8 @@ class Siege:
             if time.monotonic() - begin > seconds:
                 break
             self.round.steps.append(step)
+            if verbose:
+                print(f'{time.monotonic() - begin:.1f} s: {json.dumps(step)}', flush=True)
             self.mending.assault.do(step)
             done = time.monotonic()
             self.mending.mend(step, self._hold)
@@ -106,8 +108,6 @@ class Siege:
             self.round.longest_mending = max(self.round.longest_mending, took)
             for law in self.stage.judge():
                 self._hold(law)
-            if verbose:
-                print(f'{time.monotonic() - begin:.1f} s: {json.dumps(step)}', flush=True)
             if stop and self.round.failures:
                 break
         time.sleep(1.0)  # what is under way

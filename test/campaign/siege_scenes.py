@@ -12,7 +12,7 @@ from node_robots import GRAVITY, JOINTS, LINK, two_links
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 NODES = ('feedforward', 'predictor', 'plant', 'recorder', 'viewer')
-RATE, SLOW_RATE = 500.0, 200.0  # Hz of the feedforward's loop, and of predictor and plant
+RATE, SLOW_RATE = 500.0, 100.0  # Hz of the feedforward's loop, and of predictor and plant
 PRIORITY = 40
 SLIDE = """
 <link name="{link}"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
@@ -56,7 +56,7 @@ class Scene:
         if self.assembled:
             robot['posture'] = list(self.assembled)
         moving = {**robot, 'joints': list(self.joints)}
-        inputs = {'joint_state_timeout': 0.1, 'reference_timeout': 0.1}
+        inputs = {'joint_state_timeout': 0.2, 'reference_timeout': 0.2}
         return {
             'feedforward': {
                 **moving, **inputs, 'update_rate': RATE, 'model': self.model,
@@ -69,7 +69,7 @@ class Scene:
             },
             'plant': {
                 **moving, 'update_rate': SLOW_RATE, 'start': list(self.posture),
-                'command': '/siege/commands', 'feedback.kp': [200.0], 'feedback.kd': [10.0],
+                'command': '/siege/commands', 'feedback.kp': [50.0], 'feedback.kd': [5.0],
                 'max_publishers': 2,
             },
             'recorder': {'output': str(folder / 'bag'), 'max_bag_size': 20_000_000},

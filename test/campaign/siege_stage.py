@@ -7,6 +7,7 @@ itself was away (see `campaign.absence`).
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -38,7 +39,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from denoc_ros.cli.node_parameters import write_parameters
 from denoc_ros.nodes.realtime import make_thread_timely
 
-FEED = 200.0  # Hz of joint states
+FEED = 100.0  # Hz of joint states
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LOOK = 0.02  # s between two looks of the witness
 ANSWER = 60.0  # s within which a request is answered, on a busy machine
@@ -227,6 +228,7 @@ class SiegeStage:
         )
         talker = ['talker', str(RATE), str(PRIORITY), str(self.folder / 'bare')]
         self.processes.start('bare', ['-m', 'campaign.absence', *talker])
+        self._meter.stdin.write(f'stage {os.getpid()}\n'.encode())
         for node in NODES:
             self.start(node)
 
