@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
@@ -42,6 +43,9 @@ STATE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 EVERY_MESSAGE = QoSProfile(depth=10000, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+SET_BACK = JumpThreshold(
+    min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
 )
 # parameters that rclpy itself declares
 FOREIGN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
@@ -115,6 +119,9 @@ class DenocNode(GuardedNode):
             raise
         self._declare()
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._time_jumps = self.get_clock().create_jump_callback(
+            SET_BACK, post_callback=self._on_time_set_back
+        )
         self._diagnostics = DiagnosticsPublisher(self)
         self.create_timer(1.0, self._every_second, clock=self.steady_clock)
 
@@ -279,6 +286,14 @@ class DenocNode(GuardedNode):
 
     def _simulated(self) -> bool:
         return bool(self._time_source.ros_time_is_active)
+
+    def _on_time_set_back(self, jump: Any) -> None:
+        """Take what comes next as it is stamped: simulated time begins anew."""
+        if jump.delta.nanoseconds < 0:
+            for monitor in self.monitors:
+                monitor.forget_stamp()
+            back = -1e-9 * jump.delta.nanoseconds
+            self.to_log.append(f'simulated time went back by {back:.3f} s: older stamps are taken')
 
     # ---- diagnostics
 

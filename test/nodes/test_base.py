@@ -8,6 +8,7 @@ import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.parameter import Parameter as RosParameter
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -145,3 +146,21 @@ def test_truncated_message_is_malformed() -> None:
     with pytest.raises(InputError, match='must not end') as caught:
         JointStateReader(['a']).read(b'\x00\x01\x00\x00\x00\x00\x00\x00')
     assert caught.value.cause == 'malformed'
+
+
+def test_older_stamps_are_taken_after_simulated_time_was_set_back(graph: Any) -> None:
+    node = graph.add(Listener, use_sim_time=True)
+    clock = graph.publisher(Clock, '/clock')
+    states = graph.publisher(JointState, 'joint_states')
+
+    def at(second: int) -> bool:
+        message = Clock()
+        message.clock.sec = second
+        clock.publish(message)
+        states.publish(state(['a', 'b'], [1.0, 2.0], second))
+        return bool(node.stamp_ns() == second * 10**9 and node.monitor.accepted)
+
+    graph.until(lambda: at(100))
+    node.monitor.accepted = 0
+    graph.until(lambda: at(5))
+    assert node.monitor.accepted > 0
