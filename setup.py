@@ -33,6 +33,9 @@ CLUSTER = ['distributed>=2024.8', 'pyarrow>=15']
 # the page in the browser, and films
 VIEWER = ['viser>=1.0', 'imageio-ffmpeg>=0.5']
 
+# linear models for python-control's tools
+CONTROL = ['control>=0.10']
+
 setup(
     name=NAME,
     version=package_version(),
@@ -69,8 +72,10 @@ setup(
         ],
         'viewer': VIEWER,
         'cluster': CLUSTER,
+        'control': CONTROL,
         'test': [
             *CLUSTER,
+            *CONTROL,
             *VIEWER,
             'pytest>=8',
             'playwright>=1.40',

@@ -6,15 +6,18 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import add_gravity
+from denoc_ros.cli.bode import add_bode, run_bode
+from denoc_ros.cli.postures import add_postures, read_postures
 from denoc_ros.cli.suggestion import add_suggestion, check_options, run_suggestion
 from denoc_ros.cli.text_table import Row, cell_text, text_table
 
 if TYPE_CHECKING:
+    from denoc_ros.cli.postures import Posture
     from denoc_ros.dynamics.robot import Robot
     from denoc_ros.model.tree import Beam, Body, Joint
 
@@ -30,6 +33,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('robot', help='the URDF file, here or where the package is installed')
     add_gravity(parser)
     parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    add_postures(parser)
+    add_bode(parser)
     add_suggestion(parser)
 
 
@@ -42,7 +47,10 @@ def run(args: argparse.Namespace) -> int:
     file = find_file(Path(args.robot), Path()) or args.robot
     if args.suggest:
         return run_suggestion(args, file)
-    summary = summarize(load_robot(file, gravity=tuple(args.gravity)))
+    robot = load_robot(file, gravity=tuple(args.gravity))
+    if args.bode:
+        return run_bode(args, robot)
+    summary = summarize(robot, read_postures(robot, args.at))
     if args.json:
         print(json.dumps(summary, indent=2, allow_nan=False))
         return 0
@@ -52,21 +60,24 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def summarize(robot: Robot) -> Row:
+def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
     """Return what a robot is made of, as plain lists and numbers ready for JSON.
 
     Parameters
     ----------
     robot : Robot
         The robot.
+    postures : sequence of Posture
+        Where natural frequencies are wanted, beside those with all coordinates zero.
 
     Returns
     -------
     dict
         `robot`, `mass_kg`, `coordinates`, `links`, `joints`, `beams`, `sensors`, `loops` (mimic
         joints too), `mechanism` (what the loops leave to move, one row or none),
-        `natural_frequencies_hz` (joints held, all coordinates zero; negative: unstable) and
-        `warnings`. Numbers that are infinite stand as None.
+        `natural_frequencies_hz` (joints held, all coordinates zero; negative: unstable),
+        `postures` (the same in equilibrium at others) and `warnings`. Numbers that are infinite
+        stand as None.
     """
     import numpy as np
 
@@ -92,6 +103,15 @@ def summarize(robot: Robot) -> Row:
         ],
         **_mechanism(robot),
         'natural_frequencies_hz': [float(value) for value in frequencies],
+        'postures': [
+            {
+                'at': [float(value) for value in posture.q[robot.joint_indices]],
+                'natural_frequencies_hz': [
+                    float(value) for value in robot.natural_frequencies(posture.q, held=True)
+                ],
+            }
+            for posture in postures
+        ],
         'warnings': list(tree.warnings),
     }
 
@@ -196,4 +216,10 @@ def _as_text(summary: Mapping[str, Any]) -> str:
     if frequencies:
         listed = '  '.join(cell_text(value) for value in frequencies)
         parts.append(f'natural frequencies [Hz], joints held at zero\n  {listed}')
+    for posture in summary['postures']:
+        at = ', '.join(f'{value:g}' for value in posture['at'])
+        listed = '  '.join(cell_text(value) for value in posture['natural_frequencies_hz'])
+        parts.append(
+            f'natural frequencies [Hz], joints held at ({at}), in equilibrium\n  {listed}'
+        )
     return '\n\n'.join(parts)

@@ -46,11 +46,16 @@ def add_suggestion(parser: argparse.ArgumentParser) -> None:
         help="of the robot's control, default 10: a link that swings below five times this is "
         'worth it, modes are kept up to ten times this',
     )
-    group.add_argument('-o', '--output', metavar='FILE', help='write the URDF with its beams here')
+    group.add_argument(
+        '-o',
+        '--output',
+        metavar='FILE',
+        help='write the URDF with its beams here; with --bode, the page',
+    )
 
 
 def check_options(args: argparse.Namespace) -> None:
-    """Refuse options that only go with `--suggest`.
+    """Refuse options that only go with `--suggest` or `--bode`.
 
     Raises
     ------
@@ -59,11 +64,15 @@ def check_options(args: argparse.Namespace) -> None:
     """
     from denoc_ros.errors import ConfigError
 
-    stray = [] if args.suggest else [name for name in OPTIONS if getattr(args, name) is not None]
-    if stray:
-        raise ConfigError(
-            'command line', [f'--{name} must stand with --suggest, got it alone' for name in stray]
-        )
+    given = [name for name in OPTIONS if getattr(args, name) is not None]
+    stray = [] if args.suggest else [name for name in given if name != 'output' or not args.bode]
+    findings = [f'--{name} must stand with --suggest, got it alone' for name in stray]
+    if args.free and not args.bode:
+        findings.append('--free must stand with --bode, got it alone')
+    if args.suggest and (args.bode or args.at):
+        findings.append('--suggest must stand without --bode and --at, got both')
+    if findings:
+        raise ConfigError('command line', findings)
 
 
 def run_suggestion(args: argparse.Namespace, file: Path | str) -> int:

@@ -15,6 +15,7 @@ from denoc_ros.dynamics.constrained_model import ConstrainedModel
 from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.held_model import Source
 from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
+from denoc_ros.dynamics.linearize import Linearizable
 from denoc_ros.dynamics.regressor import TorqueRegressor
 from denoc_ros.kernels import articulated, composite, inverse, world
 from denoc_ros.kernels.compiled import entry
@@ -45,7 +46,9 @@ FRAME_POSE = Verb(world.frame_pose, world.frame_pose_rows, lambda n: (4, 4))
 FRAME_JACOBIAN = Verb(world.frame_jacobian, world.frame_jacobian_rows, lambda n: (6, n))
 
 
-class Robot(DifferentiableModel, KinematicDerivatives, TorqueRegressor, ConstrainedModel):
+class Robot(
+    DifferentiableModel, KinematicDerivatives, TorqueRegressor, Linearizable, ConstrainedModel
+):
     """A robot with rigid and flexible links (see :func:`load_robot`).
 
     States are vectors (n,) in the order of `coordinate_names`; every verb also takes rows (k, n)
@@ -55,7 +58,8 @@ class Robot(DifferentiableModel, KinematicDerivatives, TorqueRegressor, Constrai
 
     Loops and mimic joints: :class:`ConstrainedModel`. Derivatives of the dynamics:
     :class:`DifferentiableModel`; of kinematics: :class:`KinematicDerivatives`; by parameters:
-    :class:`TorqueRegressor`. Attributes as in :class:`HeldModel`.
+    :class:`TorqueRegressor`. Linear models: :class:`Linearizable`. Attributes as in
+    :class:`HeldModel`.
     """
 
     def __init__(

@@ -1,0 +1,82 @@
+"""`--at`: postures on a command line."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from denoc_ros.dynamics.robot import Robot
+
+
+@dataclass(frozen=True)
+class Posture:
+    """A state at rest: its name and its coordinates (n,)."""
+
+    name: str
+    q: NDArray[np.float64]
+
+
+def add_postures(parser: argparse.ArgumentParser) -> None:
+    """Declare `--at`."""
+    parser.add_argument(
+        '--at',
+        action='append',
+        nargs='+',
+        metavar='Q',
+        help='natural frequencies, or --bode, at these joint positions [rad, m], in the order of '
+        'the table of joints; repeatable; default zero',
+    )
+
+
+def read_postures(robot: Robot, given: Sequence[Sequence[str]] | None) -> list[Posture]:
+    """Return the postures of `--at`, loops closed and amplitudes in equilibrium.
+
+    Raises
+    ------
+    ConfigError
+        For what is no number, or not as many as there are joints.
+    SolverError
+        Loops do not close near it, or a beam has no equilibrium there.
+    """
+    from denoc_ros.errors import ConfigError
+
+    names, postures, findings = robot.joint_names, [], []
+    for words in given or ():
+        texts = [text for word in words for text in word.split(',') if text]
+        try:
+            values = [float(text) for text in texts]
+        except ValueError:
+            values = [math.nan]
+        if len(values) != len(names) or not all(map(math.isfinite, values)):
+            order = f'{len(names)} numbers ({", ".join(names)})'
+            findings.append(f'--at must be {order}, got {" ".join(words)!r}')
+            continue
+        postures.append(values)
+    if findings:
+        raise ConfigError('command line', findings)
+    return [posture(robot, values) for values in postures]
+
+
+def posture(robot: Robot, joints: Sequence[float]) -> Posture:
+    """Return a posture by its joints' positions."""
+    import numpy as np
+
+    from denoc_ros.dynamics.equilibrium import Equilibrium
+    from denoc_ros.dynamics.mechanism_modes import independent_joints
+
+    q = np.zeros(robot.n)
+    q[robot.joint_indices] = joints
+    if robot.lowered.tie_names:
+        q = robot.assemble(q)
+        held = robot.indices(independent_joints(robot, q))
+        Equilibrium(robot, np.setdiff1d(np.arange(robot.n), held)).find(q)
+    else:
+        q = robot.static_deflection(q[robot.joint_indices])
+    return Posture(', '.join(f'{value:.3g}' for value in joints), q)
