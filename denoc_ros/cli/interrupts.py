@@ -15,9 +15,16 @@ class Interrupts:
     """Raises KeyboardInterrupt at the first signal, and at no further one: the end goes on.
 
     As a context manager it takes the signals over for a while.
+
+    Parameters
+    ----------
+    is_process : bool
+        Whether the process ends after the first signal: then it stays deaf to others, which would
+        change its status on its last way.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, is_process: bool = False) -> None:
+        self._is_process = is_process
         self._before: dict[int, Callable[..., Any] | int | None] = {}
         self._held = 0
         self._waits = self._raised = False
@@ -38,7 +45,8 @@ class Interrupts:
     ) -> None:
         """Give the signals back."""
         for number, before in self._before.items():
-            signal.signal(number, before)
+            stays_deaf = self._raised and self._is_process
+            signal.signal(number, signal.SIG_IGN if stays_deaf else before)
 
     @contextmanager
     def held(self) -> Iterator[None]:

@@ -67,12 +67,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = _with_action(list(sys.argv[1:] if argv is None else argv))
     try:
+        return _execute(arguments, is_process=argv is None)
+    except KeyboardInterrupt:
+        print(f'denoc {" ".join(arguments[:1])}: interrupted', file=sys.stderr)
+        return INTERRUPTED
+
+
+def _execute(arguments: list[str], is_process: bool) -> int:
+    """Run the verb that the arguments name; errors are messages."""
+    try:
         args = build_parser(arguments).parse_args(arguments)
     except SystemExit as stop:
         return int(stop.code or 0)
     from denoc_ros.cli.provenance import command_line
 
-    args.command = command_line(arguments)
+    args.command, args.is_process = command_line(arguments), is_process
     _show_log()
     try:
         status = int(args.execute(args))
@@ -84,9 +93,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     except OSError as error:
         return _complain(args.verb, f'{error.filename or "file"}: {error.strerror or error}')
-    except KeyboardInterrupt:
-        print(f'denoc {args.verb}: interrupted', file=sys.stderr)
-        return INTERRUPTED
     return status
 
 

@@ -68,6 +68,18 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
+    with Interrupts(args.is_process) as interrupts:
+        config = _configured(args)
+        folder, summary = bring_up(config, args.input, args.output, args.command, interrupts)
+    if args.json:
+        print(json.dumps(summary, indent=2, allow_nan=False))
+    else:
+        _print_summary(summary, folder)
+    return 0
+
+
+def _configured(args: argparse.Namespace) -> SessionConfig:
+    """Return the session's configuration, changed as the arguments say."""
     from denoc_ros.cli.config import load_config
 
     config = load_config(args.config, args.set)
@@ -79,13 +91,7 @@ def run(args: argparse.Namespace) -> int:
         config = dataclasses.replace(config, record=args.record)
     if args.view:
         config = _viewed(config)
-    with Interrupts() as interrupts:
-        folder, summary = bring_up(config, args.input, args.output, args.command, interrupts)
-    if args.json:
-        print(json.dumps(summary, indent=2, allow_nan=False))
-    else:
-        _print_summary(summary, folder)
-    return 0
+    return config
 
 
 def bring_up(

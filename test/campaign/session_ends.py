@@ -74,7 +74,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--count', type=int, default=100)
     parser.add_argument('--seed', type=int, default=random.randrange(1 << 30))
     args = parser.parse_args(argv)
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup's deafness would be inherited
+    for number in (signal.SIGHUP, signal.SIGINT):  # the shell's deafness would be inherited
+        signal.signal(number, signal.SIG_DFL)
     print(f'seed {args.seed}', flush=True)
     rng = random.Random(args.seed)
     statuses: Counter[int] = Counter()
@@ -89,14 +90,18 @@ def main(argv: Sequence[str] | None = None) -> int:
             process = session(folder, dict(environment), f'run-{k}')
             moment = usual * rng.uniform(0.3, 1.5)
             time.sleep(moment)
-            process.send_signal(rng.choice(SIGNALS))
+            sent = rng.choice(SIGNALS)
+            process.send_signal(sent)
             if rng.random() < 0.5:
                 time.sleep(rng.uniform(0.0, 0.5))
                 process.send_signal(signal.SIGINT)
             said, _ = process.communicate(timeout=PATIENCE)
             statuses[process.returncode] += 1
             rest = left_over(folder)
-            if process.returncode != INTERRUPTED or BAD_WORDS.search(said) or rest:
+            # before its first word a process ends as any does that is told to
+            begun = process.returncode == INTERRUPTED or 'loading' in said
+            right = process.returncode == (INTERRUPTED if begun else -sent)
+            if not right or BAD_WORDS.search(said) or rest:
                 bad += 1
                 print(
                     f'BAD: {moment:.2f} s: status {process.returncode}\n{said}{rest}', flush=True

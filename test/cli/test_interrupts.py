@@ -46,3 +46,14 @@ def test_a_process_deaf_to_hangups_stays_so() -> None:
             os.kill(os.getpid(), signal.SIGHUP)
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+def test_a_process_that_ends_stays_deaf() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        with pytest.raises(KeyboardInterrupt), Interrupts(is_process=True):
+            os.kill(os.getpid(), signal.SIGTERM)
+        assert [signal.getsignal(number) for number in NUMBERS] == [signal.SIG_IGN] * len(NUMBERS)
+    finally:
+        for number in NUMBERS:
+            signal.signal(number, signal.default_int_handler if number == 2 else before)
