@@ -34,3 +34,16 @@ def inverse_derivatives(
         complex_step(lambda x: oracle.inverse_dynamics(q, x, qdd, wrenches), qd),
         oracle.inertia_matrix(q),
     )
+
+
+def forward_derivatives(
+    oracle: Oracle,
+    q: Array,
+    qd: Array,
+    qdd: Array,
+    wrenches: Mapping[str, Array] | None = None,
+) -> tuple[Array, Array, Array]:
+    """Return d q'' / dq, d q'' / dq' and I^-1 (n, n each) where the accelerations are q''."""
+    by_q, by_rate, inertia = inverse_derivatives(oracle, q, qd, qdd, wrenches)
+    inverse: Array = np.linalg.inv(inertia).astype(np.float64)
+    return -inverse @ by_q, -inverse @ by_rate, inverse

@@ -4,16 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.borders import as_output, as_rows, as_vector, same_rows
+from denoc_ros.dynamics.borders import (
+    as_output,
+    as_rows,
+    as_vector,
+    require_finite,
+    same_rows,
+)
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
 from denoc_ros.errors import StateError
-from denoc_ros.kernels import inverse_derivatives, load_derivatives
+from denoc_ros.kernels import (
+    forward_derivatives,
+    inverse_derivatives,
+    load_derivatives,
+    world,
+)
 from denoc_ros.kernels.compiled import entry, ready
 from denoc_ros.kernels.handle import GOOD, MISFIT
 
@@ -21,6 +32,35 @@ Array = NDArray[np.float64]
 Wrenches = Mapping[str, ArrayLike]
 Derivatives = tuple[Array, Array, Array]
 _empty = np.empty  # a global name is found more quickly than a module's
+
+
+class HybridDerivatives(NamedTuple):
+    """How the torques of h joints and the accelerations of the f = n - h others change.
+
+    By q and q' of all coordinates; by what drives them, the joints' accelerations and the other
+    coordinates' generalized forces. Rows (k, …) of states give (k, …) of each.
+
+    Attributes
+    ----------
+    dtau_dq, dtau_dqd : (h, n)
+    dtau_dqdd : (h, h)
+        By the joints' accelerations.
+    dtau_dtau : (h, f)
+        By the others' forces.
+    dqdd_dq, dqdd_dqd : (f, n)
+    dqdd_dqdd : (f, h)
+    inverse_inertia : (f, f)
+        That of the other coordinates, the joints held: by their forces.
+    """
+
+    dtau_dq: Array
+    dtau_dqd: Array
+    dtau_dqdd: Array
+    dtau_dtau: Array
+    dqdd_dq: Array
+    dqdd_dqd: Array
+    dqdd_dqdd: Array
+    inverse_inertia: Array
 
 
 @cache
@@ -82,6 +122,138 @@ class DifferentiableModel(ConstrainedModel):
         if wrenches:
             self._subtract_loads(as_rows('q', q, n), wrenches, result[0])
         return result
+
+    def forward_dynamics_derivatives(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        wrenches: Wrenches | None = None,
+        out: Sequence[Array] | None = None,
+        check: bool = True,
+    ) -> Derivatives:
+        """Return the derivatives of :meth:`Robot.forward_dynamics`.
+
+        Parameters as in :meth:`inverse_dynamics_derivatives`, with generalized forces tau.
+
+        Returns
+        -------
+        dqdd_dq, dqdd_dqd, inverse_inertia : (n, n) or (k, n, n) each
+            dqdd_dtau is the inverse of the generalized inertia matrix.
+
+        Raises
+        ------
+        StateError
+            For a wrong shape or type, or a number that is not finite.
+        SolverError
+            The inertia is singular (a massless chain).
+        """
+        n = self.n
+        load = None
+        if wrenches:
+            load = self._load_derivative(q, wrenches)
+            tau = as_rows('tau', tau, n) + self._load(as_rows('q', q, n), wrenches)
+        if out is None:
+            result = (_empty((n, n)), _empty((n, n)), _empty((n, n)))
+        else:
+            result = _three(out)
+        kernel = _prepared(forward_derivatives.forward_dynamics_derivatives)
+        status = kernel(self.handle, q, qd, tau, *result)
+        if status != GOOD:
+            arguments = {'q': q, 'qd': qd, 'tau': tau}
+            rows = forward_derivatives.forward_dynamics_derivatives_rows
+            result = self._settle_derivatives(status, rows, arguments, out, result, check)
+        if load is not None:
+            result[0][...] += result[2] @ load
+        return result
+
+    def hybrid_dynamics_derivatives(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd_joints: ArrayLike,
+        joints: Sequence[str] | None = None,
+        tau: ArrayLike | None = None,
+        wrenches: Wrenches | None = None,
+        check: bool = True,
+    ) -> HybridDerivatives:
+        """Return the derivatives of :meth:`Robot.hybrid_dynamics`.
+
+        Parameters
+        ----------
+        q, qd : (n,) or (k, n)
+        qdd_joints : (joints,) or (k, joints)
+        joints : names, optional
+            The prescribed joints; default all.
+        tau : (n,) or (k, n), optional
+            Generalized forces of the free coordinates; default zero.
+        wrenches : {frame: (6,)}, optional
+
+        Returns
+        -------
+        HybridDerivatives
+            Rows of torques in the order of `joints`, of accelerations in that of the others.
+
+        Raises
+        ------
+        StateError, SolverError
+            As :meth:`forward_dynamics_derivatives`.
+        """
+        n = self.n
+        names = self.joint_names if joints is None else tuple(joints)
+        index = self.indices(names)
+        free = np.setdiff1d(np.arange(n), index)
+        q, qd = as_rows('q', q, n), as_rows('qd', qd, n)
+        qdd_joints = as_rows('qdd_joints', qdd_joints, len(names))
+        force = self._zero if tau is None else as_rows('tau', tau, n)
+        if wrenches:
+            force = force + self._load(q, wrenches)
+        arrays = (q, qd, qdd_joints, force)
+        single = all(array.ndim == 1 for array in arrays)
+        q, qd, qdd_joints, force = same_rows(arrays)
+        k = len(q)
+        given = np.zeros((k, n))
+        given[:, index] = qdd_joints
+        qdd, by_q, by_rate = np.empty((k, n)), np.empty((k, n, n)), np.empty((k, n, n))
+        by_drive = np.empty((k, 2, n, n))
+        inputs, outputs = (self.held(index), q, qd, given, force), (qdd, by_q, by_rate, by_drive)
+        kernel = forward_derivatives.hybrid_dynamics_derivatives_rows
+        status = run_rows(self, kernel, k, inputs, outputs)
+        self._judge(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
+        driven = by_drive[:, 0]
+        if wrenches:
+            load = self._load_derivative(q, wrenches)
+            by_q += driven[:, :, free] @ load[:, free]
+            by_q[:, index] -= load[:, index]
+        parts = [
+            matrix[:, rows][:, :, columns]
+            for rows in (index, free)
+            for matrix, columns in (
+                (by_q, slice(None)),
+                (by_rate, slice(None)),
+                (driven, index),
+                (driven, free),
+            )
+        ]
+        return HybridDerivatives(*(part[0] if single else part for part in parts))
+
+    def _load_derivative(self, q: ArrayLike, wrenches: Wrenches) -> Array:
+        """Return the derivative (n, n) or (k, n, n) by q of the forces that wrenches make."""
+        q = as_rows('q', q, self.n)
+        out = np.zeros((*q.shape, self.n))
+        self._subtract_loads(q, wrenches, out)
+        return -out
+
+    def _load(self, q: Array, wrenches: Wrenches) -> Array:
+        """Return the generalized forces (n,) or (k, n) of wrenches on frames."""
+        if q.ndim == 2:
+            return np.array([self._load(row, wrenches) for row in q])
+        require_finite({'q': q})
+        load, jacobian = np.zeros(self.n), np.empty((6, self.n))
+        for frame, wrench in wrenches.items():
+            world.frame_jacobian(self.handle, q, self._row(frame), jacobian)
+            load += jacobian.T @ as_vector('wrench', wrench, (6,))
+        return load
 
     def _settle_derivatives(
         self,

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import equilibrium, linearization, structure
 from denoc_ros.dynamics.batch import each_row, run_rows
-from denoc_ros.dynamics.borders import as_output, as_rows, as_states, as_vector, same_rows
+from denoc_ros.dynamics.borders import as_output, as_rows, as_states, same_rows
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
 from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.held_model import Source
@@ -329,14 +329,6 @@ class Robot(
             status = run_rows(self, verb.rows, k, rows, (result.reshape(k, *shape),))
         self._judge(status, check, **arrays)
         return result
-
-    def _load(self, q: Array, wrenches: Wrenches) -> Array:
-        if q.ndim == 2:
-            return np.array([self._load(row, wrenches) for row in q])
-        load = np.zeros(self.n)
-        for frame, wrench in wrenches.items():
-            load += self.frame_jacobian(frame, q).T @ as_vector('wrench', wrench, (6,))
-        return load
 
 
 def load_robot(

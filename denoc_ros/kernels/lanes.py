@@ -80,6 +80,16 @@ def lane(_typing, value, index):
 
 
 @intrinsic
+def with_lane(_typing, value, index, number):
+    """Return a value with another number in one lane."""
+
+    def generate(_context, builder, _signature, args):
+        return builder.insert_element(args[0], args[2], args[1])
+
+    return lanes(value, index, number), generate
+
+
+@intrinsic
 def plus(_typing, a, b):
     """Return a + b."""
 
@@ -103,6 +113,17 @@ def product(_typing, a, b):
 def plus_product(a, b, c):
     """Return a + b c."""
     return plus(a, product(b, c))
+
+
+@inlined
+def take_some(start, offset, count):
+    """Return the first `count` numbers, all where there are more, without reading beyond them."""
+    if count >= LANES:
+        return take(start, offset)
+    value = spread(0.0)
+    for k in range(count):
+        value = with_lane(value, k, start[offset + k])
+    return value
 
 
 @inlined

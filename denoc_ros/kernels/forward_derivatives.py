@@ -1,0 +1,170 @@
+"""Derivatives of forward and hybrid dynamics: those of inverse dynamics through the factors.
+
+I q'' + h = tau holds for every state: d q'' = -I_ff^-1 d(I q'' + h)_f at the accelerations that
+belong to it, and forces of held joints follow them. Right-hand sides take O(n) each.
+"""
+
+from numba import types
+
+from denoc_ros.kernels.array_object import (
+    READABLE,
+    WRITABLE,
+    array_object,
+    content,
+    is_matrix,
+    is_vector,
+)
+from denoc_ros.kernels.articulated import find_acceleration, find_articulated
+from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.handle import (
+    ARMATURE,
+    GOOD,
+    MISFIT,
+    ZERO,
+    beyond,
+    coordinates,
+    elements,
+    model_arrays,
+)
+from denoc_ros.kernels.inverse_derivatives import find_derivatives
+from denoc_ros.kernels.right_hand_sides import factors_to_base, solve_columns
+
+
+@shared
+def find_forward_derivatives(handle, q, qd, tau, by_q, by_rate, inverse):
+    """Write d q'' / dq, d q'' / dq' and I^-1 (n, n each)."""
+    ints, _reals, work, diagonals, bodies = model_arrays(handle)
+    n = coordinates(handle)
+    # the accelerations stand in the result's first row until the derivatives there take its place
+    status = find_acceleration(handle, q, qd, tau, inverse)
+    if status == GOOD:
+        status = find_derivatives(handle, q, qd, inverse, by_q, by_rate, inverse)
+    if status != GOOD:
+        return status
+    held = diagonals[ZERO]
+    factors_to_base(ints, work, held, bodies)
+    for k in range(n * n):
+        by_q[k] = -by_q[k]
+        by_rate[k] = -by_rate[k]
+        inverse[k] = 0.0
+    for j in range(n):
+        inverse[(n + 1) * j] = 1.0
+    solve_columns(n, ints, work, bodies, held, by_q, False)
+    solve_columns(n, ints, work, bodies, held, by_rate, False)
+    solve_columns(n, ints, work, bodies, held, inverse, True)
+    return GOOD
+
+
+@kernel(types.int64(types.int64, *[array_object] * 6))
+def forward_dynamics_derivatives(handle, q, qd, tau, by_q, by_rate, inverse):
+    """Write d q'' / dq, d q'' / dq' and I^-1 (n, n each)."""
+    n = coordinates(handle)
+    if not (
+        is_vector(handle, q, n, READABLE)
+        and is_vector(handle, qd, n, READABLE)
+        and is_vector(handle, tau, n, READABLE)
+        and is_matrix(handle, by_q, n, WRITABLE)
+        and is_matrix(handle, by_rate, n, WRITABLE)
+        and is_matrix(handle, inverse, n, WRITABLE)
+    ):
+        return MISFIT
+    return find_forward_derivatives(
+        handle, content(q), content(qd), content(tau), content(by_q), content(by_rate),
+        content(inverse),
+    )  # fmt: skip
+
+
+@rows_kernel(
+    'int64(int64, float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64, '
+    'float64[:, :, ::1], float64[:, :, ::1], float64[:, :, ::1])'
+)
+def forward_dynamics_derivatives_rows(handle, q, qd, tau, first, last, by_q, by_rate, inverse):
+    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
+    n = coordinates(handle)
+    a, b, c = elements(q), elements(qd), elements(tau)
+    d, e, f = elements(by_q), elements(by_rate), elements(inverse)
+    worst = GOOD
+    for row in range(first, last):
+        k, m = n * row, n * n * row
+        status = find_forward_derivatives(
+            handle, beyond(a, k), beyond(b, k), beyond(c, k), beyond(d, m), beyond(e, m),
+            beyond(f, m),
+        )  # fmt: skip
+        worst = max(worst, status)
+    return worst
+
+
+@inlined
+def held_rows(n, held, inertia, x):
+    """Turn the rows of held joints from -d tau to d tau + I_hf X_f."""
+    for r in range(n):
+        if held[r] == 0.0:
+            continue
+        for j in range(n):
+            x[n * r + j] = -x[n * r + j]
+        for k in range(n):
+            if held[k] != 0.0:
+                continue
+            factor = inertia[n * r + k]
+            for j in range(n):
+                x[n * r + j] += factor * x[n * k + j]
+
+
+@inlined
+def drive_columns(n, held, inertia, x):
+    """Write -d(I q'' + h - tau) by what drives: q''_j of held joints, tau_j of the others."""
+    for r in range(n):
+        for j in range(n):
+            x[n * r + j] = -inertia[n * r + j] if held[j] != 0.0 else 0.0
+        if held[r] == 0.0:
+            x[(n + 1) * r] = 1.0
+
+
+@shared
+def find_hybrid_derivatives(handle, held, q, qd, given, tau, qdd, by_q, by_rate, by_drive):
+    """Write the derivatives (n, n) of what hybrid dynamics find, and q'' (n).
+
+    That is, per coordinate: tau of a held joint, q'' of another. by_drive: by q'' and by tau of
+    these. by_drive has room for 2 n^2 numbers; the second half takes the inertia.
+    """
+    ints, _reals, work, diagonals, bodies = model_arrays(handle)
+    n = coordinates(handle)
+    inertia = beyond(by_drive, n * n)
+    status = find_articulated(handle, diagonals[ARMATURE], held, q, qd, given, tau, qdd, by_drive)
+    if status == GOOD:
+        status = find_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia)
+    if status != GOOD:
+        return status
+    factors_to_base(ints, work, held, bodies)
+    for k in range(n * n):
+        by_q[k] = -by_q[k]
+        by_rate[k] = -by_rate[k]
+    drive_columns(n, held, inertia, by_drive)
+    for x in (by_q, by_rate, by_drive):
+        solve_columns(n, ints, work, bodies, held, x, False)
+        held_rows(n, held, inertia, x)
+    return GOOD
+
+
+@rows_kernel(
+    'int64(int64, float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], '
+    'float64[:, ::1], int64, int64, float64[:, ::1], float64[:, :, ::1], float64[:, :, ::1], '
+    'float64[:, :, :, ::1])'
+)
+def hybrid_dynamics_derivatives_rows(
+    handle, held, q, qd, given, tau, first, last, qdd, by_q, by_rate, by_drive
+):
+    """Do so for rows first .. last - 1 of (k, n) states; return the worst status."""
+    n = coordinates(handle)
+    a, b, c, d = elements(q), elements(qd), elements(given), elements(tau)
+    e, f, g, h = elements(qdd), elements(by_q), elements(by_rate), elements(by_drive)
+    flags = elements(held)
+    worst = GOOD
+    for row in range(first, last):
+        k, m = n * row, n * n * row
+        status = find_hybrid_derivatives(
+            handle, flags, beyond(a, k), beyond(b, k), beyond(c, k), beyond(d, k),
+            beyond(e, k), beyond(f, m), beyond(g, m), beyond(h, 2 * m),
+        )  # fmt: skip
+        worst = max(worst, status)
+    return worst
