@@ -54,6 +54,14 @@ class Pinocchio:
         """Return `pin.crba` over states (q, …); it fills the upper triangle."""
         return self._subject(self.pin.crba, [state[:1] for state in states])
 
+    def inverse_derivatives(self, states: Sequence[State]) -> Subject:
+        """Return `pin.computeRNEADerivatives` over states (q, qd, qdd)."""
+        return self._subject(self.pin.computeRNEADerivatives, states)
+
+    def forward_derivatives(self, states: Sequence[State]) -> Subject:
+        """Return `pin.computeABADerivatives` over states (q, qd, tau)."""
+        return self._subject(self.pin.computeABADerivatives, states)
+
     def constrained_dynamics(self, states: Sequence[State], robot: Robot) -> Subject:
         """Return `pin.constraintDynamics` with the robot's loops as points that coincide.
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from denoc_ros.bench.results import Line
 
 GROUPS = (
-    'inverse', 'forward', 'inertia', 'ssrms', 'loops', 'growth', 'dense', 'batch', 'load',
-    'operations',
+    'inverse', 'forward', 'inertia', 'derivatives', 'ssrms', 'loops', 'growth', 'dense', 'batch',
+    'load', 'operations',
 )  # fmt: skip
 SSRMS = 'config/robots/ssrms.urdf'
 WRONG = 2
@@ -106,7 +106,7 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[Line]:
     quick : bool
         Check on less, and call only a few times: no line has a reach then.
     """
-    from denoc_ros.bench import batches, growth, loading, loops, rigid
+    from denoc_ros.bench import batches, derivatives, growth, loading, loops, rigid
     from denoc_ros.bench.timing import FULL, QUICK
     from denoc_ros.cli.config import find_file
 
@@ -116,6 +116,7 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[Line]:
         'inverse': lambda: rigid.inverse_lines(effort),
         'forward': lambda: rigid.forward_lines(effort),
         'inertia': lambda: rigid.inertia_lines(effort),
+        'derivatives': lambda: derivatives.derivative_lines(ssrms, effort, quick),
         'ssrms': lambda: rigid.ssrms_lines(ssrms, effort),
         'loops': lambda: loops.loop_lines(ssrms.parent, effort),
         'growth': lambda: growth.growth_lines(effort, quick),
