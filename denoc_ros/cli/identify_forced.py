@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.identify_inputs import add_channel_options, add_recording_options, channel_of
+from denoc_ros.cli.identify_inputs import (
+    add_channel_options,
+    add_recording_options,
+    add_verdict_options,
+    asked_of,
+    channel_of,
+)
 from denoc_ros.cli.text_table import text_table
 
 if TYPE_CHECKING:
@@ -32,7 +38,12 @@ def add_actions(actions: Any) -> None:
     add_recording_options(parser)
     group = parser.add_argument_group('the input')
     group.add_argument('--force-topic', default='', help='default: that of the response')
-    group.add_argument('--force-field', required=True, help='as --field')
+    group.add_argument(
+        '--force-field',
+        required=True,
+        action='append',
+        help='as --field; repeatable: inputs that act together',
+    )
     group.add_argument(
         '--force-quantity',
         choices=('position', 'velocity', 'effort'),
@@ -40,6 +51,7 @@ def add_actions(actions: Any) -> None:
         help='of a JointState; default: effort',
     )
     add_channel_options(parser)
+    add_verdict_options(parser)
     parser.set_defaults(act=run_forced)
 
 
@@ -49,21 +61,27 @@ def run_forced(args: argparse.Namespace) -> int:
     from denoc_ros.cli.versions import versions
     from denoc_ros.identification.channel import read_record
     from denoc_ros.identification.forced import fit_forced
+    from denoc_ros.identification.modes import strongest
 
-    channel = channel_of(args)
+    channel, (band, count) = channel_of(args), asked_of(args)
     response = read_record(args.path, channel)
-    source = replace(
-        channel,
-        topic=args.force_topic or response.channel.topic,
-        field=args.force_field,
-        quantity=args.force_quantity,
-        gain=1.0,
-        offset=0.0,
-        unit='',
-    )
-    force, answer = _together(read_record(args.path, source), response)
-    found = fit_forced(force, answer)
-    document = forced_result(response, source.name, answer, found, versions())
+    sources = [
+        replace(
+            channel,
+            topic=args.force_topic or response.channel.topic,
+            field=field,
+            quantity=args.force_quantity,
+            gain=1.0,
+            offset=0.0,
+            unit='',
+        )
+        for field in args.force_field
+    ]
+    forces, answer = _together([read_record(args.path, one) for one in sources], response)
+    found = fit_forced(forces, answer)
+    asked = strongest(found.frequency, found.strength, band, count)
+    names = ', '.join(one.name for one in sources)
+    document = forced_result(response, names, answer, found, versions(), asked)
     return give_result(
         args,
         document,
@@ -73,7 +91,12 @@ def run_forced(args: argparse.Namespace) -> int:
 
 
 def forced_result(
-    reading: Reading, force: str, record: Record, found: ForcedModes, versions: Mapping[str, str]
+    reading: Reading,
+    force: str,
+    record: Record,
+    found: ForcedModes,
+    versions: Mapping[str, str],
+    asked: Sequence[int],
 ) -> Document:
     """Return all that is kept of an identification from torque and response."""
     from denoc_ros.identification.quality import assess
@@ -87,6 +110,7 @@ def forced_result(
             'formal_interval': found.formal_interval[k],
             'window_interval': found.window_interval[k],
             'strength': found.strength[k],
+            'asked': k in asked,
             'verdict': found.verdict[k],
             'reasons': found.reasons[k],
         }
@@ -100,8 +124,9 @@ def forced_result(
         'method': 'rational frequency response at the excited lines, least squares; order by BIC',
         'modes': modes,
         'explained': found.explained,
-        'verdict': found.status,
-        'reasons': [one for some in found.reasons for one in some],
+        'verdict': found.status_of(asked),
+        'remarks': found.remarks,
+        'reasons': [*found.remarks, *(one for k in asked for one in found.reasons[k])],
         'versions': dict(versions),
     }
     return dict(plain(document))
@@ -109,6 +134,8 @@ def forced_result(
 
 def as_text(document: Mapping[str, Any]) -> str:
     """Return a result's lines for a terminal."""
+    from denoc_ros.cli.identify_outputs import verdict_text
+
     source = document['source']
     lines = [
         f'{source["file"]}: {source["field"]} from {source["force"]}, '
@@ -128,7 +155,8 @@ def as_text(document: Mapping[str, Any]) -> str:
         lines.append(text_table(rows))
     for mode in document['modes']:
         lines += [f'  {mode["frequency_hz"]:.4g} Hz: {reason}' for reason in mode['reasons']]
-    return '\n'.join([*lines, f'verdict: {document["verdict"]}'])
+    lines += [f'  {remark}' for remark in document['remarks']]
+    return '\n'.join([*lines, verdict_text(document)])
 
 
 def forced_page(
@@ -154,17 +182,19 @@ def _response(record: Record, found: ForcedModes) -> Section:
     from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
     from denoc_ros.cli.pages import Section
 
+    inputs = found.measured.shape[1]
     panels = [
         Panel(
-            title,
+            title + (f', input {k + 1}' if inputs > 1 else ''),
             unit,
             [
-                Curve('measured', TRUTH_COLOUR, found.line, of(found.measured), marker='.'),
-                Curve('fitted', PHASE_COLOURS[0], found.line, of(found.fitted)),
+                Curve('measured', TRUTH_COLOUR, found.line, of(found.measured[:, k]), marker='.'),
+                Curve('fitted', PHASE_COLOURS[0], found.line, of(found.fitted[:, k])),
             ],
             x_label='frequency [Hz]',
             log_y=log,
         )
+        for k in range(inputs)
         for title, unit, of, log in (
             ('response over input, magnitude', '', np.abs, True),
             ('phase', 'rad', np.angle, False),
@@ -177,17 +207,19 @@ def _response(record: Record, found: ForcedModes) -> Section:
     )
 
 
-def _together(force: Reading, response: Reading) -> tuple[Record, Record]:
-    """Return input and response on the stamps of the response where both are there."""
+def _together(forces: Sequence[Reading], response: Reading) -> tuple[list[Record], Record]:
+    """Return inputs and response on the stamps of the response where all are there."""
     import numpy as np
 
     from denoc_ros.identification.records import Record
 
     answer = response.record
-    late = (force.origin_ns - response.origin_ns) * 1e-9
-    t = force.record.t + late
-    if np.array_equal(t, answer.t):
-        return force.record, answer
-    answer = answer.part(max(t[0], answer.t[0]), min(t[-1], answer.t[-1]))
-    values = np.interp(answer.t, t, force.record.y)
-    return Record(answer.t, values, force.record.name, force.record.unit), answer
+    shifted = [
+        (one.record, one.record.t + (one.origin_ns - response.origin_ns) * 1e-9) for one in forces
+    ]
+    if not all(np.array_equal(t, answer.t) for _, t in shifted):
+        start = max(answer.t[0], *(t[0] for _, t in shifted))
+        answer = answer.part(start, min(answer.t[-1], *(t[-1] for _, t in shifted)))
+    return [
+        Record(answer.t, np.interp(answer.t, t, one.y), one.name, one.unit) for one, t in shifted
+    ], answer

@@ -1,8 +1,9 @@
-"""Modes from a forced record: torque in, response out."""
+"""Modes from a forced record: one torque or several in, one response out."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from scipy.optimize import least_squares
 
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.curves import NORMAL_95, pole_zeta_deviation, zeta_and_rate
-from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE, worst
+from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE, strongest, worst
 from denoc_ros.identification.records import Floats, Record
 from denoc_ros.identification.spectra import even_record
 
@@ -25,6 +26,7 @@ COST = 5.0  # of one mode, in log(lines): pole, residue and the search for it
 WIDEST = 0.1  # relative deviation of a good mode's damping ratio
 USELESS = 0.5
 LEAST_EXPLAINED = 0.8
+ALIKE = 0.02  # smallest over largest singular value of the inputs: less is one input twice
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +47,14 @@ class ForcedModes:
         Part of the output's power at the excited lines that the modes and the start explain.
     line : ndarray, shape (l,)
         Excited frequencies [Hz].
-    measured, fitted : ndarray of complex, shape (l,)
-        Frequency response (output over input), without and with the model.
+    measured, fitted : ndarray of complex, shape (l, inputs)
+        Frequency response (output over one input, what the others cause taken off), without and
+        with the model.
     verdict : tuple of str
     reasons : tuple of tuple of str
+        What each verdict rests on, a good one too.
+    remarks : tuple of str
+        What concerns the whole record, such as why there is no mode.
     """
 
     frequency: Floats
@@ -63,16 +69,21 @@ class ForcedModes:
     fitted: Complex
     verdict: tuple[str, ...]
     reasons: tuple[tuple[str, ...], ...]
+    remarks: tuple[str, ...] = field(default=())
 
     @property
     def status(self) -> str:
-        """Verdict on the record: its worst mode's."""
-        return worst(self.verdict)
+        """Verdict on the record: its strongest mode's, `not identifiable` where there is none."""
+        return self.status_of(strongest(self.frequency, self.strength))
+
+    def status_of(self, asked: Sequence[int]) -> str:
+        """Return the worst verdict of some modes, `not identifiable` where there is none."""
+        return worst(tuple(self.verdict[k] for k in asked))
 
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """Excited lines of one stretch: z = exp(i w), input's and output's transforms."""
+    """Excited lines of one stretch: z = exp(i w), transforms of the inputs (l, n) and output."""
 
     z: Complex
     u: Complex
@@ -84,56 +95,79 @@ class _Fit:
     poles: Floats  # decay and angle per sample, shape (m, 2)
     residual: Complex
     jacobian: Floats
-    weights: Floats  # shape (4 m + 3,): per mode a of input and start, b likewise; direct terms
+    # per mode a of each input and of the start, b likewise; then the direct terms
+    weights: Floats
 
     @property
     def rss(self) -> float:
         return float(np.sum(np.abs(self.residual) ** 2))
 
 
-def fit_forced(force: Record, response: Record) -> ForcedModes:
-    """Identify modes from a measured input and its response.
+def fit_forced(force: Record | Sequence[Record], response: Record) -> ForcedModes:
+    """Identify modes from a measured input, or several at once, and the response.
 
     Parameters
     ----------
-    force, response : Record
+    force : Record or sequence of Record
+        The inputs; several must differ, or what each does is not told.
+    response : Record
         On the same stamps, evenly spaced but for jitter.
+
+    Returns
+    -------
+    ForcedModes
+        None where nothing of the response follows from the inputs; `remarks` then say so.
 
     Raises
     ------
     IdentificationError
-        The stamps differ, the input is at rest, or nothing of the response follows from it.
+        The stamps differ, an input is at rest, or inputs are the same.
 
     Notes
     -----
-    Output = sum of modes' responses (poles and residues of the discrete transfer function) + what
+    Output = sum of modes' responses (poles and residues of the discrete transfer functions) + what
     was swinging at the start, fitted at the excited lines of the discrete Fourier transforms.
     First poles: Sanathanan and Koerner's iteration (IEEE Trans. Automatic Control 8, 1963); then
     nonlinear least squares with the linear part eliminated; number of modes by BIC.
     """
-    if force.t.shape != response.t.shape or not np.array_equal(force.t, response.t):
-        raise IdentificationError(
-            f'{response.name}: input and response must have the same stamps, got '
-            f'{force.t.size} and {response.t.size} samples'
-        )
-    step = force.duration / (force.t.size - 1)
-    u, y = even_record(force).y, even_record(response).y
-    u, y = u - u.mean(), y - y.mean()
+    forces = [force] if isinstance(force, Record) else list(force)
+    for one in forces:
+        if one.t.shape != response.t.shape or not np.array_equal(one.t, response.t):
+            raise IdentificationError(
+                f'{response.name}: input and response must have the same stamps, got '
+                f'{one.t.size} and {response.t.size} samples'
+            )
+    step = response.duration / (response.t.size - 1)
+    y = even_record(response).y
+    y = y - y.mean()
+    u = np.column_stack([_moving(one) for one in forces])
+    _require_different(u, response.name)
+    lines = _excited(u, y)
+    return _modes(_searched(lines), lines, u, y, step)
+
+
+def _moving(force: Record) -> Floats:
+    u = even_record(force).y
+    u = u - u.mean()
     if not np.any(u):
         raise IdentificationError(f'{force.name}: the input must move, got a constant')
-    lines = _excited(u, y)
-    fit = _searched(lines)
-    if not len(fit.poles):
+    return np.asarray(u)
+
+
+def _require_different(u: Floats, name: str) -> None:
+    size = np.linalg.svd(u / np.linalg.norm(u, axis=0), compute_uv=False)
+    if size[-1] < ALIKE * size[0]:
         raise IdentificationError(
-            f'{response.name}: at least one mode must follow from the input, got none'
+            f'{name}: inputs must differ, got ones that are {100.0 * ALIKE:.0f} % or less apart'
         )
-    return _modes(fit, lines, u, y, step)
 
 
 def _excited(u: Floats, y: Floats) -> _Lines:
-    turn = np.fft.rfftfreq(u.size) * 2.0 * np.pi
-    spectrum = np.fft.rfft(u)
-    lines = (np.abs(spectrum) > EXCITED * np.abs(spectrum).max()) & (turn > 0.0) & (turn < np.pi)
+    turn = np.fft.rfftfreq(len(u)) * 2.0 * np.pi
+    spectrum = np.fft.rfft(u, axis=0)
+    size = np.abs(spectrum)
+    excited = np.any(size > EXCITED * size.max(axis=0), axis=1)
+    lines = excited & (turn > 0.0) & (turn < np.pi)
     return _Lines(np.exp(1j * turn[lines]), spectrum[lines], np.fft.rfft(y)[lines])
 
 
@@ -159,10 +193,11 @@ def _first_poles(lines: _Lines, modes: int) -> list[Floats]:
     """Return sets of poles: A y = B u + T solved with the last A's magnitude taken out."""
     order = 2 * modes
     powers = lines.z[:, None] ** -np.arange(order + 1)
+    driven = [powers * u[:, None] for u in lines.u.T]
     weight = np.ones(lines.z.size)
     found = []
     for k in range(ITERATIONS):
-        rows = np.hstack((-powers[:, 1:] * lines.y[:, None], powers * lines.u[:, None], powers))
+        rows = np.hstack((-powers[:, 1:] * lines.y[:, None], *driven, powers))
         rows, right = rows * weight[:, None], lines.y * weight
         real = np.vstack((rows.real, rows.imag))
         solved = np.linalg.lstsq(real, np.concatenate((right.real, right.imag)), rcond=None)[0]
@@ -180,7 +215,7 @@ def _upper(roots: Complex) -> Floats:
 
 
 def _columns(lines: _Lines, poles: Floats) -> Complex:
-    """Return the linear part: per mode cosine and sine like responses to input and to the start.
+    """Return the linear part: per mode cosine and sine like responses to inputs and to the start.
 
     A pole and its conjugate with residues a -+ i b: a and b are real unknowns.
     """
@@ -189,8 +224,9 @@ def _columns(lines: _Lines, poles: Floats) -> Complex:
         pole = np.exp(-sigma + 1j * omega)
         upper, lower = 1.0 / (lines.z - pole), 1.0 / (lines.z - pole.conjugate())
         for shape in (upper + lower, 1j * (upper - lower)):
-            columns += [shape * lines.u, shape * lines.z]
-    columns += [lines.u, np.ones(lines.z.size, complex), lines.z**-1 * lines.u]
+            columns += [*(shape * u for u in lines.u.T), shape * lines.z]
+    columns += [*lines.u.T, *(lines.z**-1 * u for u in lines.u.T)]
+    columns.append(np.ones(lines.z.size, complex))
     return np.column_stack(columns)
 
 
@@ -225,10 +261,8 @@ def _modes(fit: _Fit, lines: _Lines, u: Floats, y: Floats, step: float) -> Force
     wider = np.fmax(formal, spread)
     explained = 1.0 - fit.rss / float(np.sum(np.abs(lines.y) ** 2))
     verdicts = [_judged(zeta[k], wider[k] / NORMAL_95, explained) for k in range(len(order))]
-    start = _columns(lines, fit.poles)
-    start[:, : 4 * len(fit.poles) : 2] = 0.0
-    start[:, [-3, -1]] = 0.0
-    free = start @ fit.weights
+    remarks = () if order else (_nothing(fit, explained),)
+    measured, fitted = _responses(fit, lines)
     return ForcedModes(
         frequency=values[:, 1] / (2.0 * np.pi * step),
         damping_ratio=zeta,
@@ -238,11 +272,36 @@ def _modes(fit: _Fit, lines: _Lines, u: Floats, y: Floats, step: float) -> Force
         strength=np.array([_strength(fit, k) for k in order]),
         explained=explained,
         line=np.angle(lines.z) / (2.0 * np.pi * step),
-        measured=(lines.y - free) / lines.u,
-        fitted=(lines.y - fit.residual - free) / lines.u,
+        measured=measured,
+        fitted=fitted,
         verdict=tuple(word for word, _ in verdicts),
         reasons=tuple(reasons for _, reasons in verdicts),
+        remarks=remarks,
     )
+
+
+def _nothing(fit: _Fit, explained: float) -> str:
+    """Return why there is no mode."""
+    if not len(fit.poles):
+        return 'nothing of the response follows from the input as a mode does'
+    return (
+        f'{len(fit.poles)} fitted poles are no modes within the excited band '
+        f'({100.0 * explained:.1f} % of the response explained)'
+    )
+
+
+def _responses(fit: _Fit, lines: _Lines) -> tuple[Complex, Complex]:
+    """Return the frequency responses to each input, measured and fitted, (l, inputs) each."""
+    inputs = lines.u.shape[1]
+    phi = _columns(lines, fit.poles)
+    source = np.append(
+        np.tile(np.arange(inputs + 1), 2 * len(fit.poles)), [*(2 * list(range(inputs))), inputs]
+    )
+    parts = np.column_stack(
+        [phi[:, source == k] @ fit.weights[source == k] for k in range(inputs)]
+    )
+    with np.errstate(divide='ignore', invalid='ignore'):
+        return (parts + fit.residual[:, None]) / lines.u, parts / lines.u
 
 
 def _inside(pole: Floats, turns: Floats) -> bool:
@@ -252,8 +311,10 @@ def _inside(pole: Floats, turns: Floats) -> bool:
 
 
 def _strength(fit: _Fit, k: int) -> float:
-    a, b = fit.weights[4 * k], fit.weights[4 * k + 2]
-    return float(np.hypot(a, b) / -np.expm1(-max(fit.poles[k, 0], 1e-12)))
+    inputs = (fit.weights.size - 1 - 2 * len(fit.poles)) // (2 * len(fit.poles) + 2)
+    own = fit.weights[2 * (inputs + 1) * k :].reshape(-1)[: 2 * (inputs + 1)]
+    a, b = own[:inputs], own[inputs + 1 : -1]
+    return float(np.hypot(a, b).max() / -np.expm1(-max(fit.poles[k, 0], 1e-12)))
 
 
 def _formal(fit: _Fit) -> Floats:
@@ -273,7 +334,7 @@ def _over_windows(fit: _Fit, u: Floats, y: Floats) -> Floats:
     parts = [np.array_split(values, WINDOWS) for values in (u, y)]
     rows = []
     for part_u, part_y in zip(*parts, strict=True):
-        lines = _excited(part_u - part_u.mean(), part_y - part_y.mean())
+        lines = _excited(part_u - part_u.mean(axis=0), part_y - part_y.mean())
         if lines.z.size > 2 * len(fit.poles) + 4:
             poles = _nonlinear(lines, fit.poles).poles
             rows.append(poles[:, 0] / np.hypot(poles[:, 0], poles[:, 1]))
@@ -284,15 +345,13 @@ def _over_windows(fit: _Fit, u: Floats, y: Floats) -> Floats:
 
 def _judged(zeta: float, deviation: float, explained: float) -> tuple[str, tuple[str, ...]]:
     relative = deviation / zeta
-    if relative > USELESS:
-        reason = f'standard deviation of the damping ratio is {100.0 * relative:.0f} % of it'
-        return NOT_IDENTIFIABLE, (reason,)
+    spread = f'standard deviation of the damping ratio is {100.0 * relative:.1f} % of it'
+    share = f'{100.0 * explained:.1f} % of the response explained'
+    if not relative <= USELESS:
+        return NOT_IDENTIFIABLE, (f'{spread}, more than {100.0 * USELESS:.0f} %', share)
     reasons = []
     if relative > WIDEST:
-        reasons.append(
-            f'standard deviation of the damping ratio is {100.0 * relative:.1f} % of it, more '
-            f'than {100.0 * WIDEST:.0f} %'
-        )
+        reasons.append(f'{spread}, more than {100.0 * WIDEST:.0f} %')
     if explained < LEAST_EXPLAINED:
-        reasons.append(f'{100.0 * explained:.1f} % of the response explained')
-    return (DOUBTFUL if reasons else GOOD), tuple(reasons)
+        reasons.append(f'{share}, less than {100.0 * LEAST_EXPLAINED:.0f} %')
+    return (DOUBTFUL, tuple(reasons)) if reasons else (GOOD, (spread, share))

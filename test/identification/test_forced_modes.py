@@ -17,9 +17,9 @@ STEP = 0.005
 MODES = ((3.0, 0.02, 1.0), (11.0, 0.01, 2.0))
 
 
-def driven(noise: float) -> tuple[Record, Record]:
+def driven(noise: float, samples: int = 1024) -> tuple[Record, Record]:
     draw = np.random.default_rng(3)
-    torque = draw.standard_normal(1024)
+    torque = draw.standard_normal(samples)
     response = np.zeros(torque.size)
     for frequency, zeta, gain in MODES:
         rate = 2.0 * np.pi * frequency
@@ -45,8 +45,40 @@ def test_modes_are_those_of_the_plant() -> None:
 def test_noise_that_does_not_follow_the_torque_is_no_mode() -> None:
     torque, _ = driven(0.0)
     y = np.random.default_rng(4).standard_normal(torque.t.size)
-    with pytest.raises(dn.IdentificationError, match='at least one mode must follow'):
-        fit_forced(torque, Record(torque.t, y))
+    found = fit_forced(torque, Record(torque.t, y))
+    assert found.status == 'not identifiable'
+    assert found.frequency.size == 0
+    assert 'follows from the input' in found.remarks[0] or 'are no modes' in found.remarks[0]
+
+
+def test_two_coupled_inputs_are_told_apart() -> None:
+    first, response = driven(0.0, 512)
+    draw = np.random.default_rng(6)
+    # a second torque that follows the first by half and drives the second mode otherwise
+    second = 0.5 * first.y + draw.standard_normal(first.t.size)
+    rate = 2.0 * np.pi * MODES[1][0]
+    plant = ([3.0 * rate**2], [1.0, 2.0 * MODES[1][1] * rate, rate**2])
+    above, below, _ = cont2discrete(plant, STEP)
+    y = response.y + lfilter(above.ravel(), below, second)
+    y = y + 0.01 * y.std() * draw.standard_normal(y.size)
+    inputs = [first, Record(first.t, second, 'second')]
+    found = fit_forced(inputs, Record(first.t, y, 'response'))
+    np.testing.assert_allclose(found.frequency, [3.0, 11.0], rtol=1e-3)
+    # 2.6 s hold eight cycles of the slower one: 10 % is within its interval
+    np.testing.assert_allclose(found.damping_ratio, [0.02, 0.01], rtol=0.2)
+    assert np.all(found.interval[:, 0] < [0.02, 0.01])
+    assert np.all(found.interval[:, 1] > [0.02, 0.01])
+    assert found.measured.shape == (found.line.size, 2)
+    assert found.explained > 0.99
+    with pytest.raises(dn.IdentificationError, match='inputs must differ'):
+        fit_forced([first, first], response)
+
+
+def test_every_verdict_has_reasons() -> None:
+    found = fit_forced(*driven(0.05, 512))
+    assert found.verdict
+    assert all(found.reasons)
+    assert 'standard deviation of the damping ratio is' in found.reasons[0][0]
 
 
 def test_other_stamps_and_a_resting_input_are_refused() -> None:
