@@ -12,7 +12,7 @@ from denoc_ros.dynamics.constraints import RANK, add_loop_friction, closure_rows
 from denoc_ros.dynamics.joint_ties import joint_ties
 from denoc_ros.dynamics.mobility import rank_of
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.model.tree import JointKind
+from denoc_ros.model.tree import JointKind, Tree
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -146,6 +146,7 @@ class LoopedMotion(DrivenMotion):
         self._least: Array = np.zeros((len(self.bound), len(self._rows)))
         kinds = {b.joint.name: b.joint.kind for b in robot.tree.bodies if b.joint is not None}
         self._turning = np.array([kinds[name] is JointKind.REVOLUTE for name in self.joints])
+        self._apart = self._outside_of_loops()
         self._linearize(self.posture)
 
     def _find_bound(self, flexible: bool) -> Int:
@@ -168,6 +169,16 @@ class LoopedMotion(DrivenMotion):
         everything = np.union1d(free, robot.flexible_indices)
         return everything if flexible and rank_of(rows[:, everything]) > rank else free
 
+    def _outside_of_loops(self) -> NDArray[np.bool_]:
+        """Say of each driven joint whether it leaves the loops as they are, wherever it is."""
+        tree = self.robot.tree
+        within: set[str] = set()
+        for loop in tree.loops:
+            within |= joints_below(tree, loop.parent.frame) ^ joints_below(tree, loop.child.frame)
+        inside = [name in within for name in self.robot.joint_names]
+        moves = (self._ties[inside] != 0.0).any(axis=0)
+        return np.asarray(~moves, dtype=np.bool_)
+
     def _linearize(self, q: Array) -> None:
         self._rows, self._axes = jacobian(self.robot, q)
         least = np.linalg.pinv(self._rows[:, self.bound], rcond=RANK)
@@ -182,6 +193,8 @@ class LoopedMotion(DrivenMotion):
             They do not close there, or it is too far from q; q is then as it was.
         """
         start, found = q[self.index], q.copy()
+        start[self._apart] = driven[self._apart]
+        found[self.index] = start
         way = np.abs(driven - start).max(initial=0.0)
         if way > MOST_PARTS * REACH:
             # the same posture, turns later
@@ -242,6 +255,18 @@ class LoopedMotion(DrivenMotion):
     def add_friction(self, qd: Array, force: Array) -> None:
         """Add viscous and Coulomb friction of the loops' own joints to a force (n,) in place."""
         add_loop_friction(self.robot, qd, self._axes, force)
+
+
+def joints_below(tree: Tree, frame: str) -> set[str]:
+    """Return the joints between the base and a frame."""
+    joints: set[str] = set()
+    place = tree.frames[frame].body
+    while place >= 0:
+        body = tree.bodies[place]
+        if body.joint is not None:
+            joints.add(body.joint.name)
+        place = body.attachment.body
+    return joints
 
 
 def _turns(angles: Array) -> Array:

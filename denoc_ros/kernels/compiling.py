@@ -7,7 +7,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from denoc_ros.kernels.cache import is_kept
 LOG = logging.getLogger('denoc_ros')
 LOOK = 0.05  # s between looks whether it is our turn
 SAY = 5.0  # s between two words on how far it is
+PATIENCE = 20.0  # s without progress after which what another process has claimed is ours too
 
 
 def compile_in_turn(kernels: Sequence[tuple[Any, Any]]) -> None:
@@ -37,16 +38,20 @@ def compile_in_turn(kernels: Sequence[tuple[Any, Any]]) -> None:
 
 
 def _compile(kernels: Sequence[tuple[Any, Any]]) -> None:
-    """Compile what no other process compiles, wait for the rest; say how far it is."""
+    """Compile what no other process compiles, wait for the rest; say how far it is.
+
+    A process that is stopped, or gets no processor, keeps nobody waiting for long.
+    """
     LOG.info('compiling %d kernels, once per version: a minute at most', len(kernels))
-    began = said = time.monotonic()
+    began = said = moved = time.monotonic()
     missing = list(kernels)
     while missing:
         for each in list(missing):
             with _claim(each[0]) as ours:
-                if ours:
+                if ours or time.monotonic() - moved > PATIENCE:
                     _compile_one(*each)
                     missing.remove(each)
+                    moved = time.monotonic()
             if time.monotonic() - said > SAY:
                 said = time.monotonic()
                 done = len(kernels) - len(missing)
@@ -98,7 +103,11 @@ def _claim(dispatcher: Any) -> Iterator[bool]:
 
 
 def _locked(lock: Any) -> bool:
-    with suppress(BlockingIOError):
+    """Lock a file; say whether nobody else has, which some network file systems cannot tell."""
+    try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
         return True
-    return False
+    return True

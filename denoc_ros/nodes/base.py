@@ -394,5 +394,4 @@ class DenocNode(GuardedNode):
         wait_until_delivered(self.publishers)
         if self.state == 'inactive':
             self.trigger_cleanup()
-        elif self.state not in ('unconfigured', 'finalized'):  # interrupted on its way
-            self.save()
+        self.save()  # what no transition has: interrupted on its way, or begun outside of active

@@ -40,6 +40,7 @@ class CarryingTorque:
     def __init__(self, joints: int) -> None:
         self.posture, self.torque = np.zeros((2, joints))
         self._wrong = np.full(joints, np.nan)
+        self._source: TorqueFeedforward | None = None
         self._backoff = Backoff(SHARE, LONGEST_WAIT)
         self.forget()
 
@@ -57,7 +58,9 @@ class CarryingTorque:
             Why there is none, '' if there is or the posture was not looked at: the same as before,
             or too soon after it.
         """
-        if self.failure and (not self._backoff.due(now) or (posture == self._wrong).all()):
+        changed, self._source = source is not self._source, source
+        again = not changed and (posture == self._wrong).all()
+        if self.failure and (again or not self._backoff.due(now)):
             return ''
         begin = time.thread_time()
         try:

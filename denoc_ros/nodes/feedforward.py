@@ -258,8 +258,8 @@ class FeedforwardNode(RobotNode):
             self._posture[:] = self._reader.position
         elif self.follower.given or self.by_message:
             self._posture[:] = self.q
-        else:
-            return False
+        else:  # after a reset: what was known still carries it
+            return self.carrying.found
         failure = self.carrying.update(self.torque.source, self._posture, now)
         if failure and measured:
             self.refuse(self.joint_input, InputError('no_posture', failure))

@@ -45,10 +45,10 @@ class EndSignals:
     @contextmanager
     def interrupting(self) -> Iterator[None]:
         """Raise Interrupted inside this block at the first signal, or for one that was kept."""
-        if self.received:
-            raise Interrupted
         self._interrupts = True
         try:
+            if self.received:  # looked at last: one that comes meanwhile raises by itself
+                raise Interrupted
             yield
         finally:
             self._interrupts = False

@@ -47,7 +47,8 @@ def is_welcome(origin: str | None, host: str | None, allowed: Collection[str]) -
     if name in LOCAL or name in allowed:
         return True
     # our own page under this machine's address; a name could be anybody's, made to lead here
-    return name == called and (_is_address(name) or name == socket.gethostname().lower())
+    own = socket.gethostname().lower()
+    return name == called and (_is_address(name) or name in (own, f'{own}.local'))
 
 
 def _is_address(name: str) -> bool:

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NoReturn
 
-from denoc_ros.kernels import inverse
+import numba
+import pytest
+
+from denoc_ros.kernels import compiling, inverse
 from denoc_ros.kernels.cache import KernelLocator, is_kept
 
 # two kernels that take a while, and are kept by a file as numba keeps them
@@ -63,6 +71,45 @@ def test_processes_beside_each_other_share_the_work(tmp_path: Path) -> None:
     assert sorted(done) == ['compiles one', 'compiles two']
     assert all(lines[-1] == 'has all' for lines in said)
     assert all('compiling 2 kernels' in lines[0] for lines in said)
+
+
+class Quick:
+    """Stands for a kernel; remembers for what it was compiled."""
+
+    def __init__(self) -> None:
+        code = SimpleNamespace(co_firstlineno=1)
+        self.py_func = SimpleNamespace(__module__='a.quick', __qualname__='one', __code__=code)
+        self.compiled: list[Any] = []
+
+    def compile(self, signature: Any) -> None:
+        self.compiled.append(signature)
+
+
+def test_a_claim_of_a_process_that_stands_still_holds_nobody_for_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
+    monkeypatch.setattr(compiling, 'PATIENCE', 0.2)
+    kernel = Quick()
+    with (tmp_path / 'quick.one.lock').open('w') as claimed:
+        fcntl.flock(claimed, fcntl.LOCK_EX)
+        begin = time.monotonic()
+        compiling.compile_in_turn([(kernel, 'f(i)')])
+    assert set(kernel.compiled) == {'f(i)'}
+    assert time.monotonic() - begin > 0.2
+
+
+def test_a_file_system_without_locks_keeps_nobody_from_compiling(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any) -> NoReturn:
+        raise OSError(errno.ENOLCK, 'No locks available')
+
+    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
+    monkeypatch.setattr(fcntl, 'flock', refuse)
+    kernel = Quick()
+    compiling.compile_in_turn([(kernel, 'f(i)')])
+    assert set(kernel.compiled) == {'f(i)'}
 
 
 def test_kernels_are_kept_by_name_wherever_the_package_is() -> None:

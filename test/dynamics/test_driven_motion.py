@@ -127,6 +127,25 @@ def test_turns_are_left_out_on_a_far_way() -> None:
     np.testing.assert_allclose(q[motion.bound], near[motion.bound], atol=1e-6)
 
 
+def test_a_mechanism_on_a_rail_may_be_anywhere_along_it() -> None:
+    text = (ROBOTS / 'five_bar_rrrr.urdf').read_text()
+    rail = (
+        '<link name="ground"/><link name="base"/><joint name="rail" type="prismatic">'
+        '<parent link="ground"/><child link="base"/><axis xyz="1 0 0"/>'
+        '<limit lower="0" upper="50" effort="1000" velocity="5"/></joint>'
+    )
+    robot = load_robot(text.replace('<link name="base"/>', rail), gravity=(0, -9.81, 0))
+    posture = robot.assemble(np.concatenate(([0.0], START)))
+    motion = LoopedMotion(robot, ('rail', *DRIVEN), posture=posture)
+    q, near = motion.posture.copy(), motion.posture.copy()
+    motion.positions(near, np.array([0.0, 2.0, 1.2]))
+    for place in (45.0, 3.0):
+        motion.positions(q, np.array([place, 2.0, 1.2]))
+        assert q[0] == place
+        np.testing.assert_allclose(robot.closure(q), 0.0, atol=1e-9)
+        np.testing.assert_allclose(q[1:], near[1:], atol=1e-9)
+
+
 @pytest.mark.parametrize('far', [1.7e308, np.inf, np.nan])
 def test_what_is_too_far_is_refused_at_once(far: float) -> None:
     motion = looped()

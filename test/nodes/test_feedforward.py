@@ -289,6 +289,13 @@ def test_enable_stop_and_reset(bench: Any) -> None:
     arm.hold([0.1, 0.1])
     assert arm.call(Trigger, 'reset', Trigger.Request()).success
     arm.until(lambda: arm.cause == 'no reference yet')
+    arm.feeding = False  # nothing says where the robot stands: what carried it goes on
+    arm.until(lambda: arm.cause == 'stale joint_states')
+    assert arm.call(Trigger, 'reset', Trigger.Request()).success
+    arm.until(lambda: arm.cause == 'no joint_states yet')
+    count = len(arm.effort)
+    arm.until(lambda: len(arm.effort) > count + 20)
+    np.testing.assert_allclose(arm.effort[-1].effort, gravity, atol=1e-9)
 
 
 def test_deactivation_ends_with_the_safe_command_said_repeatedly(bench: Any) -> None:

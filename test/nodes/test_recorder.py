@@ -63,6 +63,19 @@ def test_bytes_are_kept_as_published(graph: Any, tmp_path: Path) -> None:
     assert stamps[0] > 1_600_000_000 * 10**9
 
 
+def test_a_recording_that_was_begun_by_request_is_whole_at_the_end(
+    graph: Any, tmp_path: Path
+) -> None:
+    node = graph.add(Recorder, output=str(tmp_path / 'run'), topics=['joint_states'])
+    node.trigger_deactivate()
+    assert node.state == 'inactive'
+    assert call(graph, 'start').success
+    path = node.writer.path
+    node.end()
+    with Reader(path) as reader:
+        assert reader.message_count == 0
+
+
 def test_every_offered_qos_is_matched_and_written_down(graph: Any, tmp_path: Path) -> None:
     fast = graph.probe.create_publisher(JointState, '/fast', BEST_EFFORT)
     latched = graph.probe.create_publisher(String, '/latched', LATCHED)

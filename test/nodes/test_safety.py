@@ -109,6 +109,9 @@ def test_a_posture_without_weight_leaves_the_last_one_that_had_one() -> None:
     looked = weights.looked
     assert not carrying.update(weights, np.array([-1.0]), 40.0)  # type: ignore[arg-type]
     assert weights.looked == looked  # the same again
+    other = Weights()  # a model that was read anew may carry it
+    assert carrying.update(other, np.array([-1.0]), 50.0)  # type: ignore[arg-type]
+    assert other.looked == 1
 
 
 def test_failing_attempts_take_a_share_of_the_time() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -47,6 +48,13 @@ def page() -> Iterator[Page]:
 )
 def test_only_the_own_page_is_welcome(origin: str | None, host: str, welcome: bool) -> None:
     assert is_welcome(origin, host, ['lab.example']) == welcome
+
+
+def test_this_machine_is_welcome_by_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socket, 'gethostname', lambda: 'Robot')
+    for name in ('robot', 'robot.local'):  # .local: as zeroconf has it
+        assert is_welcome(f'http://{name}:8080', f'{name}:8080', [])
+    assert not is_welcome('http://other.local:8080', 'other.local:8080', [])
 
 
 def test_a_page_of_another_host_is_refused(page: Page) -> None:
