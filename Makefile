@@ -8,6 +8,8 @@ STAMP := $(VENV)/.installed
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 # the log of ROS stays here: rclpy refuses to start where it has no home
 export ROS_LOG_DIR ?= $(CURDIR)/log/ros
+# small solutions by the thousand: threads of BLAS would wait for each other most of the time
+export OPENBLAS_NUM_THREADS ?= 1
 # a Python of another environment must not hand down where its ROS libraries are
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # .venv has a ROS of its own: a sourced one would mix its libraries in
