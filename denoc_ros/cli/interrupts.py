@@ -59,6 +59,14 @@ class Interrupts:
         if self._waits and not self._held:
             self._interrupt()
 
+    def check(self) -> None:
+        """Raise again what has come to nothing: not every place hands a KeyboardInterrupt on.
+
+        For work that goes on only while there was no signal, not for an end.
+        """
+        if self._raised and not self._held:
+            raise KeyboardInterrupt
+
     def _on_signal(self, _number: int, _frame: object) -> None:
         if self._held:
             self._waits = True

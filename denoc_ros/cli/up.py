@@ -169,10 +169,15 @@ def _driver(
     from denoc_ros.nodes.driver import Driver
 
     description = config.robot.read_text(encoding='utf-8')
+
+    def watch() -> None:
+        interrupts.check()
+        processes.check()
+
     driver: Driver | None = None
     try:
         with interrupts.held():
-            driver = Driver(description, task.trajectory is not None, processes.check)
+            driver = Driver(description, task.trajectory is not None, watch)
         yield driver
     finally:
         if driver is not None:

@@ -47,7 +47,7 @@ class ModelNode(DenocNode):
         self.add_post_set_parameters_callback(self._after_parameters)
         if not self.settings.text('urdf_path'):
             self.ready = False
-            self._description_input = InputMonitor(self.resolve_topic_name('robot_description'))
+            self._description_input = InputMonitor('robot_description')
             self.monitors.append(self._description_input)
             self.create_subscription(
                 String, 'robot_description', self._on_description, LATCHED, raw=False

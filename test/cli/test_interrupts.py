@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from contextlib import suppress
 
 import pytest
 
@@ -31,6 +32,17 @@ def test_what_is_held_is_done_first() -> None:
             done.append('whole')
         done.append('beyond')
     assert done == ['whole']
+
+
+def test_an_interrupt_that_came_to_nothing_comes_again() -> None:
+    with Interrupts() as interrupts:
+        interrupts.check()
+        with suppress(KeyboardInterrupt):  # as a callback of a C library does
+            os.kill(os.getpid(), signal.SIGINT)
+        with interrupts.held():
+            interrupts.check()
+        with pytest.raises(KeyboardInterrupt):
+            interrupts.check()
 
 
 def test_an_error_inside_goes_before_the_interrupt() -> None:

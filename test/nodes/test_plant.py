@@ -134,7 +134,7 @@ def test_commands_beyond_the_drives_saturate_and_bad_ones_do_nothing(
     for cause, message in bad.items():
         publisher.publish(message)
         graph.until(lambda cause=cause: node.command_input.rejected[cause] == 1)
-    key = '/feedforward/commands rejected '
+    key = 'feedforward/commands rejected '
     graph.until(lambda: all(graph.value('plant: inputs', key + c) == '1' for c in bad))
     assert not np.any(states[-1].effort)
     publisher.publish(command('j1,j2', [1e9, -1e9]))

@@ -162,7 +162,7 @@ def test_a_description_that_is_none_is_refused(graph: Any, text: str) -> None:
     node = graph.add(Described, start=False)
     publisher = graph.probe.create_publisher(String, 'robot_description', LATCHED)
     publisher.publish(String(data=text))
-    graph.until(lambda: graph.value('described: inputs', '/robot_description rejected format'))
+    graph.until(lambda: graph.value('described: inputs', 'robot_description rejected format'))
     assert not node.ready
     publisher.publish(String(data=two_links()))
     graph.until(lambda: node.ready)
