@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from types import ModuleType
@@ -69,6 +70,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _execute(arguments, is_process=argv is None)
     except KeyboardInterrupt:
+        if argv is None:  # a second Ctrl-C is not to change the status on the last way
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
         print(f'denoc {" ".join(arguments[:1])}: interrupted', file=sys.stderr)
         return INTERRUPTED
 
