@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from denoc_ros.kernels import inverse_derivatives, load_derivatives
 from denoc_ros.kernels.handle import DAMPING, STIFFNESS
 
 if TYPE_CHECKING:
@@ -52,9 +53,23 @@ def derivative(function: Callable[[Array], Array], x: Array, steps: Array) -> Ar
     return np.column_stack(columns)
 
 
+def derivatives_are_ready(loaded: bool = False) -> bool:
+    """Say whether the kernel of analytical derivatives is compiled, and that of loads."""
+    kernels = [inverse_derivatives.inverse_dynamics_derivatives]
+    kernels += [load_derivatives.subtract_load_rows] if loaded else []
+    return all(kernel.signatures for kernel in kernels)
+
+
 def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None = None) -> Array:
-    """Return the symmetric tangent stiffness (n, n) at rest: elasticity, gravity and loads."""
+    """Return the symmetric tangent stiffness (n, n) at rest: elasticity, gravity and loads.
+
+    Analytical once a derivative was asked for in this process. Until then by differences, exact
+    to 1e-11: a command or a node that wants a few of them would wait longer for the kernel.
+    """
     zero = np.zeros(robot.n)
+    if derivatives_are_ready(bool(wrenches)):
+        exact: Array = robot.inverse_dynamics_derivatives(q, zero, zero, wrenches)[0]
+        return np.asarray(0.5 * (exact + exact.T))
     elastic: Array = robot.lowered.diagonals[STIFFNESS]
 
     def load(state: Array) -> Array:
