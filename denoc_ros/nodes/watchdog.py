@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 
 HUNG = 1  # exit status
+LOOKS = 5  # at least, each without a beat, before an executor counts as hung
 
 
 class Watchdog:
@@ -63,10 +64,14 @@ class Watchdog:
         faulthandler.dump_traceback_later(2.0 * self._patience, exit=True)
 
     def _watch(self) -> None:
-        while not self._over.wait(0.2 * self._patience):
+        seen, looks = self._last, 0
+        while not self._over.wait(self._patience / LOOKS):
             self._arm()
-            still = time.monotonic() - self._last
-            if still > self._patience:
+            # counted: after the whole process or machine stood still both threads are late
+            looks = looks + 1 if seen == self._last else 0
+            seen = self._last
+            still = time.monotonic() - seen
+            if still > self._patience and looks >= LOOKS:
                 print(
                     f'{self._name}: its executor must turn within {self._patience:g} s, '
                     f'got nothing for {still:.1f} s; the process ends itself',
