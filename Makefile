@@ -21,7 +21,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint bench mechanisms rates soak siege longbag fuzz load watched requests bounds longload ends readme venv clean
+.PHONY: demo test check browser lint bench mechanisms rates soak siege longbag fuzz load watched requests bounds longload ends readme counts venv clean
 
 venv: $(STAMP)
 
@@ -55,6 +55,10 @@ browser:
 # the tables of README and docs/nodes.md, from the code
 readme: $(STAMP)
 	$(BIN)/python test/test_readme.py
+
+# how the code is built: lines, lengths, arguments, repeated names, import circles
+counts:
+	$(PYTHON) test/bench/counts.py
 
 bench: $(STAMP)
 	$(BIN)/denoc bench
