@@ -41,15 +41,24 @@ def _digest() -> str:
 def _writable(folder: Path) -> bool:
     """Say whether files can be made in a folder, making it if need be."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         with tempfile.TemporaryFile(dir=folder):
             return True
     except OSError:
         return False
 
 
+def _is_ours(folder: Path) -> bool:
+    """Say whether nobody else can have put compiled code into a folder."""
+    return not hasattr(os, 'getuid') or folder.stat().st_uid == os.getuid()
+
+
 def cache_folder() -> Path:
-    """Return the folder that holds the compiled kernels of this very source."""
+    """Return the folder that holds the compiled kernels of this very source.
+
+    A folder that `NUMBA_CACHE_DIR` names is trusted. Any other must belong to the user, since the
+    code in it is run.
+    """
     named = os.environ.get('NUMBA_CACHE_DIR')
     home = os.environ.get('XDG_CACHE_HOME') or str(Path.home() / '.cache')
     user = f'denoc_ros-{os.getuid()}' if hasattr(os, 'getuid') else 'denoc_ros'
@@ -57,7 +66,7 @@ def cache_folder() -> Path:
     candidates += [Path(home) / 'denoc_ros', Path(tempfile.gettempdir()) / user]
     for candidate in candidates:
         folder = candidate / f'{"checked" if CHECKED else "kernels"}-{_digest()}'
-        if _writable(folder):
+        if _writable(folder) and (str(candidate) == named or _is_ours(candidate)):
             return folder
     return candidates[-1]
 

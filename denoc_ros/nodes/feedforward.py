@@ -309,8 +309,8 @@ class FeedforwardNode(RobotNode):
         while repeats < FINAL_COMMANDS and time.perf_counter() < end:
             before = self.limiter.last.copy()
             now = self._tick_time = time.perf_counter()
-            self._be_safe(now)
-            if not self.safe.active:  # no posture was ever known: nothing has left, nothing will
+            self.guarded(self._be_safe, now)
+            if self._fresh:  # no posture was ever known: nothing has left, nothing will
                 return
             changed = np.abs(self.limiter.last - before).max() > 1e-9
             repeats = 0 if changed or not self.safe.settled(now) else repeats + 1

@@ -85,6 +85,13 @@ class RobotNode(ModelNode):
         except Exception as error:
             self._on_failure(error, time.perf_counter())
 
+    def guarded(self, act: Callable[[float], None], now: float) -> None:
+        """Do what a tick does outside of the loop; a failure counts as one of a tick."""
+        try:
+            act(now)
+        except Exception as error:
+            self._on_failure(error, now)
+
     def _on_failure(self, error: Exception, now: float) -> None:
         """Count and log a failure of the tick; end the loop where nothing else is left."""
         self._tick_guard.note('tick', error)

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 import numba
 import pytest
 
-from denoc_ros.kernels import compiling, inverse
+from denoc_ros.kernels import cache_folder, compiling, inverse
 from denoc_ros.kernels.cache import KernelLocator, is_kept
 
 # two kernels that take a while, and are kept by a file as numba keeps them
@@ -127,3 +127,14 @@ def test_what_has_been_compiled_is_known() -> None:
 
     ready(inverse.inverse_dynamics)
     assert is_kept(inverse.inverse_dynamics)
+
+
+def test_compiled_code_of_somebody_else_is_not_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'theirs'))
+    monkeypatch.setattr('tempfile.tempdir', str(tmp_path / 'temporary'))
+    assert cache_folder().is_relative_to(tmp_path / 'theirs')
+    monkeypatch.setattr('denoc_ros.kernels._is_ours', lambda folder: 'theirs' not in folder.parts)
+    assert cache_folder().is_relative_to(tmp_path / 'temporary')

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from feedforward_bench import POSTURE, RATE, FeedforwardBench, joint_state, point
 from node_robots import GRAVITY, JOINTS, LINK, two_links
+from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
@@ -278,3 +279,19 @@ def test_a_failing_model_is_left_alone_and_the_safe_command_goes_out(
     arm.until(lambda: np.allclose(arm.effort[-1].effort, arm.inverse(POSTURE), atol=1e-2))
     monkeypatch.undo()
     arm.until(lambda: arm.cause == 'following')
+
+
+def test_an_end_whose_safe_command_fails_sends_what_left_last(
+    bench: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = bench()
+    arm.hold([0.1, 0.2])
+    arm.until(lambda: arm.cause == 'following')
+
+    def fail(*_: Any) -> None:
+        raise ZeroDivisionError('a defect')
+
+    monkeypatch.setattr(arm.node.carrying, 'update', fail)
+    before = arm.node.tick_failures
+    assert arm.node.trigger_deactivate() == TransitionCallbackReturn.SUCCESS
+    assert arm.node.tick_failures >= before + 5
