@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import control
 import numpy as np
 import pytest
 import scipy.signal
@@ -278,7 +279,6 @@ def test_zeros_are_where_nothing_gets_through() -> None:
 
 
 def test_python_control_takes_the_models() -> None:
-    control = pytest.importorskip('control')
     model = small_model()
     system = model.to_control()
     assert isinstance(system, control.StateSpace)
