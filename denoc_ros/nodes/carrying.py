@@ -55,12 +55,12 @@ class CarryingTorque:
         Returns
         -------
         str
-            Why there is none, '' if there is or the posture was not looked at: the same as before,
-            or too soon after it.
+            Why there is none, '' if there is, if it was too soon to look again, or for the same
+            posture and model as before.
         """
         changed, self._source = source is not self._source, source
-        again = not changed and (posture == self._wrong).all()
-        if self.failure and (again or not self._backoff.due(now)):
+        again = bool(self.failure) and not changed and bool((posture == self._wrong).all())
+        if self.failure and not changed and not self._backoff.due(now):
             return ''
         begin = time.thread_time()
         try:
@@ -71,7 +71,7 @@ class CarryingTorque:
         if self.failure:
             self._wrong[:] = posture
             self._backoff.failed(now, time.thread_time() - begin)
-            return self.failure
+            return '' if again else self.failure
         self.posture[:], self.torque[:] = posture, torque
         self.found = True
         return ''
