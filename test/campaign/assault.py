@@ -242,8 +242,7 @@ class Assault:
             time.sleep(attack['gap'])
         if not self.stage.comes(lambda: process.poll() is not None, END):
             self.stage.broken.append(f'{node}: must end within {END:g} s of {attack["signals"]}')
-            process.kill()
-            process.wait()
+            self.stage.abort(node)
 
     def _description(self, attack: Attack) -> None:
         node, stage = attack['node'], self.stage
@@ -303,7 +302,7 @@ class Assault:
         folder = max(bags, key=lambda bag: bag.stat().st_mtime)
         files = sorted(folder.glob('*.mcap'))
         self._count('recorder', 'files')
-        self.spoilt = True
+        self.spoilt = attack['what'] != 'overwrite'  # no recorder reads what it has written
         if attack['what'] == 'folder' or not files:
             shutil.rmtree(folder, ignore_errors=True)
         elif attack['what'] == 'file':

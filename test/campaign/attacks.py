@@ -63,7 +63,8 @@ def discover(stage: Any) -> Inventory:
         listed = stage.ask_again(
             f'/{node}/list_parameters', f'{PARAMETERS}ListParameters', ListParameters.Request()
         )
-        names = sorted(listed.result.names)
+        # a recorder gets a new folder with each start
+        names = sorted(set(listed.result.names) - {'output'})
         values = stage.ask_again(
             f'/{node}/get_parameters',
             f'{PARAMETERS}GetParameters',

@@ -6,7 +6,6 @@ broken law.
 
 from __future__ import annotations
 
-import signal
 import time
 import urllib.request
 from collections.abc import Callable
@@ -84,6 +83,8 @@ class Mending:
         words = '' if asked and status == 0 else f'\n{self.stage.words(node)}'
         self.stage.witness.excuse_anew()
         self.stage.start(node)
+        if node in self.stage.aborted:  # told already
+            return
         if not asked:
             raise StageError(f'{node}: must not end, got status {status}{words}')
         if status != 0:
@@ -127,13 +128,7 @@ class Mending:
         """After a broken law: a new process, so that the siege goes on."""
         stage = self.stage
         stage.witness.excuse_anew()
-        process = stage.process(node)
-        if process.poll() is None:
-            process.send_signal(signal.SIGABRT)  # it prints where every thread stands
-            stage.comes(lambda: process.poll() is not None, NOTICED)
-            print(stage.words(node), flush=True)
-        process.kill()
-        process.wait()
+        stage.abort(node)
         stage.start(node)
         stage.comes(lambda: node in stage.node.get_node_names(), RECOVERY)
         try:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import secrets
+import signal
 import sys
 import tempfile
 import time
@@ -134,8 +135,9 @@ class Siege:
         told.pauses = witness.pauses_told()
         for life in witness.lives.values():
             told.lives.append(of_life(life))
-            for law in life.judge():
-                self._hold(law)
+            if life.name in NODES:
+                for law in life.judge():
+                    self._hold(law)
 
 
 def of_life(life: Life) -> dict[str, Any]:
@@ -268,6 +270,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     seed = secrets.randbelow(1 << 30) if args.seed is None else args.seed
     scenes = [SCENES[name] for name in args.scene or SCENES]
+    # what is ignored here, as nohup asks for, would be ignored by the nodes
+    signal.signal(signal.SIGHUP, lambda *_: None)
     told: list[Round] = []
     for path in (args.json, args.failed):
         if path:

@@ -42,6 +42,7 @@ from denoc_ros.nodes.realtime import make_thread_timely
 FEED = 100.0  # Hz of joint states
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LOOK = 0.02  # s between two looks of the witness
+DUMP = 5.0  # s that printing the threads may take
 ANSWER = 60.0  # s within which a request is answered, on a busy machine
 RECOVERY = 60.0  # s within which all is as before an attack
 PATIENCE = 400.0  # s for a process to come up: a busy machine may take minutes to compile kernels
@@ -80,6 +81,7 @@ class SiegeStage:
         self.instead = 0  # attacks that speak in the robot's place
         self.fed = 0
         self.longest_answer = 0.0  # s
+        self.aborted: set[str] = set()  # nodes whose end has been told of
         self.starts: Counter[str] = Counter()
         self.up: set[str] = set()  # nodes that have been active since their start
         self._meter: Any = None
@@ -201,6 +203,7 @@ class SiegeStage:
         file = self.folder / f'{node}.yaml'
         self.starts[node] += 1
         self.up.discard(node)
+        self.aborted.discard(node)
         bags = self.folder / f'recordings_{self.starts[node]}'
         bags.mkdir(exist_ok=True)
         write_parameters(file, self.scene.parameters(node, bags))
@@ -212,6 +215,17 @@ class SiegeStage:
     def process(self, node: str) -> subprocess.Popen[bytes]:
         """Return the newest process of a node."""
         return self.processes.process(node)
+
+    def abort(self, node: str) -> None:
+        """End a process that does not end, or answer, otherwise, and print where it stood."""
+        process = self.process(node)
+        if process.poll() is None:
+            self.aborted.add(node)
+            process.send_signal(signal.SIGABRT)
+            self.comes(lambda: process.poll() is not None, DUMP)
+            print(self.words(node), flush=True)
+        process.kill()
+        process.wait()
 
     def words(self, node: str) -> str:
         """Return the last that a node has printed."""
