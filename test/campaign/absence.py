@@ -2,7 +2,7 @@
 
 `python -m campaign.absence talker RATE PRIORITY FILE`: a bare node that publishes torque messages
 as the feedforward does, on `/bare/effort`; each pause of over one and a half periods is a line
-`begin end` [ns] of FILE.
+`begin end` [ns] of FILE, and each second one without length.
 
 `python -m campaign.absence meter FILE`: reads lines `name pid` on stdin; FILE has for each process
 a line `w begin end name seconds` whenever its threads waited for a processor between two looks,
@@ -23,6 +23,7 @@ from typing import IO
 
 PAGE = os.sysconf('SC_PAGE_SIZE')
 LOOK = 0.01  # s between two looks at the threads
+SECOND = 1_000_000_000  # ns
 LEAST = 2e-4  # s of waiting that are worth a line
 
 
@@ -61,12 +62,17 @@ def talker(rate: float, priority: int, file: Path) -> None:
     gc.disable()
     loop = Loop(rate, tick, priority)
     loop.start()
+    spoken = 0
     with file.open('w', buffering=1) as out:
         while not told:
             time.sleep(0.05)
+            newest = last[0]  # pauses until then are in the list
             while pauses:
                 begin, end = pauses.pop(0)
                 out.write(f'{begin} {end}\n')
+            if newest > spoken + SECOND:
+                spoken = newest
+                out.write(f'{spoken} {spoken}\n')
     loop.stop()
     node.destroy_node()
     rclpy.try_shutdown()

@@ -15,6 +15,7 @@ from campaign.laws import Life, Span, TorqueLedger, slope, unexplained
 from campaign.shrinking import shrink
 from campaign.siege import Failure, Round, kind_of, write_steps
 from campaign.siege_scenes import NODES
+from campaign.witness import Witness
 from rcl_interfaces.msg import ParameterValue
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -160,6 +161,38 @@ def test_growing_memory_and_descriptors_are_seen_after_the_warm_up() -> None:
     told = growing.judge()
     assert any('memory must stay' in law for law in told)
     assert any('descriptors must stay' in law for law in told)
+
+
+def witness(folder: Path) -> Witness:
+    """Return a witness that nobody has told of any torque, but its meters have spoken."""
+    told = object.__new__(Witness)
+    told.efforts, told.commands = ledger(), ledger()
+    told.lives, told.pauses = {}, []
+    told._folder, told._slack = folder, 0.0
+    told._excused, told._waits, told._bare = [], [], []
+    told._offsets, told._measured = {}, {'bare': 0, 'meter': 0}
+    return told
+
+
+def test_a_pause_is_judged_when_the_meters_have_spoken_of_its_time(tmp_path: Path) -> None:
+    told, second = witness(tmp_path), 1_000_000_000
+    own, bare, others, excused = (Span(k * second, k * second + 20_000_000) for k in range(1, 5))
+    told.efforts.pauses = [own, bare, others, excused]
+    told.excuse(excused.begin, excused.end)
+    told._read()
+    assert not told._judge_pauses(final=False)
+    assert len(told.efforts.pauses) == 4
+    (tmp_path / 'bare').write_text(f'{bare.begin} {bare.end}\n{9 * second} {9 * second}\n')
+    (tmp_path / 'meter').write_text(
+        f'w {others.begin} {others.end} recorder 0.019\nh 9.0 stage 1 1000000 3\nh 9.5 sta'
+    )
+    told._read()
+    (law,) = told._judge_pauses(final=False)
+    assert f'20.0 ms at {own.begin}' in law
+    assert not told.efforts.pauses
+    assert told.pauses_told()['number'] == 3
+    assert told.pauses_told()['longer_than_bare_or_own_absence'] == 2
+    assert told.lives[1].files == [3]
 
 
 # ---- shrinking

@@ -20,7 +20,8 @@ from std_msgs.msg import Float64MultiArray
 DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 NEAR = 1e-6  # rad, m from the goal
 FRESH = 0.2  # s
-METERS = 1_000_000_000  # ns until what the meters wrote has been read
+BEHIND = 1_200_000_000  # ns that the meters may be behind their own newest line
+METERS = 20.0  # s that a meter may be away at the end
 LONG_PAST = 60_000_000_000  # ns
 
 
@@ -59,6 +60,7 @@ class Witness:
         self._waits: list[tuple[Span, str, float]] = []
         self._bare: list[Span] = []
         self._offsets: dict[str, int] = {}
+        self._measured = {'bare': 0, 'meter': 0}  # ns up to which each has spoken
         self._position = np.empty(0)
         self._at = 0.0
         self._lock = threading.Lock()
@@ -121,7 +123,9 @@ class Witness:
 
     def _judge_pauses(self, final: bool) -> list[str]:
         """Return the pauses that the system does not explain, once its absence is known."""
-        known = OPEN if final else time.time_ns() - METERS
+        if final:
+            self._await_meters()
+        known = OPEN if final else min(self._measured.values()) - BEHIND
         pending, broken = self.efforts.pauses, []
         self.efforts.pauses = [pause for pause in pending if pause.end > known]
         for pause in pending:
@@ -140,6 +144,13 @@ class Witness:
                 )
         return broken
 
+    def _await_meters(self) -> None:
+        """Wait until they have spoken of all that has been until now."""
+        now, end = time.time_ns() + BEHIND, time.monotonic() + METERS
+        while min(self._measured.values()) < now and time.monotonic() < end:
+            time.sleep(0.1)
+            self._read()
+
     def pauses_told(self) -> dict[str, float]:
         """Return how many pauses there were, the longest, and how many were whose [ms]."""
         longest, own, every = max(self.pauses, default=(0.0, 0.0, 0.0))
@@ -157,11 +168,13 @@ class Witness:
         for line in self._new_lines('bare'):
             begin, end = map(int, line.split())
             self._bare.append(Span(begin, end))
+            self._measured['bare'] = end
         for line in self._new_lines('meter'):
             kind, *rest = line.split()
             if kind == 'w':
                 self._waits.append((Span(int(rest[0]), int(rest[1])), rest[2], float(rest[3])))
                 continue
+            self._measured['meter'] = round(1e9 * float(rest[0]))
             life = self.lives.setdefault(int(rest[2]), Life(rest[1], int(rest[2])))
             life.at.append(float(rest[0]))
             life.memory.append(float(rest[3]))
