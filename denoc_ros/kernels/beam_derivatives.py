@@ -22,6 +22,7 @@ from denoc_ros.kernels.layout import (
     BEAM_WORK,
     COORDINATE,
     DERIVED,
+    FORCE,
     INERTIA_WORK,
     JOINT,
     MODES,
@@ -32,10 +33,12 @@ from denoc_ros.kernels.layout import (
     POINTS,
     SPEED,
     SPIN_UP,
+    TORQUE,
     VELOCITY,
     WORK,
 )
 from denoc_ros.kernels.vector import accumulate, add, cross, dot, load, scale, store
+from denoc_ros.kernels.wrench import rigid_wrench, torsion_wrench
 
 
 @inlined
@@ -58,7 +61,10 @@ def shortened(reals, h, count, rates, d, j):
 
 @shared
 def point_derivatives(ints, reals, work, qd, qdd, i, c, k):
-    """Add the share of one point of body i's beam; its constants are at c, its place at k."""
+    """Add the share of one point of body i's beam; its constants are at c, its place at k.
+
+    Adds the wrench that it needs, too.
+    """
     ny, nz, m = at(ints, i, NY), at(ints, i, NZ), at(ints, i, MODES)
     bending = ny + nz
     o = at(ints, i, WORK)
@@ -82,6 +88,8 @@ def point_derivatives(ints, reals, work, qd, qdd, i, c, k):
     velocity = add(scale(one, load(work, o + VELOCITY)), relative)
     acc = add(add(scale(one, load(work, o + ACCELERATION)), cross(al, p)), slip_up)
     acc = add(acc, cross(w, add(relative, slip)))
+    accumulate(work, o + FORCE, scale(one, acc))
+    accumulate(work, o + TORQUE, cross(p, acc))
     accumulate(work, e + MOMENTUM, scale(one, slip))
     outward = 2.0 * dot(slip, p)
     for r in range(3):
@@ -141,12 +149,13 @@ def torsion_derivatives(ints, reals, work, qd, i):
 
 @inlined
 def beam_derivatives(ints, reals, work, qd, qdd, i):
-    """Write what stands at OWN of body i, in body axes, and add to MOMENTUM and TURNING.
+    """Write what stands at OWN of body i and its wrench; add to MOMENTUM and TURNING.
 
-    Needs the body's inertia and its motion in body axes; so far TURNING is about its origin.
+    All in body axes about the body's origin; needs the body's inertia and its motion there.
     """
     m = at(ints, i, MODES)
     own = at(ints, i, OWN)
+    rigid_wrench(ints, reals, work, i)
     for k in range(m * (OWN_SIZE + 3 * m)):
         work[own + k] = 0.0
     bending = at(ints, i, NY) + at(ints, i, NZ)
@@ -159,6 +168,7 @@ def beam_derivatives(ints, reals, work, qd, qdd, i):
         c += 2 + bending + ny * ny + nz * nz
         k += 3 + bending
     if nt > 0:
+        torsion_wrench(ints, reals, work, qd, qdd, i)
         torsion_derivatives(ints, reals, work, qd, i)
     size = 6 + m
     o = at(ints, i, INERTIA_WORK)

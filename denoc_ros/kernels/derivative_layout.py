@@ -30,8 +30,8 @@ OWN_SIZE = 21
 # then modal forces by d, d' and d'' (each MODES x MODES, row: force)
 
 # work: from the base's DERIVED, after TWIST and ACCELERATED
-SCRATCH_SIZE = 36
-COLUMNS = 12 + SCRATCH_SIZE  # rows of so many numbers as row_length says
+SCRATCH = 12  # (9)
+COLUMNS = 21  # rows of so many numbers as row_length says
 COLUMN = 0  # (6) J of each coordinate
 COLUMN_RATE = 6  # (6) J'
 COLUMN_BEND = 12  # (6) J''

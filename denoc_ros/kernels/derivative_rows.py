@@ -57,12 +57,20 @@ def inertial_wrench(work, e, x):
 
 @inlined
 def wrenches_by(work, e, column, rate, bend):
-    """Return the wrenches on a composite body by a coordinate, its rate and its acceleration."""
+    """Return the wrenches on a composite body by a coordinate, its rate and its acceleration.
+
+    That by the coordinate lacks what is only carried along.
+    """
     by_q = sum_pair(inertial_wrench(work, e, bend), turned_wrench(work, e, rate[1]))
-    by_q = sum_pair(by_q, carried_wrench(column, pair(work, e + WRENCH)))
     by_rate = scale_pair(2.0, inertial_wrench(work, e, rate))
     by_rate = sum_pair(by_rate, turned_wrench(work, e, column[1]))
     return by_q, by_rate, inertial_wrench(work, e, column)
+
+
+@inlined
+def with_carried(work, e, column, by_q):
+    """Return a wrench by a coordinate with what the wrench there is carries along."""
+    return sum_pair(by_q, carried_wrench(column, pair(work, e + WRENCH)))
 
 
 @inlined

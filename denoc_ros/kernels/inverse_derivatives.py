@@ -32,9 +32,9 @@ from denoc_ros.kernels.derivative_rows import (
     columns_of,
     half_turning,
     inboard_entries,
-    inertial_wrench,
     outboard_entries,
     store_wrenches,
+    with_carried,
     wrenches_by,
     zero_span,
 )
@@ -83,7 +83,6 @@ from denoc_ros.kernels.vector import (
     add,
     all_finite,
     cross,
-    dot,
     load,
     rotate,
     store,
@@ -123,7 +122,8 @@ def joint_entries(ints, work, n, i, by_q, by_rate, inertia):
     rate = strided(work, c + length * COLUMN_RATE + j, length)
     bend = strided(work, c + length * COLUMN_BEND + j, length)
     wrenches = wrenches_by(work, e, column, rate, bend)
-    store_wrenches(work, c, length, j, wrenches[0], wrenches[1], wrenches[2])
+    carried = with_carried(work, e, column, wrenches[0])
+    store_wrenches(work, c, length, j, carried, wrenches[1], wrenches[2])
     half = half_turning(work, e, column)
     # its own column among those inboard: nothing of a joint's column changes by its own angle
     inboard_entries(ints, work, n, i, j, j + 1, (wrenches[2], half), by_q, by_rate, inertia)
@@ -190,15 +190,14 @@ def transmit_to_own(ints, reals, work, i):
         u = own + OWN_SIZE * j
         half = half_turning(work, e, column)
         store(work, u + BY_TURNING, add(load(work, u + BY_TURNING), half))
-        store_pair(work, u + BY_POSITION, sum_pair(pair(work, u + BY_POSITION), by_q))
+        carried = with_carried(work, e, column, by_q)
+        store_pair(work, u + BY_POSITION, sum_pair(pair(work, u + BY_POSITION), carried))
         store_pair(work, u + BY_RATE, sum_pair(pair(work, u + BY_RATE), by_rate))
         by = u + BY_ACCELERATION
         store_pair(work, by, sum_pair(pair(work, by), by_acceleration))
         for k in range(m):
             other = pair(work, e + SEEN + SEEN_SIZE * k)
-            force = inertial_wrench(work, e, other)
-            turning = dot(half_turning(work, e, other), rate[1])
-            work[forces + m * k + j] += dot_pair(force, bend) + 2.0 * turning
+            work[forces + m * k + j] += dot_pair(by_q, other)
             work[forces + m * (m + k) + j] += dot_pair(by_rate, other)
             work[forces + m * (2 * m + k) + j] += dot_pair(by_acceleration, other)
     turn = at(ints, p, WORK) + WORLD_ROTATION

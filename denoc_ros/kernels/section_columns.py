@@ -9,6 +9,7 @@ from denoc_ros.kernels.derivative_layout import (
     ACCELERATED,
     COLUMNS,
     ROW_LENGTH,
+    SCRATCH,
     SEEN,
     SEEN_SIZE,
     TWIST,
@@ -43,7 +44,7 @@ from denoc_ros.kernels.spatial import (
     sum_pair,
     twist_about_origin,
 )
-from denoc_ros.kernels.vector import add, cross, dot, load, scale
+from denoc_ros.kernels.vector import add, cross, dot, load, scale, store
 
 # Taylor series in |phi|^2 of the rates per phi . phi' of what COEFFICIENTS has of b and c
 SERIES_DDB = tuple(2 * (k + 1) * SERIES_DB[k + 1] for k in range(5)) + (0.0,)
@@ -199,27 +200,42 @@ def show_columns(ints, work, i):
 
 
 @inlined
+def turning_power(work, k, phi, n, o):
+    """Write T at offset o of work: T_ba is the power of a torque n on dJ/dphi_b e_a.
+
+    k is the offset of the left Jacobian's coefficients.
+    """
+    b, c, db, dc = work[k], work[k + 1], work[k + 2], work[k + 3]
+    along = dot(phi, n)
+    z = add(scale(db, cross(n, phi)), scale(dc * along, phi))
+    z = add(z, scale(-dc * dot(phi, phi) - 2.0 * c, n))
+    for r in range(3):
+        row = add(scale(phi[r], z), scale(c * n[r], phi))
+        row = add(row, scale(b, cross(n, unit(r))))
+        store(work, o + 3 * r, row)
+        work[o + 4 * r] += c * along
+
+
+@inlined
 def geometric_terms(ints, reals, work, i, force, torque, out):
     """Write what the wrench on a section adds to its carrier's modal forces as these turn it.
 
-    force and torque are about the section, in the carrier's axes. Written at offset out (m x m,
+    force and torque are about the section, in the carrier's axes. Added at offset out (m x m,
     row: force) is f . dB_k/dd_j + B_k . (theta_j x f) + n . dtheta_j/dd_k.
     """
     p = at(ints, i, PARENT)
     m, ny, nz = at(ints, p, MODES), at(ints, p, NY), at(ints, p, NZ)
     o = at(ints, i, SECTION_WORK)
-    phi = load(work, o + VECTOR)
+    turning = at(ints, 0, DERIVED) + SCRATCH
+    turning_power(work, o + COEFFICIENTS, load(work, o + VECTOR), torque, turning)
     h = at(ints, i, SECTION) + 1 + 2 * (ny + nz) + at(ints, p, NT)
     for j in range(m):
         slope, axis = mode_slope(ints, reals, i, j)
         pushed = cross(load(work, o + SECTION_COLUMNS + 6 * j + 3), force)
         for k in range(m):
             other, about = mode_slope(ints, reals, i, k)
-            first, _ = turning_rates(
-                work, o + COEFFICIENTS, phi, unit(about), (0.0, 0.0, 0.0), unit(axis)
-            )
             total = dot(load(work, o + SECTION_COLUMNS + 6 * k), pushed)
-            total += slope * other * dot(torque, first)
+            total += slope * other * work[turning + 3 * about + axis]
             if j < ny and k < ny:
                 total -= force[0] * reals[h + ny * k + j]
             elif ny <= j < ny + nz and ny <= k < ny + nz:

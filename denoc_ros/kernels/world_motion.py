@@ -66,7 +66,6 @@ from denoc_ros.kernels.vector import (
     turned,
     unrotate,
 )
-from denoc_ros.kernels.wrench import body_wrench
 
 
 @inlined
@@ -156,7 +155,6 @@ def own_beam(ints, reals, work, qd, qdd, i):
     store(work, o + SPEED, unrotate(work, turn, w))
     store(work, o + ACCELERATION, unrotate(work, turn, acceleration))
     store(work, o + SPIN_UP, unrotate(work, turn, al))
-    body_wrench(ints, reals, work, qd, qdd, i)
     beam_derivatives(ints, reals, work, qd, qdd, i)
     momentum = rotate(work, turn, load(work, e + MOMENTUM))
     store(work, e + MOMENTUM, momentum)
