@@ -79,7 +79,8 @@ class LoopOracle(Oracle):
         elif loop.type == 'universal':
             assert loop.axis is not None
             assert loop.axis2 is not None
-            cross = np.cross(loop.axis, turn.value @ loop.axis2)
+            # wrenches are of real states, also while errors take a complex step
+            cross = np.cross(loop.axis, turn.value.real @ loop.axis2)
             angular = cross[None] / np.linalg.norm(cross)
             errors = [stack([-((turn @ loop.axis2) @ loop.axis)])]
         else:
@@ -131,7 +132,7 @@ class LoopOracle(Oracle):
 
     def loop_forces(self, q: Array, qd: Array) -> Array:
         """Generalized forces (n,) of damping and friction in the loops' own joints."""
-        series, total = self._motion(q, qd), np.zeros(self.n)
+        series, total = self._motion(q, qd), np.zeros(self.n, np.result_type(q, qd, float))
         for loop in self.tree.loops:
             if loop.damping == 0 and loop.friction == 0:
                 continue

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from denoc_ros.dynamics import equilibrium, linearization, structure
 from denoc_ros.dynamics.batch import each_row, run_rows
 from denoc_ros.dynamics.borders import as_output, as_rows, as_states, same_rows
+from denoc_ros.dynamics.constrained_derivatives import DifferentiableMechanism
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
-from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.held_model import Source
 from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
 from denoc_ros.dynamics.linearize import Linearizable
@@ -47,7 +47,11 @@ FRAME_JACOBIAN = Verb(world.frame_jacobian, world.frame_jacobian_rows, lambda n:
 
 
 class Robot(
-    DifferentiableModel, KinematicDerivatives, TorqueRegressor, Linearizable, ConstrainedModel
+    DifferentiableMechanism,
+    KinematicDerivatives,
+    TorqueRegressor,
+    Linearizable,
+    ConstrainedModel,
 ):
     """A robot with rigid and flexible links (see :func:`load_robot`).
 
@@ -57,9 +61,9 @@ class Robot(
     so is not to be used by two threads at once: give each its own :meth:`copy`.
 
     Loops and mimic joints: :class:`ConstrainedModel`. Derivatives of the dynamics:
-    :class:`DifferentiableModel`; of kinematics: :class:`KinematicDerivatives`; by parameters:
-    :class:`TorqueRegressor`. Linear models: :class:`Linearizable`. Attributes as in
-    :class:`HeldModel`.
+    :class:`DifferentiableModel`, with loops :class:`DifferentiableMechanism`; of kinematics:
+    :class:`KinematicDerivatives`; by parameters: :class:`TorqueRegressor`. Linear models:
+    :class:`Linearizable`. Attributes as in :class:`HeldModel`.
     """
 
     def __init__(

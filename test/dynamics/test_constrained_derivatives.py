@@ -1,0 +1,168 @@
+"""Derivatives of dynamics with loops: against the dense oracle, and along closed motions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+import pytest
+from loop_derivative_oracle import motion_derivatives
+from loop_oracle import LoopOracle
+from looped_robots import LOOPS, Closed, four_bar, random_closed
+from numpy.typing import NDArray
+from scipy.linalg import null_space
+
+from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+Close = Callable[[Array, Array, float], None]
+RELATIVE = 1e-9
+STEP = 5e-4  # of differences of fourth order
+DIFFERENCE = 1e-7  # what those come to, with the friction of slow joints
+
+
+@lru_cache(maxsize=8)
+def closed(kind: str) -> Closed:
+    return random_closed(2, kind, mimic=kind == 'universal', links=8)
+
+
+def rows_by(robot: Robot, oracle: LoopOracle, q: Array) -> Array:
+    """T (rows, rows) with J = T J of the oracle, which may take other axes across the loop's."""
+    J, other = robot.closure_jacobian(q), oracle.rows(q, np.zeros(robot.n)).jacobian
+    T = np.linalg.lstsq(other.T, J.T, rcond=None)[0].T
+    np.testing.assert_allclose(T @ T.T, np.eye(len(J)), atol=1e-8)
+    return np.asarray(T)
+
+
+def driving(robot: Robot, q: Array, count: int) -> tuple[str, ...]:
+    """Joints whose torques the loop does not take up, and which move apart from each other."""
+    free = null_space(robot.closure_jacobian(q), rcond=1e-6)
+    for names in combinations(robot.joint_names, count):
+        reach = free[robot.indices(names)]
+        if np.linalg.svd(reach)[1].min() > 0.1:
+            return names
+    raise AssertionError('joints must be found that drive the mechanism')
+
+
+@pytest.mark.parametrize('kind', LOOPS)
+def test_forward_derivatives_equal_the_oracle(close: Close, kind: str) -> None:
+    c = closed(kind)
+    robot, oracle = c.robot, LoopOracle(c.robot.tree)
+    tau = np.random.default_rng(3).normal(size=robot.n)
+    qdd, multipliers = robot.constrained_forward_dynamics(c.q, c.qd, tau)
+    T = rows_by(robot, oracle, c.q)
+    motion, pushed, _ = motion_derivatives(oracle, (c.q, c.qd, qdd), T.T @ multipliers)
+    found = robot.constrained_forward_dynamics_derivatives(c.q, c.qd, tau)
+    for value, expected in zip(found[:3], motion, strict=False):
+        close(value, expected, RELATIVE)
+    for value, expected in zip(found[3:], pushed, strict=False):
+        close(T.T @ value, expected, RELATIVE)
+
+
+@pytest.mark.parametrize('kind', LOOPS)
+def test_hybrid_and_inverse_derivatives_equal_the_oracle(close: Close, kind: str) -> None:
+    c = closed(kind)
+    robot, oracle = c.robot, LoopOracle(c.robot.tree)
+    rng = np.random.default_rng(4)
+    actuated = driving(robot, c.q, 1)
+    index = [int(k) for k in robot.indices(actuated)]
+    tau, given = rng.normal(size=robot.n), rng.normal(size=1)
+    tau[index] = 0.0
+    _, qdd, multipliers = robot.constrained_hybrid_dynamics(c.q, c.qd, given, actuated, tau)
+    T = rows_by(robot, oracle, c.q)
+    state = (c.q, c.qd, qdd)
+    expected = motion_derivatives(oracle, state, T.T @ multipliers, index)
+    expected[0][2][:, index], expected[1][2][:, index], expected[2][2][:, index] = 0.0, 0.0, 0.0
+    found = robot.constrained_hybrid_dynamics_derivatives(c.q, c.qd, given, actuated, tau)
+    torques, motion, pushed = found[:4], found[4:8], found[8:]
+    for values, wanted in zip((motion, torques), (expected[0], expected[2]), strict=True):
+        for value, by in zip(values, (wanted[0], wanted[1], wanted[3], wanted[2]), strict=True):
+            close(value, by, RELATIVE)
+    reactions = (expected[1][0], expected[1][1], expected[1][3], expected[1][2])
+    for value, wanted_rows in zip(pushed, reactions, strict=True):
+        close(T.T @ value, wanted_rows, RELATIVE)
+
+
+@pytest.mark.parametrize('kind', LOOPS)
+def test_inverse_derivatives_take_back_forward_ones_of_the_oracle(close: Close, kind: str) -> None:
+    c = closed(kind)
+    robot, oracle = c.robot, LoopOracle(c.robot.tree)
+    rng, count = np.random.default_rng(5), 1 if kind == 'fixed' else 2
+    actuated = driving(robot, c.q, count)
+    index, tau = robot.indices(actuated), np.zeros(robot.n)
+    tau[index] = rng.normal(size=count)
+    qdd, multipliers = robot.constrained_forward_dynamics(c.q, c.qd, tau)
+    T = rows_by(robot, oracle, c.q)
+    motion, pushed, _ = motion_derivatives(oracle, (c.q, c.qd, qdd), T.T @ multipliers)
+    dq, dqd = rng.normal(size=(2, robot.n))
+    dtau = np.zeros(robot.n)
+    dtau[index] = rng.normal(size=count)
+    dqdd = motion[0] @ dq + motion[1] @ dqd + motion[2] @ dtau
+    found = robot.constrained_inverse_dynamics_derivatives(c.q, c.qd, qdd, actuated)
+    terms = [matrix @ change for matrix, change in zip(found, (dq, dqd, dqdd) * 2, strict=True)]
+    # what comes back is a sum of terms that nearly cancel
+    size = max(float(np.abs(term).max()) for term in terms[:3])
+    np.testing.assert_allclose(sum(terms[:3]), dtau[index], rtol=0, atol=RELATIVE * size)
+    wanted = pushed[0] @ dq + pushed[1] @ dqd + pushed[2] @ dtau
+    size = max(float(np.abs(term).max()) for term in terms[3:])
+    np.testing.assert_allclose(T.T @ sum(terms[3:]), wanted, rtol=0, atol=RELATIVE * size)
+
+
+def difference(function: Callable[[float], Array]) -> Array:
+    a, b, c, d = (function(f * STEP) for f in (1.0, -1.0, 2.0, -2.0))
+    return np.asarray((8.0 * (a - b) - (c - d)) / (12.0 * STEP))
+
+
+@pytest.mark.parametrize('actuated', [('one',), ('one', 'two')])
+def test_redundant_rows_and_joints_keep_multipliers_and_torques_of_least_norm(
+    actuated: tuple[str, ...],
+) -> None:
+    robot = four_bar('four', dynamics='damping="0.3" friction="0.2"')
+    start = robot.assemble(np.full(robot.n, 0.3))
+    rate = robot.assemble_rates(start, np.full(robot.n, 0.2))
+    assert np.linalg.matrix_rank(robot.closure_jacobian(start), 1e-6) < len(robot.closure(start))
+    rng = np.random.default_rng(6)
+    tau, force, turn = rng.uniform(-1, 1, (3, robot.n))
+    along = robot.assemble_rates(start, np.ones(robot.n))
+
+    def state(s: float) -> tuple[Array, Array, Array]:
+        q = robot.assemble(start + 0.1 * s * along)
+        return q, robot.assemble_rates(q, rate + s * turn), tau + s * force
+
+    def forward(s: float) -> Array:
+        return np.concatenate(robot.constrained_forward_dynamics(*state(s)))
+
+    def inverse(s: float) -> Array:
+        q, qd, _ = state(s)
+        motion = (q, qd, forward(s)[: robot.n])
+        return np.concatenate(robot.constrained_inverse_dynamics(*motion, actuated))
+
+    changes = difference(lambda s: np.concatenate(state(s)))
+    dq, dqd, dtau = changes.reshape(3, robot.n)
+    found = robot.constrained_forward_dynamics_derivatives(*state(0.0))
+    value = np.concatenate(
+        [found[k] @ dq + found[k + 1] @ dqd + found[k + 2] @ dtau for k in (0, 3)]
+    )
+    wanted = difference(forward)
+    np.testing.assert_allclose(value, wanted, rtol=0, atol=DIFFERENCE * np.abs(wanted).max())
+    q, qd, _ = state(0.0)
+    qdd, dqdd = forward(0.0)[: robot.n], value[: robot.n]
+    of_torque = robot.constrained_inverse_dynamics_derivatives(q, qd, qdd, actuated)
+    value = np.concatenate(
+        [of_torque[k] @ dq + of_torque[k + 1] @ dqd + of_torque[k + 2] @ dqdd for k in (0, 3)]
+    )
+    wanted = difference(inverse)
+    np.testing.assert_allclose(value, wanted, rtol=0, atol=DIFFERENCE * np.abs(wanted).max())
+
+
+def test_rows_of_states_give_rows_of_derivatives(close: Close) -> None:
+    c = closed('revolute')
+    robot, n = c.robot, c.robot.n
+    tau = np.random.default_rng(7).normal(size=(2, n))
+    found = robot.constrained_forward_dynamics_derivatives(c.q, c.qd, tau)
+    assert found.dqdd_dq.shape == (2, n, n)
+    assert found.dmultipliers_dtau.shape == (2, len(robot.closure(c.q)), n)
+    alone = robot.constrained_forward_dynamics_derivatives(c.q, c.qd, tau[1])
+    close(found.dqdd_dq[1], alone.dqdd_dq, 1e-14)
