@@ -252,8 +252,11 @@ def test_a_gauge_mends_a_model_that_is_too_soft(
     times, values = column(now, 'link_1/uy', start_ns)
     assert least < gap(times, values, run, true_deflection(robot_file, run)) < most
     # the model alone says too much, whether the gauge mends that or not
-    excess = np.median([message.position[0] for message in residuals[-20:]])
-    assert excess / np.median(strains[-20:]) < -0.03
+    times, excess = column(residuals, 'root', start_ns)
+    told = np.interp(times, run.t, strains)
+    # all along the swing: values that are late on a busy machine are too large and too small
+    large = (times > 0.2) & (times < run.t[-1]) & (np.abs(told) > 0.3 * np.max(np.abs(strains)))
+    assert np.median(excess[large] / told[large]) < -0.03
     if strain == 'fuse':
         assert node.observer.fusion.counts[0]['accepted'] > 20
         graph.until(lambda: 'predictor: fusion' in graph.diagnostics)
