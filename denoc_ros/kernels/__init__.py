@@ -25,7 +25,8 @@ WITHOUT_KERNELS = ('__init__.py', 'cache.py', 'compiling.py')
 
 CHECKED = os.environ.get('DENOC_CHECK_BOUNDS', '0') not in ('', '0')
 if CHECKED:
-    os.environ.setdefault('NUMBA_OPT', '0')  # optimizing all the checks takes minutes
+    # optimizing all the checks takes minutes; by the environment it would reset CACHE_DIR as well
+    numba.config.OPT = type(numba.config.OPT)(0)
 
 
 def _digest() -> str:
