@@ -120,7 +120,7 @@ def _said(stage: Stage, keys: Sequence[str], before: dict[str, int], since: floa
 FAULTS = (
     Fault(
         'not finite',
-        'NaN and infinite positions, rates, efforts',
+        'NaN and infinite positions, infinite rates and efforts',
         states.instead(states.not_finite),
         ('joint_states non_finite',),
         safe=True,
@@ -214,14 +214,12 @@ FAULTS = (
     ),
     Fault(
         'bad references',
-        'not finite, wrong lengths and joints, empty, times that stand still, bytes cut off',
+        'not finite, wrong lengths and joints, times that stand still, bytes cut off',
         references.bad_references,
         (
             'reference non_finite',
             'reference wrong_length',
             'reference unknown_joint',
-            'reference missing_joint',
-            'reference empty',
             'reference times_not_increasing',
             'reference malformed',
         ),

@@ -41,9 +41,9 @@ def _field(stage: Stage, **fields: Any) -> JointState:
 
 
 def not_finite(stage: Stage) -> JointState:
-    """Return joint states of which one number is not finite."""
-    bad = random.choice([NAN, INF, -INF])
+    """Return joint states of which one number is not finite; NaN as a rate or effort is none."""
     name = random.choice(['position', 'velocity', 'effort'])
+    bad = random.choice([INF, -INF] + [NAN] * (name == 'position'))
     return _field(stage, **{name: random.choice([[bad, 0.0], [0.0, bad]])})
 
 
