@@ -38,6 +38,7 @@ def test_quick_run_checks_every_line(capsys: pytest.CaptureFixture[str]) -> None
         'inertia',
         'ssrms',
         'loops',
+        'derivatives',
         'growth',
         'dense',
         'batch',

@@ -57,21 +57,21 @@ def richardson(function: Callable[[Array], Array], x: Array, step: float) -> Arr
 
 def test_model_is_the_derivative_of_simulations(canadarm: Robot) -> None:
     robot, n, time = canadarm, canadarm.n, 0.05
+    force = 100.0  # N m: forces of 1 N m move it by 1e-4 of what states do
     q = settled(robot, 0.3, 0.6, -0.5)
     model = robot.linearize(q)
     np.testing.assert_allclose(model.qdd, 0, atol=1e-8)
 
     def after(x: Array) -> Array:
         tau = model.tau.copy()
-        tau[robot.joint_indices] += x[2 * n :]
+        tau[robot.joint_indices] += force * x[2 * n :]
         state = q + x[:n], x[n : 2 * n]
         run = simulate(robot, *state, np.array([0, time]), lambda *_: tau, rtol=1e-12, atol=1e-14)
         return np.concatenate([run.q[-1], run.qd[-1]])
 
     held = model.discrete(time)
     expected = richardson(after, np.zeros(2 * n + 3), 1e-3)
-    # forces move it by 1e-4 of what states do
-    for block, column in ((held.a, slice(0, 2 * n)), (held.b, slice(2 * n, None))):
+    for block, column in ((held.a, slice(0, 2 * n)), (force * held.b, slice(2 * n, None))):
         scale = np.abs(expected[:, column]).max()
         np.testing.assert_allclose(block, expected[:, column], rtol=0, atol=2e-8 * scale)
 
