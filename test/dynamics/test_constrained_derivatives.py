@@ -13,8 +13,10 @@ from loop_oracle import LoopOracle
 from looped_robots import LOOPS, Closed, four_bar, random_closed
 from numpy.typing import NDArray
 from scipy.linalg import null_space
+from strategies import random_state, seeded_robot
 
-from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.errors import StateError
 
 Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
@@ -115,12 +117,44 @@ def difference(function: Callable[[float], Array]) -> Array:
     return np.asarray((8.0 * (a - b) - (c - d)) / (12.0 * STEP))
 
 
+def three_cranks() -> Robot:
+    """A bar on three parallel cranks: one more than closes it, so that loads turn with them."""
+    links, joints, loops = '<link name="ground"/>', '', ''
+    for k, (name, mass) in enumerate((('one', 1.0), ('two', 2.0), ('three', 0.7), ('bar', 3.0))):
+        links += (
+            f'<link name="{name}"><inertial><origin xyz="0.2 0 0"/><mass value="{mass}"/>'
+            '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>'
+        )
+        parent, x = ('one', 0.4) if name == 'bar' else ('ground', 0.5 * k)
+        joints += (
+            f'<joint name="{name}" type="continuous"><parent link="{parent}"/>'
+            f'<child link="{name}"/><origin xyz="{x} 0 0"/><axis xyz="0 0 1"/></joint>'
+        )
+        if name in ('two', 'three'):
+            loops += (
+                f'<loop name="to_{name}" type="revolute"><parent link="bar" xyz="{x} 0 0"/>'
+                f'<child link="{name}" xyz="0.4 0 0"/><axis xyz="0 0 1"/>'
+                '<dynamics damping="0.3" friction="0.2"/></loop>'
+            )
+    text = f'<robot name="cranks">{links}{joints}<flexibility>{loops}</flexibility></robot>'
+    return load_robot(text, gravity=(1.0, -9.0, 3.0))
+
+
+MECHANISMS = {
+    'four_bar': lambda: four_bar('four', dynamics='damping="0.3" friction="0.2"'),
+    'cranks': three_cranks,
+}
+START = {'four_bar': np.full(3, 0.3), 'cranks': np.array([0.8, -0.8, 0.8, 0.8])}
+
+
+@pytest.mark.parametrize('name', MECHANISMS)
 @pytest.mark.parametrize('actuated', [('one',), ('one', 'two')])
 def test_redundant_rows_and_joints_keep_multipliers_and_torques_of_least_norm(
     actuated: tuple[str, ...],
+    name: str,
 ) -> None:
-    robot = four_bar('four', dynamics='damping="0.3" friction="0.2"')
-    start = robot.assemble(np.full(robot.n, 0.3))
+    robot = MECHANISMS[name]()
+    start = robot.assemble(START[name])
     rate = robot.assemble_rates(start, np.full(robot.n, 0.2))
     assert np.linalg.matrix_rank(robot.closure_jacobian(start), 1e-6) < len(robot.closure(start))
     rng = np.random.default_rng(6)
@@ -166,3 +200,28 @@ def test_rows_of_states_give_rows_of_derivatives(close: Close) -> None:
     assert found.dmultipliers_dtau.shape == (2, len(robot.closure(c.q)), n)
     alone = robot.constrained_forward_dynamics_derivatives(c.q, c.qd, tau[1])
     close(found.dqdd_dq[1], alone.dqdd_dq, 1e-14)
+
+
+def test_without_loops_they_are_those_of_the_tree(close: Close) -> None:
+    robot = load_robot(seeded_robot(1, 4))
+    state = random_state(robot.coordinate_names, 1, 0.02)
+    tau = np.ones(robot.n)
+    found = robot.constrained_forward_dynamics_derivatives(state.q, state.qd, tau)
+    expected = robot.forward_dynamics_derivatives(state.q, state.qd, tau)
+    for value, of_tree in zip(found[:3], expected, strict=True):
+        close(value, of_tree, RELATIVE)
+    assert found.dmultipliers_dq.shape == (0, robot.n)
+    names = robot.joint_names[:1]
+    held = robot.constrained_hybrid_dynamics_derivatives(state.q, state.qd, [0.3], names)
+    tree = robot.hybrid_dynamics_derivatives(state.q, state.qd, [0.3], names)
+    close(held.dtau_dq, tree.dtau_dq, RELATIVE)
+    close(held.dtau_dqdd, tree.dtau_dqdd, RELATIVE)
+
+
+def test_refuses_what_the_verbs_refuse() -> None:
+    c = closed('revolute')
+    still = np.zeros(c.robot.n)
+    with pytest.raises(StateError, match='tau must have shape'):
+        c.robot.constrained_forward_dynamics_derivatives(c.q, c.qd, still[1:])
+    with pytest.raises(StateError, match='qdd must keep'):
+        c.robot.constrained_inverse_dynamics_derivatives(c.q, c.qd, still + 1.0)
