@@ -35,7 +35,12 @@ def told():
 
 told()
 status = process.run(feedforward.FeedforwardNode, sys.argv)
-names = (Path(task, 'comm').read_text().strip() for task in Path('/proc/self/task').iterdir())
+names = []
+for task in Path('/proc/self/task').iterdir():
+    try:
+        names.append((task / 'comm').read_text().strip())
+    except OSError:  # it has just ended
+        pass
 print(status, *sorted(name for name in names if name.startswith('dds')))
 process.leave(status)
 """
@@ -46,7 +51,12 @@ from denoc_ros.nodes.driver import Driver
 
 with Driver('<robot/>'):
     pass
-names = (Path(task, 'comm').read_text().strip() for task in Path('/proc/self/task').iterdir())
+names = []
+for task in Path('/proc/self/task').iterdir():
+    try:
+        names.append((task / 'comm').read_text().strip())
+    except OSError:  # it has just ended
+        pass
 print(*sorted(name for name in names if name.startswith('dds')))
 """
 
@@ -71,7 +81,12 @@ try:
         print('went on')
 except KeyboardInterrupt:
     print('interrupted')
-names = (Path(task, 'comm').read_text().strip() for task in Path('/proc/self/task').iterdir())
+names = []
+for task in Path('/proc/self/task').iterdir():
+    try:
+        names.append((task / 'comm').read_text().strip())
+    except OSError:  # it has just ended
+        pass
 print(*sorted(name for name in names if name.startswith('dds')))
 """
 
