@@ -41,6 +41,9 @@ class FusionSettings:
         Standard deviations of an innovation beyond which a value is an outlier.
     patience : float
         A sensor whose values are outliers for this long [s] is believed again.
+    timing_error : float
+        Standard deviation of the values' stamps [s]. It makes a value that changes quickly count
+        less; 0: stamps are exact.
 
     Raises
     ------
@@ -52,12 +55,15 @@ class FusionSettings:
     initial_deflection: float = 0.01
     gate: float = 5.0
     patience: float = 0.2
+    timing_error: float = 0.001
 
     def __post_init__(self) -> None:
         for name in ('model_error', 'initial_deflection', 'gate', 'patience'):
             value = getattr(self, name)
             if not value > 0.0:
                 raise StateError(f'fusion: {name} must be > 0, got {value}')
+        if not self.timing_error >= 0.0:
+            raise StateError(f'fusion: timing_error must be >= 0, got {self.timing_error}')
 
 
 class StrainFusion:
@@ -223,7 +229,9 @@ class StrainFusion:
             expected[: self._m] += lag * expected[self._m : 2 * self._m]
         values = np.array([value for _, _, value in group])
         state = expected.copy()
-        rows, noise = self._rows[places], self._noise[places]
+        rows = self._rows[places]
+        change = rows @ expected[self._m : 2 * self._m]  # of the values per second
+        noise = np.hypot(self._noise[places], self._settings.timing_error * change)
         taken = self.filter.correct(rows, noise, values, self._settings.gate, state, lag)
         for place, good in zip(places, taken.tolist(), strict=True):
             self._judge(place, stamp, good, q)

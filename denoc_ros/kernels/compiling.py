@@ -91,6 +91,9 @@ def _in_thread(act: Callable[[], object]) -> None:
 @contextmanager
 def _claim(dispatcher: Any) -> Iterator[bool]:
     """Say whether a kernel is ours to compile; also where the cache cannot be locked."""
+    if not numba.config.CACHE_DIR:  # numba looks for places of its own
+        yield True
+        return
     function = dispatcher.py_func
     name = f'{function.__module__.rpartition(".")[2]}.{function.__qualname__}.lock'
     with ExitStack() as stack:

@@ -96,6 +96,16 @@ TABLE = ParameterTable(
             live=True,
         ),
         Parameter(
+            'fusion.timing_error',
+            Kind.DOUBLE,
+            FUSION.timing_error,
+            "standard deviation of when sensors' values were measured; 0: stamps are exact",
+            's',
+            0.0,
+            1.0,
+            live=True,
+        ),
+        Parameter(
             'horizon',
             Kind.DOUBLE,
             0.0,

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from lxml import etree
 from numpy.typing import NDArray
+from planar_chains import PlanarLink, planar_chain
 
 import denoc_ros as dn
 from denoc_ros.dynamics.deflection import TipDeflections
@@ -309,6 +310,48 @@ def test_lasting_jump_is_believed_after_patience() -> None:
     np.testing.assert_allclose(shown, data.gauges[999] + 100 * data.noise, atol=20 * data.noise[0])
 
 
+def test_values_dated_by_their_arrival_are_no_outliers() -> None:
+    """A Float64 has no stamp, and within a millisecond it changes by more than its noise."""
+    gauge = (
+        '<sensor name="root" type="strain_gauge" link="link_1" station="0.05" direction="y"'
+        ' surface="0.01" noise="2e-6"/>'
+    )
+    arm = planar_chain(
+        (PlanarLink(1.0, 2.0, 60.0), PlanarLink(0.8, 1.0)), 1, damping_ratio=0.02, sensors=gauge
+    )
+    robot = dn.load_robot(arm, gravity=(0.0, -9.81, 0.0))
+    start, still = robot.static_deflection([0.0, 0.0]), np.zeros(robot.n)
+    swing = dict.fromkeys(
+        robot.joint_names,
+        lambda t: (0.2 * (1 - np.cos(4 * t)), 0.8 * np.sin(4 * t), 3.2 * np.cos(4 * t)),
+    )
+    run = dn.simulate(robot, start, still, np.linspace(0.0, 1.5, 301), prescribed=swing, rtol=1e-7)
+    strain, joints = robot.sensor_values(run.q)[:, 0], robot.joint_indices
+    late = np.random.default_rng(5).uniform(0.005, 0.010, len(strain))
+    bent = run.q[:, robot.flexible_indices[0]]
+    share, error = {}, {}
+    for timing_error in (0.0, FusionSettings().timing_error):
+        settings = FusionSettings(timing_error=timing_error)
+        found = Observer(
+            robot.with_overrides({'beam.link_1.y.ei': 45.0}),  # the model is too soft
+            ObserverSettings(step=0.005, fusion=settings),
+        )
+        off = []
+        for k, t in enumerate(run.t):
+            found.measure(t, run.q[k, joints], run.qd[k, joints])
+            found.sense(0, t + late[k], float(strain[k]))
+            found.tick(t)
+            off.append(abs(found.q[robot.flexible_indices[0]] - bent[k]))
+        assert found.fusion is not None
+        counts = found.fusion.counts[0]
+        share[timing_error] = counts['outlier'] / counts.total()
+        error[timing_error] = float(np.median(off[40:]) / np.abs(bent).max())
+    assert share.pop(0.0) > 0.5
+    assert error.pop(0.0) > 0.02
+    assert max(share.values()) < 0.02
+    assert max(error.values()) < 0.02
+
+
 def test_late_repeated_and_early_values_are_counted() -> None:
     data = record('canadarm', True)
     found = observer('canadarm', data, max_age=0.02)
@@ -368,7 +411,16 @@ def test_robot_that_cannot_be_fused_is_refused(text: str, message: str) -> None:
         Observer(robot, ObserverSettings(step=STEP, fusion=FusionSettings()))
 
 
-@pytest.mark.parametrize('name', ['model_error', 'initial_deflection', 'gate', 'patience'])
-def test_bad_fusion_settings_are_refused(name: str) -> None:
-    with pytest.raises(dn.StateError, match=f'fusion: {name} must be > 0, got -1'):
+@pytest.mark.parametrize(
+    ('name', 'bound'),
+    [
+        ('model_error', '> 0'),
+        ('initial_deflection', '> 0'),
+        ('gate', '> 0'),
+        ('patience', '> 0'),
+        ('timing_error', '>= 0'),
+    ],
+)
+def test_bad_fusion_settings_are_refused(name: str, bound: str) -> None:
+    with pytest.raises(dn.StateError, match=f'fusion: {name} must be {bound}, got -1'):
         FusionSettings(**{name: -1.0})

@@ -248,17 +248,9 @@ def test_a_gauge_mends_a_model_that_is_too_soft(
     def show(row: int) -> None:
         gauge.publish(Float64(data=(strains[row] - 1e-5) / 2e-6))
 
-    for _ in range(3):  # now and then all values of a start are outliers: why is not known yet
-        start_ns = replay(graph, run, beside=show)
-        times, values = column(now, 'link_1/uy', start_ns)
-        error = gap(times, values, run, true_deflection(robot_file, run))
-        if least < error < most:
-            break
-        graph.remove(node)
-        now.clear()
-        residuals.clear()
-        node = add(graph, robot_file, strain=strain, parameters=soft)
-        graph.until(lambda: gauge.get_subscription_count() > 0)
+    start_ns = replay(graph, run, beside=show)
+    times, values = column(now, 'link_1/uy', start_ns)
+    error = gap(times, values, run, true_deflection(robot_file, run))
     assert least < error < most
     # the model alone says too much, whether the gauge mends that or not
     times, excess = column(residuals, 'root', start_ns)
