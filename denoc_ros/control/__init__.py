@@ -1,0 +1,1 @@
+"""Motions that leave no swing: tip-exact, input shapers, rest to rest; state feedback."""
