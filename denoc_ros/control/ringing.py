@@ -1,0 +1,71 @@
+"""The modes that a motion of the joints makes ring, along the motion."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.control.impulses import damped_frequency
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import SolverError
+
+Array = NDArray[np.float64]
+WIDEST = 10.0  # modes above this multiple of the lowest one are hardly excited, and die quickly
+
+
+class RingingModes(NamedTuple):
+    """Modes with the joints held: damped frequencies (k,) [Hz], ascending, damping ratios (k,)."""
+
+    frequencies: Array
+    ratios: Array
+
+
+def ringing_modes(robot: Robot, q_joints: ArrayLike, count: int | None = None) -> RingingModes:
+    """Return the modes to be shaped, with the joints held, at static equilibrium.
+
+    Parameters
+    ----------
+    robot : Robot
+        With the payload it carries.
+    q_joints : (joints,) array
+        Posture [rad, m].
+    count : int, optional
+        The lowest so many; default those below `WIDEST` times the lowest.
+
+    Raises
+    ------
+    SolverError
+        The robot has no such modes, one does not oscillate (buckling), or the posture has no
+        equilibrium.
+    """
+    modes = robot.natural_modes(robot.static_deflection(q_joints))
+    frequencies, ratios = modes.frequencies, modes.damping_ratios
+    if not len(frequencies):
+        raise SolverError(f'{robot.tree.name}: a shaper needs a flexible link, got none')
+    if count is None:
+        count = int(np.count_nonzero(frequencies < WIDEST * frequencies[0]))
+    chosen = slice(0, max(count, 1))
+    frequencies, ratios = frequencies[chosen], ratios[chosen]
+    if (frequencies <= 0.0).any() or (ratios >= 1.0).any():
+        raise SolverError(
+            f'{robot.tree.name}: every mode to be shaped must oscillate at the posture '
+            f'{np.round(np.asarray(q_joints), 6).tolist()}, got frequencies '
+            f'{np.round(frequencies, 4).tolist()} Hz and damping ratios '
+            f'{np.round(ratios, 4).tolist()}'
+        )
+    return RingingModes(damped_frequency(frequencies, ratios), np.asarray(ratios))
+
+
+def modes_along(robot: Robot, postures: Array, count: int | None = None) -> RingingModes:
+    """Return the modes at many postures (m, joints): frequencies and ratios (m, k).
+
+    As many at each posture as at the first one; errors as of :func:`ringing_modes`.
+    """
+    first = ringing_modes(robot, postures[0], count)
+    rest = [ringing_modes(robot, row, len(first.ratios)) for row in postures[1:]]
+    return RingingModes(
+        np.array([first.frequencies, *(each.frequencies for each in rest)]),
+        np.array([first.ratios, *(each.ratios for each in rest)]),
+    )
