@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -36,6 +37,27 @@ def add_gravity(
         metavar=('X', 'Y', 'Z'),
         help=f'in the base frame [m/s^2], default {said}',
     )
+
+
+def add_times(group: Any) -> None:
+    """Declare how the times of a table are read."""
+    group.add_argument('--time', metavar='COLUMN', default='', help="a table's times")
+    group.add_argument(
+        '--time-unit',
+        choices=('s', 'ms', 'us', 'ns'),
+        default='',
+        help="of a table's times; default: what the column's name says (time_ms, t [us]), else s",
+    )
+    group.add_argument(
+        '--rate', metavar='HZ', type=float, default=0.0, help='of a table without times'
+    )
+
+
+def times_findings(args: Any) -> list[str]:
+    """Return what is wrong with how the times of a table are read."""
+    if math.isfinite(args.rate) and args.rate >= 0.0:
+        return []
+    return [f'--rate must be > 0 Hz, got {args.rate}']
 
 
 def add_stamp(parser: Any) -> None:

@@ -8,7 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from denoc_ros.cli.arguments import add_gravity, add_stamp, given_file, named_values, require
+from denoc_ros.cli.arguments import (
+    add_gravity,
+    add_stamp,
+    add_times,
+    given_file,
+    named_values,
+    require,
+    times_findings,
+)
 from denoc_ros.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -42,16 +50,7 @@ def add_channel_options(parser: argparse.ArgumentParser, window: bool = True) ->
         help='of a JointState; default: position',
     )
     add_stamp(group)
-    group.add_argument('--time', metavar='COLUMN', default='', help="a table's times")
-    group.add_argument(
-        '--time-unit',
-        choices=('s', 'ms', 'us', 'ns'),
-        default='',
-        help="of a table's times; default: what the column's name says (time_ms, t [us]), else s",
-    )
-    group.add_argument(
-        '--rate', metavar='HZ', type=float, default=0.0, help='of a table without times'
-    )
+    add_times(group)
     group.add_argument('--gain', type=float, default=1.0, help='value = gain * raw + offset')
     group.add_argument('--offset', type=float, default=0.0, help='in the unit of the value')
     group.add_argument('--unit', default='', help='of the value')
@@ -104,8 +103,7 @@ def channel_of(args: argparse.Namespace) -> Channel:
     ]
     if args.gain == 0.0:
         findings.append('--gain must not be 0, got 0')
-    if not (math.isfinite(args.rate) and args.rate >= 0.0):
-        findings.append(f'--rate must be > 0 Hz, got {args.rate}')
+    findings += times_findings(args)
     begin, end = getattr(args, 'begin', 0.0), getattr(args, 'end', math.inf)
     if not begin < end:
         findings.append(f'--begin must be before --end, got {begin} and {end} s')

@@ -5,16 +5,20 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import (
     EARTH,
     add_gravity,
     add_stamp,
+    add_times,
     named_values,
     recording_name,
     require,
+    times_findings,
     unused,
 )
 from denoc_ros.cli.overrides import add_overrides, overrides_of
@@ -33,12 +37,18 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         'replay',
         help='recompute torque and deflection on a recorded run, beside what was measured',
-        description='Read the joint states of a bag (MCAP or db3), compute the torque of the '
-        'rigid and of the flexible model and the deflection along them, and write a new bag with '
-        'these beside all that was recorded, a table and one HTML page. Exit status 2: something '
-        'speaks against the numbers.',
+        description='Read the joint states of a bag (MCAP or db3) or of a table, compute the '
+        'torque of the rigid and of the flexible model and the deflection along them, and write '
+        'a new bag with these beside all that was recorded, a table and one HTML page. Exit '
+        'status 2: something speaks against the numbers.',
     )
-    parser.add_argument('bag', metavar='BAG', type=Path, help='a bag, or the directory of a run')
+    parser.add_argument(
+        'bag',
+        metavar='BAG',
+        type=Path,
+        help='a bag, the directory of a run, or a table of numbers with columns such as '
+        'elbow/position',
+    )
     parser.add_argument(
         '--robot',
         help='the URDF file, here or where the package is installed; default: the one in the bag',
@@ -57,9 +67,22 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         '--report', type=Path, metavar='FILE', help="the page (default: the new bag's name .html)"
     )
+    _add_table(parser)
     _add_ways(parser)
     add_overrides(parser)
     parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
+
+
+def _add_table(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('tables')
+    group.add_argument(
+        '--column',
+        action='append',
+        default=[],
+        metavar='JOINT.FIELD=COLUMN',
+        help="where a joint's position, velocity or effort stands; repeatable",
+    )
+    add_times(group)
 
 
 def _add_ways(parser: argparse.ArgumentParser) -> None:
@@ -125,9 +148,15 @@ def run(args: argparse.Namespace) -> int:
     if not args.no_output and output.exists():
         raise BagError(f'{output}: output must not exist yet, got an existing one')
     robot = _robot(args, bag, read_session(args.bag))
-    with share_bar(quiet=args.json) as bar:
-        replay = replay_bag(bag, robot, None if args.no_output else output, settings, bar.update)
-    summary = {'output': None if args.no_output else str(output), **summarize(replay)}
+    with _as_bag(args, bag, robot) as recorded, share_bar(quiet=args.json) as bar:
+        replay = replay_bag(
+            recorded, robot, None if args.no_output else output, settings, bar.update
+        )
+    summary = {
+        'output': None if args.no_output else str(output),
+        **summarize(replay),
+        'bag': str(bag),
+    }
     sources = {'bag': named_file(bag), 'robot': named_text(_robot_name(args), robot.tree.source)}
     shown = page(replay, summary, robot, provenance(args.command, sources))
     replaced = ' (replaced)' if report.exists() else ''
@@ -138,6 +167,25 @@ def run(args: argparse.Namespace) -> int:
         print('\n'.join(lines(replay, summary)))
         print(f'report  {report}{replaced}')
     return DOUBTFUL if summary['doubts'] else 0
+
+
+@contextmanager
+def _as_bag(args: argparse.Namespace, path: Path, robot: Robot) -> Iterator[Path]:
+    """Yield the bag to be read: the one that was given, or one made of a table for now."""
+    from denoc_ros.identification.channel import Channel, is_table
+    from denoc_ros.replay.table import bag_of_table
+
+    findings: list[str] = []
+    columns = named_values('--column', args.column, 'JOINT.FIELD=COLUMN', str, findings)
+    require(findings + times_findings(args))
+    if not is_table(path):
+        if columns:
+            raise BagError(f'{path}: --column must come with a table, got a bag')
+        yield path
+        return
+    times = Channel(time=args.time, time_unit=args.time_unit, rate=args.rate)
+    with TemporaryDirectory(prefix='denoc-') as folder:
+        yield bag_of_table(path, robot.joint_names, Path(folder, 'table.mcap'), columns, times)
 
 
 def _robot_name(args: argparse.Namespace) -> str:

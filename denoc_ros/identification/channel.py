@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -180,22 +180,10 @@ def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Floats, Float
     columns = read_table(path)
     time = channel.time or next((name for name in columns if is_time(name)), '')
     field = channel.field or _only_one(path, 'field', [name for name in columns if name != time])
-    for whose, name in (('time', channel.time), ('field', field)):
-        if name and name not in columns:
-            raise BagError(
-                f'{path}: {whose} must be a column ({_shown(list(columns))}), got {name!r}'
-            )
-    unit = channel.time_unit or unit_in(time)
+    if field not in columns:
+        raise BagError(f'{path}: field must be a column ({_shown(list(columns))}), got {field!r}')
     values = columns[field]
-    if channel.rate > 0.0:
-        t = np.arange(len(values)) / channel.rate
-    elif time:
-        t = (columns[time] - columns[time][0]) * UNITS[unit]
-    else:
-        raise BagError(
-            f'{path}: table must have a column of times ({", ".join(TIME_NAMES)}, or the one '
-            'that is named), or come with a rate, got neither'
-        )
+    time, unit, t = table_times(path, columns, channel, len(values))
     if len(t) != len(values):
         raise BagError(
             f'{path}: {field} must have as many values as {time} has ({len(t)}), got {len(values)}'
@@ -203,6 +191,42 @@ def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Floats, Float
     if channel.rate > 0.0:
         return replace(channel, field=field, time=''), t, values
     return replace(channel, field=field, time=time, time_unit=unit), t, values
+
+
+def table_times(
+    path: Path, columns: Mapping[str, Floats], channel: Channel, rows: int
+) -> tuple[str, str, Floats]:
+    """Return a table's column of times, its unit, and the times from the first row on [s].
+
+    Parameters
+    ----------
+    path : Path
+        Named in errors.
+    columns : mapping of str to (k,) array
+        The table.
+    channel : Channel
+        Its `time`, `time_unit` and `rate` say how.
+    rows : int
+        How many times a rate makes.
+
+    Raises
+    ------
+    BagError
+        When there are no times.
+    """
+    if channel.time and channel.time not in columns:
+        listed = _shown(list(columns))
+        raise BagError(f'{path}: time must be a column ({listed}), got {channel.time!r}')
+    time = channel.time or next((name for name in columns if is_time(name)), '')
+    unit = channel.time_unit or unit_in(time)
+    if channel.rate > 0.0:
+        return time, unit, np.arange(rows) / channel.rate
+    if time:
+        return time, unit, (columns[time] - columns[time][0]) * UNITS[unit]
+    raise BagError(
+        f'{path}: table must have a column of times ({", ".join(TIME_NAMES)}, or the one '
+        'that is named), or come with a rate, got neither'
+    )
 
 
 def _bag_samples(path: Path, channel: Channel) -> tuple[Channel, Stamps, Floats]:

@@ -12,9 +12,11 @@ from simulated_bags import SimulatedBag
 
 from denoc_ros.bags.columns import JOINT_STATE
 from denoc_ros.bags.reader import bag_contents
+from denoc_ros.bags.series import read_joint_states
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.main import main
 
+ROBOT = Path(__file__).resolve().parents[2] / 'config' / 'robots' / 'two_link_ff.urdf'
 UPRIGHT = ['--gravity', '0', '-9.81', '0']
 
 
@@ -63,6 +65,95 @@ def test_table_shows_each_joint_and_what_if_changes_it(
     # what was changed stands on the page
     assert 'payload.tool.com' in (tmp_path / 'page.html').read_text()
     assert list(tmp_path.iterdir()) == [tmp_path / 'page.html']
+
+
+def write_joint_table(bag: Path, path: Path, pattern: str, separator: str = ',') -> Path:
+    """Write the joint states of a bag as text; `pattern` names a column by joint and field."""
+    told = read_joint_states(bag, '/joint_states', ['joint_1', 'joint_2'])
+    columns = {'time_ms': 1e-6 * (told.stamp_ns - told.stamp_ns[0])}
+    for field in ('position', 'velocity', 'effort'):
+        for k, joint in enumerate(('joint_1', 'joint_2')):
+            columns[pattern.format(joint=joint, field=field)] = getattr(told, field)[:, k]
+    rows = zip(*columns.values(), strict=True)
+    lines = [separator.join(columns), *(separator.join(f'{x:.17g}' for x in row) for row in rows)]
+    path.write_text('\n'.join(lines))
+    return path
+
+
+@pytest.mark.parametrize(
+    ('pattern', 'options'),
+    [
+        ('/joint_states/{joint}/{field}', []),
+        ('{joint}_{field}', []),
+        (
+            'log {joint} {field}',
+            [
+                f'--column=joint_{k}.{field}=log joint_{k} {field}'
+                for k in (1, 2)
+                for field in ('position', 'velocity', 'effort')
+            ],
+        ),
+    ],
+)
+def test_a_table_gives_what_its_bag_gives(
+    simulated_bag: SimulatedBag,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    pattern: str,
+    options: list[str],
+) -> None:
+    page = ['--report', str(tmp_path / 'page.html')]
+    command = [*UPRIGHT, '--no-output', '--json', *page, '--robot', str(ROBOT)]
+    assert main(['replay', str(simulated_bag.path), *command]) in (0, 2)
+    bag = json.loads(capsys.readouterr().out)
+    table = write_joint_table(simulated_bag.path, tmp_path / 'run.csv', pattern)
+    assert main(['replay', str(table), *command, *options]) in (0, 2)
+    told = json.loads(capsys.readouterr().out)
+    assert told['bag'] == str(table)
+    assert told['samples'] == bag['samples']
+    for joint in ('joint_1', 'joint_2'):
+        for model in ('rigid', 'flexible'):
+            there, here = (each['torque'][model][joint]['rms'] for each in (bag, told))
+            assert here == pytest.approx(there, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ('text', 'options', 'message'),
+    [
+        (
+            'time,a\n0,1\n1,2',
+            [],
+            "must have the position of a joint .*'joint_1/position'.*got time, a",
+        ),
+        ('joint_1\n0\n1', [], 'table must have a column of times'),
+        (
+            't,joint_1\n0,1\n1,2',
+            ['--time', 'u'],
+            "time must be a column \\(t, joint_1\\), got 'u'",
+        ),
+        ('t,joint_1\n0,1\n1,2', ['--column', 'elbow.position=t'], 'must name JOINT.position'),
+        ('t,joint_1\n0,1\n1,2', ['--column', 'joint_1.position=x'], "must be one of .*got 'x'"),
+        ('t,joint_1\n0,1\n1,2', ['--rate', '-1'], '--rate must be > 0 Hz, got -1'),
+        (
+            't,joint_1/position,a.joint_1.position\n0,1,1\n1,2,2',
+            [],
+            'position of joint_1 must be in one column',
+        ),
+    ],
+)
+def test_a_table_that_cannot_be_replayed_is_refused(
+    simulated_bag: SimulatedBag,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    text: str,
+    options: list[str],
+    message: str,
+) -> None:
+    table = tmp_path / 'run.csv'
+    table.write_text(text)
+    command = ['replay', str(table), '--robot', str(ROBOT), '--no-output', *options]
+    assert main(command) == 1
+    assert re.search(message, capsys.readouterr().err)
 
 
 def test_run_s_directory_says_its_gravity(
