@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from denoc_ros.control.shape import shape_motion as shape_motion
     from denoc_ros.dynamics.robot import Robot as Robot
     from denoc_ros.dynamics.robot import load_robot as load_robot
     from denoc_ros.dynamics.stepper import Stepper as Stepper
@@ -29,6 +30,7 @@ _HOME = {
     'load_robot': 'dynamics.robot',
     'Stepper': 'dynamics.stepper',
     'replay_bag': 'replay.bag',
+    'shape_motion': 'control.shape',
     'simulate': 'simulation.simulate',
     'identify_modes': 'identification.fit',
     'suggest_flexibility': 'model.suggestion',

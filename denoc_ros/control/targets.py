@@ -1,0 +1,73 @@
+"""Where frames are to be: errors of position and turn, weighed, with their derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A frame and the poses that it is to have.
+
+    Attributes
+    ----------
+    frame : str
+    poses : (k, 4, 4) array
+        In the base frame, at each node.
+    weight : float
+        Of the position's error.
+    turn : float
+        How many metres of position a radian of turn counts as [m]; 0 leaves the turn free.
+    """
+
+    frame: str
+    poses: Array
+    weight: float
+    turn: float
+
+    def error(self, robot: Robot, q: Array, rows: slice = slice(None)) -> tuple[Array, Array]:
+        """Return errors of position (k, 3) [m] and turn (k, 3) [rad] in base axes."""
+        poses, wanted = robot.frame_pose(self.frame, q), self.poses[rows]
+        turn = poses[:, :3, :3] @ wanted[:, :3, :3].transpose(0, 2, 1)
+        return poses[:, :3, 3] - wanted[:, :3, 3], Rotation.from_matrix(turn).as_rotvec()
+
+    def weighed(self, robot: Robot, q: Array, rows: slice = slice(None)) -> Array:
+        """Return the weighed errors (k, 6) [m]."""
+        position, turn = self.error(robot, q, rows)
+        return np.concatenate([self.weight * position, self.weight * self.turn * turn], axis=1)
+
+    def derivative(self, robot: Robot, q: Array, errors: Array) -> Array:
+        """Return the derivative (k, 6, n) of weighed errors (k, 6) by q."""
+        jacobian = self.weight * robot.frame_jacobian(self.frame, q)
+        if self.turn == 0.0:
+            jacobian[:, 3:] = 0.0
+            return jacobian
+        change = _turn_rate(errors[:, 3:] / (self.weight * self.turn))
+        jacobian[:, 3:] = self.turn * (change @ jacobian[:, 3:])
+        return jacobian
+
+
+def _turn_rate(turn: Array) -> Array:
+    """Return what (k, 3, 3) makes the rate of rotation vectors (k, 3) of an angular velocity.
+
+    The inverse of the left Jacobian of SO(3).
+    """
+    angle = np.linalg.norm(turn, axis=1)
+    half = 0.5 * angle
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    share = np.where(
+        small, 1.0 / 12.0, (1.0 - half / np.tan(np.where(small, 1.0, half))) / safe**2
+    )
+    cross = np.zeros((len(turn), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -turn[:, 2], turn[:, 1], -turn[:, 0]
+    cross -= cross.transpose(0, 2, 1)
+    return np.eye(3) - 0.5 * cross + share[:, None, None] * (cross @ cross)

@@ -1,0 +1,182 @@
+"""Tip-exact motions on a grid: Gauss-Newton steps with the equations of motion as constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.control.block_band import BlockBand
+from denoc_ros.control.grid import FIRST, REACH, SECOND, differences
+from denoc_ros.control.tip_problem import Equations, TipProblem
+from denoc_ros.errors import SolverError
+
+Array = NDArray[np.float64]
+
+ITERATIONS = 30
+HALVINGS = 6
+SETTLED = 1e-9  # of the robot's size: equations left, and the last change of errors
+BENDS = np.array([1.0, -2.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A motion on the grid (k, n) with how it was found.
+
+    Attributes
+    ----------
+    equation : float
+        The largest force without an actuator, over its stiffness [m, rad].
+    iterations : int
+    """
+
+    q: Array
+    equation: float
+    iterations: int
+
+
+def solve_motion(
+    problem: TipProblem,
+    q: Array,
+    step: float,
+    size: float,
+    report: Callable[[int, float], None],
+) -> Solved:
+    """Return the motion that obeys the equations and comes nearest to the targets.
+
+    Parameters
+    ----------
+    problem : TipProblem
+    q : (k, n) array
+        First guess; its first and last row stay: there the robot rests.
+    step : float
+        Between nodes [s].
+    size : float
+        Of the robot [m].
+    report : callable
+        Takes the number of each iteration and the equations' largest residual; may raise.
+
+    Raises
+    ------
+    SolverError
+        None was found; with what is left.
+    """
+    motion = differences(q, step)
+    value = problem.residual(q, *motion)
+    errors = problem.errors(q)
+    for iteration in range(ITERATIONS):
+        worst = float(np.abs(value).max(initial=0.0))
+        report(iteration, worst)
+        change = _newton(problem, q, motion, errors, step)
+        if change is None or not np.isfinite(change).all():
+            raise SolverError(
+                f'shape_motion: {problem.robot.tree.name}: the equations at iteration {iteration} '
+                f'must have a solution, got a singular matrix of {len(q)} nodes'
+            )
+        before = value, errors
+        for halving in range(HALVINGS + 1):
+            share = 0.5**halving
+            q_new = q + share * change
+            motion = differences(q_new, step)
+            value, errors = problem.residual(q_new, *motion), problem.errors(q_new)
+            if _better(value, errors, *before, SETTLED * size):
+                break
+        q = q_new
+        moved = float(np.abs(errors - before[1]).max())
+        worst = float(np.abs(value).max(initial=0.0))
+        if worst <= SETTLED * size and moved <= SETTLED * size:
+            return Solved(q, worst, iteration + 1)
+    raise SolverError(
+        f'shape_motion: {problem.robot.tree.name}: the motion must settle in {ITERATIONS} '
+        f'iterations, got forces without an actuator of {worst:.3g} m (or rad) over their '
+        f'stiffness and a last change of the tip of {moved:.3g} m: no bounded motion nearby '
+        '(ask for a slower motion, or one away from singular postures)'
+    )
+
+
+def _better(value: Array, errors: Array, old: Array, old_errors: Array, floor: float) -> bool:
+    """Say whether equations or errors have become smaller, or the equations are good."""
+    if not (np.isfinite(value).all() and np.isfinite(errors).all()):
+        return False
+    left, before = (float(np.abs(x).max(initial=0.0)) for x in (value, old))
+    good = left <= max(floor, 0.9 * before)
+    return good or bool(np.linalg.norm(errors) < np.linalg.norm(old_errors))
+
+
+def _newton(
+    problem: TipProblem, q: Array, motion: tuple[Array, Array], errors: Array, step: float
+) -> Array | None:
+    """Return the change (k, n) of one Gauss-Newton step, or None where there is none."""
+    k, n = q.shape
+    equations = problem.equations(q, *motion)
+    p = equations.value.shape[1]
+    band = BlockBand(k, n + p, REACH)
+    right = np.zeros((k, n + p))
+    jacobian = problem.error_derivatives(q, errors)
+    right[:, :n] = -np.einsum('kij,ki->kj', jacobian, errors)
+    hessian = jacobian.transpose(0, 2, 1) @ jacobian
+    _add_draw(problem, q, hessian, right)
+    _add_smoothness(problem, q, band, hessian, right)
+    hessian[[0, -1]] = np.eye(n)
+    right[[0, -1], :n] = 0.0
+    right[:, n:] = -equations.value
+    band.blocks(0, 0, 0, n, n)[...] += hessian
+    _add_equations(equations, band, step)
+    solution = band.solve(right)
+    return None if solution is None else solution[:, :n]
+
+
+def _add_equations(equations: Equations, band: BlockBand, step: float) -> None:
+    """Write the equations' derivatives by all nodes, and the multipliers' share, into the band.
+
+    The first and last node do not move.
+    """
+    k, p, n = equations.by_q.shape
+    for column, (first, second) in enumerate(zip(FIRST, SECOND, strict=True)):
+        offset = column - REACH
+        entry = (first / step) * equations.by_qd + (second / step**2) * equations.by_qdd
+        if offset == 0:
+            entry += equations.by_q
+        # the row of node j has the column of node j + offset
+        entry = entry[max(0, -offset) : k - max(0, offset)]
+        if offset <= 0:
+            entry[0] = 0.0
+        if offset >= 0:
+            entry[-1] = 0.0
+        band.blocks(-offset, n, 0, p, n)[...] = entry
+        band.blocks(offset, 0, n, n, p)[...] = entry.transpose(0, 2, 1)
+
+
+def _add_draw(problem: TipProblem, q: Array, hessian: Array, right: Array) -> None:
+    """Add what draws the driven joints toward the motion that was asked for."""
+    j, weight = problem.driven, problem.draw**2
+    hessian[:, j, j] += weight
+    right[:, j] -= weight * (q - problem.asked)[:, j]
+
+
+def _add_smoothness(
+    problem: TipProblem, q: Array, band: BlockBand, hessian: Array, right: Array
+) -> None:
+    """Add what the second differences of the driven joints' distance from the asked ones cost.
+
+    Without it, vibrations near the grid's highest frequency in which the tip stands still (zeros
+    of the robot that neither grow nor decay) would be found only to a few digits.
+    """
+    j, weight, k = problem.driven, problem.smooth**2, len(q)
+    apart = (q - problem.asked)[:, j]
+    bend = apart[:-2] - 2.0 * apart[1:-1] + apart[2:]
+    for row, share in enumerate(BENDS):
+        right[row : k - 2 + row, j] -= weight * share * bend
+        at = np.zeros(k)
+        at[row : k - 2 + row] = weight * share**2
+        hessian[:, j, j] += at[:, None]
+    for offset in (1, 2):
+        entry = np.zeros((k - offset, len(problem.driven)))
+        for row in range(3 - offset):
+            entry[row : k - 2 + row] += weight * BENDS[row] * BENDS[row + offset]
+        entry[0] = entry[-1] = 0.0  # the first and last node do not move
+        for sign in (1, -1):
+            view = band.blocks(sign * offset, 0, 0, q.shape[1], q.shape[1])
+            view[:, j, j] += entry
