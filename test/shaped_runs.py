@@ -43,10 +43,13 @@ def _largest(robot: Robot, states: Array, end: Array, frame: str) -> float:
     return float(np.linalg.norm(tips - settled, axis=1).max())
 
 
-def swing_after(robot: Robot, t: Array, q: Array, frame: str, watch: float = 1.5) -> float:
+def swing_after(
+    robot: Robot, t: Array, q: Array, frame: str, watch: float = 1.5, since: float | None = None
+) -> float:
     """Return how far a frame is from rest [m] within `watch` s after a joint motion (k, joints).
 
-    In fixed steps of 0.5 ms, the joints on the quintic spline of the motion.
+    After `since` [s], by default the motion's end. In fixed steps of 0.5 ms, the joints on the
+    quintic spline of the motion.
     """
     spline = held_spline(t, q)
     times = np.arange(t[0], t[-1] + watch, STEP)
@@ -60,7 +63,7 @@ def swing_after(robot: Robot, t: Array, q: Array, frame: str, watch: float = 1.5
         state[joints], rate[joints] = rows[k], rates[k]
         states[k] = state
         stepper.driven(state, rate, accelerations[k])
-    return _largest(robot, states[times >= t[-1]], q[-1], frame)
+    return _largest(robot, states[times >= (t[-1] if since is None else since)], q[-1], frame)
 
 
 def simulated_swing(robot: Robot, t: Array, q: Array, frame: str, watch: float = 1.0) -> float:

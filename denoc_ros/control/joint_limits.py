@@ -1,0 +1,126 @@
+"""What the joints of a planned motion may do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import StateError
+
+Array = NDArray[np.float64]
+Given = Mapping[str, float] | ArrayLike
+TOLERANCE = 1e-6  # share by which a limit counts as kept
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of each joint, in the order of the robot's `joint_names`; inf: none.
+
+    Attributes
+    ----------
+    lower, upper : (joints,) arrays
+        Positions [rad, m].
+    velocity, acceleration, jerk : (joints,) arrays
+        Magnitudes [rad/s, rad/s^2, rad/s^3; m/s, …].
+    effort : (joints,) array
+        Magnitude [N m, N].
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    effort: Array
+
+    def violation(
+        self, q: Array, qd: Array, qdd: Array, torque: Array | None = None
+    ) -> tuple[str, int, float] | None:
+        """Return what is exceeded most, by which joint and by what factor; None: nothing.
+
+        Rows (k, joints) of a motion, and of its torque.
+        """
+        room = 0.5 * (self.upper - self.lower)
+        middle = np.where(np.isfinite(room), 0.5 * (self.upper + self.lower), 0.0)
+        shares = {
+            'position': _largest(q - middle, room),
+            'velocity': _largest(qd, self.velocity),
+            'acceleration': _largest(qdd, self.acceleration),
+        }
+        if torque is not None:
+            shares['effort'] = _largest(torque, self.effort)
+        worst = max(shares, key=lambda what: float(shares[what].max(initial=0.0)))
+        factor = float(shares[worst].max(initial=0.0))
+        if factor <= 1.0 + TOLERANCE:
+            return None
+        return worst, int(shares[worst].argmax()), factor
+
+
+def _largest(rows: Array, limit: Array) -> Array:
+    """Return the largest magnitudes (joints,) as shares of the limits."""
+    return np.asarray(np.abs(rows).max(axis=0, initial=0.0) / limit)
+
+
+def joint_limits(
+    robot: Robot,
+    velocity: Given | None = None,
+    acceleration: Given | None = None,
+    jerk: Given | None = None,
+    effort: Given | None = None,
+) -> JointLimits:
+    """Return the limits of a robot's joints: the URDF's, or those given.
+
+    Parameters
+    ----------
+    robot : Robot
+    velocity, acceleration, jerk, effort : optional
+        A number for all joints, one per joint, or a mapping of joint names; positive. A URDF has
+        none of acceleration and jerk.
+
+    Raises
+    ------
+    StateError
+        A limit that is not > 0, of another number than joints, or of an unknown joint.
+    """
+    joints = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint is not None}
+    own = [joints[name].limits for name in robot.joint_names]
+    none = np.full(len(own), np.inf)
+
+    def column(what: str) -> Array:
+        return np.array([getattr(limits, what) for limits in own], dtype=np.float64)
+
+    limits = JointLimits(
+        column('lower'), column('upper'), column('velocity'), none, none.copy(), column('effort')
+    )
+    given = {'velocity': velocity, 'acceleration': acceleration, 'jerk': jerk, 'effort': effort}
+    for what, value in given.items():
+        if value is not None:
+            before = getattr(limits, what)
+            limits = replace(limits, **{what: _checked(robot, what, value, before)})
+    return limits
+
+
+def _checked(robot: Robot, what: str, value: Given, before: Array) -> Array:
+    names = list(robot.joint_names)
+    found: Array
+    if isinstance(value, Mapping):
+        found = before.copy()
+        for name, each in value.items():
+            if name not in names:
+                raise StateError(f'limits: {what} must be of joints of {names}, got {name!r}')
+            found[names.index(name)] = each
+    else:
+        try:
+            found = np.broadcast_to(np.asarray(value, dtype=np.float64), before.shape).copy()
+        except ValueError:
+            raise StateError(
+                f'limits: {what} must have one element, or one for each of {len(names)} joints, '
+                f'got {np.shape(value)}'
+            ) from None
+    if not (found > 0.0).all():
+        raise StateError(f'limits: {what} must be > 0, got {found.tolist()}')
+    return found

@@ -1,0 +1,357 @@
+"""Joint motions between two postures that end with every mode at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.control.end_swing import Driven, EndSwing
+from denoc_ros.control.joint_limits import JointLimits, joint_limits
+from denoc_ros.control.least_distance import solve_bounded
+from denoc_ros.control.rest_basis import RestBasis
+from denoc_ros.control.ringing import ringing_modes
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import SolverError, StateError
+
+Array = NDArray[np.float64]
+SEGMENTS = (16, 60)  # of the spline, at least and at most
+SEGMENTS_PER_PERIOD = 3.0  # of the fastest mode that is to rest
+STEPS = 300  # of the simulated motion, at least
+STEPS_PER_PERIOD = 60.0
+PER_SEGMENT = 6  # moments at which limits hold
+QUIET = 1e-3  # share of the plain motion's swing that counts as rest
+ROUNDS = 12
+ROBUSTNESS = 1e3  # what a motion's swing with other frequencies costs, beside its jerk
+GROWTH, CLOSE = 1.15, 1.02  # in the search for the shortest duration
+
+
+@dataclass(frozen=True)
+class RestMotion:
+    """A motion between two postures after which nothing rings.
+
+    Attributes
+    ----------
+    duration : float
+        s.
+    t : (k,) array
+        s, in equal steps from 0.
+    states : Driven
+        All coordinates (k, n), their rates, and the joints' accelerations between.
+    left : float
+        Share of the plain motion's swing that is left.
+    """
+
+    duration: float
+    t: Array
+    states: Driven
+    left: float
+    basis: RestBasis
+    coefficients: Array  # (free, joints)
+    start: Array
+    end: Array
+
+    def joints(self, times: ArrayLike, derivative: int = 0) -> Array:
+        """Return the joints' motion (k, joints), or a derivative of it, held outside."""
+        return self.basis.rows(self.coefficients, self.start, self.end, times, derivative)
+
+
+class _Problem:
+    """The search for the coefficients of one duration."""
+
+    def __init__(
+        self,
+        robots: list[Robot],
+        postures: tuple[Array, Array],
+        duration: float,
+        limits: JointLimits,
+        modes: int | None,
+    ) -> None:
+        self.robot = robots[0]
+        self.start, self.end = postures
+        self.limits = limits
+        fastest = float(ringing_modes(self.robot, self.end, modes).frequencies.max())
+        wanted = int(np.ceil(SEGMENTS_PER_PERIOD * fastest * duration))
+        segments = min(max(wanted, SEGMENTS[0]), SEGMENTS[1])
+        self.basis = RestBasis(duration, segments)
+        steps = max(STEPS, int(np.ceil(STEPS_PER_PERIOD * fastest * duration)))
+        self.t = np.linspace(0.0, duration, steps + 1)
+        middle = 0.5 * (self.t[1:] + self.t[:-1])
+        position, velocity, acceleration = (self.basis.design(self.t, k) for k in range(3))
+        self.designs = position, velocity, acceleration
+        self._middle = self.basis.design(middle, 2), self.basis.ends(*postures, middle, 2)
+        self._fixed = [self.basis.ends(*postures, self.t, order) for order in range(3)]
+        step = duration / steps
+        self.swings = [EndSwing(each, *postures, step, modes) for each in robots]
+        self._count = self.basis.free * len(self.start)
+        self._points = np.linspace(0.0, duration, PER_SEGMENT * segments + 1)[1:-1]
+        self._bounds = self._limit_rows()
+        self._hessian, self._drift, self._cost = self._least_jerk()
+
+    def rows(self, x: Array, derivative: int) -> Array:
+        """Return the joints (k, joints) of coefficients (count,) at the ends of steps."""
+        moved = self.designs[derivative] @ self.shaped(x)
+        return np.asarray(moved + self._fixed[derivative])
+
+    def shaped(self, x: Array) -> Array:
+        """Return coefficients (count,), joint by joint, as (free, joints)."""
+        return np.asarray(x.reshape(len(self.start), -1).T)
+
+    def run(self, x: Array, swing: EndSwing) -> Driven:
+        """Return the motion of all coordinates."""
+        design, fixed = self._middle
+        between = design @ self.shaped(x) + fixed
+        return swing.run(self.rows(x, 0), self.rows(x, 1), between)
+
+    def _least_jerk(self) -> tuple[Array, Array, Callable[[Array], float]]:
+        """Return H, g and x -> cost: the mean square of the jerk, on the limits' scale."""
+        duration, joints = self.basis.duration, len(self.start)
+        times = np.linspace(0.0, duration, 8 * len(self._points))
+        limit = self.limits.acceleration
+        scale = duration / np.where(np.isfinite(limit), limit, 1.0)
+        one = self.basis.design(times, 3) / np.sqrt(len(times))
+        fixed = self.basis.ends(self.start, self.end, times, 3) / np.sqrt(len(times)) * scale
+        design = np.kron(np.diag(scale), one)
+        right = fixed.T.ravel()
+        assert design.shape == (joints * len(times), self._count)
+        return (
+            design.T @ design,
+            design.T @ right,
+            lambda x: float(0.5 * np.sum((design @ x + right) ** 2)),
+        )
+
+    def _limit_rows(self) -> tuple[Array, Array]:
+        """Return G, h of G x <= h for limits of positions and their derivatives."""
+        joints, points = len(self.start), self._points
+        limits = self.limits
+        rows: list[Array] = [np.zeros((0, self._count))]
+        most: list[Array] = [np.zeros(0)]
+        columns = [(-limits.lower, limits.upper)]
+        columns += [(each, each) for each in (limits.velocity, limits.acceleration, limits.jerk)]
+        for order, (below, above) in enumerate(columns):
+            design = self.basis.design(points, order)
+            fixed = self.basis.ends(self.start, self.end, points, order)
+            for sign, limit in ((1.0, above), (-1.0, below)):
+                for j in np.flatnonzero(np.isfinite(limit)):
+                    unit = np.zeros((1, joints))
+                    unit[0, j] = sign
+                    rows.append(np.kron(unit, design))
+                    most.append(np.asarray(limit[j] - sign * fixed[:, j]))
+        return np.vstack(rows), np.concatenate(most)
+
+    def _effort_rows(self, x: Array, motion: Driven, gain: Array) -> tuple[Array, Array]:
+        """Return G, h of G x <= h for torques that change by `gain` (k, joints, count)."""
+        at = np.linspace(0, len(self.t) - 1, len(self._points) + 2).astype(int)[1:-1]
+        qdd = self.rows(x, 2)[at]
+        torque, _ = self.robot.hybrid_dynamics(motion.q[at], motion.qd[at], qdd)
+        rows, most = [np.zeros((0, self._count))], [np.zeros(0)]
+        for j in np.flatnonzero(np.isfinite(self.limits.effort)):
+            for sign in (1.0, -1.0):
+                rows.append(sign * gain[at, j])
+                most.append(self.limits.effort[j] - sign * (torque[:, j] - gain[at, j] @ x))
+        return np.vstack(rows), np.concatenate(most)
+
+    def plain(self) -> Array:
+        """Return the coefficients (count,) of the least jerk within limits."""
+        nothing = np.zeros((0, self._count)), np.zeros(0)
+        scale = float(np.trace(self._hessian)) / self._count
+        found = solve_bounded(self._hessian / scale, self._drift / scale, nothing, self._bounds)
+        if found is None:
+            raise self._failure('the limits of velocity, acceleration and jerk leave no motion')
+        return found
+
+    def _failure(self, why: str) -> SolverError:
+        return SolverError(
+            f'{self.robot.tree.name}: rest to rest in {self.basis.duration:.4g} s must be '
+            f'possible, got none: {why}; a longer duration has one'
+        )
+
+    def solve(self, check: Callable[[], None]) -> tuple[Array, Driven, float]:
+        """Return coefficients, motion and the share of the plain motion's swing that is left."""
+        x = self.plain()
+        motions = [self.run(x, swing) for swing in self.swings]
+        errors = [swing.error(motion) for swing, motion in zip(self.swings, motions, strict=True)]
+        size = float(np.linalg.norm(errors[0]))
+        jerk = max(self._cost(x), 1e-9)
+        left = 1.0
+        for round_ in range(ROUNDS):
+            check()
+            step = self._step(x, motions, errors, (size, jerk))
+            if step is None:
+                raise self._failure(f'limits leave {100.0 * left:.3g} % of the swing')
+            moved = float(np.abs(step - x).max())
+            x = step
+            motions = [self.run(x, swing) for swing in self.swings]
+            errors = [
+                swing.error(motion) for swing, motion in zip(self.swings, motions, strict=True)
+            ]
+            left = float(np.linalg.norm(errors[0])) / max(size, 1e-12)
+            settled = len(self.swings) == 1 or moved < 1e-3 * np.ptp(x)
+            if left <= QUIET and (settled or round_ >= ROUNDS // 2) and self._kept(x, motions[0]):
+                return x, motions[0], left
+        raise self._failure(f'after {ROUNDS} rounds {100.0 * left:.3g} % of the swing is left')
+
+    def _step(
+        self, x: Array, motions: list[Driven], errors: list[Array], sizes: tuple[float, float]
+    ) -> Array | None:
+        """Return the coefficients of the next round, None where there are none."""
+        size, jerk = sizes
+        hessian, gradient = self._hessian / jerk, self._drift / jerk
+        qdd = self.rows(x, 2)
+        weight = ROBUSTNESS / size**2
+        rows, torque = self.swings[0].sensitivity(motions[0], qdd, self.designs)
+        equality = rows, rows @ x - errors[0]
+        for k in range(1, len(self.swings)):
+            rows, _ = self.swings[k].sensitivity(motions[k], qdd, self.designs)
+            hessian = hessian + weight * rows.T @ rows
+            gradient = gradient - weight * rows.T @ (rows @ x - errors[k])
+        more = self._effort_rows(x, motions[0], torque)
+        bounds = [np.concatenate(pair) for pair in zip(self._bounds, more, strict=True)]
+        step = solve_bounded(hessian, gradient, equality, (bounds[0], bounds[1]))
+        if step is None and len(more[1]):  # far from the solution their rows mean little
+            step = solve_bounded(hessian, gradient, equality, self._bounds)
+        return step
+
+    def _kept(self, x: Array, motion: Driven) -> bool:
+        """Say whether the torques keep their limits, to a thousandth."""
+        torque, _ = self.robot.hybrid_dynamics(motion.q, motion.qd, self.rows(x, 2))
+        return bool((np.abs(torque).max(axis=0) <= 1.005 * self.limits.effort).all())
+
+
+def rest_to_rest(
+    robot: Robot,
+    start: ArrayLike,
+    end: ArrayLike,
+    duration: float | None = None,
+    limits: JointLimits | None = None,
+    *,
+    modes: int | None = None,
+    robustness: float = 0.0,
+    check: Callable[[], None] = lambda: None,
+) -> RestMotion:
+    """Return a joint motion between two postures that ends with every mode at rest.
+
+    Of all such motions it has the least mean square jerk. It begins and ends in static
+    equilibrium, with no velocity, acceleration and jerk.
+
+    Parameters
+    ----------
+    robot : Robot
+        With the payload it carries, without loops and mimic joints.
+    start, end : (joints,) arrays
+        Postures [rad, m].
+    duration : float, optional
+        s; default the shortest within the limits, to 2 %.
+    limits : JointLimits, optional
+        Default those of the URDF.
+    modes : int, optional
+        How many modes rest, from the lowest; default those below ten times the lowest.
+    robustness : float
+        Share by which the modes' frequencies may be off: the swing of robots that are so much
+        stiffer and softer is weighed against the jerk.
+    check : callable
+        Called now and then; what it raises ends the search.
+
+    Raises
+    ------
+    StateError
+        Postures of a wrong shape, not finite or outside of the limits.
+    SolverError
+        No such motion within the limits; the message says how much is left.
+
+    Notes
+    -----
+    The joints are quintic splines. Newton's method on the nonlinear dynamics: each round simulates
+    the motion, takes the derivatives of what rings at its end and of the torques by the
+    linearization along it, and solves a quadratic program for the coefficients.
+    """
+    robot = robot.copy()
+    limits = joint_limits(robot) if limits is None else limits
+    postures = _checked(robot, start, end, limits)
+    robots = [robot, *(_stiffer(robot, s) for s in (-robustness, robustness) if robustness)]
+
+    def attempt(seconds: float) -> RestMotion:
+        problem = _Problem(robots, postures, seconds, limits, modes)
+        x, states, left = problem.solve(check)
+        return RestMotion(
+            seconds, problem.t, states, left, problem.basis, problem.shaped(x), *postures
+        )
+
+    if duration is None:
+        return _shortest(attempt, _least_duration(robot, postures, limits))
+    if not (np.isfinite(duration) and duration > 0.0):
+        raise StateError(f'rest to rest: duration must be > 0 s, got {duration}')
+    return attempt(float(duration))
+
+
+def _checked(
+    robot: Robot, start: ArrayLike, end: ArrayLike, limits: JointLimits
+) -> tuple[Array, Array]:
+    if robot.lowered.tie_names:
+        raise StateError(
+            f'{robot.tree.name}: rest to rest needs a robot without loops and mimic joints, got '
+            f'{len(robot.lowered.tie_names)} constraint rows'
+        )
+    found = []
+    for name, posture in (('start', start), ('end', end)):
+        q = np.array(posture, dtype=np.float64)
+        if q.shape != (len(robot.joint_names),) or not np.isfinite(q).all():
+            raise StateError(
+                f'rest to rest: {name} must be {len(robot.joint_names)} finite numbers, got {q}'
+            )
+        if (q < limits.lower).any() or (q > limits.upper).any():
+            raise StateError(
+                f'rest to rest: {name} must be within {limits.lower.tolist()} to '
+                f'{limits.upper.tolist()}, got {q.tolist()}'
+            )
+        found.append(q)
+    return found[0], found[1]
+
+
+def _stiffer(robot: Robot, share: float) -> Robot:
+    """Return the robot with all beams' frequencies higher by a share."""
+    changes = {}
+    for body in robot.tree.bodies:
+        if body.beam is None:
+            continue
+        for part, path in (('y', 'y.ei'), ('z', 'z.ei'), ('torsion', 'torsion.gj')):
+            deformation = getattr(body.beam, part)
+            if deformation is not None and deformation.modes:
+                stiffness = deformation.stiffness * (1.0 + share) ** 2
+                changes[f'beam.{body.name}.{path}'] = stiffness
+    return robot.with_overrides(changes)
+
+
+def _least_duration(robot: Robot, postures: tuple[Array, Array], limits: JointLimits) -> float:
+    """Return a duration [s] below which the joints cannot do it."""
+    way = np.abs(postures[1] - postures[0])
+    least = np.maximum(way / limits.velocity, 2.0 * np.sqrt(way / limits.acceleration))
+    least = np.maximum(least, np.cbrt(32.0 * way / limits.jerk))
+    if not (found := float(least.max(initial=0.0))) > 0.0:
+        raise StateError(
+            f'{robot.tree.name}: the shortest motion needs a way to go and limits of velocity or '
+            'acceleration, got none; give a duration'
+        )
+    return found
+
+
+def _shortest(attempt: Callable[[float], RestMotion], least: float) -> RestMotion:
+    """Return the motion of the shortest duration that has one, to `CLOSE`."""
+    below, above = least, least
+    found: RestMotion | None = None
+    while found is None:
+        try:
+            found = attempt(above)
+        except SolverError:
+            below, above = above, GROWTH * above
+            if above > 20.0 * least:
+                raise
+    while found.duration > CLOSE * below and below > least:
+        middle = float(np.sqrt(found.duration * below))
+        try:
+            found = attempt(middle)
+        except SolverError:
+            below = middle
+    return found

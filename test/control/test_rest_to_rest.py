@@ -1,0 +1,136 @@
+"""Motions from rest to rest leave nothing ringing in the robot's own simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from shaped_runs import cycloid, simulated_swing, swing_after
+
+import denoc_ros as dn
+from denoc_ros.control.joint_limits import joint_limits
+from denoc_ros.control.rest_to_rest import RestMotion, rest_to_rest
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import SolverError, StateError
+
+Array = NDArray[np.float64]
+
+
+def two_links(gravity: tuple[float, float, float] = (0, 0, 0)) -> Robot:
+    return dn.load_robot('config/robots/two_link_ff.urdf', gravity=gravity)
+
+
+def plain(start: Array, end: Array, t: Array) -> Array:
+    return np.asarray(start + (end - start) * cycloid(t, t[-1])[:, None])
+
+
+@pytest.mark.parametrize('gravity', [(0, 0, 0), (0, -9.81, 0)])
+@pytest.mark.parametrize(
+    ('start', 'end', 'duration'), [((0, 0), (1, 1), 1.0), ((0, 1.0), (1, 0), 0.9)]
+)
+def test_leaves_a_fiftieth_of_the_swing_in_the_plain_motions_time(
+    start: tuple[float, float],
+    end: tuple[float, float],
+    duration: float,
+    gravity: tuple[float, float, float],
+) -> None:
+    robot = two_links(gravity)
+    limits = joint_limits(robot, effort=400.0)
+    motion = rest_to_rest(robot, start, end, duration, limits)
+    t = np.linspace(0.0, duration, 301)
+    q = plain(np.array(start, float), np.array(end, float), t)
+    left = swing_after(robot, t, motion.joints(t), 'tool')
+    assert left <= 0.02 * swing_after(robot, t, q, 'tool')
+    np.testing.assert_allclose(motion.joints([0.0, duration]), [start, end], atol=1e-12)
+    for order in (1, 2, 3):
+        np.testing.assert_allclose(motion.joints([0.0, duration], order), 0.0, atol=1e-6)
+
+
+def test_adaptive_simulation_agrees() -> None:
+    robot = two_links()
+    motion = rest_to_rest(robot, (0, 0), (1, 1), 1.0)
+    t = np.linspace(0.0, 1.0, 301)
+    q = plain(np.zeros(2), np.ones(2), t)
+    left = simulated_swing(robot, t, motion.joints(t), 'tool')
+    assert left <= 0.02 * simulated_swing(robot, t, q, 'tool')
+
+
+def test_limits_are_kept() -> None:
+    robot = two_links()
+
+    def largest(motion: RestMotion) -> Array:
+        rows = [motion.joints(motion.t, order) for order in range(3)]
+        torque, _ = robot.hybrid_dynamics(motion.states.q, motion.states.qd, rows[2])
+        return np.array([np.abs(each).max(axis=0) for each in (*rows[1:], torque)])
+
+    free = largest(rest_to_rest(robot, (0, 0), (1, 1), 1.0))
+    for row, what in enumerate(('velocity', 'acceleration', 'effort')):
+        limit = 0.95 * free[row]
+        limits = joint_limits(robot, **{what: limit})
+        assert (
+            largest(rest_to_rest(robot, (0, 0), (1, 1), 1.0, limits))[row] <= 1.005 * limit
+        ).all()
+
+
+def test_robust_motion_leaves_less_where_frequencies_are_off() -> None:
+    robot = two_links()
+    softer = robot.with_overrides(
+        {f'beam.{link}.y.ei': 1000.0 * 0.9**2 for link in ('link_1', 'link_2')}
+    )
+    t = np.linspace(0.0, 1.0, 301)
+    limits = joint_limits(robot, effort=400.0)
+    left = [
+        swing_after(
+            softer,
+            t,
+            rest_to_rest(robot, (0, 0), (1, 1), 1.0, limits, robustness=share).joints(t),
+            'tool',
+        )
+        for share in (0.0, 0.1)
+    ]
+    assert left[1] < 0.1 * left[0]
+
+
+def test_shortest_motion_is_shorter_than_any_that_was_tried() -> None:
+    robot = two_links()
+    limits = joint_limits(robot, velocity=2.0, acceleration=10.0)
+    motion = rest_to_rest(robot, (0, 0), (0.5, 0.5), limits=limits)
+    rows = [motion.joints(motion.t, order) for order in range(3)]
+    assert (np.abs(rows[1]).max(axis=0) <= 1.005 * limits.velocity).all()
+    assert (np.abs(rows[2]).max(axis=0) <= 1.005 * limits.acceleration).all()
+    with pytest.raises(SolverError, match=r'rest to rest in .* must be possible, got none'):
+        rest_to_rest(robot, (0, 0), (0.5, 0.5), motion.duration / 1.05, limits)
+
+
+def test_what_cannot_be_is_refused() -> None:
+    robot = two_links()
+    with pytest.raises(SolverError, match='limits of velocity, acceleration and jerk leave no'):
+        rest_to_rest(robot, (0, 0), (1, 1), 0.5, joint_limits(robot, velocity=2.0))
+    with pytest.raises(StateError, match='end must be within'):
+        rest_to_rest(robot, (0, 0), (1, 13), 1.0)
+    with pytest.raises(StateError, match='start must be 2 finite numbers'):
+        rest_to_rest(robot, (0, np.nan), (1, 1), 1.0)
+    with pytest.raises(StateError, match='duration must be > 0 s, got 0'):
+        rest_to_rest(robot, (0, 0), (1, 1), 0.0)
+    with pytest.raises(StateError, match='needs a way to go and limits'):
+        rest_to_rest(robot, (0, 0), (0, 0))
+    looped = dn.load_robot('config/robots/four_bar_fff.urdf')
+    with pytest.raises(StateError, match='without loops and mimic joints'):
+        rest_to_rest(looped, np.zeros(3), np.ones(3), 1.0)
+    with pytest.raises(StateError, match='velocity must be > 0, got'):
+        joint_limits(robot, velocity=0.0)
+    with pytest.raises(StateError, match=r"acceleration must be of joints of .*, got 'elbow'"):
+        joint_limits(robot, acceleration={'elbow': 1.0})
+    with pytest.raises(StateError, match='jerk must have one element, or one for each of 2'):
+        joint_limits(robot, jerk=(1.0, 2.0, 3.0))
+
+
+def test_search_can_be_ended() -> None:
+    class EndedError(Exception):
+        pass
+
+    def check() -> None:
+        raise EndedError
+
+    with pytest.raises(EndedError):
+        rest_to_rest(two_links(), (0, 0), (1, 1), 1.0, check=check)
