@@ -137,7 +137,7 @@ class _Problem:
                 for j in np.flatnonzero(np.isfinite(limit)):
                     unit = np.zeros((1, joints))
                     unit[0, j] = sign
-                    rows.append(np.kron(unit, design))
+                    rows.append(np.asarray(np.kron(unit, design), dtype=np.float64))
                     most.append(np.asarray(limit[j] - sign * fixed[:, j]))
         return np.vstack(rows), np.concatenate(most)
 
