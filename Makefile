@@ -42,10 +42,14 @@ lint: $(STAMP)
 	$(BIN)/lint-imports
 
 check: lint
-	$(BIN)/pytest -m 'not ros'
+	$(BIN)/pytest -m 'not ros' --numprocesses auto --dist loadfile
 
+# what has no nodes runs on all cores; nodes have the machine to themselves, as they are timed
 test: lint browser
-	$(BIN)/pytest
+	@status=0; \
+	$(BIN)/pytest -m 'not ros' --numprocesses auto --dist loadfile || status=1; \
+	$(BIN)/pytest -m ros || status=1; \
+	exit $$status
 
 # the viewer's page is tested in a real browser
 browser:

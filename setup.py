@@ -78,6 +78,7 @@ setup(
             *CONTROL,
             *VIEWER,
             'pytest>=8',
+            'pytest-xdist>=3.5',
             'playwright>=1.40',
             'hypothesis',
             'ruff',

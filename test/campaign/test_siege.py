@@ -13,13 +13,15 @@ from campaign.adversary import FLOATS, Adversary, leaves
 from campaign.attacks import WEIGHTS, Inventory, Step, adversary, draw_step
 from campaign.laws import Life, Span, TorqueLedger, slope, unexplained
 from campaign.shrinking import shrink
-from campaign.siege import Failure, Round, kind_of, write_steps
-from campaign.siege_scenes import NODES
+from campaign.siege import Failure, Round, kind_of, one_round, write_steps
+from campaign.siege_scenes import NODES, SCENES
 from campaign.witness import Witness
 from rcl_interfaces.msg import ParameterValue
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
+SECONDS, SEED = 60.0, 4
+SLACK = 1.0  # s of pause that a machine that does other things may make
 INVENTORY = Inventory(
     {node: {f'/{node}/get_state': 'lifecycle_msgs/srv/GetState'} for node in NODES},
     {node: {'/joint_states': 'sensor_msgs/msg/JointState'} for node in NODES},
@@ -224,3 +226,17 @@ def test_steps_are_written_as_they_are_read(tmp_path: Path) -> None:
         'steps': steps,
     }
     assert kind_of('torque must be finite, got [nan]') == kind_of('torque must be finite, got [2]')
+
+
+# ---- all of it
+
+
+@pytest.mark.ros
+def test_a_minute_of_siege_breaks_no_law(tmp_path: Path) -> None:
+    """The same steps each time: `make siege` draws new ones for an hour."""
+    told = one_round(SCENES['links'], SEED, SECONDS, tmp_path / 'siege', slack=SLACK)
+    assert not told.failures, [
+        f'{failure.law}, at {told.steps[failure.step]}' for failure in told.failures
+    ]
+    assert told.torques > 100.0 * SECONDS
+    assert sum(sum(kinds.values()) for kinds in told.sent.values()) > 100
