@@ -89,7 +89,7 @@ def test_stalled_disk_delays_nobody_and_losses_are_counted_by_topic(
     wait_for(lambda: writer.status().stalled > 0.1)
     start = time.monotonic()
     kept = [writer.put('/b' if stamp % 4 else '/a', stamp, RAW) for stamp in range(2, 1002)]
-    assert time.monotonic() - start < 0.1
+    assert time.monotonic() - start < 5.0  # one that waited for the disk would take 10 s
     assert sum(kept) == 100
     assert writer.status().lost == {'/a': 225, '/b': 675}
     released.set()
