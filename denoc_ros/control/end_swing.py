@@ -23,6 +23,22 @@ class Driven(NamedTuple):
     qdd_joints: Array
 
 
+def follow_joints(stepper: Stepper, start: Array, q: Array, qd: Array, between: Array) -> Driven:
+    """Return the motion of all coordinates from `start` (n,) while the joints do what they do.
+
+    Arguments as of :meth:`EndSwing.run`.
+    """
+    joints, n = stepper.robot.joint_indices, len(start)
+    states, rates = np.zeros((2, len(q), n))
+    state, rate = start.copy(), np.zeros(n)
+    for k in range(len(q)):
+        state[joints], rate[joints] = q[k], qd[k]
+        states[k], rates[k] = state, rate
+        if k < len(between):
+            stepper.driven(state, rate, between[k])
+    return Driven(states, rates, between)
+
+
 class EndSwing:
     """The modes that still ring when the joints have arrived.
 
@@ -71,15 +87,7 @@ class EndSwing:
         between : (k - 1, joints) array
             Their accelerations in the middle of steps.
         """
-        robot, joints = self.robot, self.robot.joint_indices
-        states, rates = np.zeros((2, len(q), robot.n))
-        state, rate = self._rest.copy(), np.zeros(robot.n)
-        for k in range(len(q)):
-            state[joints], rate[joints] = q[k], qd[k]
-            states[k], rates[k] = state, rate
-            if k < len(between):
-                self._stepper.driven(state, rate, between[k])
-        return Driven(states, rates, between)
+        return follow_joints(self._stepper, self._rest, q, qd, between)
 
     def error(self, motion: Driven) -> Array:
         """Return what rings at the end (count,): modal amplitudes times omega, modal rates."""

@@ -38,11 +38,16 @@ class JointLimits:
     effort: Array
 
     def violation(
-        self, q: Array, qd: Array, qdd: Array, torque: Array | None = None
+        self,
+        q: Array,
+        qd: Array,
+        qdd: Array,
+        torque: Array | None = None,
+        tolerance: float = TOLERANCE,
     ) -> tuple[str, int, float] | None:
         """Return what is exceeded most, by which joint and by what factor; None: nothing.
 
-        Rows (k, joints) of a motion, and of its torque.
+        Rows (k, joints) of a motion, and of its torque; a share beyond a limit is tolerated.
         """
         room = 0.5 * (self.upper - self.lower)
         middle = np.where(np.isfinite(room), 0.5 * (self.upper + self.lower), 0.0)
@@ -55,7 +60,7 @@ class JointLimits:
             shares['effort'] = _largest(torque, self.effort)
         worst = max(shares, key=lambda what: float(shares[what].max(initial=0.0)))
         factor = float(shares[worst].max(initial=0.0))
-        if factor <= 1.0 + TOLERANCE:
+        if factor <= 1.0 + tolerance:
             return None
         return worst, int(shares[worst].argmax()), factor
 

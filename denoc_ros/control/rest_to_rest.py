@@ -12,7 +12,7 @@ from denoc_ros.control.end_swing import Driven, EndSwing
 from denoc_ros.control.joint_limits import JointLimits, joint_limits
 from denoc_ros.control.least_distance import solve_bounded
 from denoc_ros.control.rest_basis import RestBasis
-from denoc_ros.control.ringing import ringing_modes
+from denoc_ros.control.ringing import require_tree, ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 
@@ -289,11 +289,7 @@ def rest_to_rest(
 def _checked(
     robot: Robot, start: ArrayLike, end: ArrayLike, limits: JointLimits
 ) -> tuple[Array, Array]:
-    if robot.lowered.tie_names:
-        raise StateError(
-            f'{robot.tree.name}: rest to rest needs a robot without loops and mimic joints, got '
-            f'{len(robot.lowered.tie_names)} constraint rows'
-        )
+    require_tree(robot, 'rest to rest')
     found = []
     for name, posture in (('start', start), ('end', end)):
         q = np.array(posture, dtype=np.float64)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.control.impulses import damped_frequency
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import SolverError
+from denoc_ros.errors import SolverError, StateError
 
 Array = NDArray[np.float64]
 WIDEST = 10.0  # modes above this multiple of the lowest one are hardly excited, and die quickly
@@ -20,6 +20,21 @@ class RingingModes(NamedTuple):
 
     frequencies: Array
     ratios: Array
+
+
+def require_tree(robot: Robot, what: str) -> None:
+    """Refuse a robot of which joints do not move independently.
+
+    Raises
+    ------
+    StateError
+        It has loops or mimic joints.
+    """
+    if robot.lowered.tie_names:
+        raise StateError(
+            f'{robot.tree.name}: {what} needs a robot without loops and mimic joints, got '
+            f'{len(robot.lowered.tie_names)} constraint rows'
+        )
 
 
 def ringing_modes(robot: Robot, q_joints: ArrayLike, count: int | None = None) -> RingingModes:

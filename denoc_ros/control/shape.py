@@ -4,31 +4,65 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from denoc_ros.control import impulses
+from denoc_ros.control.joint_plans import (
+    RestOptions,
+    ShaperOptions,
+    rest_motion,
+    shaper_motion,
+)
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.tip import TipOptions, tip_motion
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 
 Array = NDArray[np.float64]
+Options = TypeVar('Options', TipOptions, ShaperOptions, RestOptions)
 Planner = Callable[..., Plan]  # (robot, times, q_joints, tip frames, **options)
+
+
+def _options(kind: type[Options], method: str, given: dict[str, Any]) -> Options:
+    """Return the options of a method after a check of their names."""
+    known = [field.name for field in fields(kind)]
+    unknown = sorted(set(given) - set(known))
+    if unknown:
+        raise StateError(f'shape_motion: options of {method!r} must be of {known}, got {unknown}')
+    return kind(**given)
 
 
 def _tip(
     robot: Robot, times: Array, q_joints: Array, frames: tuple[str, ...], **options: Any
 ) -> Plan:
-    known = [field.name for field in fields(TipOptions)]
-    unknown = sorted(set(options) - set(known))
-    if unknown:
-        raise StateError(f"shape_motion: options of 'tip' must be of {known}, got {unknown}")
-    return tip_motion(robot, times, q_joints, frames, TipOptions(**options))
+    return tip_motion(robot, times, q_joints, frames, _options(TipOptions, 'tip', options))
 
 
-METHODS: dict[str, Planner] = {'tip': _tip}
+def _shaper(method: str) -> Planner:
+    def planner(
+        robot: Robot, times: Array, q_joints: Array, frames: tuple[str, ...], **options: Any
+    ) -> Plan:
+        chosen = _options(ShaperOptions, method, options)
+        return shaper_motion(method, robot, times, q_joints, frames, chosen)
+
+    return planner
+
+
+def _rest(
+    robot: Robot, times: Array, q_joints: Array, frames: tuple[str, ...], **options: Any
+) -> Plan:
+    chosen = _options(RestOptions, 'rest_to_rest', options)
+    return rest_motion(robot, times, q_joints, frames, chosen)
+
+
+METHODS: dict[str, Planner] = {
+    'tip': _tip,
+    **{method: _shaper(method) for method in impulses.METHODS},
+    'rest_to_rest': _rest,
+}
 
 
 def shape_motion(
@@ -51,7 +85,10 @@ def shape_motion(
         Joint positions of the undeformed robot, in the order of `robot.joint_names`, from rest to
         rest [rad, m].
     method : str
-        ``tip``: the tip does what the undeformed robot's would (:class:`TipOptions`).
+        ``tip``: the tip does what the undeformed robot's would (:class:`TipOptions`). ``zv``,
+        ``zvd``, ``ei``: the joints do it through an input shaper, later (:class:`ShaperOptions`).
+        ``rest_to_rest``: the joints go from the first to the last posture as they like and every
+        mode rests there (:class:`RestOptions`).
     tip : str or sequence of str, optional
         The frames that matter; default ``tool``, or the last one of the robot.
     **options

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 from denoc_ros.control.impulses import impulse_weights
-from denoc_ros.control.ringing import modes_along
+from denoc_ros.control.ringing import modes_along, require_tree
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 
@@ -81,6 +81,7 @@ def shape_samples(
     StateError, SolverError
         A bad motion; modes that do not oscillate (see :func:`ringing_modes`).
     """
+    require_tree(robot, 'an input shaper')
     spline = rest_spline(times, q_joints)
     start, end = float(times[0]), float(times[-1])
     path = np.asarray(spline(np.linspace(start, end, POSTURES)))

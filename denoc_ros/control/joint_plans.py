@@ -1,0 +1,211 @@
+"""Plans of joint motions that the tip's path is not part of: shapers and rest to rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from denoc_ros.control.end_swing import follow_joints
+from denoc_ros.control.joint_limits import Given, joint_limits
+from denoc_ros.control.plan import Plan
+from denoc_ros.control.rest_to_rest import rest_to_rest
+from denoc_ros.control.ringing import ringing_modes
+from denoc_ros.control.shaped_samples import rest_spline, shape_samples
+from denoc_ros.control.targets import Target
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.errors import SolverError, StateError
+
+Array = NDArray[np.float64]
+OUTPUT = 0.004  # s between rows of a plan
+STEPS_PER_PERIOD = 60.0  # of the fastest mode that is shaped
+
+
+class JointMotion(Protocol):
+    """Times (k,) and the order of a derivative -> rows (k, joints)."""
+
+    def __call__(self, times: Array, derivative: int = 0, /) -> Array:
+        """Return the rows."""
+
+
+@dataclass(frozen=True)
+class ShaperOptions:
+    """What may be asked of an input shaper.
+
+    Attributes
+    ----------
+    modes : int, optional
+        How many modes, from the lowest; default those below ten times the lowest.
+    output_step : float
+        Between the rows of the plan [s].
+    velocity, acceleration, jerk, effort : optional
+        Limits beside the URDF's: a number, one per joint, or by joint name. A shaped motion needs
+        less of each than the one it is made of; a plan beyond them is refused.
+    cancel : callable, optional
+        Returns True where the work must end: SolverError then.
+    """
+
+    modes: int | None = None
+    output_step: float = OUTPUT
+    velocity: Given | None = None
+    acceleration: Given | None = None
+    jerk: Given | None = None
+    effort: Given | None = None
+    cancel: Callable[[], bool] | None = None
+
+
+@dataclass(frozen=True)
+class RestOptions(ShaperOptions):
+    """What may be asked of a motion from rest to rest, beside its ends.
+
+    Attributes
+    ----------
+    duration : float, optional
+        s; default that of the motion that was asked for; 0: the shortest within the limits.
+    robustness : float
+        Share by which the modes' frequencies may be off.
+    """
+
+    duration: float | None = None
+    robustness: float = 0.1
+
+
+def shaper_motion(
+    method: str,
+    robot: Robot,
+    times: Array,
+    q_joints: Array,
+    frames: tuple[str, ...],
+    options: ShaperOptions,
+) -> Plan:
+    """Return the plan of a motion through an input shaper (see :func:`shape_samples`)."""
+    _check(options)()
+    samples, delay = shape_samples(robot, times, q_joints, method, options.modes)
+    spline = make_interp_spline(samples.t, samples.q, k=5)
+    begin, end = float(samples.t[0]), float(samples.t[-1])
+
+    def motion(at: Array, derivative: int = 0) -> Array:
+        return np.asarray(spline(np.clip(at, begin, end), derivative), dtype=np.float64)
+
+    plan = _plan(method, robot, motion, (begin, end), options)
+    return _with_tip(robot, plan, times, q_joints, frames, delay)
+
+
+def rest_motion(
+    robot: Robot,
+    times: Array,
+    q_joints: Array,
+    frames: tuple[str, ...],
+    options: RestOptions,
+) -> Plan:
+    """Return the plan of a motion from the first to the last posture (see :func:`rest_to_rest`).
+
+    What is between them is not followed.
+    """
+    duration = float(times[-1] - times[0]) if options.duration is None else options.duration
+    limits = joint_limits(
+        robot, options.velocity, options.acceleration, options.jerk, options.effort
+    )
+    found = rest_to_rest(
+        robot,
+        q_joints[0],
+        q_joints[-1],
+        duration or None,
+        limits,
+        modes=options.modes,
+        robustness=options.robustness,
+        check=_check(options),
+    )
+    start = float(times[0])
+
+    def motion(at: Array, derivative: int = 0) -> Array:
+        return found.joints(at - start, derivative)
+
+    plan = _plan('rest_to_rest', robot, motion, (start, start + found.duration), options)
+    late = max(0.0, float(plan.t[-1] - times[-1]))
+    return _with_tip(robot, plan, times, q_joints, frames, late)
+
+
+def _check(options: ShaperOptions) -> Callable[[], None]:
+    def check() -> None:
+        if options.cancel is not None and options.cancel():
+            raise SolverError('shape_motion: the search must go on to its end, got cancelled')
+
+    return check
+
+
+def _plan(
+    method: str,
+    robot: Robot,
+    motion: JointMotion,
+    window: tuple[float, float],
+    options: ShaperOptions,
+) -> Plan:
+    """Return the plan of all coordinates while the joints do a motion, from rest."""
+    if not (np.isfinite(options.output_step) and options.output_step > 0.0):
+        raise StateError(f'shape_motion: output_step must be > 0 s, got {options.output_step}')
+    count = max(2, int(np.ceil((window[1] - window[0]) / options.output_step - 1e-9)) + 1)
+    step = (window[1] - window[0]) / (count - 1)
+    ends = motion(np.array(window))
+    fastest = float(ringing_modes(robot, ends[1], options.modes).frequencies.max())
+    parts = max(1, int(np.ceil(step * STEPS_PER_PERIOD * fastest)))
+    fine: Array = np.linspace(*window, (count - 1) * parts + 1)
+    own = robot.copy()
+    states = follow_joints(
+        Stepper(own, step / parts),
+        robot.static_deflection(ends[0]),
+        motion(fine),
+        motion(fine, 1),
+        motion(0.5 * (fine[1:] + fine[:-1]), 2),
+    )
+    t: Array = fine[::parts]
+    q, qd = np.ascontiguousarray(states.q[::parts]), np.ascontiguousarray(states.qd[::parts])
+    qdd = np.zeros_like(q)
+    given = motion(t, 2)
+    torque, free = own.hybrid_dynamics(q, qd, given)
+    qdd[:, robot.joint_indices], qdd[:, robot.flexible_indices] = given, free
+    _require_limits(robot, options, (motion(t), motion(t, 1), given, torque))
+    none = np.zeros(len(t))
+    names = tuple(robot.joint_names), tuple(robot.coordinate_names)
+    return Plan(method, t, q, qd, qdd, torque, *names, none, none)
+
+
+def _require_limits(
+    robot: Robot, options: ShaperOptions, rows: tuple[Array, Array, Array, Array]
+) -> None:
+    limits = joint_limits(
+        robot, options.velocity, options.acceleration, options.jerk, options.effort
+    )
+    broken = limits.violation(*rows, tolerance=0.01)
+    if broken is not None:
+        what, joint, factor = broken
+        raise SolverError(
+            f'{robot.tree.name}: the plan must keep the limits, got {factor:.3g} times the '
+            f'{what} limit of {robot.joint_names[joint]!r}; make the motion slower'
+        )
+
+
+def _with_tip(
+    robot: Robot,
+    plan: Plan,
+    times: Array,
+    q_joints: Array,
+    frames: tuple[str, ...],
+    delay: float,
+) -> Plan:
+    """Return the plan with how far its tip is from the undeformed robot's on the asked motion."""
+    spline = rest_spline(times, q_joints)
+    asked = np.zeros_like(plan.q)
+    asked[:, robot.joint_indices] = spline(np.clip(plan.t, times[0], times[-1]))
+    distance, turn = np.zeros((2, len(plan.t)))
+    for frame in frames:
+        off = Target(frame, robot.frame_pose(frame, asked), 1.0, 1.0).error(robot, plan.q)
+        distance = np.maximum(distance, np.linalg.norm(off[0], axis=1))
+        turn = np.maximum(turn, np.linalg.norm(off[1], axis=1))
+    after = max(0.0, float(plan.t[-1] - times[-1]))
+    return replace(plan, tip_error=distance, tip_turn=turn, postaction=after, delay=delay)
