@@ -169,6 +169,19 @@ class HeldModel:
         self._payloads[frame] = inertia_row(payload, self.lowered.axes[row - 1])
         self._load_body(row)
 
+    def with_scaled_load(self: Held, frame: str, factor: float) -> Held:
+        """Return a copy whose load at a frame is off: for what must hold of inexact models.
+
+        The inertia of the body that carries the frame, payloads included, is multiplied by the
+        factor; of a beam only what is rigid on its root.
+        """
+        if not (np.isfinite(factor) and factor > 0.0):
+            raise StateError(f'load at {frame!r}: factor must be > 0, got {factor}')
+        other = self.copy()
+        at = int(self.lowered.ints[self._carrier(frame), REAL]) + MASS
+        other._reals[at : at + 10] *= factor
+        return other
+
     def payload_centre(self, frame: str) -> Array | None:
         """Return the centre of mass (3,) of a frame's payload in its axes; None: no payload."""
         row = self._payloads.get(frame)

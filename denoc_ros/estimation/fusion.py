@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.amplitude_filter import AmplitudeFilter
-from denoc_ros.estimation.trail import Trail
+from denoc_ros.dynamics.trail import Trail
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot

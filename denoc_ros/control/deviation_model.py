@@ -1,0 +1,147 @@
+"""Small deviations from a planned motion: what drives them, and what sensors show of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.driven_motion import driven_motion
+from denoc_ros.dynamics.linear_model import DiscreteModel, LinearModel
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import StateError
+from denoc_ros.kernels.handle import STIFFNESS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlannedState:
+    """A moment of the plan.
+
+    q, qd (n,) coordinates and rates; tau (n,) generalized forces; `torque` (joints,) and `bent`
+    (flexible,) sizes of torques [N m, N] and amplitudes [m, rad] about that moment.
+    """
+
+    q: Array
+    qd: Array
+    tau: Array
+    torque: Array
+    bent: Array
+
+
+@dataclass(frozen=True)
+class DeviationModel:
+    """Deviations y = [minimal coordinates; rates] about a moment of a plan.
+
+    Attributes
+    ----------
+    linear : LinearModel
+        Inputs: the driven joints, then generalized forces on the amplitudes.
+    joints : int
+        How many joints are driven.
+    measured : (2 joints + sensors, 2 m) array
+        Of the driven joints' positions and rates, and of the sensors' values, by y.
+    tip : (6, m) array
+        Of the tip's position and small rotation.
+    stiff : (m,) array
+        Elastic stiffness of the coordinates.
+    """
+
+    linear: LinearModel
+    joints: int
+    measured: Array
+    tip: Array
+    stiff: Array
+
+    @property
+    def size(self) -> int:
+        """How many minimal coordinates there are."""
+        return len(self.linear.inertia)
+
+    def varied(self, stiffness: float) -> DeviationModel:
+        """Return the model with all elastic stiffness times a factor."""
+        m, linear = self.size, self.linear
+        a = linear.a.copy()
+        a[m:, :m] -= (stiffness - 1.0) * np.linalg.solve(linear.inertia, np.diag(self.stiff))
+        return replace(self, linear=replace(linear, a=a))
+
+    def sampled(self, period: float, delay: float) -> DiscreteModel:
+        """Return y under torques of the driven joints that act `delay` later and are held."""
+        k, linear = self.joints, self.linear
+        driven = replace(
+            linear, b=linear.b[:, :k], d=linear.d[:, :k], input_names=linear.input_names[:k]
+        )
+        return driven.discrete(period, delay)
+
+    def disturbed(self, period: float, correlation: float) -> Array:
+        """Return the transition over a period of [y; forces], forces that fade slowly."""
+        a, b = self.linear.a, self.linear.b
+        s, d = b.shape
+        block = np.zeros((s + d, s + d))
+        block[:s, :s], block[:s, s:] = a, b
+        block[s:, s:] = -np.eye(d) / correlation
+        return np.asarray(scipy.linalg.expm(block * period))
+
+
+def deviation_model(
+    robot: Robot, joints: Sequence[str], sensors: Sequence[int], tip: str, state: PlannedState
+) -> DeviationModel:
+    """Return the model of small deviations from a moment of a plan.
+
+    Parameters
+    ----------
+    robot : Robot
+    joints : sequence of str
+        That are driven.
+    sensors : sequence of int
+        Places of the sensors that are read, among the robot's.
+    tip : str
+        A frame.
+    state : PlannedState
+
+    Raises
+    ------
+    StateError
+        Unknown names, or a state in which loops are open.
+    """
+    amplitudes = [robot.coordinate_names[k] for k in robot.flexible_indices]
+    linear = robot.linearize(
+        state.q, state.qd, state.tau, inputs=[*joints, *amplitudes],
+        outputs=[*joints, *(f'{joint}_rate' for joint in joints), 'sensors', f'pose:{tip}'],
+        locked=_standing(robot, joints), friction=False,
+    )  # fmt: skip
+    k, m = len(joints), len(linear.inertia)
+    rows = [*range(2 * k), *(2 * k + place for place in sensors)]
+    names = linear.state_names[:m]
+    index = [robot.coordinate_names.index(name) for name in names]
+    stiff = robot.lowered.diagonals[STIFFNESS][index]
+    return DeviationModel(linear, k, linear.c[rows], linear.c[-6:, :m], np.asarray(stiff))
+
+
+def require_same_coordinates(models: Sequence[DeviationModel]) -> None:
+    """Refuse models of different coordinates.
+
+    Raises
+    ------
+    StateError
+        With the names that differ.
+    """
+    first = models[0].linear.state_names
+    for model in models:
+        if model.linear.state_names != first:
+            got = sorted(set(model.linear.state_names) ^ set(first))
+            raise StateError(
+                'state feedback: the same coordinates must determine the loops along the whole '
+                f'plan, got a change of {", ".join(got)}'
+            )
+
+
+def _standing(robot: Robot, joints: Sequence[str]) -> list[str]:
+    """Return the joints that stand still: neither driven nor moved by loops or leaders."""
+    described = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint}
+    given = driven_motion(robot, joints).given
+    return [name for name in given if name not in joints and described[name].mimic is None]

@@ -1,0 +1,264 @@
+"""Gains of the state feedback: a linear-quadratic regulator and the filter that it needs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.control.deviation_model import DeviationModel, PlannedState
+from denoc_ros.control.feedback_settings import FeedbackSettings
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import SolverError
+from denoc_ros.kernels.handle import STIFFNESS
+from denoc_ros.model.lowering import is_flexible
+
+Array = NDArray[np.float64]
+
+CORRELATION = 0.03  # s over which forces that the model does not know stay alike
+DOUBLINGS = 40
+SETTLED = 1e-12  # relative change of a doubling
+LEAST_TORQUE = 3e-3  # of the effort limit, that is never known
+LEAST_DEFLECTION = 3e-4  # of a beam's length, whose elastic force is never known
+
+
+@dataclass(frozen=True)
+class Regulator:
+    """x[k + 1] = a x + b v, v torques in units of `scale`, x = [y; torques on their way; z].
+
+    z are integrals of the virtual joint errors `virtual` y: what the joints must move so that the
+    tip is where it should be.
+    """
+
+    a: Array
+    b: Array
+    weight: Array  # of x x^T in the cost; that of v v^T is the unit matrix
+    virtual: Array  # (joints, m)
+    past: int  # torques on their way
+
+
+@dataclass(frozen=True)
+class PostureGains:
+    """What the loop needs at one moment of a plan.
+
+    Attributes
+    ----------
+    gain : (joints, 2 m + past + joints) array
+        Torque = -gain [y; torques on their way; integrals].
+    transition : (2 m + d, 2 m + d) array
+        Of the estimate [y; forces] over a period.
+    push : (2 m, past + joints) array
+        What the torques on their way and the new one add to y over a period.
+    correction : (2 m + d, measured) array
+        Of the estimate by the innovations.
+    measured : (measured, 2 m) array
+    spread : (measured,) array
+        Standard deviations of the innovations.
+    virtual : (joints, m) array
+        Virtual joint errors by the coordinates.
+    """
+
+    gain: Array
+    transition: Array
+    push: Array
+    correction: Array
+    measured: Array
+    spread: Array
+    virtual: Array
+
+
+def virtual_joints(model: DeviationModel, settings: FeedbackSettings) -> Array:
+    """Return the joint errors (joints, m) that would move the tip as deviations do.
+
+    Least squares over the tip's errors and the joints' own, by their weights: where the joints
+    cannot move the tip so, they are their own errors.
+    """
+    tip, own = _weighted(model, settings)
+    through = tip @ np.linalg.pinv(own) * (1.0 / settings.joint_error)
+    normal = through.T @ through + np.eye(model.joints) / settings.joint_error**2
+    return np.asarray(np.linalg.solve(normal, through.T @ tip + own / settings.joint_error))
+
+
+def _weighted(model: DeviationModel, settings: FeedbackSettings) -> tuple[Array, Array]:
+    """Return the rows (6, m) of the tip and (joints, m) of the joints, weighted."""
+    m = model.size
+    weights = np.repeat([1.0 / settings.tip_error, 1.0 / settings.tip_turn], 3)
+    tip = weights[:, None] * model.tip
+    return tip, model.measured[: model.joints, :m] / settings.joint_error
+
+
+def regulator(model: DeviationModel, limits: Array, settings: FeedbackSettings) -> Regulator:
+    """Return the regulator's problem at a moment.
+
+    Parameters
+    ----------
+    model : DeviationModel
+    limits : (joints,) array
+        Effort limits [N m, N].
+    settings : FeedbackSettings
+    """
+    m, k = model.size, model.joints
+    sampled = model.sampled(settings.period, settings.delay)
+    scale = settings.effort_share * limits
+    s = len(sampled.a)
+    past = s - 2 * m
+    unit = np.concatenate([np.ones(2 * m), np.tile(scale, past // k)])
+    virtual = virtual_joints(model, settings)
+    tip, own = _weighted(model, settings)
+    integrals = k if settings.integral_time else 0
+    a = np.zeros((s + integrals, s + integrals))
+    a[:s, :s] = sampled.a * unit / unit[:, None]
+    b = np.zeros((s + integrals, k))
+    b[:s] = sampled.b * scale / unit[:, None]
+    rows = np.zeros((len(tip) + k, s + integrals))
+    rows[:, :m] = np.concatenate([tip, own])
+    weight = rows.T @ rows
+    if integrals:
+        a[s:, :m] = settings.period * virtual
+        a[s:, s:] = np.eye(k)
+        through = np.concatenate([tip @ np.linalg.pinv(own) / settings.joint_error,
+                                  np.eye(k) / settings.joint_error])  # fmt: skip
+        weight[s:, s:] = through.T @ through / settings.integral_time**2
+    return Regulator(a, b, weight, virtual, past)
+
+
+def settled_cost(problem: Regulator) -> Array:
+    """Return the cost matrix P of the infinite horizon.
+
+    Raises
+    ------
+    SolverError
+        There is none: a motion that the torques cannot stop.
+    """
+    found = _settled(problem.a, problem.b @ problem.b.T, problem.weight)
+    if found is None:
+        raise SolverError(
+            'state feedback: the joints must be able to stop every deviation, got one that grows'
+        )
+    return found
+
+
+def earlier_cost(problem: Regulator, cost: Array, doublings: int) -> Array:
+    """Return the cost matrix 2^doublings periods before one, the problem constant in between."""
+    a, g, h = problem.a, problem.b @ problem.b.T, problem.weight
+    for _ in range(doublings):
+        a, g, h = _doubled(a, g, h)
+    before = h + a.T @ cost @ np.linalg.solve(np.eye(len(a)) + g @ cost, a)
+    return np.asarray(0.5 * (before + before.T))
+
+
+def _doubled(a: Array, g: Array, h: Array) -> tuple[Array, Array, Array]:
+    """Return what the Riccati difference equation is over twice the periods.
+
+    Notes
+    -----
+    P before = h + a^T P (1 + g P)^-1 a. Over one period a is the transition, g = b b^T and h the
+    weight; over twice as many a <- a w a, g <- g + a w g a^T, h <- h + a^T h w a with
+    w = (1 + g h)^-1.
+    """
+    count = len(a)
+    solved = np.linalg.solve(np.eye(count) + g @ h, np.hstack([a, g @ a.T]))
+    g, h = g + a @ solved[:, count:], h + a.T @ h @ solved[:, :count]
+    return a @ solved[:, :count], 0.5 * (g + g.T), 0.5 * (h + h.T)
+
+
+def _settled(a: Array, g: Array, h: Array) -> Array | None:
+    """Return the settled P of the Riccati difference equation, None if there is none."""
+    with np.errstate(all='ignore'):
+        for _ in range(DOUBLINGS):
+            before = h
+            try:
+                a, g, h = _doubled(a, g, h)
+            except np.linalg.LinAlgError:
+                return None
+            if not np.isfinite(h).all():
+                return None
+            if np.abs(h - before).max() <= SETTLED * np.abs(h).max():
+                return h
+    return None
+
+
+def gain_of(problem: Regulator, cost: Array, limits: Array, settings: FeedbackSettings) -> Array:
+    """Return the gain (joints, x) [N m, N] for the cost one period later."""
+    a, b = problem.a, problem.b
+    unscaled = np.linalg.solve(np.eye(b.shape[1]) + b.T @ cost @ b, b.T @ cost @ a)
+    scale = settings.effort_share * limits
+    gain = scale[:, None] * unscaled
+    state = len(a) - problem.past - (b.shape[1] if settings.integral_time else 0)
+    gain[:, state : state + problem.past] /= np.tile(scale, problem.past // len(scale))
+    if not settings.integral_time:
+        gain = np.hstack([gain, np.zeros((len(gain), b.shape[1]))])
+    return np.asarray(gain)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations: of measured joints and sensors, and of forces that are not known."""
+
+    measured: Array
+    least_force: Array  # (joints + flexible,)
+    first: NDArray[np.intp]  # of each amplitude: the first of its deformation
+
+    def forces(self, state: PlannedState, stiff: Array, share: float) -> Array:
+        """Return the deviations (joints + flexible,) of unknown forces at a moment."""
+        elastic = (stiff * state.bent)[self.first]
+        return np.asarray(np.hypot(share * np.concatenate([state.torque, elastic]),
+                                   self.least_force))  # fmt: skip
+
+
+def noise_of(
+    robot: Robot, joints: int, sensors: Sequence[int], limits: Array, settings: FeedbackSettings
+) -> Noise:
+    """Return the noise of measurements and the least of the forces."""
+    values = [robot.tree.sensors[place].noise for place in sensors]
+    measured = np.concatenate([
+        np.full(joints, settings.position_noise), np.full(joints, settings.velocity_noise), values,
+    ])  # fmt: skip
+    flexible = robot.flexible_indices
+    first, length = np.zeros(len(flexible), dtype=np.intp), np.ones(len(flexible))
+    for body in robot.tree.bodies:
+        if not is_flexible(body) or body.beam is None:
+            continue
+        begin = int(np.searchsorted(flexible, robot.amplitudes(body.name).start))
+        for count, span in zip(body.beam.modes, (body.beam.length, body.beam.length, 1.0),
+                               strict=True):  # fmt: skip
+            first[begin : begin + count] = begin
+            length[begin : begin + count] = span
+            begin += count
+    stiff = robot.lowered.diagonals[STIFFNESS][flexible]
+    least = LEAST_DEFLECTION * (stiff * length)[first]
+    return Noise(measured, np.concatenate([LEAST_TORQUE * limits, least]), first)
+
+
+def estimator(
+    model: DeviationModel, noise: Noise, forces: Array, settings: FeedbackSettings
+) -> tuple[Array, Array, Array]:
+    """Return transition, correction and the innovations' deviations of the settled filter.
+
+    Unknown forces are Gauss-Markov with deviations `forces` and a correlation time of 0.03 s.
+
+    Raises
+    ------
+    SolverError
+        The measurements do not show every deviation.
+    """
+    transition = model.disturbed(settings.period, CORRELATION)
+    s, total = 2 * model.size, len(transition)
+    unit = np.concatenate([np.ones(s), forces])
+    scaled = transition * unit / unit[:, None]
+    rows = np.zeros((len(model.measured), total))
+    rows[:, :s] = model.measured
+    rows /= noise.measured[:, None]
+    added = np.zeros((total, total))
+    added[s:, s:] = np.eye(total - s) * -np.expm1(-2.0 * settings.period / CORRELATION)
+    covariance = _settled(scaled.T, rows.T @ rows, added)
+    if covariance is None:
+        raise SolverError(
+            'state feedback: joints and sensors must show every deviation from the plan, got one '
+            'that they do not; a sensor per deformation may help'
+        )
+    seen = rows @ covariance @ rows.T + np.eye(len(rows))
+    correction = unit[:, None] * np.linalg.solve(seen, rows @ covariance).T / noise.measured
+    return transition, correction, noise.measured * np.sqrt(np.diag(seen))

@@ -1,0 +1,201 @@
+"""Gains of the state feedback along a plan, and their proof."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.control.closed_loop import Settling, settling
+from denoc_ros.control.deviation_model import (
+    PlannedState,
+    deviation_model,
+    require_same_coordinates,
+)
+from denoc_ros.control.feedback_design import (
+    PostureGains,
+    earlier_cost,
+    estimator,
+    gain_of,
+    noise_of,
+    regulator,
+    settled_cost,
+)
+from denoc_ros.control.feedback_settings import FeedbackSettings
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import StateError
+from denoc_ros.kernels.handle import STIFFNESS
+
+Array = NDArray[np.float64]
+Int = NDArray[np.intp]
+
+SPACING = 0.25  # s between gains along a plan, at least
+MOST = 200  # gains along a plan
+TRIED = 17  # postures of a plan at which stability is shown, at most
+
+
+@dataclass(frozen=True)
+class GainSchedule:
+    """What the loop needs along a plan.
+
+    Attributes
+    ----------
+    times : (k,) array
+        [s], ascending, evenly spaced; before and after them the first and the last hold.
+    gains : tuple of PostureGains
+    coordinates : (m,) int array
+        Where the minimal coordinates stand among the robot's.
+    joints, sensors : (driven,) and (read,) int arrays
+        Coordinates of the driven joints; places of the sensors that are read.
+    limits : (driven,) array
+        Effort limits [N m, N].
+    settings : FeedbackSettings
+    slowest : Settling
+        The proof: the slowest mode over the postures tried, the model's stiffness and load off
+        by 20 % either way.
+    """
+
+    times: Array
+    gains: tuple[PostureGains, ...]
+    coordinates: Int
+    joints: Int
+    sensors: Int
+    limits: Array
+    settings: FeedbackSettings
+    slowest: Settling
+
+    def place(self, time: float) -> tuple[int, float]:
+        """Return the gains before a time [s] and the share of the way to the next ones."""
+        if len(self.times) == 1:
+            return 0, 0.0
+        along = (time - self.times[0]) / (self.times[1] - self.times[0])
+        along = min(max(along, 0.0), len(self.times) - 1.0)
+        before = min(int(along), len(self.times) - 2)
+        return before, along - before
+
+
+def read_sensors(robot: Robot) -> Int:
+    """Return the places of the sensors that feedback can read: with a topic and with noise."""
+    found = [k for k, each in enumerate(robot.tree.sensors) if each.topic and each.noise > 0.0]
+    return np.array(found, dtype=np.intp)
+
+
+def design(
+    robot: Robot,
+    joints: Sequence[str],
+    limits: Array,
+    times: Array,
+    states: Sequence[PlannedState],
+    settings: FeedbackSettings,
+    going_on: Callable[[], bool] = lambda: True,
+) -> GainSchedule:
+    """Return the gains along a plan, shown to be stable for models that are 20 % off.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its workspace is used: do not share it with another thread.
+    joints : sequence of str
+        That are driven.
+    limits : (joints,) array
+        Effort limits [N m, N], finite.
+    times : (k,) array
+        Of the states [s]: one, or 2^j periods apart (see :func:`spacing`).
+    states : sequence of PlannedState
+    settings : FeedbackSettings
+    going_on : callable
+        Asked at each posture; False ends the work with a StateError.
+
+    Raises
+    ------
+    StateError
+        The closed loop is not stable everywhere, with where and for which model; limits that are
+        not finite; no such frame; no sensor.
+    SolverError
+        A deviation that the joints cannot stop or nothing shows.
+
+    Notes
+    -----
+    On the way the gains are those of the Riccati difference equation backwards from the last
+    state's infinite horizon; after it they are that one's.
+    """
+    sensors = _checked(robot, limits, settings)
+    doublings = _doublings(times, settings)
+    models = []
+    for state in states:
+        _require_going(going_on)
+        models.append(deviation_model(robot, joints, sensors.tolist(), settings.tip, state))
+    require_same_coordinates(models)
+    noise = noise_of(robot, len(joints), sensors.tolist(), limits, settings)
+    stiff = robot.lowered.diagonals[STIFFNESS][robot.flexible_indices]
+    cost: Array | None = None
+    gains: list[PostureGains] = []
+    for model, state in zip(reversed(models), reversed(states), strict=True):
+        _require_going(going_on)
+        problem = regulator(model, limits, settings)
+        cost = settled_cost(problem) if cost is None else earlier_cost(problem, cost, doublings)
+        transition, correction, spread = estimator(
+            model, noise, noise.forces(state, stiff, settings.model_error), settings
+        )
+        sampled = model.sampled(settings.period, settings.delay)
+        s = 2 * model.size
+        push = np.hstack([sampled.a[:s, s:], sampled.b[:s]])
+        gains.append(PostureGains(
+            gain_of(problem, cost, limits, settings), transition, push, correction,
+            model.measured, spread, problem.virtual,
+        ))  # fmt: skip
+    gains.reverse()
+    chosen = np.unique(np.linspace(0, len(states) - 1, min(TRIED, len(states))).astype(int))
+    slowest = settling(
+        robot, joints, sensors.tolist(), [states[k] for k in chosen],
+        [gains[k] for k in chosen], settings,
+    )  # fmt: skip
+    if not slowest.modulus < 1.0:
+        raise StateError(
+            'state feedback: the sampled closed loop must be stable for 0.8 to 1.2 of the '
+            f'stiffness and of the load at the tip, got {slowest}; a larger tip_error, '
+            'joint_error or integral_time, or a smaller effort_share or delay may help'
+        )
+    names = models[0].linear.state_names[: models[0].size]
+    coordinates = np.array([robot.coordinate_names.index(name) for name in names], dtype=np.intp)
+    index = np.asarray(robot.indices(joints), dtype=np.intp)
+    return GainSchedule(
+        np.asarray(times), tuple(gains), coordinates, index, sensors, limits, settings, slowest
+    )
+
+
+def spacing(duration: float, period: float) -> float:
+    """Return the time between gains along a plan of a duration [s]: 2^j periods."""
+    wanted = max(SPACING, duration / MOST)
+    return period * 2.0 ** math.ceil(math.log2(wanted / period) - 1e-9)
+
+
+def _doublings(times: Array, settings: FeedbackSettings) -> int:
+    if len(times) == 1:
+        return 0
+    return round(math.log2((times[1] - times[0]) / settings.period))
+
+
+def _require_going(going_on: Callable[[], bool]) -> None:
+    if not going_on():
+        raise StateError('state feedback: the plan was replaced by another one')
+
+
+def _checked(robot: Robot, limits: Array, settings: FeedbackSettings) -> Int:
+    """Return the sensors to read, if robot and limits are what feedback needs."""
+    if settings.tip not in robot.tree.frames:
+        known = ', '.join(robot.tree.frames)
+        raise StateError(f'state feedback: tip must be one of {known}, got {settings.tip!r}')
+    if not (np.isfinite(limits).all() and (limits > 0.0).all()):
+        raise StateError(
+            f'state feedback: effort limits must be finite and > 0, got {limits.tolist()}'
+        )
+    sensors = read_sensors(robot)
+    if not len(sensors) and len(robot.flexible_indices):
+        raise StateError(
+            'state feedback: the robot must have sensors with a topic and noise > 0, got none'
+        )
+    return sensors

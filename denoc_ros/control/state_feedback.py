@@ -1,0 +1,137 @@
+"""State feedback about a plan, tick by tick."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.control.deviation_filter import DeviationFilter
+from denoc_ros.control.gain_schedule import GainSchedule
+from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+
+RAMP = 0.5  # s in which feedback comes in
+ROUNDING = 1e-9  # of the largest torque: a change that no limit made
+MOST_PERIODS = 20  # of the estimate in one tick after a pause
+
+
+class StateFeedback:
+    """Torque -K [y; torques on their way; integrals] of the deviations y from a plan.
+
+    Each tick: `follow` the plan, take measurements into `filter`, ask for the `torque`, and say
+    with `applied` what became of it.
+
+    Parameters
+    ----------
+    robot : Robot
+        The model; worked on as a copy.
+    schedule : GainSchedule
+    start : float
+        When the schedule's time is zero, on the clock of all times here [s].
+
+    Attributes
+    ----------
+    filter : DeviationFilter
+    schedule : GainSchedule
+    limited : int
+        Ticks in which the feedback was at its own limit.
+
+    Notes
+    -----
+    What the controller remembers is the torque on its way, as it was clamped, and the integrals,
+    which rest while anything is clamped: so nothing winds up. The estimate is driven by the
+    clamped torque as well.
+    """
+
+    def __init__(self, robot: Robot, schedule: GainSchedule, start: float = 0.0) -> None:
+        self.schedule, self._start = schedule, start
+        self.filter = DeviationFilter(robot, schedule)
+        k = len(schedule.joints)
+        self._k = k
+        past = schedule.gains[0].push.shape[1] - k
+        self._way, self._sums = np.zeros(past), np.zeros(k)
+        self._most = schedule.settings.limit * schedule.limits
+        self._asked, self._torque = np.zeros((2, k))
+        self._gain = np.zeros_like(schedule.gains[0].gain)
+        self.share, self.limited = 0.0, 0
+        self._last = -np.inf
+        self._at = 0
+
+    @property
+    def active(self) -> bool:
+        """Whether there is a torque of the feedback."""
+        return self.share > 0.0
+
+    def reset(self) -> None:
+        """Forget deviations, integrals and torques on their way."""
+        self.filter.reset()
+        self._way[:] = self._sums[:] = 0.0
+        self.share, self._last = 0.0, -np.inf
+
+    def adopt(self, other: StateFeedback) -> bool:
+        """Go on from another one of the same coordinates; False if it has others."""
+        mine, its = self.schedule, other.schedule
+        same = (
+            np.array_equal(mine.coordinates, its.coordinates)
+            and np.array_equal(mine.joints, its.joints)
+            and np.array_equal(mine.sensors, its.sensors)
+            and self._way.shape == other._way.shape
+        )
+        if same:
+            self.filter, self._way, self._sums = other.filter, other._way, other._sums
+            self.share, self._last, self.limited = other.share, other._last, other.limited
+        return same
+
+    def follow(self, time: float, q: Array, qd: Array) -> None:
+        """Take the plan's coordinates and rates (n,) of a time [s], which may be ahead."""
+        self.filter.follow(time, q, qd)
+
+    def torque(self, now: float) -> Array:
+        """Return the torque (joints,) to add to the plan's; the same array each time.
+
+        Zero, within this very call, while the estimate is not believed.
+        """
+        schedule = self.schedule
+        before, share = schedule.place(now - self._start)
+        self._at = before if share < 0.5 else min(before + 1, len(schedule.gains) - 1)
+        self.filter.correct(now, schedule.gains[self._at])
+        elapsed = min(now - self._last, RAMP)
+        self._last = now
+        if not self.filter.believed:
+            self.share = 0.0
+            self._sums[:] = self._asked[:] = self._torque[:] = 0.0
+            return self._torque
+        self.share = min(1.0, self.share + elapsed / RAMP)
+        gain = schedule.gains[before].gain
+        if share:
+            after = schedule.gains[before + 1].gain
+            gain = np.add((1.0 - share) * gain, share * after, out=self._gain)
+        s = len(schedule.gains[0].push)
+        known = np.concatenate((self.filter.state[:s], self._way, self._sums))
+        np.dot(gain, known, out=self._asked)
+        self._asked *= -self.share
+        np.minimum(self._asked, self._most, out=self._torque)
+        np.maximum(self._torque, -self._most, out=self._torque)
+        self.limited += bool((self._torque != self._asked).any())
+        return self._torque
+
+    def applied(self, change: Array, periods: int = 1) -> None:
+        """Take what was added to the plan's torque after all limits (joints,), and go on.
+
+        Parameters
+        ----------
+        change : (joints,) array
+            Torque that left less the plan's [N m, N].
+        periods : int
+            Since the last tick.
+        """
+        gains = self.schedule.gains[self._at]
+        periods = min(periods, MOST_PERIODS)
+        if self.active and np.abs(change - self._asked).max() <= ROUNDING * self._most.max():
+            step = periods * self.schedule.settings.period
+            m = gains.virtual.shape[1]
+            self._sums += step * (gains.virtual @ self.filter.state[:m])
+        pushes = np.concatenate((self._way, change))
+        self.filter.go_on(gains, pushes, periods)
+        self._way[:] = pushes[self._k :]
