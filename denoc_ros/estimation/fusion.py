@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.trail import Trail
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.amplitude_filter import AmplitudeFilter
-from denoc_ros.dynamics.trail import Trail
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
