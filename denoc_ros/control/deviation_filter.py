@@ -123,7 +123,6 @@ class DeviationFilter:
             self._innovation[first:][~(ratio <= wide)] = 0.0
             self._new[first:][far] = False
             self.refused += far
-            self._doubted_at = now
 
     def _judge(self, now: float) -> None:
         """Decide whether to believe the estimate."""

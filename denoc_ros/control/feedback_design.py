@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 CORRELATION = 0.03  # s over which forces that the model does not know stay alike
 DOUBLINGS = 40
 SETTLED = 1e-12  # relative change of a doubling
-LEAST_TORQUE = 3e-3  # of the effort limit, that is never known
-LEAST_DEFLECTION = 3e-4  # of a beam's length, whose elastic force is never known
+LEAST_TORQUE = 5e-3  # of the effort limit, that is never known
+LEAST_DEFLECTION = 5e-4  # of a beam's length, whose elastic force is never known
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,10 @@ class StateFeedback:
     ----------
     filter : DeviationFilter
     schedule : GainSchedule
+    integrals : (joints,) array
+        Of the virtual joint errors [rad s, m s].
+    share : float
+        Of the feedback that is in: 0 while the estimate is not believed.
     limited : int
         Ticks in which the feedback was at its own limit.
 
@@ -50,7 +54,7 @@ class StateFeedback:
         k = len(schedule.joints)
         self._k = k
         past = schedule.gains[0].push.shape[1] - k
-        self._way, self._sums = np.zeros(past), np.zeros(k)
+        self._way, self.integrals = np.zeros(past), np.zeros(k)
         self._most = schedule.settings.limit * schedule.limits
         self._asked, self._torque = np.zeros((2, k))
         self._gain = np.zeros_like(schedule.gains[0].gain)
@@ -66,7 +70,7 @@ class StateFeedback:
     def reset(self) -> None:
         """Forget deviations, integrals and torques on their way."""
         self.filter.reset()
-        self._way[:] = self._sums[:] = 0.0
+        self._way[:] = self.integrals[:] = 0.0
         self.share, self._last = 0.0, -np.inf
 
     def adopt(self, other: StateFeedback) -> bool:
@@ -79,7 +83,7 @@ class StateFeedback:
             and self._way.shape == other._way.shape
         )
         if same:
-            self.filter, self._way, self._sums = other.filter, other._way, other._sums
+            self.filter, self._way, self.integrals = other.filter, other._way, other.integrals
             self.share, self._last, self.limited = other.share, other._last, other.limited
         return same
 
@@ -100,7 +104,7 @@ class StateFeedback:
         self._last = now
         if not self.filter.believed:
             self.share = 0.0
-            self._sums[:] = self._asked[:] = self._torque[:] = 0.0
+            self.integrals[:] = self._asked[:] = self._torque[:] = 0.0
             return self._torque
         self.share = min(1.0, self.share + elapsed / RAMP)
         gain = schedule.gains[before].gain
@@ -108,7 +112,7 @@ class StateFeedback:
             after = schedule.gains[before + 1].gain
             gain = np.add((1.0 - share) * gain, share * after, out=self._gain)
         s = len(schedule.gains[0].push)
-        known = np.concatenate((self.filter.state[:s], self._way, self._sums))
+        known = np.concatenate((self.filter.state[:s], self._way, self.integrals))
         np.dot(gain, known, out=self._asked)
         self._asked *= -self.share
         np.minimum(self._asked, self._most, out=self._torque)
@@ -131,7 +135,7 @@ class StateFeedback:
         if self.active and np.abs(change - self._asked).max() <= ROUNDING * self._most.max():
             step = periods * self.schedule.settings.period
             m = gains.virtual.shape[1]
-            self._sums += step * (gains.virtual @ self.filter.state[:m])
+            self.integrals += step * (gains.virtual @ self.filter.state[:m])
         pushes = np.concatenate((self._way, change))
         self.filter.go_on(gains, pushes, periods)
         self._way[:] = pushes[self._k :]

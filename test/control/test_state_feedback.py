@@ -1,0 +1,118 @@
+"""State feedback on a robot that is not its model: how far the tip is off, what it survives."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from feedback_runs import PERIOD, Loop, Outcome, canadarm, closed, tip_exact
+
+from denoc_ros.control.state_feedback import RAMP, StateFeedback
+
+
+@cache
+def whole() -> Outcome:
+    """Return the whole motion with feedback, no value lost."""
+    return closed(tip_exact(), canadarm(0.9, 1.2)).run()
+
+
+def test_tip_stays_with_its_plan_on_a_wrong_model() -> None:
+    alone, good = Loop(tip_exact(), canadarm(0.9, 1.2), None).run(), whole()
+    # the plan alone drifts away for good: metres
+    assert alone.after(0.0) > 1.0
+    assert good.rms < 0.005
+    assert good.after(3.0) < 0.001
+
+
+def test_lost_gauge_values_cost_little() -> None:
+    loop = closed(tip_exact(), canadarm(0.9, 1.2))
+    loop.lost = 0.3
+    lossy = loop.run()
+    assert lossy.rms < 2.0 * whole().rms
+    assert lossy.after(3.0) < 2.0 * whole().after(3.0)
+    assert (lossy.share[1000:] == 1.0).all()
+
+
+def test_without_deviation_the_torque_is_exactly_the_plans() -> None:
+    planned = tip_exact(4.0, 0.1)
+    feedback = StateFeedback(planned.robot, planned.schedule())
+    q, qd = planned.q[0], planned.qd[0]
+    values = planned.robot.sensor_values(q, qd)
+    for k in range(1000):
+        now = k * PERIOD
+        feedback.follow(now, q, qd)
+        feedback.filter.take_joints(now, q[planned.robot.joint_indices], np.zeros(3))
+        for place, value in enumerate(values):
+            feedback.filter.take_sensor(place, now, value)
+        assert not feedback.torque(now).any()
+        feedback.applied(np.zeros(3))
+    assert feedback.share == 1.0
+
+
+def test_silent_gauge_leaves_the_plan_alone_within_a_tick_and_comes_back_gently() -> None:
+    planned, truth = tip_exact(4.0, 0.1), canadarm(0.9, 1.2)
+    loop = closed(planned, truth)
+    begin, end = 2.0, 2.3
+    loop.silent = (begin, end)
+    run = loop.run(4.0)
+    timeout = planned.schedule().settings.sensor_timeout
+    fell = round((begin + timeout) / PERIOD)
+    assert run.share[fell - 2] == 1.0
+    # from the first tick after the timeout on
+    quiet = slice(fell + 1, round(end / PERIOD))
+    assert not run.share[quiet].any()
+    np.testing.assert_array_equal(run.torque[quiet], planned.torque[quiet])
+    back = np.flatnonzero(run.share[quiet.stop :])[0] + quiet.stop
+    assert 0.15 < back * PERIOD - end < 0.6
+    assert run.share[back] <= 1.1 * PERIOD / RAMP
+    full = np.flatnonzero(run.share[back:] == 1.0)[0]
+    assert full * PERIOD > 0.9 * RAMP
+    change = np.abs(np.diff(run.torque[back - 1 : back + full], axis=0))
+    usual = np.abs(np.diff(run.torque[1000 : fell - 2], axis=0))
+    assert change.max() < 1.2 * usual.max()
+
+
+def test_feedback_keeps_to_its_limits_and_its_integrals_rest_there() -> None:
+    planned = tip_exact(4.0, 0.1)
+    feedback = StateFeedback(planned.robot, planned.schedule(limit=0.002))
+    q, qd = planned.q[0], planned.qd[0]
+    values = planned.robot.sensor_values(q, qd)
+    most = 0.002 * planned.limits
+    sums = []
+    for k in range(1500):
+        now = k * PERIOD
+        feedback.follow(now, q, qd)
+        # the joints drift away slowly enough for the gauges to believe it
+        away, rate = (1e-3 * (now - 0.8), 1e-3) if now > 0.8 else (0.0, 0.0)
+        joints = q[planned.robot.joint_indices] + away
+        feedback.filter.take_joints(now, joints, np.full(3, rate))
+        for place, value in enumerate(values):
+            feedback.filter.take_sensor(place, now, value)
+        torque = feedback.torque(now)
+        assert (np.abs(torque) <= most).all()
+        feedback.applied(torque)
+        sums.append(feedback.integrals.copy())
+    assert feedback.limited > 400
+    # nothing winds up while the torque is at its limit
+    np.testing.assert_array_equal(sums[1100], sums[-1])
+
+
+def test_outliers_of_a_gauge_move_nothing_and_for_long_leave_the_plan_alone() -> None:
+    planned = tip_exact(4.0, 0.1)
+    feedback = StateFeedback(planned.robot, planned.schedule())
+    q, qd = planned.q[0], planned.qd[0]
+    values = planned.robot.sensor_values(q, qd)
+    for k in range(1400):
+        now = k * PERIOD
+        feedback.follow(now, q, qd)
+        feedback.filter.take_joints(now, q[planned.robot.joint_indices], np.zeros(3))
+        for place, value in enumerate(values):
+            wild = place == 2 and (k % 10 == 0 or k > 1300)
+            feedback.filter.take_sensor(place, now, value + (1.0 if wild else 0.0))
+        assert not feedback.torque(now).any()
+        feedback.applied(np.zeros(3))
+        if k == 1300:
+            assert feedback.filter.believed
+    assert not feedback.filter.believed
+    assert feedback.filter.cause == 'no good values of link_2_y_root'
+    assert feedback.filter.refused[2] > 200

@@ -1,0 +1,161 @@
+"""A robot that is not its model, under the torque of a plan with state feedback, at 1 kHz."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import denoc_ros as dn
+from denoc_ros.control.feedback_settings import FeedbackSettings
+from denoc_ros.control.gain_schedule import GainSchedule, design
+from denoc_ros.control.planned_states import states_along
+from denoc_ros.control.state_feedback import StateFeedback
+from denoc_ros.dynamics.feedforward import TorqueFeedforward
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.simulation.trajectories import BookTrajectory, SplineTrajectory
+
+Array = NDArray[np.float64]
+CANADARM = Path(__file__).parents[1] / 'config/robots/canadarm_gauges.urdf'
+PERIOD = 1e-3
+DELAY = 1.5  # periods
+SUBSTEPS = 2  # per period, so that the torque changes within one
+START, WAY = np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0])
+AFTER = 5.0  # s
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A plan as the feedforward has it: per period all coordinates, their rates, the torque."""
+
+    robot: Robot
+    trajectory: SplineTrajectory
+    q: Array
+    qd: Array
+    torque: Array
+
+    @property
+    def duration(self) -> float:
+        return self.trajectory.duration
+
+    @property
+    def limits(self) -> Array:
+        return np.full(len(self.robot.joint_names), 5000.0)
+
+    def schedule(self, **more: float) -> GainSchedule:
+        settings = FeedbackSettings(period=PERIOD, tip='tool', delay=DELAY * PERIOD, **more)
+        times, states = states_along(
+            self.robot, self.robot.joint_names, self.trajectory.sample, self.duration, PERIOD
+        )
+        return design(self.robot, self.robot.joint_names, self.limits, times, states, settings)
+
+
+def canadarm(stiffness: float = 1.0, load: float = 1.0) -> Robot:
+    """Return the planar Canadarm with gauges, no gravity, its stiffness and third link off."""
+    robot = dn.load_robot(str(CANADARM), gravity=(0.0, 0.0, 0.0))
+    rigidity = {'beam.link_1.y.ei': 1e5 * stiffness, 'beam.link_2.y.ei': 2e5 * stiffness}
+    return robot.with_overrides(rigidity).with_scaled_load('tool', load)
+
+
+@cache
+def tip_exact(duration: float = 10.0, share: float = 1.0) -> Planned:
+    """Return the tip-exact plan of the Canadarm's cycloid, or of a share of its way."""
+    robot = canadarm()
+    cycloid = BookTrajectory(START, share * WAY / duration, np.full(3, duration))
+    times, positions, _, _ = cycloid.table(0.05)
+    plan = dn.shape_motion(robot, times, positions, tip='tool')
+    joints = plan.q[:, robot.joint_indices]
+    trajectory = SplineTrajectory(plan.t - plan.t[0], joints)
+    count = round((trajectory.duration + AFTER) / PERIOD) + 1
+    source = TorqueFeedforward(robot, None, 'flexible', step=PERIOD)
+    rows = np.zeros((2, count, robot.n))
+    torque = np.zeros((count, 3))
+    q, qd, qdd = np.zeros((3, 3))
+    for k in range(count):
+        trajectory.sample(k * PERIOD, q, qd, qdd)
+        torque[k] = source.update(q, qd, qdd, PERIOD if k else 0.0)
+        rows[0, k], rows[1, k] = source.q, source.qd
+    return Planned(robot, trajectory, rows[0], rows[1], torque)
+
+
+@dataclass
+class Outcome:
+    """Distance of the tip from the plan's (k,) [m], torque (k, 3), share of the feedback (k,)."""
+
+    error: Array
+    torque: Array
+    share: Array
+    moving: int  # periods of the plan's motion
+
+    @property
+    def rms(self) -> float:
+        return float(np.sqrt(np.mean(self.error[: self.moving] ** 2)))
+
+    def after(self, seconds: float) -> float:
+        return float(self.error[self.moving + round(seconds / PERIOD) :].max())
+
+
+@dataclass
+class Loop:
+    """The closed loop, advanced period by period."""
+
+    planned: Planned
+    truth: Robot
+    feedback: StateFeedback | None
+    seed: int = 1
+    lost: float = 0.0  # share of the gauges' values
+    silent: tuple[float, float] = (np.inf, np.inf)  # s, when the first gauge says nothing
+    noise: float = 1.0
+
+    def run(self, duration: float | None = None) -> Outcome:
+        plan, truth = self.planned, self.truth
+        whole = len(plan.q) - 1
+        count = whole if duration is None else min(whole, round(duration / PERIOD))
+        stepper = dn.Stepper(truth, PERIOD / SUBSTEPS)
+        q, qd, tau = plan.q[0].copy(), plan.qd[0].copy(), np.zeros(truth.n)
+        queue = deque([plan.torque[0]] * round(DELAY * SUBSTEPS))
+        error, torque, share = np.zeros(count), np.zeros((count, 3)), np.zeros(count)
+        generator = np.random.default_rng(self.seed)
+        for k in range(count):
+            torque[k] = self._torque(k, q, qd, generator)
+            share[k] = self.feedback.share if self.feedback else 0.0
+            for _ in range(SUBSTEPS):
+                queue.append(torque[k])
+                tau[truth.joint_indices] = queue.popleft()
+                stepper.free(q, qd, tau)
+            there = truth.frame_pose('tool', q)[:2, 3]
+            error[k] = np.linalg.norm(there - plan.robot.frame_pose('tool', plan.q[k + 1])[:2, 3])
+        return Outcome(error, torque, share, round(plan.duration / PERIOD))
+
+    def _torque(self, k: int, q: Array, qd: Array, generator: np.random.Generator) -> Array:
+        """Return what leaves in a period (joints,): the plan's torque and the feedback's."""
+        plan, feedback, now = self.planned, self.feedback, k * PERIOD
+        if feedback is None:
+            return np.asarray(plan.torque[k])
+        settings, joints = feedback.schedule.settings, self.truth.joint_indices
+        normal = self.noise * generator.standard_normal(10)
+        feedback.follow(now, plan.q[k], plan.qd[k])
+        feedback.filter.take_joints(
+            now,
+            q[joints] + settings.position_noise * normal[:3],
+            qd[joints] + settings.velocity_noise * normal[3:6],
+        )
+        values = self.truth.sensor_values(q, qd)
+        for place, sensor in enumerate(self.truth.tree.sensors):
+            gone = place == 0 and self.silent[0] <= now < self.silent[1]
+            if generator.random() >= self.lost and not gone:
+                value = values[place] + sensor.noise * normal[6 + place]
+                feedback.filter.take_sensor(place, now, value)
+        wanted = plan.torque[k] + feedback.torque(now)
+        left = np.clip(wanted, -plan.limits, plan.limits)
+        feedback.applied(left - plan.torque[k])
+        return np.asarray(left)
+
+
+def closed(planned: Planned, truth: Robot, **more: float) -> Loop:
+    """Return a loop with the feedback of given settings."""
+    return Loop(planned, truth, StateFeedback(planned.robot, planned.schedule(**more)))
