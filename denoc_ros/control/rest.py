@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.control.tip_problem import TipProblem
+from denoc_ros.control.tip_problem import Equations, TipProblem
 from denoc_ros.errors import SolverError
 
 Array = NDArray[np.float64]
@@ -15,8 +15,8 @@ SETTLED = 1e-11
 LONGEST = 0.5  # rad or m of a joint in one step
 
 
-def rest_posture(problem: TipProblem, node: int, start: Array) -> Array:
-    """Return the posture (n,) at rest whose frames come nearest to a node's targets.
+def rest_posture(problem: TipProblem, node: int, start: Array) -> tuple[Array, Array]:
+    """Return the posture at rest whose frames come nearest to a node's targets.
 
     Parameters
     ----------
@@ -25,38 +25,34 @@ def rest_posture(problem: TipProblem, node: int, start: Array) -> Array:
     start : (n,) array
         Near it.
 
+    Returns
+    -------
+    q : (n,) array
+    multipliers : (m,) array
+        Of loops and mimic joints, over the problem's stiffness.
+
     Raises
     ------
     SolverError
         None was found (a load beyond buckling).
     """
-    q, n = start[None].copy(), len(start)
+    q, n, m = start[None].copy(), len(start), problem.loops.count
+    multipliers, rest = np.zeros((1, m)), np.zeros((1, n))
     rows = slice(node, node + 1) if node >= 0 else slice(node, None)
-    rest = np.zeros((1, n))
-    p = len(problem.undriven)
     moved = left = np.inf
     for _ in range(ITERATIONS):
-        equations = problem.equations(q, rest, rest)
+        equations = problem.equations(q, rest, rest, multipliers)
         errors = problem.errors(q, rows)
-        jacobian = problem.error_derivatives(q, errors)[0]
-        matrix, right = np.zeros((n + p, n + p)), np.zeros(n + p)
-        matrix[:n, :n] = jacobian.T @ jacobian
-        j = problem.driven
-        matrix[j, j] += problem.draw**2
-        matrix[n:, :n] = equations.by_q[0]
-        matrix[:n, n:] = equations.by_q[0].T
-        right[:n] = -jacobian.T @ errors[0]
-        right[j] -= problem.draw**2 * (q[0] - problem.asked[node])[j]
-        right[n:] = -equations.value[0]
-        try:
-            change = np.linalg.solve(matrix, right)[:n]
-        except np.linalg.LinAlgError:
+        change = _newton(problem, equations, q, errors, problem.asked[node])
+        if change is None:
             break
-        largest = float(np.abs(change[j]).max(initial=0.0))
-        q = q + change * min(1.0, LONGEST / max(largest, 1e-300))
-        moved, left = float(np.abs(change).max()), float(np.abs(equations.value).max(initial=0.0))
+        largest = float(np.abs(change[problem.driven]).max(initial=0.0))
+        share = min(1.0, LONGEST / max(largest, 1e-300))
+        q, multipliers = q + share * change[:n], multipliers + share * change[n:]
+        moved = float(np.abs(change[:n]).max())
+        left = float(np.abs(equations.value).max(initial=0.0))
         if moved <= SETTLED * (1.0 + np.abs(q).max()):
-            return np.asarray(q[0])
+            return q[0], multipliers[0]
         if not np.isfinite(q).all():
             break
     raise SolverError(
@@ -64,3 +60,24 @@ def rest_posture(problem: TipProblem, node: int, start: Array) -> Array:
         f'{ITERATIONS} iterations, got a last change of {moved:.3g} and forces of {left:.3g} m '
         'over their stiffness (buckling, or a tip out of reach?)'
     )
+
+
+def _newton(
+    problem: TipProblem, equations: Equations, q: Array, errors: Array, asked: Array
+) -> Array | None:
+    """Return the change (n + m,) of posture and multipliers in one Gauss-Newton step."""
+    n, driven = q.shape[1], problem.driven
+    jacobian = problem.error_derivatives(q, errors)[0]
+    by = np.concatenate([equations.by_q[0], equations.by_multipliers[0]], axis=1)
+    p, size = by.shape
+    matrix, right = np.zeros((size + p, size + p)), np.zeros(size + p)
+    matrix[:n, :n] = jacobian.T @ jacobian
+    matrix[driven, driven] += problem.draw**2
+    matrix[size:, :size], matrix[:size, size:] = by, by.T
+    right[:n] = -jacobian.T @ errors[0]
+    right[driven] -= problem.draw**2 * (q[0] - asked)[driven]
+    right[size:] = -equations.value[0]
+    try:
+        return np.asarray(np.linalg.solve(matrix, right)[:size])
+    except np.linalg.LinAlgError:
+        return None

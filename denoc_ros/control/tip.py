@@ -21,13 +21,15 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
 
 Array = NDArray[np.float64]
+Rest = tuple[Array, Array]  # coordinates and multipliers
 Report = Callable[[float], object]
 
-NODES = 250  # of the motion, at least
+NODES = 400  # of the motion, at least
 LONGEST_STEP = 0.04  # s between nodes
 OUTPUT = 0.004  # s between rows of a plan
 TURN = 0.01  # of the tip's distance: how much a radian of turn counts
 DRAW = 1e-4  # of the tip's distance: what a radian away from the asked joints counts
+CLOSED = 1e-9  # m, rad: loops of the asked motion that are closed as they are
 SMOOTH = 3e-3  # the same for second differences
 
 
@@ -82,13 +84,15 @@ def tip_motion(
 ) -> Plan:
     """Return the plan of a tip-exact motion (see :func:`denoc_ros.shape_motion`)."""
     frames = (tip,) if isinstance(tip, str) else tuple(tip)
+    driven = robot.indices(options.joints or driven_joints(robot))
     times, joints = np.asarray(times, dtype=np.float64), np.asarray(q_joints, dtype=np.float64)
+    joints = _closed(robot, driven, joints)
     duration = float(times[-1] - times[0])
     wanted = _spline(times - times[0], joints)
     step = options.step or min(duration / NODES, LONGEST_STEP)
     step = duration / max(8, math.ceil(duration / step - 1e-9))
     rough = _problem(robot, frames, options, wanted(np.array([0.0, duration])))
-    ends = [rest_posture(rough, k, _undeformed(robot, rough.asked[k])) for k in (0, -1)]
+    ends = [rest_posture(rough, k, _start(robot, rough.asked[k])) for k in (0, -1)]
     before, after = _window(rough, ends, duration, options)
     first, last = -math.ceil(before / step), round(duration / step) + math.ceil(after / step)
     nodes: Array = step * np.arange(first, last + 1, dtype=np.float64)
@@ -106,7 +110,10 @@ def _spline(times: Array, joints: Array) -> Callable[[Array], Array]:
     return lambda at: np.asarray(spline(at), dtype=np.float64)
 
 
-def _undeformed(robot: Robot, asked: Array) -> Array:
+def _start(robot: Robot, asked: Array) -> Array:
+    """Return a posture (n,) near the equilibrium at the asked joints."""
+    if robot.lowered.tie_names:
+        return asked
     return robot.static_deflection(asked[robot.joint_indices])
 
 
@@ -125,12 +132,31 @@ def _problem(
         for frame, pose, weight in zip(frames, poses, weights, strict=True)
     ]
     draw = DRAW * size if options.draw is None else options.draw
-    driven = robot.indices(options.joints or _driven(robot))
+    driven = robot.indices(options.joints or driven_joints(robot))
     return TipProblem(robot, driven, targets, asked, draw, SMOOTH * size)
 
 
-def _driven(robot: Robot) -> tuple[str, ...]:
-    return tuple(body.joint.name for body in robot.tree.bodies if body.joint is not None)
+def driven_joints(robot: Robot) -> tuple[str, ...]:
+    """Return the names of the joints that mimic none."""
+    joints = (body.joint for body in robot.tree.bodies)
+    return tuple(joint.name for joint in joints if joint is not None and joint.mimic is None)
+
+
+def _closed(robot: Robot, driven: NDArray[np.int64], joints: Array) -> Array:
+    """Return the joints (k, joints) with loops closed and mimic joints on their leaders.
+
+    Driven joints stay; the others start from where they are given.
+    """
+    if not robot.lowered.tie_names:
+        return joints
+    q = np.zeros((len(joints), robot.n))
+    q[:, robot.joint_indices] = joints
+    fixed = [robot.coordinate_names[k] for k in driven]
+    open_rows = np.flatnonzero(np.abs(robot.closure(q)).max(axis=1) > CLOSED)
+    for row in open_rows:
+        q[row] = robot.assemble(q[row], fixed=fixed)
+        q[row, robot.flexible_indices] = 0.0
+    return np.asarray(q[:, robot.joint_indices])
 
 
 def _size(problem: TipProblem) -> float:
@@ -138,21 +164,24 @@ def _size(problem: TipProblem) -> float:
 
 
 def _window(
-    problem: TipProblem, ends: list[Array], duration: float, options: TipOptions
+    problem: TipProblem, ends: list[Rest], duration: float, options: TipOptions
 ) -> tuple[float, float]:
     """Return how long the joints may move before and after the motion [s]."""
-    needed = [settling_times(problem, end) for end in ends]
+    needed = [settling_times(problem, q) for q, _ in ends]
     before = max(need[0] for need in needed) if options.preaction is None else options.preaction
     after = max(need[1] for need in needed) if options.postaction is None else options.postaction
     return min(before, duration), min(after, duration)
 
 
-def _guess(problem: TipProblem, ends: list[Array], share: Array) -> Array:
-    """Return the asked motion (k, n), with what the ends have beside it spread over the middle."""
+def _guess(problem: TipProblem, ends: list[Rest], share: Array) -> Rest:
+    """Return the asked motion (k, n) and multipliers (k, m) to begin with.
+
+    What the ends have beside the asked motion is spread over the middle.
+    """
+    first, last = 1.0 - share[:, None], share[:, None]
     asked = problem.asked
-    apart = [ends[0] - asked[0], ends[1] - asked[-1]]
-    guess: Array = asked + (1.0 - share)[:, None] * apart[0] + share[:, None] * apart[1]
-    return guess
+    q = asked + first * (ends[0][0] - asked[0]) + last * (ends[1][0] - asked[-1])
+    return q, first * ends[0][1] + last * ends[1][1]
 
 
 def _reporter(options: TipOptions) -> Callable[[int, float], None]:
@@ -185,7 +214,8 @@ def _plan(
     fine = max(1, math.ceil(step / (options.output_step or OUTPUT) - 1e-9))
     t = nodes[0] + step / fine * np.arange((len(nodes) - 1) * fine + 1)
     q, qd, qdd = motion.sample(t)
-    torque = robot.inverse_dynamics(q, qd, qdd)[:, problem.driven]
+    multipliers = make_interp_spline(nodes, solved.multipliers, k=3)(t)
+    torque = problem.torque(q, qd, qdd, multipliers)
     asked = np.zeros_like(q)
     asked[:, robot.joint_indices] = wanted(np.clip(t, 0.0, duration))
     errors = [

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.control.loop_forces import LoopForces
 from denoc_ros.control.targets import Target
 from denoc_ros.dynamics.robot import Robot
 
@@ -17,15 +18,18 @@ Int = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Equations:
-    """Forces that nothing gives (k, p), over a stiffness, and their derivatives (k, p, n).
+    """Equations (k, p) of a motion with their derivatives (k, p, n) and (k, p, m).
 
-    In units of the amplitudes [m, rad]: zero in a motion that the driven joints can make.
+    First the forces on the coordinates without an actuator, over a stiffness [m, rad]; then the
+    closure errors of loops and mimic joints [m, rad]. Zero in a motion that the driven joints can
+    make.
     """
 
     value: Array
     by_q: Array
     by_qd: Array
     by_qdd: Array
+    by_multipliers: Array
 
 
 class TipProblem:
@@ -42,6 +46,11 @@ class TipProblem:
     draw, smooth : float
         Weights of the driven joints' distance from it, and of the second differences of that
         distance from node to node [m per rad or m].
+
+    Attributes
+    ----------
+    loops : LoopForces
+        Its multipliers (k, m) are unknowns beside the coordinates, over `stiffness`.
     """
 
     def __init__(
@@ -56,23 +65,47 @@ class TipProblem:
         self.robot, self.driven, self.targets, self.asked = robot, driven, tuple(targets), asked
         self.undriven = np.setdiff1d(np.arange(robot.n), driven)
         self.draw, self.smooth = draw, smooth
-        self.rest_stiffness = self._stiffness(asked[0])
+        self._own_stiffness = self._stiffness(asked[0])
+        self.stiffness = float(np.median(self._own_stiffness)) if len(self.undriven) else 1.0
+        samples = np.unique(np.linspace(0, len(asked) - 1, 5).astype(int))
+        self.loops = LoopForces(robot, asked[samples])
 
-    def equations(self, q: Array, qd: Array, qdd: Array) -> Equations:
-        """Return the undriven rows of the inverse dynamics with their derivatives."""
+    def equations(self, q: Array, qd: Array, qdd: Array, multipliers: Array) -> Equations:
+        """Return the equations of a motion (k, n) with multipliers (k, m) and all derivatives."""
         by_q, by_qd, by_qdd = self.robot.inverse_dynamics_derivatives(q, qd, qdd)
-        rows, scale = self.undriven, 1.0 / self.rest_stiffness[:, None]
+        rows, scale = self.undriven, 1.0 / self._own_stiffness[:, None]
+        by_q, by_qd, by_qdd = (part[:, rows] * scale for part in (by_q, by_qd, by_qdd))
+        if not self.loops.count:
+            none = np.zeros((len(q), len(rows), 0))
+            return Equations(self.residual(q, qd, qdd, multipliers), by_q, by_qd, by_qdd, none)
+        jacobian = self.loops.jacobian(q)
+        change, rate_change = self.loops.force_derivative(q, qd, self.stiffness * multipliers)
+        none = np.zeros_like(jacobian)
+        share = self.stiffness * scale * jacobian[:, :, rows].transpose(0, 2, 1)
+        closed = np.zeros((len(q), self.loops.count, self.loops.count))
         return Equations(
-            self.residual(q, qd, qdd),
-            by_q[:, rows] * scale,
-            by_qd[:, rows] * scale,
-            by_qdd[:, rows] * scale,
+            self.residual(q, qd, qdd, multipliers),
+            np.concatenate([by_q - change[:, rows] * scale, jacobian], axis=1),
+            np.concatenate([by_qd - rate_change[:, rows] * scale, none], axis=1),
+            np.concatenate([by_qdd, none], axis=1),
+            np.concatenate([-share, closed], axis=1),
         )
 
-    def residual(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """Return the undriven rows (k, p) of the inverse dynamics alone, over a stiffness."""
+    def residual(self, q: Array, qd: Array, qdd: Array, multipliers: Array) -> Array:
+        """Return the equations' values (k, p) alone."""
         force = self.robot.inverse_dynamics(q, qd, qdd)
-        return np.asarray(force[:, self.undriven] / self.rest_stiffness)
+        if not self.loops.count:
+            return np.asarray(force[:, self.undriven] / self._own_stiffness)
+        force = force - self.loops.forces(q, qd, self.stiffness * multipliers)
+        parts = [force[:, self.undriven] / self._own_stiffness, self.loops.errors(q)]
+        return np.concatenate(parts, axis=1)
+
+    def torque(self, q: Array, qd: Array, qdd: Array, multipliers: Array) -> Array:
+        """Return the driven joints' torque (k, driven) [N m, N]."""
+        force = self.robot.inverse_dynamics(q, qd, qdd)
+        if self.loops.count:
+            force = force - self.loops.forces(q, qd, self.stiffness * multipliers)
+        return np.asarray(force[:, self.driven])
 
     def errors(self, q: Array, rows: slice = slice(None)) -> Array:
         """Return the weighed errors (k, 6 targets) of all frames [m]."""
@@ -86,8 +119,9 @@ class TipProblem:
         return np.concatenate([t.derivative(self.robot, q, part) for t, part in pairs], axis=1)
 
     def _stiffness(self, q: Array) -> Array:
-        """Return a stiffness (p,) of each undriven coordinate; 1 where it has none."""
+        """Return a stiffness (p,) of each undriven coordinate; the largest where it has none."""
         zero = np.zeros(self.robot.n)
         stiffness = self.robot.inverse_dynamics_derivatives(q, zero, zero)[0]
         own = np.abs(stiffness[self.undriven, self.undriven])
-        return np.where(own > 1e-9 * own.max(initial=1e-300), own, own.max(initial=1.0))
+        largest = own.max(initial=0.0) or 1.0
+        return np.where(own > 1e-6 * largest, own, largest)

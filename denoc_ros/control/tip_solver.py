@@ -18,28 +18,34 @@ Array = NDArray[np.float64]
 ITERATIONS = 30
 HALVINGS = 6
 SETTLED = 1e-9  # of the robot's size: equations left, and the last change of errors
+HOLD = 3e-3  # of the robot's size: Levenberg's term where steps go to and fro
+GAIN = 1e-3  # share of the errors that a further step must take off where they cannot vanish
 BENDS = np.array([1.0, -2.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Solved:
-    """A motion on the grid (k, n) with how it was found.
+    """A motion on the grid with how it was found.
 
     Attributes
     ----------
+    q : (k, n) array
+    multipliers : (k, m) array
+        Of loops and mimic joints, over the problem's stiffness.
     equation : float
         The largest force without an actuator, over its stiffness [m, rad].
     iterations : int
     """
 
     q: Array
+    multipliers: Array
     equation: float
     iterations: int
 
 
 def solve_motion(
     problem: TipProblem,
-    q: Array,
+    guess: tuple[Array, Array],
     step: float,
     size: float,
     report: Callable[[int, float], None],
@@ -49,8 +55,9 @@ def solve_motion(
     Parameters
     ----------
     problem : TipProblem
-    q : (k, n) array
-        First guess; its first and last row stay: there the robot rests.
+    guess : (k, n) and (k, m) arrays
+        Coordinates and multipliers to begin with; the coordinates' first and last row stay: there
+        the robot rests.
     step : float
         Between nodes [s].
     size : float
@@ -63,14 +70,15 @@ def solve_motion(
     SolverError
         None was found; with what is left.
     """
+    floor = SETTLED * size
+    q, multipliers = guess
     motion = differences(q, step)
-    value = problem.residual(q, *motion)
-    errors = problem.errors(q)
+    value, errors = problem.residual(q, *motion, multipliers), problem.errors(q)
+    hold, last = 0.0, np.inf
     for iteration in range(ITERATIONS):
-        worst = float(np.abs(value).max(initial=0.0))
-        report(iteration, worst)
-        change = _newton(problem, q, motion, errors, step)
-        if change is None or not np.isfinite(change).all():
+        report(iteration, float(np.abs(value).max(initial=0.0)))
+        changes = _newton(problem, (q, *motion, multipliers), errors, step, hold)
+        if changes is None:
             raise SolverError(
                 f'shape_motion: {problem.robot.tree.name}: the equations at iteration {iteration} '
                 f'must have a solution, got a singular matrix of {len(q)} nodes'
@@ -78,16 +86,22 @@ def solve_motion(
         before = value, errors
         for halving in range(HALVINGS + 1):
             share = 0.5**halving
-            q_new = q + share * change
+            q_new, forces = q + share * changes[0], multipliers + share * changes[1]
             motion = differences(q_new, step)
-            value, errors = problem.residual(q_new, *motion), problem.errors(q_new)
-            if _better(value, errors, *before, SETTLED * size):
+            value, errors = problem.residual(q_new, *motion, forces), problem.errors(q_new)
+            if _better(value, errors, *before, floor):
                 break
-        q = q_new
-        moved = float(np.abs(errors - before[1]).max())
+        q, multipliers = q_new, forces
         worst = float(np.abs(value).max(initial=0.0))
-        if worst <= SETTLED * size and moved <= SETTLED * size:
-            return Solved(q, worst, iteration + 1)
+        moved = float(np.abs(errors - before[1]).max())
+        gain = 1.0 - float(np.linalg.norm(errors) / max(np.linalg.norm(before[1]), 1e-300))
+        if worst <= floor and (moved <= floor or (hold > 0.0 and abs(gain) < GAIN)):
+            return Solved(q, multipliers, worst, iteration + 1)
+        if iteration > 1 and (halving or moved > 0.5 * last):
+            hold = min(max(2.0 * hold, HOLD * size), size)
+        elif moved < 0.1 * last:
+            hold *= 0.25
+        last = moved
     raise SolverError(
         f'shape_motion: {problem.robot.tree.name}: the motion must settle in {ITERATIONS} '
         f'iterations, got forces without an actuator of {worst:.3g} m (or rad) over their '
@@ -106,34 +120,47 @@ def _better(value: Array, errors: Array, old: Array, old_errors: Array, floor: f
 
 
 def _newton(
-    problem: TipProblem, q: Array, motion: tuple[Array, Array], errors: Array, step: float
-) -> Array | None:
-    """Return the change (k, n) of one Gauss-Newton step, or None where there is none."""
+    problem: TipProblem,
+    motion: tuple[Array, Array, Array, Array],
+    errors: Array,
+    step: float,
+    hold: float,
+) -> tuple[Array, Array] | None:
+    """Return the changes (k, n) and (k, m) of one Gauss-Newton step, or None where there is none.
+
+    `hold` [m per rad or m] weighs the driven joints' change (Levenberg's term).
+    """
+    q = motion[0]
     k, n = q.shape
-    equations = problem.equations(q, *motion)
-    p = equations.value.shape[1]
-    band = BlockBand(k, n + p, REACH)
-    right = np.zeros((k, n + p))
+    equations = problem.equations(*motion)
+    m = equations.by_multipliers.shape[2]
+    band = BlockBand(k, n + m + equations.value.shape[1], REACH)
+    right = np.zeros((k, n + m + equations.value.shape[1]))
     jacobian = problem.error_derivatives(q, errors)
     right[:, :n] = -np.einsum('kij,ki->kj', jacobian, errors)
     hessian = jacobian.transpose(0, 2, 1) @ jacobian
     _add_draw(problem, q, hessian, right)
+    hessian[:, problem.driven, problem.driven] += hold**2
     _add_smoothness(problem, q, band, hessian, right)
     hessian[[0, -1]] = np.eye(n)
     right[[0, -1], :n] = 0.0
-    right[:, n:] = -equations.value
+    right[:, n + m :] = -equations.value
     band.blocks(0, 0, 0, n, n)[...] += hessian
     _add_equations(equations, band, step)
     solution = band.solve(right)
-    return None if solution is None else solution[:, :n]
+    if solution is None or not np.isfinite(solution).all():
+        return None
+    return solution[:, :n], solution[:, n : n + m]
 
 
 def _add_equations(equations: Equations, band: BlockBand, step: float) -> None:
-    """Write the equations' derivatives by all nodes, and the multipliers' share, into the band.
+    """Write the equations' derivatives by all nodes, and their transposes, into the band.
 
-    The first and last node do not move.
+    The first and last node do not move, so their closure is no equation.
     """
     k, p, n = equations.by_q.shape
+    m = equations.by_multipliers.shape[2]
+    at = n + m
     for column, (first, second) in enumerate(zip(FIRST, SECOND, strict=True)):
         offset = column - REACH
         entry = (first / step) * equations.by_qd + (second / step**2) * equations.by_qdd
@@ -145,8 +172,13 @@ def _add_equations(equations: Equations, band: BlockBand, step: float) -> None:
             entry[0] = 0.0
         if offset >= 0:
             entry[-1] = 0.0
-        band.blocks(-offset, n, 0, p, n)[...] = entry
-        band.blocks(offset, 0, n, n, p)[...] = entry.transpose(0, 2, 1)
+        band.blocks(-offset, at, 0, p, n)[...] = entry
+        band.blocks(offset, 0, at, n, p)[...] = entry.transpose(0, 2, 1)
+    if m:
+        band.blocks(0, at, n, p, m)[...] = equations.by_multipliers
+        band.blocks(0, n, at, m, p)[...] = equations.by_multipliers.transpose(0, 2, 1)
+        closure, ends = np.arange(p - m, p), np.array([0, k - 1])
+        band.blocks(0, at, at, p, p)[np.ix_(ends, closure, closure)] += np.eye(m)
 
 
 def _add_draw(problem: TipProblem, q: Array, hessian: Array, right: Array) -> None:

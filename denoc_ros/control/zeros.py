@@ -21,17 +21,22 @@ def transmission_zeros(problem: TipProblem, q: Array) -> NDArray[np.complex128]:
     They are the rates of motions in which all frames stand still. Directions in which frames do
     not move, and joints' motions that move no frame of a stiff robot, are left out.
     """
-    n = problem.robot.n
-    rest = np.zeros(n)
-    equations = problem.equations(q[None], rest[None], rest[None])
+    rest = np.zeros((1, problem.robot.n))
+    none = np.zeros((1, problem.loops.count))
+    equations = problem.equations(q[None], rest, rest, none)
+    closure = problem.loops.jacobian(q[None])[0]
     jacobian = problem.error_derivatives(q[None], problem.errors(q[None], slice(0, 1)))[0]
-    joints = jacobian[:, problem.driven]
-    kernel = scipy.linalg.null_space(joints, rcond=RANK)
-    still = np.zeros((kernel.shape[1], n))
-    still[:, problem.driven] = kernel.T
-    basis = scipy.linalg.null_space(np.concatenate([_reachable(jacobian, joints), still]), RANK)
+    rigid = _rigid_motions(problem, closure)
+    by_joints = jacobian @ rigid
+    still = scipy.linalg.null_space(by_joints, rcond=RANK).T @ np.linalg.pinv(rigid)
+    rows = [_reachable(jacobian, by_joints), still, closure]
+    basis = scipy.linalg.null_space(np.concatenate(rows), RANK)
+    p = len(problem.undriven)
+    forces = equations.by_multipliers[0, :p]
+    open_to = scipy.linalg.null_space(forces.T, RANK) if forces.size else np.eye(p)
     inertia, damping, stiffness = (
-        part[0] @ basis for part in (equations.by_qdd, equations.by_qd, equations.by_q)
+        open_to.T @ part[0, :p] @ basis
+        for part in (equations.by_qdd, equations.by_qd, equations.by_q)
     )
     p = len(inertia)
     if basis.shape[1] != p or not p:
@@ -41,6 +46,15 @@ def transmission_zeros(problem: TipProblem, q: Array) -> NDArray[np.complex128]:
     right = np.block([[eye, zero], [zero, inertia]])
     found = scipy.linalg.eigvals(left, right)
     return np.asarray(found[np.isfinite(found)])
+
+
+def _rigid_motions(problem: TipProblem, closure: Array) -> Array:
+    """Return a basis (n, j) of the joints' motions with links undeformed and loops closed."""
+    eye = np.eye(problem.robot.n)
+    if not len(closure):
+        return eye[:, problem.driven]
+    fixed = np.concatenate([closure, eye[problem.robot.flexible_indices]])
+    return np.asarray(scipy.linalg.null_space(fixed, RANK))
 
 
 def _reachable(jacobian: Array, joints: Array) -> Array:

@@ -134,11 +134,12 @@ def integrate(
     if len(times) == 1 or not len(state):
         return states, ''
     compiled = method == 'DOP853' and motion.is_free
+    trials = _Trials(motion)
     solver = (
         CompiledDOP853(motion, state, times, *tolerances)
         if compiled
         else METHODS[method](
-            motion.rate, times[0], state, times[-1], rtol=tolerances[0], atol=tolerances[1]
+            trials.rate, times[0], state, times[-1], rtol=tolerances[0], atol=tolerances[1]
         )
     )
     while solver.status == 'running':
@@ -152,6 +153,7 @@ def integrate(
             states[done:upto] = solver.dense_output()(times[done:upto]).T
         finite = np.isfinite(states[done:upto]).all() and np.isfinite(solver.y).all()
         if solver.status == 'failed' or not finite:
+            trials.raise_refusal()
             return states[:done], _failure(solver, motion, times[-1], message)
         done = max(done, upto)
         advance(solver.t - before)
@@ -159,6 +161,36 @@ def integrate(
             return states[:done], _failure(solver, motion, times[-1], 'too many evaluations')
     states[-1] = solver.y
     return states, ''
+
+
+class _Trials:
+    """The rates of an integrator's trial states, of which some have none.
+
+    At rest in equilibrium an integrator's first trial goes far: where it leaves all states that
+    have accelerations, the answer is NaN, for which it takes a smaller step.
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        self._motion = motion
+        self._begun = False
+        self._refusal: SolverError | None = None
+
+    def rate(self, t: float, state: Array) -> Array:
+        """Return d(state)/dt, or NaN; the start must have one."""
+        try:
+            rate = self._motion.rate(t, state)
+        except SolverError as error:
+            if not self._begun:
+                raise
+            self._refusal = error
+            return np.full(state.shape, np.nan)
+        self._begun = True
+        return rate
+
+    def raise_refusal(self) -> None:
+        """Raise what the last trial was refused for, if any was."""
+        if self._refusal is not None:
+            raise self._refusal
 
 
 def _failure(solver: Any, motion: Motion, end: float, message: str | None) -> str:
