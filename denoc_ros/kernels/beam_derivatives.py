@@ -1,182 +1,243 @@
 """What a beam's own wrench and modal forces become of its amplitudes and their rates.
 
 acc = a + al x p + B d'' + w x (w x p + 2 B d') + B' d' of a point p = p(d), with dB/dd_j = -H_j:
-d acc/d d_j = (al x + w x w x) B_j - (H d'')_j e_x - 2 (H d')_j w x e_x,
+d acc/d d_j = A B_j - (H d'')_j e_x - 2 (H d')_j w x e_x,  A = al x + w x w x,
 d acc/d d'_j = 2 w x B_j - 2 (H d')_j e_x.
 """
 
+from denoc_ros.kernels.beam_sums import beam_sums, mode_sums, sums_of
 from denoc_ros.kernels.compiled import inlined, shared
 from denoc_ros.kernels.derivative_layout import (
+    BODY_SUMS,
     BY_ACCELERATION,
     BY_POSITION,
     BY_RATE,
     BY_TURNING,
+    COLUMN_SUMS,
     MOMENTUM,
     OWN_SIZE,
     TURNING,
 )
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
-    ACCELERATION,
     BEAM,
-    BEAM_WORK,
+    COMPOSITE,
     COORDINATE,
     DERIVED,
     FORCE,
-    INERTIA_WORK,
     JOINT,
+    MASS,
     MODES,
     NT,
     NY,
     NZ,
     OWN,
-    POINTS,
+    REAL,
     SPEED,
     SPIN_UP,
     TORQUE,
-    VELOCITY,
     WORK,
 )
-from denoc_ros.kernels.vector import accumulate, add, cross, dot, load, scale, store
-from denoc_ros.kernels.wrench import rigid_wrench, torsion_wrench
+from denoc_ros.kernels.vector import add, load, scale, store, subtract
 
 
 @inlined
-def mode_column(reals, work, c, k, ny, j):
-    """Return B_j of a beam's point, whose constants stand at c and positions at k."""
-    s = reals[c + 2 + j]
-    if j < ny:
-        return -work[k + 3 + j], s, 0.0
-    return -work[k + 3 + j], 0.0, s
+def acceleration_matrix(w, al):
+    """Return the columns of A = al x + w x w x."""
+    x, y, z = w
+    return (
+        (-(y * y + z * z), x * y + al[2], x * z - al[1]),
+        (x * y - al[2], -(x * x + z * z), y * z + al[0]),
+        (x * z + al[1], y * z - al[0], -(x * x + y * y)),
+    )
 
 
 @inlined
-def shortened(reals, h, count, rates, d, j):
-    """Return row j of H (count x count, at offset h of reals) times rates from d on."""
-    total = 0.0
-    for k in range(count):
-        total += reals[h + count * j + k] * rates[d + k]
-    return total
+def twice_turning(w):
+    """Return the columns of 2 w x."""
+    x, y, z = scale(2.0, w)
+    return (0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)
 
 
-@shared
-def point_derivatives(ints, reals, work, qd, qdd, i, c, k):
-    """Add the share of one point of body i's beam; its constants are at c, its place at k.
+@inlined
+def across(x, y, z):
+    """Return the sum of u x B, given those of u_x B, u_y B and u_z B."""
+    return y[2] - z[1], z[0] - x[2], x[1] - y[0]
 
-    Adds the wrench that it needs, too.
-    """
-    ny, nz, m = at(ints, i, NY), at(ints, i, NZ), at(ints, i, MODES)
-    bending = ny + nz
-    o = at(ints, i, WORK)
-    e = at(ints, i, DERIVED)
-    d = at(ints, i, COORDINATE) + at(ints, i, JOINT)
-    one = reals[c]
-    p = load(work, k)
-    w, al = load(work, o + SPEED), load(work, o + SPIN_UP)
-    slip, slip_up = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    h = c + 2 + bending
-    for j in range(bending):
-        column = mode_column(reals, work, c, k, ny, j)
-        slip = add(slip, scale(qd[d + j], column))
-        slip_up = add(slip_up, scale(qdd[d + j], column))
-        if j < ny:
-            bend = shortened(reals, h, ny, qd, d, j)
-        else:
-            bend = shortened(reals, h + ny * ny, nz, qd, d + ny, j - ny)
-        slip_up = (slip_up[0] - bend * qd[d + j], slip_up[1], slip_up[2])
-    relative = add(cross(w, p), slip)
-    velocity = add(scale(one, load(work, o + VELOCITY)), relative)
-    acc = add(add(scale(one, load(work, o + ACCELERATION)), cross(al, p)), slip_up)
-    acc = add(acc, cross(w, add(relative, slip)))
-    accumulate(work, o + FORCE, scale(one, acc))
-    accumulate(work, o + TORQUE, cross(p, acc))
-    accumulate(work, e + MOMENTUM, scale(one, slip))
-    outward = 2.0 * dot(slip, p)
+
+@inlined
+def column_sum(work, u, length, in_y):
+    """Return the sum of B_j times what the row of sums at u is made with, for mode j at u."""
+    s = work[u + length]
+    return -work[u], s * in_y, s * (1.0 - in_y)
+
+
+@inlined
+def changed_sum(work, u, length, in_y, by_q, by_rate):
+    """Return B_j, d acc/d d_j and d acc/d d'_j times what the row of sums at u is made with."""
+    h, s = work[u], work[u + length]
+    bend, lift = work[u + 2 * length], work[u + 3 * length]
+    column = (-h, s * in_y, s * (1.0 - in_y))
+    turned = matrix_column(by_q, column)
+    swept = matrix_column(by_rate, column)
+    # 2 w x e_x
+    position = (
+        turned[0] - lift,
+        turned[1] - bend * by_rate[0][1],
+        turned[2] - bend * by_rate[0][2],
+    )
+    return column, position, (swept[0] - 2.0 * bend, swept[1], swept[2])
+
+
+@inlined
+def matrix_column(matrix, v):
+    """Return a matrix, given as columns, times a vector."""
+    x, y, z = matrix
+    return add(add(scale(v[0], x), scale(v[1], y)), scale(v[2], z))
+
+
+@inlined
+def bending_mode(work, u, g, length, in_y, by_q, by_rate):
+    """Write at u what stands at OWN of one bending mode; its sums begin at g."""
+    row = 4 * length
+    e = changed_sum(work, g, length, in_y, by_q, by_rate)
+    x = changed_sum(work, g + row, length, in_y, by_q, by_rate)
+    y = changed_sum(work, g + 2 * row, length, in_y, by_q, by_rate)
+    z = changed_sum(work, g + 3 * row, length, in_y, by_q, by_rate)
+    velocity = across(
+        column_sum(work, g + 4 * row, length, in_y),
+        column_sum(work, g + 5 * row, length, in_y),
+        column_sum(work, g + 6 * row, length, in_y),
+    )
+    acceleration = across(
+        column_sum(work, g + 7 * row, length, in_y),
+        column_sum(work, g + 8 * row, length, in_y),
+        column_sum(work, g + 9 * row, length, in_y),
+    )
+    store(work, u + BY_ACCELERATION, e[0])
+    store(work, u + BY_ACCELERATION + 3, across(x[0], y[0], z[0]))
+    store(work, u + BY_TURNING, velocity)
+    store(work, u + BY_POSITION, e[1])
+    store(work, u + BY_POSITION + 3, subtract(across(x[1], y[1], z[1]), acceleration))
+    store(work, u + BY_RATE, e[2])
+    store(work, u + BY_RATE + 3, across(x[2], y[2], z[2]))
+
+
+@inlined
+def modal_forces(ints, work, i, by_q, by_rate):
+    """Write how the forces of body i's bending modes change with their amplitudes."""
+    ny, m = at(ints, i, NY), at(ints, i, MODES)
+    count = ny + at(ints, i, NZ)
+    _, _, length = sums_of(ints, i)
+    row = 4 * length
+    pairs = mode_sums(ints, i) + COLUMN_SUMS * row
+    shortening = pairs + 2 * count * row
+    forces = at(ints, i, OWN) + OWN_SIZE * m
+    for n in range(count):
+        a = 1 if n < ny else 2
+        of_h, of_s = pairs + 2 * row * n, pairs + 2 * row * n + row
+        for j in range(count):
+            c = 1 if j < ny else 2
+            hh, hs = work[of_h + j], work[of_h + length + j]
+            ss, sh = work[of_s + length + j], work[pairs + 2 * row * j + length + n]
+            h_bend, s_bend = work[of_h + 2 * length + j], work[of_s + 2 * length + j]
+            q = by_q[0][0] * hh - by_q[c][0] * hs - by_q[0][a] * sh + by_q[c][a] * ss
+            q += work[of_h + 3 * length + j] - by_rate[0][a] * s_bend
+            rate = by_rate[c][a] * ss - by_rate[c][0] * hs - by_rate[0][a] * sh + 2.0 * h_bend
+            both = hh
+            if a == c:
+                both += ss
+                if n < ny:
+                    q -= work[shortening + ny * n + j]
+                else:
+                    q -= work[shortening + ny * ny + (count - ny) * (n - ny) + j - ny]
+            work[forces + m * n + j] = q
+            work[forces + m * (m + n) + j] = rate
+            work[forces + m * (2 * m + n) + j] = both
+
+
+@inlined
+def beam_body(ints, reals, work, i):
+    """Write COMPOSITE of body i alone, what its beam adds to FORCE, TORQUE, MOMENTUM, TURNING."""
+    _, sums, _ = sums_of(ints, i)
+    g = sums + BODY_SUMS
+    o, e, c = at(ints, i, WORK), at(ints, i, DERIVED), at(ints, i, REAL) + MASS
+    xx, yy, zz = work[g + 13], work[g + 26], work[g + 39]
+    k = o + COMPOSITE
+    work[k] = reals[c] + work[g]
+    store(work, k + 1, add(load(reals, c + 1), load(work, g + 1)))
+    work[k + 4] = reals[c + 4] + yy + zz
+    work[k + 5] = reals[c + 5] - work[g + 14]
+    work[k + 6] = reals[c + 6] - work[g + 15]
+    work[k + 7] = reals[c + 7] + xx + zz
+    work[k + 8] = reals[c + 8] - work[g + 27]
+    work[k + 9] = reals[c + 9] + xx + yy
+    store(work, e + MOMENTUM, load(work, g + 4))
+    outward = 2.0 * (work[g + 16] + work[g + 29] + work[g + 42])
     for r in range(3):
-        work[e + TURNING + 4 * r] += outward
         for n in range(3):
-            work[e + TURNING + 3 * r + n] -= 2.0 * slip[r] * p[n]
-    own = at(ints, i, OWN)
-    forces = own + OWN_SIZE * m
-    for j in range(bending):
-        column = mode_column(reals, work, c, k, ny, j)
-        if j < ny:
-            bend = shortened(reals, h, ny, qd, d, j)
-            lift = shortened(reals, h, ny, qdd, d, j)
-        else:
-            bend = shortened(reals, h + ny * ny, nz, qd, d + ny, j - ny)
-            lift = shortened(reals, h + ny * ny, nz, qdd, d + ny, j - ny)
-        across = cross(w, column)
-        by_rate = add(scale(2.0, across), (-2.0 * bend, 0.0, 0.0))
-        by_position = add(cross(al, column), cross(w, across))
-        by_position = add(by_position, (-lift, -2.0 * bend * w[2], 2.0 * bend * w[1]))
-        u = own + OWN_SIZE * j
-        accumulate(work, u + BY_TURNING, cross(velocity, column))
-        accumulate(work, u + BY_POSITION, scale(one, by_position))
-        accumulate(work, u + BY_POSITION + 3, add(cross(p, by_position), cross(column, acc)))
-        accumulate(work, u + BY_RATE, scale(one, by_rate))
-        accumulate(work, u + BY_RATE + 3, cross(p, by_rate))
-        for n in range(bending):
-            other = mode_column(reals, work, c, k, ny, n)
-            total = dot(other, by_position)
-            if n < ny and j < ny:
-                total -= reals[h + ny * n + j] * acc[0]
-            elif n >= ny and j >= ny:
-                total -= reals[h + ny * ny + nz * (n - ny) + j - ny] * acc[0]
-            work[forces + m * n + j] += total
-            work[forces + m * (m + n) + j] += dot(other, by_rate)
+            work[e + TURNING + 3 * r + n] = -2.0 * work[g + 12 * (n + 1) + 4 + r]
+        work[e + TURNING + 4 * r] += outward
+    store(work, o + FORCE, load(work, g + 8))
+    x, y, z = load(work, g + 20), load(work, g + 32), load(work, g + 44)
+    store(work, o + TORQUE, across(x, y, z))
 
 
 @inlined
-def torsion_derivatives(ints, reals, work, qd, i):
+def torsion_derivatives(ints, reals, work, qd, qdd, i):
     """Add the share of body i's twisting sections: torque e_x L' + w x e_x L, L = int rho J y."""
     m, nt = at(ints, i, MODES), at(ints, i, NT)
     own = at(ints, i, OWN)
-    e = at(ints, i, DERIVED)
-    d = at(ints, i, COORDINATE) + at(ints, i, JOINT) + m - nt
-    w = load(work, at(ints, i, WORK) + SPEED)
+    o, e = at(ints, i, WORK), at(ints, i, DERIVED)
+    forces = own + OWN_SIZE * m
+    first = m - nt
+    d = at(ints, i, COORDINATE) + at(ints, i, JOINT) + first
+    w = load(work, o + SPEED)
     b = at(ints, i, BEAM)
-    spin = 0.0
+    work[o + COMPOSITE + 4] += reals[b]
+    for k in range(OWN_SIZE * first, OWN_SIZE * m):
+        work[own + k] = 0.0
+    spin, spin_up = 0.0, 0.0
     for j in range(nt):
         s = reals[b + 1 + j]
         spin += s * qd[d + j]
-        u = own + OWN_SIZE * (m - nt + j)
+        spin_up += s * qdd[d + j]
+        u = own + OWN_SIZE * (first + j)
+        work[u + BY_ACCELERATION + 3] = s
         store(work, u + BY_TURNING, (0.0, 0.5 * s * w[2], -0.5 * s * w[1]))
         store(work, u + BY_RATE + 3, (0.0, s * w[2], -s * w[1]))
+        for k in range(m):
+            for part in range(3):
+                work[forces + m * (m * part + first + j) + k] = 0.0
+                work[forces + m * (m * part + k) + first + j] = 0.0
+    for j in range(nt):
+        for k in range(nt):
+            both = reals[b + 1 + nt + nt * j + k]
+            work[forces + m * (2 * m + first + j) + first + k] = both
     work[e + TURNING + 5] += spin
     work[e + TURNING + 7] -= spin
+    work[o + TORQUE] += spin_up
+    work[o + TORQUE + 1] += w[2] * spin
+    work[o + TORQUE + 2] -= w[1] * spin
 
 
-@inlined
+@shared
 def beam_derivatives(ints, reals, work, qd, qdd, i):
-    """Write what stands at OWN of body i and its wrench; add to MOMENTUM and TURNING.
+    """Write what stands at OWN and COMPOSITE of body i, and MOMENTUM and TURNING of its beam.
 
-    All in body axes about the body's origin; needs the body's inertia and its motion there.
+    FORCE and TORQUE take what is due to motion along the modes. All in body axes about the body's
+    origin, whose motion stands at WORK.
     """
-    m = at(ints, i, MODES)
-    own = at(ints, i, OWN)
-    rigid_wrench(ints, reals, work, i)
-    for k in range(m * (OWN_SIZE + 3 * m)):
-        work[own + k] = 0.0
-    bending = at(ints, i, NY) + at(ints, i, NZ)
-    nt = at(ints, i, NT)
-    c = at(ints, i, BEAM) + 1 + nt + nt * nt
-    k = at(ints, i, BEAM_WORK) + m
-    ny, nz = at(ints, i, NY), at(ints, i, NZ)
-    for _ in range(at(ints, i, POINTS)):
-        point_derivatives(ints, reals, work, qd, qdd, i, c, k)
-        c += 2 + bending + ny * ny + nz * nz
-        k += 3 + bending
-    if nt > 0:
-        torsion_wrench(ints, reals, work, qd, qdd, i)
-        torsion_derivatives(ints, reals, work, qd, i)
-    size = 6 + m
-    o = at(ints, i, INERTIA_WORK)
-    forces = own + OWN_SIZE * m + 2 * m * m
-    for j in range(m):
-        for r in range(6):
-            work[own + OWN_SIZE * j + BY_ACCELERATION + r] = work[o + size * r + 6 + j]
-        for r in range(j + 1):
-            both = work[o + size * (6 + r) + 6 + j]
-            work[forces + m * r + j] = both
-            work[forces + m * j + r] = both
+    beam_sums(ints, reals, work, qd, qdd, i)
+    beam_body(ints, reals, work, i)
+    w, al = load(work, at(ints, i, WORK) + SPEED), load(work, at(ints, i, WORK) + SPIN_UP)
+    by_q, by_rate = acceleration_matrix(w, al), twice_turning(w)
+    _, _, length = sums_of(ints, i)
+    g = mode_sums(ints, i)
+    u = at(ints, i, OWN)
+    for j in range(at(ints, i, NY) + at(ints, i, NZ)):
+        in_y = 1.0 if j < at(ints, i, NY) else 0.0
+        bending_mode(work, u + OWN_SIZE * j, g + j, length, in_y, by_q, by_rate)
+    modal_forces(ints, work, i, by_q, by_rate)
+    if at(ints, i, NT) > 0:
+        torsion_derivatives(ints, reals, work, qd, qdd, i)

@@ -7,6 +7,7 @@ twist, and the column's first and second time derivative.
 
 # ints, row 0, in a column that means nothing to the base
 ROW_LENGTH = 18  # of a row over the coordinates
+BEAM_SCRATCH = 14  # offset of what sums over a beam's points take, one beam at a time
 
 # work: a body, from DERIVED; the base too
 TWIST = 0  # (6) linear first
@@ -38,13 +39,36 @@ COLUMN_BEND = 12  # (6) J''
 WRENCH_Q = 18  # (6) the wrench that comes inward by q,
 WRENCH_QD = 24  # (6) by q'
 WRENCH_QDD = 30  # (6) and by q''
-PASSING = 36  # (6 per slot) right-hand sides on their way
+PASSING = 36  # (PASSING_ROWS per slot) right-hand sides on their way, 6 for each of three
+PASSING_ROWS = 18
 LANES = 4
+
+# work: from BEAM_SCRATCH, per point of a beam (see beam_sums): weight and position (4), slip,
+# u, velocity and acceleration (3 each, in whole lanes), then the modes' four rows
+POINT_MODES = 20
+# then sums: of weight and position (row: the other factor) with the first three of these,
+BODY_SUMS = 0
+BODY_SUMS_SIZE = 48
+# and of the modes' rows with weight, position (4), velocity (3) and acceleration (3), with h and
+# s of each mode; last those of H
+COLUMN_SUMS = 10
+
+
+def whole_lanes(n: int) -> int:
+    """Return the length of a row of n numbers in whole lanes."""
+    return (n + LANES - 1) // LANES * LANES
 
 
 def row_length(n: int) -> int:
     """Return the length of a row over n coordinates: whole lanes, and as many again beyond."""
-    return (n + LANES - 1) // LANES * LANES + LANES
+    return whole_lanes(n) + LANES
+
+
+def scratch_size(ny: int, nz: int, points: int) -> int:
+    """Return the size of what sums over a beam's points take."""
+    row = 4 * whole_lanes(ny + nz)
+    sums = BODY_SUMS_SIZE + (COLUMN_SUMS + 2 * (ny + nz)) * row
+    return points * (POINT_MODES + row) + sums + whole_lanes(ny * ny + nz * nz)
 
 
 def own_size(modes: int) -> int:
@@ -54,4 +78,4 @@ def own_size(modes: int) -> int:
 
 def base_size(n: int, slots: int) -> int:
     """Return the size of the base's workspace."""
-    return COLUMNS + (PASSING + 6 * slots) * row_length(n)
+    return COLUMNS + (PASSING + PASSING_ROWS * slots) * row_length(n)

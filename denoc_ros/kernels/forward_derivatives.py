@@ -49,9 +49,10 @@ def find_forward_derivatives(handle, q, qd, tau, by_q, by_rate, inverse):
         inverse[k] = 0.0
     for j in range(n):
         inverse[(n + 1) * j] = 1.0
-    solve_columns(n, ints, work, bodies, held, by_q, False)
-    solve_columns(n, ints, work, bodies, held, by_rate, False)
-    solve_columns(n, ints, work, bodies, held, inverse, True)
+    solve_columns(n, ints, work, bodies, held, (by_q, by_rate, inverse))
+    for r in range(n):  # symmetric to the last bit
+        for j in range(r):
+            inverse[n * r + j] = inverse[n * j + r]
     return GOOD
 
 
@@ -140,8 +141,8 @@ def find_hybrid_derivatives(handle, held, q, qd, given, tau, qdd, by_q, by_rate,
         by_q[k] = -by_q[k]
         by_rate[k] = -by_rate[k]
     drive_columns(n, held, inertia, by_drive)
+    solve_columns(n, ints, work, bodies, held, (by_q, by_rate, by_drive))
     for x in (by_q, by_rate, by_drive):
-        solve_columns(n, ints, work, bodies, held, x, False)
         held_rows(n, held, inertia, x)
     return GOOD
 

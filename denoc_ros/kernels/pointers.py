@@ -81,6 +81,20 @@ def _element(context, builder, kind, start, index):
     return builder.gep(fields.data, [index])
 
 
+def unchecked(context, builder, kind, start, offset, count):
+    """Return a pointer without checks, from whose offset on there are `count` numbers."""
+    if not isinstance(kind, CheckedPointer):
+        return start
+    fields = cgutils.create_struct_proxy(kind)(context, builder, start)
+    end = builder.add(offset, count)
+    good = builder.and_(
+        builder.icmp_signed('>=', offset, offset.type(0)),
+        builder.icmp_signed('<=', end, fields.count),
+    )
+    _refuse_unless(good, context, builder, kind)
+    return fields.data
+
+
 @lower_builtin(operator.getitem, CheckedPointer, types.Integer)
 def _load(context, builder, sig, args):
     return builder.load(_element(context, builder, sig.args[0], *args))

@@ -1,5 +1,7 @@
 """Many right-hand sides of the articulated factors at once: X becomes I_ff^-1 X, O(n) a column.
 
+Three matrices X go together, so that a body's factors are looked up once.
+
 What :mod:`denoc_ros.kernels.articulated` left at ELIMINATED of each body (P^T M P + shift =
 L D L^T, W = six rows of M P times L^-T) serves every column. Inward y = L^-1 (x - P^T p), where
 the carrier sees p + W D^-1 y; outward x = L^-T (D^-1 (y - W^T a)), where what is carried sees
@@ -8,9 +10,16 @@ a + P x. Rows of held joints stay as they are.
 
 from denoc_ros.kernels.articulated import free_joint
 from denoc_ros.kernels.compiled import inlined, shared
-from denoc_ros.kernels.derivative_layout import COLUMN, LANES, PASSING, SEEN, SEEN_SIZE
-from denoc_ros.kernels.derivative_rows import columns_of, spread_pair
-from denoc_ros.kernels.handle import at, beyond
+from denoc_ros.kernels.derivative_layout import (
+    COLUMN,
+    LANES,
+    PASSING,
+    PASSING_ROWS,
+    SEEN,
+    SEEN_SIZE,
+)
+from denoc_ros.kernels.derivative_rows import columns_of, sixfold, spread_pair
+from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.lanes import (
     plus,
     plus_product,
@@ -22,7 +31,6 @@ from denoc_ros.kernels.lanes import (
     take_some,
 )
 from denoc_ros.kernels.layout import (
-    BRANCH_END,
     COORDINATE,
     DERIVED,
     ELIMINATED,
@@ -35,7 +43,7 @@ from denoc_ros.kernels.layout import (
     WORLD_POSITION,
     WORLD_ROTATION,
 )
-from denoc_ros.kernels.spatial import pair, store_pair, strided, wrench_about_origin
+from denoc_ros.kernels.spatial import pair, scale_pair, store_pair, strided, wrench_about_origin
 from denoc_ros.kernels.vector import load
 
 
@@ -70,14 +78,7 @@ def factors_to_base(ints, work, held, bodies):
 @inlined
 def less_sixfold(value, x, work, o, length):
     """Return a value less the product of six numbers, spread, with six rows."""
-    minus = spread(-1.0)
-    for_each = product(x[0], take(work, o))
-    for_each = plus_product(for_each, x[1], take(work, o + length))
-    for_each = plus_product(for_each, x[2], take(work, o + 2 * length))
-    for_each = plus_product(for_each, x[3], take(work, o + 3 * length))
-    for_each = plus_product(for_each, x[4], take(work, o + 4 * length))
-    for_each = plus_product(for_each, x[5], take(work, o + 5 * length))
-    return plus_product(value, minus, for_each)
+    return plus_product(value, spread(-1.0), sixfold(x, work, o, length))
 
 
 @inlined
@@ -97,54 +98,88 @@ def add_sixfold(value, x, work, o, length):
 
 
 @inlined
-def clear(work, o, length, first, last):
-    """Write zeros in columns first .. last - 1, and lanes beyond, of six rows."""
-    for r in range(6):
-        for j in range(first, last, LANES):
-            put_all(work, o + length * r + j, spread(0.0))
+def take_three(x, o, count):
+    """Return the first `count` numbers from an offset of three matrices."""
+    return take_some(x[0], o, count), take_some(x[1], o, count), take_some(x[2], o, count)
+
+
+@inlined
+def put_three(x, o, values, count):
+    """Write the first `count` numbers from an offset of three matrices."""
+    put(x[0], o, values[0], count)
+    put(x[1], o, values[1], count)
+    put(x[2], o, values[2], count)
+
+
+@inlined
+def passing_place(ints, i):
+    """Return where what passes through body i begins; the second and third matrix come after."""
+    c, length = columns_of(ints)
+    return c + length * (PASSING + PASSING_ROWS * at(ints, i, SLOT))
 
 
 @shared
-def take_power(work, o, length, column, x, first, last):
-    """Subtract from a row of X the power of the wrenches at o on a column, first .. last - 1."""
+def clear(work, o, length, n):
+    """Write zeros to all that passes through a body."""
+    for row in range(o, o + PASSING_ROWS * length, length):
+        for j in range(0, n, LANES):
+            put_all(work, row + j, spread(0.0))
+
+
+@shared
+def copy_passing(work, target, source, length, n):
+    """Let the same pass through one body as through another."""
+    for row in range(0, PASSING_ROWS * length, length):
+        for j in range(row, row + n, LANES):
+            put_all(work, target + j, take(work, source + j))
+
+
+@shared
+def add_passing(work, target, source, length, n):
+    """Add what passes through one body to what passes through another."""
+    for row in range(0, PASSING_ROWS * length, length):
+        for j in range(row, row + n, LANES):
+            put_all(work, target + j, plus(take(work, target + j), take(work, source + j)))
+
+
+@shared
+def take_power(work, o, length, column, n, x, row):
+    """Subtract from a row of each X the power of the wrenches at o on a column."""
     six = spread_pair(column)
-    for j in range(first, last, LANES):
-        count = last - j
-        put(x, j, less_sixfold(take_some(x, j, count), six, work, o + j, length), count)
+    for j in range(0, n, LANES):
+        values = take_three(x, row + j, n - j)
+        values = (
+            less_sixfold(values[0], six, work, o + j, length),
+            less_sixfold(values[1], six, work, o + 6 * length + j, length),
+            less_sixfold(values[2], six, work, o + 12 * length + j, length),
+        )
+        put_three(x, row + j, values, n - j)
 
 
 @shared
-def add_rows(work, o, length, column, x, first, last):
-    """Add to the six rows at o a column times a row of X, columns first .. last - 1."""
-    six = spread_pair(column)
-    for j in range(first, last, LANES):
-        add_sixfold(take_some(x, j, last - j), six, work, o + j, length)
+def pass_on(work, o, length, column, factor, n, x, row):
+    """Add to what is at o a column times a row of each X and a factor."""
+    six = spread_pair(scale_pair(factor, column))
+    for j in range(0, n, LANES):
+        values = take_three(x, row + j, n - j)
+        add_sixfold(values[0], six, work, o + j, length)
+        add_sixfold(values[1], six, work, o + 6 * length + j, length)
+        add_sixfold(values[2], six, work, o + 12 * length + j, length)
 
 
 @shared
-def eliminate_row(work, o, length, wrench, inverse, x, first, last):
-    """Pass on what a row of y leaves to the carrier: W D^-1 y."""
-    six = spread_pair(wrench)
-    for j in range(first, last, LANES):
-        value = product(spread(inverse), take_some(x, j, last - j))
-        add_sixfold(value, six, work, o + j, length)
-
-
-@shared
-def substitute(x, target, source, factor, first, last):
-    """Subtract a factor times a row of X, which begins at `source`, from another."""
-    value = spread(-factor)
-    for j in range(first, last, LANES):
-        count = last - j
-        row = plus_product(take_some(x, target + j, count), value, take_some(x, source + j, count))
-        put(x, target + j, row, count)
-
-
-@shared
-def divide(x, row, inverse, first, last):
-    """Multiply a row of X by a number."""
-    for j in range(row + first, row + last):
-        x[j] *= inverse
+def combine(own, factor, n, x, target, source):
+    """Replace a row of each X by `own` times itself and a factor times another row."""
+    a, b = spread(own), spread(factor)
+    for j in range(0, n, LANES):
+        count = n - j
+        here, there = take_three(x, target + j, count), take_three(x, source + j, count)
+        values = (
+            plus_product(product(a, here[0]), b, there[0]),
+            plus_product(product(a, here[1]), b, there[1]),
+            plus_product(product(a, here[2]), b, there[2]),
+        )
+        put_three(x, target + j, values, count)
 
 
 @inlined
@@ -154,96 +189,80 @@ def row_of(ints, n, i, free, r):
 
 
 @inlined
-def inward_body(ints, work, held, n, i, x, first, last):
-    """Eliminate body i's free coordinates from columns first .. last - 1 of X."""
+def inward_body(ints, work, held, n, i, x):
+    """Eliminate body i's free coordinates from each X."""
     c, length = columns_of(ints)
-    passing = c + length * (PASSING + 6 * at(ints, i, SLOT))
+    passing = passing_place(ints, i)
     free = free_joint(ints, held, i)
     k, w, factor = factor_place(ints, held, i)
     for r in range(k):
         row = row_of(ints, n, i, free, r)
         if r < free:
             column = strided(work, c + length * COLUMN + at(ints, i, COORDINATE), length)
-            take_power(work, passing, length, column, beyond(x, row), first, last)
+            take_power(work, passing, length, column, n, x, row)
         for s in range(r):
             entry = work[factor + k * r + s]
-            substitute(x, row, row_of(ints, n, i, free, s), entry, first, last)
+            combine(1.0, -entry, n, x, row, row_of(ints, n, i, free, s))
     for r in range(k):
         inverse = pivot_inverse(ints, work, i, k, factor, r)
-        row = beyond(x, row_of(ints, n, i, free, r))
-        eliminate_row(work, passing, length, pair(work, w + 6 * r), inverse, row, first, last)
+        row = row_of(ints, n, i, free, r)
+        pass_on(work, passing, length, pair(work, w + 6 * r), inverse, n, x, row)
 
 
 @inlined
-def inward_carrier(ints, work, n, i, x, first, last):
+def inward_carrier(ints, work, n, i, x):
     """Take what body i passes on from its carrier's modal rows, and hand it on."""
-    c, length = columns_of(ints)
+    _, length = columns_of(ints)
     p = at(ints, i, PARENT)
-    passing = c + length * (PASSING + 6 * at(ints, i, SLOT))
+    passing, target = passing_place(ints, i), passing_place(ints, p)
     if at(ints, i, SECTION) > 0:
         j = at(ints, p, COORDINATE) + at(ints, p, JOINT)
         for k in range(at(ints, p, MODES)):
             column = pair(work, at(ints, i, DERIVED) + SEEN + SEEN_SIZE * k)
-            row = beyond(x, n * (j + k))
-            take_power(work, passing, length, column, row, first, last)
-    target = c + length * (PASSING + 6 * at(ints, p, SLOT))
+            take_power(work, passing, length, column, n, x, n * (j + k))
     if p > 0 and target != passing:
-        for r in range(6):
-            for j in range(first, last, LANES):
-                o = length * r + j
-                put_all(work, target + o, plus(take(work, target + o), take(work, passing + o)))
+        add_passing(work, target, passing, length, n)
 
 
 @inlined
-def outward_body(ints, work, held, n, i, x, first, last):
-    """Write the solution's rows of body i, and the acceleration that it hands on."""
+def outward_body(ints, work, held, n, i, x):
+    """Write each solution's rows of body i, and the acceleration that it hands on."""
     c, length = columns_of(ints)
     p = at(ints, i, PARENT)
-    passing = c + length * (PASSING + 6 * at(ints, i, SLOT))
-    source = c + length * (PASSING + 6 * at(ints, p, SLOT))
+    passing, source = passing_place(ints, i), passing_place(ints, p)
     if p == 0:
-        clear(work, passing, length, first, last)
+        clear(work, passing, length, n)
     elif source != passing:
-        for r in range(6):
-            for j in range(first, last, LANES):
-                put_all(work, passing + length * r + j, take(work, source + length * r + j))
+        copy_passing(work, passing, source, length, n)
     if at(ints, i, SECTION) > 0:
         j = at(ints, p, COORDINATE) + at(ints, p, JOINT)
         for k in range(at(ints, p, MODES)):
             column = pair(work, at(ints, i, DERIVED) + SEEN + SEEN_SIZE * k)
-            add_rows(work, passing, length, column, beyond(x, n * (j + k)), first, last)
+            pass_on(work, passing, length, column, 1.0, n, x, n * (j + k))
     free = free_joint(ints, held, i)
     k, w, factor = factor_place(ints, held, i)
     for r in range(k - 1, -1, -1):
         row = row_of(ints, n, i, free, r)
-        take_power(work, passing, length, pair(work, w + 6 * r), beyond(x, row), first, last)
-        divide(x, row, pivot_inverse(ints, work, i, k, factor, r), first, last)
+        inverse = pivot_inverse(ints, work, i, k, factor, r)
+        turned = scale_pair(inverse, pair(work, w + 6 * r))
+        combine(inverse, 0.0, n, x, row, row)
+        take_power(work, passing, length, turned, n, x, row)
         for s in range(r + 1, k):
             entry = work[factor + k * s + r]
-            substitute(x, row, row_of(ints, n, i, free, s), entry, first, last)
+            combine(1.0, -entry, n, x, row, row_of(ints, n, i, free, s))
     if free == 1:
         column = strided(work, c + length * COLUMN + at(ints, i, COORDINATE), length)
-        row = beyond(x, row_of(ints, n, i, free, 0))
-        add_rows(work, passing, length, column, row, first, last)
+        pass_on(work, passing, length, column, 1.0, n, x, row_of(ints, n, i, free, 0))
 
 
 @shared
-def solve_columns(n, ints, work, bodies, held, x, symmetric):
-    """Replace X (n, n) by I_ff^-1 X in the rows of free coordinates.
-
-    symmetric: X is the unit matrix, and the upper half of the result is enough to write.
-    """
-    c, length = columns_of(ints)
+def solve_columns(n, ints, work, bodies, held, x):
+    """Replace each of three X (n, n) by I_ff^-1 X in the rows of free coordinates."""
+    _, length = columns_of(ints)
     for i in range(bodies, 0, -1):
-        first = at(ints, i, COORDINATE) if symmetric else 0
-        last = at(ints, i, BRANCH_END) if symmetric else n
         if i == bodies or at(ints, i + 1, PARENT) != i:
-            clear(work, c + length * (PASSING + 6 * at(ints, i, SLOT)), length, 0, n)
-        inward_body(ints, work, held, n, i, x, first, last)
-        inward_carrier(ints, work, n, i, x, first, last)
+            clear(work, passing_place(ints, i), length, n)
+        inward_body(ints, work, held, n, i, x)
+        inward_carrier(ints, work, n, i, x)
     for i in range(1, bodies + 1):
-        outward_body(ints, work, held, n, i, x, at(ints, i, COORDINATE) if symmetric else 0, n)
-    if symmetric:
-        for r in range(n):
-            for j in range(r):
-                x[n * r + j] = x[n * j + r]
+        outward_body(ints, work, held, n, i, x)

@@ -37,14 +37,12 @@ from denoc_ros.kernels.layout import COLUMNS as SECTION_COLUMNS
 from denoc_ros.kernels.motion import section_rates
 from denoc_ros.kernels.placement import SERIES_DB, SERIES_DC, six_terms
 from denoc_ros.kernels.spatial import (
-    carried,
     pair,
     scale_pair,
     store_pair,
     sum_pair,
-    twist_about_origin,
 )
-from denoc_ros.kernels.vector import add, cross, dot, load, scale, store
+from denoc_ros.kernels.vector import add, cross, dot, load, rotate, scale, store, subtract
 
 # Taylor series in |phi|^2 of the rates per phi . phi' of what COEFFICIENTS has of b and c
 SERIES_DDB = tuple(2 * (k + 1) * SERIES_DB[k + 1] for k in range(5)) + (0.0,)
@@ -80,7 +78,7 @@ def symmetric_rates(phi, rate, bend, x):
 
 @inlined
 def turning_rates(work, k, phi, rate, bend, x):
-    """Return the first and second derivative of J x along a motion of phi, x constant.
+    """Return J x and its first and second derivative along a motion of phi, x constant.
 
     k is the offset of the left Jacobian's coefficients.
     """
@@ -98,7 +96,8 @@ def turning_rates(work, k, phi, rate, bend, x):
         add(scale(db * rr + ddb * r * r, turned), scale(2.0 * db * r, turned_rate)),
         add(scale(b, turned_bend), scale(dc * rr + ddc * r * r, zero)),
     )
-    return up, add(upper, add(scale(2.0 * dc * r, first), scale(c, second)))
+    upper = add(upper, add(scale(2.0 * dc * r, first), scale(c, second)))
+    return add(x, add(scale(b, turned), scale(c, zero))), up, upper
 
 
 @inlined
@@ -132,6 +131,68 @@ def shortening_rate(ints, reals, i, j, qd):
     return total
 
 
+@inlined
+def slides(work, turn, k, w, al):
+    """Return axis k of a body in base axes and its two rates."""
+    u = (work[turn + k], work[turn + 3 + k], work[turn + 6 + k])
+    up = cross(w, u)
+    return u, up, add(cross(al, u), cross(w, up))
+
+
+@inlined
+def turns(work, turn, x, w, al, unturned):
+    """Return a twist about a moving point, and its two rates: a turn given in a body's axes.
+
+    x: the point's position, velocity and acceleration; w, al: the body's; unturned: the turn and
+    its two rates as the body sees them.
+    """
+    z, up = rotate(work, turn, unturned[0]), rotate(work, turn, unturned[1])
+    z_up = add(cross(w, z), up)
+    z_upper = add(add(cross(al, z), cross(w, add(z_up, up))), rotate(work, turn, unturned[2]))
+    first = add(cross(x[1], z), cross(x[0], z_up))
+    second = add(add(cross(x[2], z), scale(2.0, cross(x[1], z_up))), cross(x[0], z_upper))
+    return (cross(x[0], z), z), (first, z_up), (second, z_upper)
+
+
+@inlined
+def section_slip(ints, reals, work, qd, qdd, i):
+    """Return B d' and B d'' + B' d' of row i's section, base axes, phi' and phi''."""
+    p = at(ints, i, PARENT)
+    columns = at(ints, i, SECTION_WORK) + SECTION_COLUMNS
+    turn = at(ints, p, WORK) + WORLD_ROTATION
+    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+    rate, shortening = section_rates(ints, reals, qd, i)
+    bend, _ = section_rates(ints, reals, qdd, i)
+    slip, slip_up = (0.0, 0.0, 0.0), (shortening, 0.0, 0.0)
+    for j in range(at(ints, p, MODES)):
+        linear = load(work, columns + 6 * j)
+        slip = add(slip, scale(qd[d + j], linear))
+        slip_up = add(slip_up, scale(qdd[d + j], linear))
+    return rotate(work, turn, slip), rotate(work, turn, slip_up), rate, bend
+
+
+@inlined
+def write_mode(ints, reals, work, qd, qdd, i, j, along, across, turning):
+    """Write what row i shows of mode j of its carrier: a sum of slides and a turn.
+
+    The column is -h e_x + s e + slope z, of which only h = (H d)_j changes beside the axes.
+    """
+    place = at(ints, i, SECTION_WORK) + SECTION_COLUMNS + 6 * j
+    h, s = work[place], work[place + 1] + work[place + 2]
+    slope, _ = mode_slope(ints, reals, i, j)
+    up = shortening_rate(ints, reals, i, j, qd)
+    upper = shortening_rate(ints, reals, i, j, qdd)
+    k = at(ints, i, DERIVED) + SEEN + SEEN_SIZE * j
+    column = add(scale(h, along[0]), scale(s, across[0]))
+    first = add(scale(h, along[1]), scale(s, across[1]))
+    second = add(scale(h, along[2]), scale(s, across[2]))
+    first = subtract(first, scale(up, along[0]))
+    second = subtract(second, add(scale(2.0 * up, along[1]), scale(upper, along[0])))
+    store_pair(work, k, sum_pair((column, (0.0, 0.0, 0.0)), scale_pair(slope, turning[0])))
+    store_pair(work, k + 6, sum_pair((first, (0.0, 0.0, 0.0)), scale_pair(slope, turning[1])))
+    store_pair(work, k + 12, sum_pair((second, (0.0, 0.0, 0.0)), scale_pair(slope, turning[2])))
+
+
 @shared
 def write_seen(ints, reals, work, qd, qdd, i):
     """Write what row i's section shows of its carrier's amplitudes; move its twist on.
@@ -142,46 +203,32 @@ def write_seen(ints, reals, work, qd, qdd, i):
     o = at(ints, i, SECTION_WORK)
     e = at(ints, i, DERIVED)
     turn = at(ints, p, WORK) + WORLD_ROTATION
-    origin = load(work, at(ints, p, WORK) + WORLD_POSITION)
     phi = load(work, o + VECTOR)
-    place = load(work, o + PLACE)
-    rate, shortening = section_rates(ints, reals, qd, i)
-    bend, _ = section_rates(ints, reals, qdd, i)
-    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
-    slip, slip_up = (0.0, 0.0, 0.0), (shortening, 0.0, 0.0)
-    for j in range(at(ints, p, MODES)):
-        linear = load(work, o + SECTION_COLUMNS + 6 * j)
-        slip = add(slip, scale(qd[d + j], linear))
-        slip_up = add(slip_up, scale(qdd[d + j], linear))
-    v, a = pair(work, e + TWIST), pair(work, e + ACCELERATED)
-    twist, up = v, a
-    for j in range(at(ints, p, MODES)):
-        linear, angular = pair(work, o + SECTION_COLUMNS + 6 * j)
-        slope, axis = mode_slope(ints, reals, i, j)
-        first, second = turning_rates(work, o + COEFFICIENTS, phi, rate, bend, unit(axis))
-        first, second = scale(slope, first), scale(slope, second)
-        straight = add(linear, cross(place, angular))
-        swept = add(cross(slip, angular), cross(place, first))
-        swept = (swept[0] - shortening_rate(ints, reals, i, j, qd), swept[1], swept[2])
-        bent = add(cross(slip_up, angular), cross(place, second))
-        bent = add(bent, scale(2.0, cross(slip, first)))
-        bent = (bent[0] - shortening_rate(ints, reals, i, j, qdd), bent[1], bent[2])
-        column = twist_about_origin(work, turn, origin, straight, angular)
-        own_rate = twist_about_origin(work, turn, origin, swept, first)
-        own_bend = twist_about_origin(work, turn, origin, bent, second)
-        column_rate = sum_pair(carried(v, column), own_rate)
-        column_bend = sum_pair(
-            sum_pair(carried(a, column), carried(v, column_rate)),
-            sum_pair(carried(v, own_rate), own_bend),
-        )
-        k = e + SEEN + SEEN_SIZE * j
-        store_pair(work, k, column)
-        store_pair(work, k + 6, column_rate)
-        store_pair(work, k + 12, column_bend)
-        twist = sum_pair(twist, scale_pair(qd[d + j], column))
-        up = sum_pair(
-            up, sum_pair(scale_pair(qdd[d + j], column), scale_pair(qd[d + j], column_rate))
-        )
+    (v, w), (a, al) = pair(work, e + TWIST), pair(work, e + ACCELERATED)
+    slip, slip_up, rate, bend = section_slip(ints, reals, work, qd, qdd, i)
+    place = add(
+        load(work, at(ints, p, WORK) + WORLD_POSITION), rotate(work, turn, load(work, o + PLACE))
+    )
+    velocity = add(v, cross(w, place))
+    accelerated = add(add(a, cross(al, place)), cross(w, add(velocity, scale(2.0, slip))))
+    x = place, add(velocity, slip), add(accelerated, slip_up)
+    along = slides(work, turn, 0, w, al)
+    v, a = add(v, slip), add(a, add(slip_up, cross(w, slip)))
+    twist, up = (v, w), (a, al)
+    first = 0
+    for plane in range(3):
+        axis = unit(2 - plane)
+        last = first + at(ints, p, NY + plane)
+        if last > first:
+            unturned = turning_rates(work, o + COEFFICIENTS, phi, rate, bend, axis)
+            turning = turns(work, turn, x, w, al, unturned)
+            across = slides(work, turn, (plane + 1) % 3, w, al)
+            for j in range(first, last):
+                write_mode(ints, reals, work, qd, qdd, i, j, along, across, turning)
+            r, s = dot(axis, rate), dot(axis, bend)
+            twist = sum_pair(twist, scale_pair(r, turning[0]))
+            up = sum_pair(up, sum_pair(scale_pair(s, turning[0]), scale_pair(r, turning[1])))
+        first = last
     store_pair(work, e + TWIST, twist)
     store_pair(work, e + ACCELERATED, up)
 

@@ -3,7 +3,7 @@
 from denoc_ros.kernels.beam_derivatives import beam_derivatives
 from denoc_ros.kernels.block import six
 from denoc_ros.kernels.compiled import inlined, shared
-from denoc_ros.kernels.composite import own_composite, shifted_spin
+from denoc_ros.kernels.composite import shifted_spin
 from denoc_ros.kernels.derivative_layout import (
     ACCELERATED,
     BODY_MASS,
@@ -62,7 +62,7 @@ from denoc_ros.kernels.vector import (
     rotate,
     scale,
     store,
-    symmetric,
+    times,
     turned,
     unrotate,
 )
@@ -144,7 +144,7 @@ def turn_matrix(work, turn, o):
 
 @inlined
 def own_beam(ints, reals, work, qd, qdd, i):
-    """Write body i's beam's share and wrench in body axes, momentum and turning in base axes."""
+    """Write what body i's beam adds, in body axes; momentum and turning in base axes."""
     o, e = at(ints, i, WORK), at(ints, i, DERIVED)
     turn = o + WORLD_ROTATION
     x = load(work, o + WORLD_POSITION)
@@ -172,14 +172,14 @@ def own_share(ints, reals, work, qd, qdd, i):
     o, e = at(ints, i, WORK), at(ints, i, DERIVED)
     turn = o + WORLD_ROTATION
     x = load(work, o + WORLD_POSITION)
-    flexible = at(ints, i, MODES) > 0
-    for k in range(MOMENTUM, TURNING + 9):
-        work[e + k] = 0.0
-    if flexible:
-        own_composite(ints, reals, work, i)
+    f, t = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    if at(ints, i, MODES) > 0:
         own_beam(ints, reals, work, qd, qdd, i)
+        f, t = wrench_about_origin(work, turn, x, load(work, o + FORCE), load(work, o + TORQUE))
         c, source = o + COMPOSITE, work
     else:
+        for k in range(MOMENTUM, TURNING + 9):
+            work[e + k] = 0.0
         c, source = at(ints, i, REAL) + MASS, reals
     mass = source[c]
     moment = rotate(work, turn, load(source, c + 1))
@@ -195,13 +195,10 @@ def own_share(ints, reals, work, qd, qdd, i):
     (v, w), (a, al) = pair(work, e + TWIST), pair(work, e + ACCELERATED)
     momentum = add(scale(mass, v), cross(w, moment))
     turning_of_rigid(dot(v, moment), v, w, moment, spin, work, e + TURNING)
-    if flexible:
-        f, t = wrench_about_origin(work, turn, x, load(work, o + FORCE), load(work, o + TORQUE))
-    else:
-        angular = add(cross(moment, v), symmetric(work, e + BODY_SPIN, w))
-        f = add(add(scale(mass, a), cross(al, moment)), cross(w, momentum))
-        t = add(cross(moment, a), symmetric(work, e + BODY_SPIN, al))
-        t = add(t, add(cross(w, angular), cross(v, momentum)))
+    angular = add(cross(moment, v), times(spin, w))
+    f = add(f, add(add(scale(mass, a), cross(al, moment)), cross(w, momentum)))
+    t = add(t, add(cross(moment, a), times(spin, al)))
+    t = add(t, add(cross(w, angular), cross(v, momentum)))
     store(work, e + MOMENTUM, add(load(work, e + MOMENTUM), momentum))
     store(work, e + WRENCH, f)
     store(work, e + WRENCH + 3, t)

@@ -303,6 +303,9 @@ class _Lowering:
         base = self.rows[0]
         base[layout.DERIVED] = self.reserve(size)
         base[derivative_layout.ROW_LENGTH] = derivative_layout.row_length(self.coordinate)
+        beams = [row[[layout.NY, layout.NZ, layout.POINTS]] for row in self.rows[1:]]
+        scratch = max((derivative_layout.scratch_size(*beam) for beam in beams), default=0)
+        base[derivative_layout.BEAM_SCRATCH] = self.reserve(scratch)
 
     def frame(self, attachment: Attachment) -> None:
         """Lower one frame."""

@@ -17,7 +17,7 @@ from denoc_ros.kernels import CHECKED, cache_folder, handle
 from denoc_ros.kernels.layout import BEAM_WORK, COORDINATE, WORK
 
 checked = pytest.mark.skipif(not CHECKED, reason='in the mode that checks offsets')
-SHORT = ('-k', 'not loops and not mechanisms')
+SHORT = ('-k', 'not loops and not mechanisms and not derivatives')
 TIMEOUT = 550.0  # s, with kernels to compile on a loaded machine
 HERE = Path(__file__).parent
 
@@ -77,7 +77,8 @@ def test_an_output_that_is_too_short_is_found_out() -> None:
 def test_dynamics_stay_within_their_arrays() -> None:
     """The canaries' tests and those above, in a process that checks every offset.
 
-    Without the kernels of loops, which take minutes to compile: `make bounds` has them.
+    Without the kernels of loops and derivatives, which take minutes to compile: `make bounds` has
+    them.
     """
     files = [str(HERE / name) for name in ('test_bounds.py', 'test_canaries.py')]
     done = subprocess.run(

@@ -84,6 +84,26 @@ def test_rows_write_where_they_should(canaries: Canaries, seed: int) -> None:
     call_verbs(robot, canaries, factors * state.q, factors * state.qd, factors * state.qdd)
 
 
+@pytest.mark.parametrize('seed', [2, 5, 7])
+def test_derivatives_write_where_they_should(canaries: Canaries, seed: int) -> None:
+    robot = load_robot(seeded_robot(seed, 2 + seed))
+    n, state = robot.n, random_state(robot.coordinate_names, seed)
+    rows = np.ones((ROWS, 1))
+    for scale, shape in ((1.0, (n, n)), (rows, (ROWS, n, n))):
+        q, qd, qdd = (
+            canaries.of(name, scale * value)
+            for name, value in (('q', state.q), ('qd', state.qd), ('qdd', state.qdd))
+        )
+        for verb in (robot.inverse_dynamics_derivatives, robot.forward_dynamics_derivatives):
+            out = [canaries.array(f'{verb.__name__} {k}', shape) for k in range(3)]
+            for result, given in zip(verb(q, qd, qdd, out=out), out, strict=True):
+                assert result is given
+                assert np.isfinite(result).all()
+            canaries.check()
+        robot.hybrid_dynamics_derivatives(q, qd, qdd[..., robot.joint_indices])
+        canaries.check()
+
+
 def call_constrained(robot: Robot, canaries: Canaries, q: Array, qd: Array) -> None:
     """Call the verbs of loops on guarded arrays."""
     q, qd = canaries.of('q', q), canaries.of('qd', qd)

@@ -1,0 +1,233 @@
+"""Sums over a beam's points of products of two numbers each: what its derivatives are made of.
+
+A point's record in work has weight e and position p, slip B d', u = B d'' + B' d' + 2 w x slip,
+velocity and acceleration, then per bending mode rows of lanes: h = (H d)_j, the shape s, (H d')_j
+and (H d'')_j. A column is B_j = (-h, s, 0) or (-h, 0, s), and dB_j/dd_k = -H_jk e_x.
+"""
+
+from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.derivative_layout import (
+    BEAM_SCRATCH,
+    BODY_SUMS,
+    BODY_SUMS_SIZE,
+    LANES,
+    POINT_MODES,
+)
+from denoc_ros.kernels.handle import at
+from denoc_ros.kernels.lanes import plus_product, put_all, spread, take, take_some
+from denoc_ros.kernels.layout import (
+    ACCELERATION,
+    BEAM,
+    BEAM_WORK,
+    COORDINATE,
+    JOINT,
+    MODES,
+    NT,
+    NY,
+    NZ,
+    POINTS,
+    SPEED,
+    SPIN_UP,
+    VELOCITY,
+    WORK,
+)
+from denoc_ros.kernels.vector import add, cross, load, scale, store
+
+
+@inlined
+def sums_of(ints, i):
+    """Return where the records and the sums of body i's beam begin, and their rows' length."""
+    record = at(ints, 0, BEAM_SCRATCH)
+    length = (at(ints, i, NY) + at(ints, i, NZ) + LANES - 1) // LANES * LANES
+    return record, record + (POINT_MODES + 4 * length) * at(ints, i, POINTS), length
+
+
+@inlined
+def mode_sums(ints, i):
+    """Return where the sums begin that have a row of four times the lanes for each factor."""
+    _, sums, _ = sums_of(ints, i)
+    return sums + BODY_SUMS_SIZE
+
+
+@inlined
+def write_plane(reals, work, qd, qdd, first, count, s, h, k, row, length):
+    """Write one plane's modes of a record; return what they make of B d' and B d'' + B' d'.
+
+    first: index of the plane's first amplitude, s and h: offsets of its shapes and H, k: of H d.
+    """
+    slip, slip_up, across, across_up = 0.0, 0.0, 0.0, 0.0
+    for j in range(count):
+        bend, lift = 0.0, 0.0
+        for n in range(count):
+            bend += reals[h + count * j + n] * qd[first + n]
+            lift += reals[h + count * j + n] * qdd[first + n]
+        hd, shape = work[k + j], reals[s + j]
+        rate, up = qd[first + j], qdd[first + j]
+        slip -= hd * rate
+        slip_up -= hd * up + bend * rate
+        across += shape * rate
+        across_up += shape * up
+        work[row + j] = hd
+        work[row + length + j] = shape
+        work[row + 2 * length + j] = bend
+        work[row + 3 * length + j] = lift
+    return slip, slip_up, across, across_up
+
+
+@inlined
+def write_points(ints, reals, work, qd, qdd, i):
+    """Write the records of body i's beam."""
+    ny, nz, nt = at(ints, i, NY), at(ints, i, NZ), at(ints, i, NT)
+    o = at(ints, i, WORK)
+    d = at(ints, i, COORDINATE) + at(ints, i, JOINT)
+    w, al = load(work, o + SPEED), load(work, o + SPIN_UP)
+    v, a = load(work, o + VELOCITY), load(work, o + ACCELERATION)
+    record, _, length = sums_of(ints, i)
+    c = at(ints, i, BEAM) + 1 + nt + nt * nt
+    k = at(ints, i, BEAM_WORK) + at(ints, i, MODES)
+    for _ in range(at(ints, i, POINTS)):
+        row = record + POINT_MODES
+        for n in range(4):  # lanes beyond the last mode
+            put_all(work, row + length * (n + 1) - LANES, spread(0.0))
+        s = c + 2
+        h = s + ny + nz
+        x, x_up, y, y_up = write_plane(reals, work, qd, qdd, d, ny, s, h, k + 3, row, length)
+        s, h = s + ny, h + ny * ny
+        other = write_plane(reals, work, qd, qdd, d + ny, nz, s, h, k + 3 + ny, row + ny, length)
+        slip = (x + other[0], y, other[2])
+        along = (x_up + other[1], y_up, other[3])
+        one, p = reals[c], load(work, k)
+        along = add(along, scale(2.0, cross(w, slip)))
+        turning = cross(w, p)
+        acc = add(add(scale(one, a), cross(al, p)), add(cross(w, turning), along))
+        work[record] = one
+        store(work, record + 1, p)
+        store(work, record + 4, slip)
+        store(work, record + 8, along)
+        store(work, record + 12, add(add(scale(one, v), turning), slip))
+        store(work, record + 16, acc)
+        c = h + nz * nz
+        k += 3 + ny + nz
+        record = row + 4 * length
+
+
+@inlined
+def four_products(work, o, x, a):
+    """Return four sums, to each of which another of four numbers times x is added."""
+    return (
+        plus_product(a[0], x, spread(work[o])),
+        plus_product(a[1], x, spread(work[o + 1])),
+        plus_product(a[2], x, spread(work[o + 2])),
+        plus_product(a[3], x, spread(work[o + 3])),
+    )
+
+
+@inlined
+def three_products(work, o, x, a):
+    """Return three sums, to each of which another of three numbers times x is added."""
+    return (
+        plus_product(a[0], x, spread(work[o])),
+        plus_product(a[1], x, spread(work[o + 1])),
+        plus_product(a[2], x, spread(work[o + 2])),
+    )
+
+
+@inlined
+def body_sums(work, record, stride, points, out):
+    """Write what weight and position make of themselves, of the slip and of u (4 x 12)."""
+    zero = spread(0.0)
+    for part in range(3):
+        a = (zero, zero, zero, zero)
+        o = record
+        for _ in range(points):
+            a = four_products(work, o, take(work, o + 4 * part), a)
+            o += stride
+        for r in range(4):
+            put_all(work, out + 12 * r + 4 * part, a[r])
+
+
+@inlined
+def column_sums(work, record, stride, points, length, out):
+    """Write what weight, position, velocity and acceleration make of the modes (10 rows)."""
+    zero = spread(0.0)
+    for j in range(POINT_MODES, POINT_MODES + 2 * length, LANES):
+        a, b, c = (zero, zero, zero, zero), (zero, zero, zero), (zero, zero, zero)
+        o = record
+        for _ in range(points):
+            x = take(work, o + j)
+            a = four_products(work, o, x, a)
+            b = three_products(work, o + 12, x, b)
+            c = three_products(work, o + 16, x, c)
+            o += stride
+        u = out + j - POINT_MODES
+        for r in range(4):
+            put_all(work, u + 4 * length * r, a[r])
+        for r in range(3):
+            put_all(work, u + 4 * length * (4 + r), b[r])
+            put_all(work, u + 4 * length * (7 + r), c[r])
+    for j in range(POINT_MODES + 2 * length, POINT_MODES + 4 * length, LANES):
+        a = (zero, zero, zero, zero)
+        o = record
+        for _ in range(points):
+            a = four_products(work, o, take(work, o + j), a)
+            o += stride
+        for r in range(4):
+            put_all(work, out + j - POINT_MODES + 4 * length * r, a[r])
+
+
+@inlined
+def pair_sums(work, record, stride, points, length, count, out):
+    """Write what h and s of each mode make of all: rows h_1, s_1, h_2, ... ."""
+    zero = spread(0.0)
+    for n in range(count):
+        for j in range(0, length, LANES):
+            a, b = (zero, zero, zero, zero), (zero, zero)
+            o = record + POINT_MODES
+            for _ in range(points):
+                h, s = spread(work[o + n]), spread(work[o + length + n])
+                shape, bend = take(work, o + length + j), take(work, o + 2 * length + j)
+                a = (
+                    plus_product(a[0], h, take(work, o + j)),
+                    plus_product(a[1], h, shape),
+                    plus_product(a[2], h, bend),
+                    plus_product(a[3], h, take(work, o + 3 * length + j)),
+                )
+                b = plus_product(b[0], s, shape), plus_product(b[1], s, bend)
+                o += stride
+            u = out + 8 * length * n + j
+            for r in range(4):
+                put_all(work, u + length * r, a[r])
+            put_all(work, u + 5 * length, b[0])
+            put_all(work, u + 6 * length, b[1])
+
+
+@inlined
+def shortening_sums(ints, reals, work, i, record, stride, out):
+    """Write the sums of H times the axial acceleration: H_y, then H_z."""
+    ny, nz, nt = at(ints, i, NY), at(ints, i, NZ), at(ints, i, NT)
+    entries = ny * ny + nz * nz
+    step = 2 + ny + nz + entries
+    for j in range(0, entries, LANES):
+        total = spread(0.0)
+        c = at(ints, i, BEAM) + 3 + nt + nt * nt + ny + nz + j
+        o = record
+        for _ in range(at(ints, i, POINTS)):
+            total = plus_product(total, spread(work[o + 16]), take_some(reals, c, entries - j))
+            c += step
+            o += stride
+        put_all(work, out + j, total)
+
+
+@shared
+def beam_sums(ints, reals, work, qd, qdd, i):
+    """Write all sums over the points of body i's beam; the body's motion stands at WORK."""
+    record, sums, length = sums_of(ints, i)
+    points = at(ints, i, POINTS)
+    count = at(ints, i, NY) + at(ints, i, NZ)
+    stride = POINT_MODES + 4 * length
+    write_points(ints, reals, work, qd, qdd, i)
+    body_sums(work, record, stride, points, sums + BODY_SUMS)
+    modes = sums + BODY_SUMS_SIZE
+    column_sums(work, record, stride, points, length, modes)
+    pair_sums(work, record, stride, points, length, count, modes + 40 * length)
+    shortening_sums(ints, reals, work, i, record, stride, modes + (40 + 8 * count) * length)
