@@ -7,7 +7,7 @@ from setuptools import find_packages, setup
 
 HERE = Path(__file__).parent
 NAME = 'denoc_ros'
-NODES = ('feedforward', 'predictor', 'recorder', 'plant', 'viewer')
+NODES = ('feedforward', 'predictor', 'recorder', 'plant', 'viewer', 'shaper')
 
 
 def package_version() -> str:

@@ -16,8 +16,8 @@ import yaml
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.overrides import FAMILIES
 
-NODES = ('plant', 'feedforward', 'predictor', 'recorder', 'viewer')
-WHEN_ASKED = ('viewer',)  # started only where the file has them
+NODES = ('plant', 'feedforward', 'predictor', 'recorder', 'viewer', 'shaper')
+WHEN_ASKED = ('viewer', 'shaper')  # started only where the file has them
 OF_ROBOTS = ('plant', 'feedforward', 'predictor')
 KEYS = (
     'robot',
@@ -70,7 +70,8 @@ class SessionConfig:
     nodes : mapping
         Node -> flat parameters, the plant's among them.
     without : frozenset of str
-        Nodes that are not started: `nodes: {NAME: false}`, and the viewer where `nodes` has none.
+        Nodes that are not started: `nodes: {NAME: false}`, and the viewer and the shaper where
+        `nodes` has none.
     plant_model : mapping
         Overrides of the model that are true of the plant only.
     phases : tuple of Phase

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.config import WHEN_ASKED, Parameters, Phase, SessionConfig
+from denoc_ros.cli.config import Parameters, Phase, SessionConfig
 from denoc_ros.cli.node_parameters import node_parameters, node_table, write_parameters
 from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
@@ -22,8 +22,9 @@ LEAD = 0.6  # s from publishing a reference to its start
 SETTLING = 0.1  # s until what was asked for has come about
 LONGEST_SILENCE = 10.0  # s without diagnostics after which a node counts as stuck
 TAIL = 0.2  # s a phase goes on behind its reference
-STOP_ORDER = ('player', 'viewer', 'feedforward', 'predictor', 'plant', 'recorder')
-START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward', 'viewer')
+STOP_ORDER = ('player', 'viewer', 'shaper', 'feedforward', 'predictor', 'plant', 'recorder')
+START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward', 'shaper', 'viewer')
+SHAPING = 2.0  # s that a shaper has to plan, and a shaped motion to come to its end
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,7 @@ class Session:
                 self._driver.wait(0.1)
                 self._check_silence()
             show(self._task.duration)
-        self._driver.wait(TAIL)
+        self._driver.wait(TAIL + (SHAPING if 'shaper' in self._names else 0.0))
 
     def _prepare(self) -> float:
         """Reset the nodes and publish the reference; return in how many seconds it starts.
@@ -172,13 +173,15 @@ class Session:
         predictor when the plant is there: it would take the way back for a motion.
         """
         self._reset('feedforward')
+        self._reset('shaper')
         start = time.perf_counter()
         if self._task.trajectory is not None:
-            start += LEAD
+            shaping = SHAPING if 'shaper' in self._names else 0.0
+            start += LEAD + shaping
             self._driver.publish_reference(
-                self._task.trajectory, self._task.joints, LEAD, len(self._listeners())
+                self._task.trajectory, self._task.joints, LEAD + shaping, len(self._listeners())
             )
-            self._driver.wait(SETTLING)
+            self._driver.wait(SETTLING + shaping)
         self._reset('plant')
         self._driver.wait(SETTLING)
         self._reset('predictor')
@@ -186,7 +189,7 @@ class Session:
 
     def _check_silence(self) -> None:
         # the viewer gives way to everybody: a run does not end for want of it
-        for name in set(self._names) - set(WHEN_ASKED):
+        for name in set(self._names) - {'viewer'}:
             silence = self._driver.silence(name)
             if silence > LONGEST_SILENCE:
                 raise ProcessError(
@@ -195,8 +198,9 @@ class Session:
                 )
 
     def _listeners(self) -> list[str]:
-        """Return the nodes that must not miss a reference."""
-        return [name for name in self._names if name in ('feedforward', 'recorder')]
+        """Return the nodes that must not miss a reference, or the motion it is made of."""
+        first = 'shaper' if 'shaper' in self._names else 'feedforward'
+        return [name for name in self._names if name in (first, 'recorder')]
 
     def _reset(self, name: str) -> None:
         if name in self._names:

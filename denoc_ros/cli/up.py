@@ -174,10 +174,11 @@ def _driver(
         interrupts.check()
         processes.check()
 
+    topic = 'reference' if 'shaper' in config.without else 'shaper/input'
     driver: Driver | None = None
     try:
         with interrupts.held():
-            driver = Driver(description, task.trajectory is not None, watch)
+            driver = Driver(description, task.trajectory is not None, watch, topic)
         yield driver
     finally:
         if driver is not None:

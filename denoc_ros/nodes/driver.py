@@ -48,10 +48,16 @@ class Driver:
         Whether it publishes `reference`: a second publisher there would be refused by the nodes.
     watch : callable
         Called during every wait, about every 20 ms; raises when the wait is pointless.
+    topic : str
+        Where it publishes instead of `reference`, such as the shaper's input.
     """
 
     def __init__(
-        self, description: str, drives: bool = True, watch: Callable[[], None] = lambda: None
+        self,
+        description: str,
+        drives: bool = True,
+        watch: Callable[[], None] = lambda: None,
+        topic: str = 'reference',
     ) -> None:
         self._watch = watch
         self._running = True
@@ -62,19 +68,17 @@ class Driver:
         self._executor = EventsExecutor()
         self._thread = threading.Thread(target=self._spin, name='driver', daemon=True)
         try:
-            self._join(description, drives)
+            self._join(description, topic if drives else '')
         except BaseException:
             self.close()
             raise
 
-    def _join(self, description: str, drives: bool) -> None:
+    def _join(self, description: str, topic: str) -> None:
         """Publish and listen; give the robot where nobody else does."""
         node = self._node
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 50)
         # from the start, so that the recorder has found it when the first reference goes out
-        self._reference = (
-            node.create_publisher(JointTrajectory, 'reference', COMMAND) if drives else None
-        )
+        self._reference = node.create_publisher(JointTrajectory, topic, COMMAND) if topic else None
         self._phase = node.create_publisher(String, '/up/phase', LATCHED)
         self._executor.add_node(node)
         self._thread.start()
@@ -206,7 +210,7 @@ class Driver:
             raise NodeError('up: a session that publishes no reference was asked for one')
         if not self.until(lambda: publisher.get_subscription_count() >= listeners, PATIENCE):
             raise NodeError(
-                f'reference: {listeners} nodes must listen, '
+                f'{publisher.topic_name}: {listeners} nodes must listen, '
                 f'got {publisher.get_subscription_count()}'
             )
         start_ns = time.time_ns() + round(lead * 1e9)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-WITH_ROBOT = ('feedforward', 'predictor', 'plant', 'viewer')
+WITH_ROBOT = ('feedforward', 'predictor', 'plant', 'viewer', 'shaper')
 SIMULATION = ('plant', 'predictor', 'feedforward')
-WITH_RATE = ('feedforward', 'predictor', 'plant')
+WITH_RATE = ('feedforward', 'predictor', 'plant', 'shaper')
 PACKAGE = 'denoc_ros'
 
 

@@ -1,0 +1,150 @@
+"""A process that plans motions: jobs on its standard input, plans on its standard output.
+
+`python -m denoc_ros.control.planner_process`; :class:`denoc_ros.nodes.planner.Planner` starts it.
+It ends with its input, or with the process that started it.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.control.jobs import read_message, write_message
+from denoc_ros.control.joint_limits import joint_limits
+from denoc_ros.control.plan import Plan
+from denoc_ros.control.servo import JointServo, joint_servo
+from denoc_ros.control.shape import shape_motion
+from denoc_ros.control.shaped_samples import rest_spline
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.errors import DenocError, SolverError
+
+Array = NDArray[np.float64]
+LOOK = 0.5  # s between looks whether the parent is there
+WITHIN = 0.01  # share by which a plan may be beyond a limit
+
+
+class Planning:
+    """Answers jobs, with the robot of the last one at hand."""
+
+    def __init__(self) -> None:
+        self._base: tuple[Any, Robot] | None = None
+        self._changed: tuple[Any, Robot] | None = None
+
+    def robot(self, wanted: dict[str, Any]) -> Robot:
+        """Return the robot of a job: `source`, `gravity`, `geometric_stiffness`, `overrides`."""
+        key = wanted['source'], tuple(wanted['gravity']), wanted['geometric_stiffness']
+        if self._base is None or self._base[0] != key:
+            self._base = key, load_robot(*key)
+            self._changed = None
+        overrides = wanted['overrides']
+        if self._changed is None or self._changed[0] != overrides:
+            base = self._base[1]
+            self._changed = overrides, base.with_overrides(overrides) if overrides else base
+        return self._changed[1]
+
+    def answer(
+        self, header: dict[str, Any], arrays: dict[str, Array]
+    ) -> tuple[dict[str, Any], dict[str, Array]]:
+        """Return the answer to a job: `error`, or the arrays `t`, `q`, `qd`, `qdd`."""
+        began = time.perf_counter()
+        try:
+            robot = self.robot(header['robot'])
+            if header['job'] == 'load':
+                answer: dict[str, Any] = {'joints': list(robot.joint_names)}
+                rows: dict[str, Array] = {}
+            else:
+                answer, rows = self._shape(robot, header, arrays)
+        except (DenocError, OSError) as error:
+            answer, rows = {'error': str(error)}, {}
+        except Exception as error:  # a defect of ours must not end the process
+            answer, rows = {'error': f'{type(error).__name__}: {error}'}, {}
+        return {**answer, 'id': header['id'], 'took': time.perf_counter() - began}, rows
+
+    def _shape(
+        self, robot: Robot, header: dict[str, Any], arrays: dict[str, Array]
+    ) -> tuple[dict[str, Any], dict[str, Array]]:
+        plan = shape_motion(
+            robot,
+            arrays['t'],
+            arrays['q'],
+            header['method'],
+            header['tip'] or None,
+            **header['options'],
+        )
+        limits = joint_limits(robot, **header['limits'])
+        joints = robot.joint_indices
+        rows = plan.q[:, joints], plan.qd[:, joints], plan.qdd[:, joints]
+        broken = limits.violation(*rows, plan.torque, tolerance=WITHIN)
+        if broken is not None:
+            what, joint, factor = broken
+            raise SolverError(
+                f'{robot.tree.name}: the plan must keep the limits, got {factor:.3g} times the '
+                f'{what} limit of {robot.joint_names[joint]!r}'
+            )
+        servo = joint_servo(len(joints), **header['servo'])
+        t, q, qd, qdd = _commands(plan, rows, servo)
+        answer = {
+            'delay': plan.delay,
+            'preaction': plan.preaction + servo.preaction,
+            'tip_error_end': float(plan.tip_error[-1]),
+        }
+        return answer, {'t': t, 'q': q, 'qd': qd, 'qdd': qdd}
+
+
+def _commands(
+    plan: Plan, rows: tuple[Array, Array, Array], servo: JointServo
+) -> tuple[Array, Array, Array, Array]:
+    """Return times and what to command so that the joints, behind their servos, do the plan."""
+    if servo.is_exact:
+        return plan.t, *rows
+    spline = rest_spline(plan.t, rows[0])
+    first, last = float(plan.t[0]), float(plan.t[-1])
+
+    def motion(times: Array, derivative: int) -> Array:
+        found = np.array(spline(np.clip(times, first, last), derivative))
+        if derivative:
+            found[(times < first) | (times > last)] = 0.0
+        return found
+
+    step = (last - first) / (len(plan.t) - 1)
+    before = int(np.ceil(servo.preaction / step - 1e-9))
+    t: Array = first + step * np.arange(-before, len(plan.t), dtype=np.float64)
+    return t, *servo.command(t, motion)
+
+
+def serve(jobs: BinaryIO, answers: BinaryIO) -> None:
+    """Answer jobs until there are no more."""
+    planning = Planning()
+    while (job := read_message(jobs)) is not None:
+        write_message(answers, *planning.answer(*job))
+
+
+def main() -> None:
+    """Serve the process that started this one, and end with it."""
+    parent = os.getppid()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(LOOK)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    # what anything prints must not get between the answers
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), 'wb')
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    try:
+        serve(sys.stdin.buffer, answers)
+    except BrokenPipeError:
+        os._exit(1)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,398 @@
+"""The shaper node: a motion in, the motion of the joints that leaves no swing out."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from denoc_ros.control.joint_limits import joint_limits
+from denoc_ros.control.ringing import RingingModes, require_tree, ringing_modes
+from denoc_ros.control.servo import joint_servo
+from denoc_ros.errors import ConfigError, DenocError
+from denoc_ros.nodes.conversions import InputError, JointStateReader
+from denoc_ros.nodes.diagnostics import ERROR, WARN, Status
+from denoc_ros.nodes.messages import TrajectoryPointMessage
+from denoc_ros.nodes.model_node import is_override
+from denoc_ros.nodes.motion_bounds import motion_bounds
+from denoc_ros.nodes.motion_messages import planned_message, unshaped_message
+from denoc_ros.nodes.motion_planning import MotionPlanning, given_limits, servo_columns
+from denoc_ros.nodes.motion_samples import Motion
+from denoc_ros.nodes.parameters import Settings, Value
+from denoc_ros.nodes.planner import Answer
+from denoc_ros.nodes.process import leave, run
+from denoc_ros.nodes.robot_node import RobotNode
+from denoc_ros.nodes.shaped_stream import ShapedStream
+from denoc_ros.nodes.shaper_parameters import OF_STREAMS, TABLE
+from denoc_ros.nodes.stamps import StampOf
+from denoc_ros.nodes.trajectory_messages import (
+    TrajectoryMessage,
+    has_many_points,
+    read_trajectory,
+)
+
+Array = NDArray[np.float64]
+LOOK_PERIOD = 0.02  # s between looks at the planner
+RETUNE_PERIOD = 0.05  # s between looks at the modes of a stream
+# one whole motion after the other must not lose the first
+REFERENCE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class ShaperNode(RobotNode):
+    """Plans whole motions in a process of its own, and shapes streams in its loop."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('shaper', TABLE, **options)
+        self.planning = MotionPlanning(self.to_log.append, self._take_answer)
+        self._lock = threading.Lock()
+        self._connected = False
+        self._reference: Any = None
+        self.offer('~/stop', self._stop)
+        self.offer('~/reset', self._reset)
+        self.offer('~/reload_model', self._reload)
+        self.create_timer(LOOK_PERIOD, self._look, clock=self.steady_clock)
+        self.create_timer(RETUNE_PERIOD, self._retune, clock=self.steady_clock)
+        self._moving_until = 0.0  # s of the steady clock
+        self._known: Array | None = None  # (joints,) where the last motion ends
+        self._said = {'planned': 0, 'refused': 0, 'passed on': 0, 'streams': 0}
+        self._last_failure, self._failures_reported = '', 0
+        self._solve_last = self._solve_max = 0.0
+
+    # ---- configure
+
+    def prepare(self) -> None:
+        """Build what shapes streams and start the planner; run each once."""
+        settings, robot = self.settings, self.robot
+        name = self.get_fully_qualified_name()
+        require_tree(robot, 'the shaper node')
+        self.joints = list(robot.joint_names)
+        self._check(settings)
+        n = len(self.joints)
+        self.bounds = motion_bounds(robot, self.joints, settings)
+        self._reader = JointStateReader(self.joints, True, robot.joint_names, self.bounds)
+        self.stream = ShapedStream(
+            n,
+            self.period,
+            settings.number('stream_timeout'),
+            settings.number('stop_time'),
+            self.bounds,
+        )
+        self._modes_robot = robot.copy()
+        self._modes(np.zeros(n), settings)  # a rigid robot needs no shaper
+        self._point = TrajectoryPointMessage(self.joints)
+        self._reference = self.create_publisher(JointTrajectory, 'reference', REFERENCE)
+        if not self._connected:
+            self._connected = True
+            self.input = self.listen_in_loop(
+                JointTrajectory, '~/input', self._on_input, has_many_points
+            )
+            self.joint_input = self.listen_in_loop(
+                JointState, 'joint_states', self._on_joint_state
+            )
+        self.planning.load(self._robot_job(settings), name)
+
+    def _check(self, settings: Settings) -> None:
+        """Refuse limits and servos that are not the joints', and a tip that is no frame."""
+        tip = settings.text('tip')
+        try:
+            joint_limits(self.robot, **given_limits(settings))
+            joint_servo(len(self.robot.joint_names), **servo_columns(settings))
+            if tip:
+                self.robot.frame_pose(tip, np.zeros(self.robot.n))
+        except DenocError as error:
+            raise ConfigError(self.get_fully_qualified_name(), [str(error)]) from error
+
+    def _robot_job(self, settings: Settings) -> dict[str, Any]:
+        return {
+            'source': settings.text('urdf_path') or self.description,
+            'gravity': settings.numbers('gravity'),
+            'geometric_stiffness': settings.flag('geometric_stiffness'),
+            'overrides': settings.family('beam', 'joint', 'payload', 'sensor', 'damping'),
+        }
+
+    def _modes(self, posture: Array, settings: Settings) -> RingingModes:
+        return ringing_modes(self._modes_robot, posture, settings.integer('modes') or None)
+
+    # ---- inputs
+
+    def _on_joint_state(self, raw: bytes, now: float) -> None:
+        self._reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now))
+
+    def _where(self) -> Array | None:
+        """Return where the joints stand (joints,), None where nothing says it."""
+        if self._known is not None:
+            return self._known
+        return self._reader.position.copy() if self.joint_input.received else None
+
+    def _on_input(self, raw: bytes, now: float) -> None:
+        if self.state != 'active':
+            raise InputError('inactive', 'the node must be active, got a motion before that')
+        message = read_trajectory(raw, self.joints, self.bounds, partial=True)
+        with self._lock:
+            if message.is_cancel:
+                self.input.accept(message.stamp_ns or None, now)
+                self._cancel()
+                self._reference.publish(JointTrajectory(joint_names=self.joints))
+            elif message.is_streamed:
+                self._take_point(message, now)
+            else:
+                self._take_motion(message, now)
+
+    def _require_rest(self, now: float) -> None:
+        """Refuse a motion while another one is planned or carried out."""
+        if self.planning.busy:
+            raise InputError('busy', 'a motion must come after the one before is planned')
+        left = self._moving_until - now
+        if left > 0.0:
+            raise InputError(
+                'in_motion', f'a motion must begin at rest, got one {left:.3g} s before that'
+            )
+
+    def _take_motion(self, message: TrajectoryMessage, now: float) -> None:
+        """Keep a whole motion for the planner."""
+        if self.stream.active:
+            raise InputError('in_motion', 'a motion must begin at rest, got one within a stream')
+        self._require_rest(now)
+        self._require_posture(message)
+        self.input.accept(message.stamp_ns or None, now)
+        self.planning.take(Motion(message, self._where()))
+
+    def _require_posture(self, message: TrajectoryMessage) -> None:
+        begins_later = len(message.times) > 0 and message.times[0] > 0.0
+        if (message.held or begins_later) and self._where() is None:
+            raise InputError(
+                'missing_joint',
+                'a motion must name all joints from time 0 on while nothing says where they are',
+            )
+
+    def _take_point(self, message: TrajectoryMessage, now: float) -> None:
+        method = self.settings.text('method')
+        if not self.stream.active:
+            self._require_rest(now)
+            self._require_posture(message)
+        if method not in OF_STREAMS:
+            self.input.accept(message.stamp_ns or None, now)
+            why = f'method {method} needs whole motions, got a single point'
+            self._fail(Motion(message, self._where()), why)
+            return
+        if not self.stream.active:
+            start = Motion(message, self._where()).whole().positions[0]
+            modes = self._modes(start, self.settings)
+            servo = joint_servo(len(self.joints), **servo_columns(self.settings))
+            self.stream.begin(method, modes, start, servo)
+            self._said['streams'] += 1
+        self.stream.follower.offer(
+            message,
+            now,
+            self.stamp_ns_at(now),
+            self.stream.last,
+            lambda: self.input.accept(message.stamp_ns or None, now),
+        )
+
+    def _cancel(self) -> None:
+        """Drop what is planned or streamed; what has left has left."""
+        self.planning.drop()
+        self.stream.end()
+        self._moving_until = 0.0
+        self._known = None
+
+    # ---- loop: streams
+
+    def begin(self) -> None:
+        """Start with nothing known."""
+        with self._lock:
+            self._cancel()
+        self._stamp_of = StampOf(self.stamp_ns)
+
+    def tick(self, steps: int) -> None:
+        """Publish a streamed motion's shaped sample for now."""
+        assert self.loop is not None
+        now = self.loop.deadline
+        row = self.stream.tick(now, steps)
+        if row is None:
+            return
+        self._known = self.stream.last
+        point = self._point
+        point.positions[:], point.velocities[:], point.accelerations[:] = row
+        point.stamp(self._stamp_of(now))
+        self._reference.publish(point.bytes())
+
+    def rescue(self) -> bool:
+        """End a stream that fails: nothing more leaves."""
+        self.stream.end()
+        return True
+
+    def _retune(self) -> None:
+        """Take the modes of where a stream is now."""
+        if self.state == 'active' and self.stream.active:
+            self.stream.retune(self._modes(self.stream.last, self.settings))
+
+    # ---- planner: whole motions
+
+    def _look(self) -> None:
+        """Hand motions to the planner, take plans from it, start it anew where it died."""
+        if self.state in ('active', 'inactive'):
+            with self._lock:
+                self.planning.look(self.settings, self._robot_job(self.settings))
+
+    def _take_answer(self, motion: Motion, answer: Answer) -> None:
+        if self.state != 'active':
+            return
+        if answer.error:
+            self._fail(motion, answer.error)
+        else:
+            self._release(motion, answer)
+
+    def _release(self, motion: Motion, answer: Answer) -> None:
+        """Publish a plan, once and whole, to begin early enough for its preaction."""
+        took = float(answer.header['took'])
+        self._solve_last, self._solve_max = took, max(self._solve_max, took)
+        now, now_ns = time.perf_counter(), self.stamp_ns()
+        margin = round(1e9 * self.settings.number('start_margin'))
+        arrays = answer.arrays
+        wanted = motion.message.stamp_ns + round(1e9 * arrays['t'][0])
+        begin_ns = max(now_ns + margin, wanted if motion.message.stamp_ns else 0)
+        chosen = motion.named if self.settings.text('method') in OF_STREAMS else None
+        message = planned_message(self.joints, arrays, begin_ns, chosen)
+        self._publish_motion(message, now, begin_ns - now_ns, arrays['q'][-1])
+        self._said['planned'] += 1
+        self.to_log.append(
+            f'planned in {took:.3g} s: {arrays["t"][-1] - arrays["t"][0]:.3g} s of motion, '
+            f'{answer.header["delay"]:.3g} s later than asked for'
+        )
+
+    def _publish_motion(
+        self, message: JointTrajectory, now: float, wait_ns: int, end: Array
+    ) -> None:
+        last = message.points[-1].time_from_start
+        duration = last.sec + 1e-9 * last.nanosec
+        self._moving_until = now + 1e-9 * wait_ns + duration
+        self._known = end
+        if not self._reference.get_subscription_count():
+            self.to_log.append('reference must have a subscriber, got none: a motion is lost')
+        self._reference.publish(message)
+
+    def _fail(self, motion: Motion, why: str) -> None:
+        """Refuse a motion, or let it through as it came."""
+        self._last_failure = why
+        if self.settings.text('on_failure') == 'refuse':
+            self._said['refused'] += 1
+            self.refuse(self.input, InputError('not_shaped', why))
+            return
+        self._said['passed on'] += 1
+        self.to_log.append(f'passed on as it came: {why}')
+        now, now_ns = time.perf_counter(), self.stamp_ns()
+        stamp_ns = motion.message.stamp_ns
+        begin_ns = max(stamp_ns, now_ns) if stamp_ns else 0
+        message = unshaped_message(self.joints, motion.message, begin_ns, motion.named)
+        end = motion.whole().positions[-1]
+        self._publish_motion(message, now, max(0, begin_ns - now_ns), end)
+
+    # ---- services, live parameters, end
+
+    def _stop(self) -> str:
+        """Drop what is planned or streamed."""
+        if self.state in ('active', 'inactive'):
+            with self._lock:
+                self._cancel()
+        return 'stopped: what was planned or streamed is dropped, what has left goes on'
+
+    def _reset(self) -> str:
+        """Forget motions and stamps."""
+        self._stop()
+        for monitor in self.monitors:
+            monitor.reset()
+        return 'reset: waiting for a motion'
+
+    def _reload(self) -> str:
+        """Read the robot again; its joints must be the same."""
+        self.require_configured('to reload its model')
+        model = self.read_model(self.settings)
+        robot = self.changed_robot(self.settings, model)
+        if tuple(robot.joint_names) != tuple(self.robot.joint_names):
+            rule = f'joints must stay {list(self.robot.joint_names)} on reload'
+            raise ConfigError(self.get_name(), [f'{rule}, got {list(robot.joint_names)}'])
+        self.robot, self._modes_robot = robot, robot.copy()
+        self.adopt_model(model, self.settings)
+        with self._lock:
+            self._cancel()
+            self.planning.load(self._robot_job(self.settings), self.get_name())
+        return f'reloaded {robot.tree.name}'
+
+    def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
+        """Take a changed model for the next motion and for the stream."""
+        if self.state not in ('active', 'inactive'):
+            return
+        self._check(settings)
+        if any(is_override(name) for name in changes):
+            robot = self.changed_robot(settings)
+            self.robot, self._modes_robot = robot, robot.copy()
+
+    def deactivate(self) -> None:
+        """Stop the loop; what is planned or streamed is dropped."""
+        super().deactivate()
+        with self._lock:
+            self._cancel()
+
+    def cleanup(self) -> None:
+        """End the planner."""
+        self.planning.planner.close()
+        if self._reference is not None:
+            self.destroy_publisher(self._reference)
+            self._reference = None
+
+    def save(self) -> None:
+        """Leave no planner behind, whatever hangs."""
+        self.planning.planner.close(0.0)
+
+    # ---- diagnostics
+
+    def statuses(self) -> list[Status]:
+        """Return loop, and what was planned how fast."""
+        found = super().statuses()
+        if self.state not in ('active', 'inactive'):
+            return found
+        status = Status('shaper')
+        status.values = {
+            'doing': self._doing(time.perf_counter()),
+            'method': self.settings.text('method'),
+            'joints': ' '.join(self.joints),
+            **self._said,
+            'solve_last_s': self._solve_last,
+            'solve_max_s': self._solve_max,
+            'stream_delay_s': self.stream.delay,
+            'planner_pid': self.planning.planner.pid or 'none',
+            'planner_deaths': self.planning.planner.deaths,
+        }
+        failures = self._said['refused'] + self._said['passed on']
+        if failures > self._failures_reported:
+            status.worsen(WARN, f'not shaped: {self._last_failure}')
+        self._failures_reported = failures
+        if self.planning.planner.pid is None:
+            status.worsen(ERROR, 'no planner: it died and will be started anew')
+        if self.planning.load_error:
+            status.worsen(ERROR, self.planning.load_error)
+        return [*found, status]
+
+    def _doing(self, now: float) -> str:
+        if self.stream.active:
+            return 'streaming'
+        if self.planning.busy:
+            return 'planning'
+        return 'moving' if now < self._moving_until else 'waiting'
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the node (console script `denoc-shaper`)."""
+    leave(run(ShaperNode, arguments))
+
+
+if __name__ == '__main__':
+    main()
