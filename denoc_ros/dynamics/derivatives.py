@@ -151,7 +151,7 @@ class DifferentiableModel(ConstrainedModel):
         n = self.n
         load = None
         if wrenches:
-            load = self._load_derivative(q, wrenches)
+            load = self.load_derivative(q, wrenches)
             tau = as_rows('tau', tau, n) + self._load(as_rows('q', q, n), wrenches)
         if out is None:
             result = (_empty((n, n)), _empty((n, n)), _empty((n, n)))
@@ -222,7 +222,7 @@ class DifferentiableModel(ConstrainedModel):
         self._judge(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
         driven = by_drive[:, 0]
         if wrenches:
-            load = self._load_derivative(q, wrenches)
+            load = self.load_derivative(q, wrenches)
             by_q += driven[:, :, free] @ load[:, free]
             by_q[:, index] -= load[:, index]
         parts = [
@@ -237,7 +237,7 @@ class DifferentiableModel(ConstrainedModel):
         ]
         return HybridDerivatives(*(part[0] if single else part for part in parts))
 
-    def _load_derivative(self, q: ArrayLike, wrenches: Wrenches) -> Array:
+    def load_derivative(self, q: ArrayLike, wrenches: Wrenches) -> Array:
         """Return the derivative (n, n) or (k, n, n) by q of the forces that wrenches make."""
         q = as_rows('q', q, self.n)
         out = np.zeros((*q.shape, self.n))
