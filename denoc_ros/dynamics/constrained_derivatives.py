@@ -90,7 +90,7 @@ class ConstrainedHybridDerivatives(NamedTuple):
     dmultipliers_dtau: Array
 
 
-class _Tied(NamedTuple):
+class TiedDerivatives(NamedTuple):
     """Derivatives of I q'' + h - J^T multipliers (n, n) with the multipliers constant."""
 
     by_q: Array
@@ -205,29 +205,35 @@ class DifferentiableMechanism(DifferentiableModel):
         return ConstrainedHybridDerivatives(*found)
 
 
-def _resistance(robot: Robot, axes: Array, qd: Array) -> tuple[Array, Array]:
+def _resistance(robot: Robot, axes: Array, qd: Array, friction: bool) -> tuple[Array, Array]:
     """Return force and slope (axes,) of damping and friction along the loops' free axes."""
     loops = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
-    damping, friction = np.array([(x.damping, x.friction) for x in loops]).reshape(-1, 2).T
+    damping, dry = np.array([(x.damping, x.friction) for x in loops]).reshape(-1, 2).T
     rates, scale = axes @ qd, robot.lowered.reals[SLIP_RATE]
     slip = np.tanh(rates / scale)
-    return damping * rates + friction * slip, damping + friction / scale * (1.0 - slip**2)
+    slope = damping + dry / scale * (1.0 - slip**2) if friction else damping
+    return damping * rates + dry * slip, slope
 
 
-def _tied(robot: Robot, q: Array, qd: Array, qdd: Array, multipliers: Array) -> _Tied:
-    """Return how the forces that motion in the loops asks for change, and the rows."""
+def tied_derivatives(
+    robot: Robot, q: Array, qd: Array, qdd: Array, multipliers: Array, friction: bool = True
+) -> TiedDerivatives:
+    """Return how the forces that motion in the loops asks for change, and the rows.
+
+    friction: False leaves out the slope of the loops' own friction.
+    """
     rows, axes = constraints.jacobian(robot, q)
-    force, slope = _resistance(robot, axes, qd)
+    force, slope = _resistance(robot, axes, qd, friction)
     by_q, by_rate, inertia = robot.inverse_dynamics_derivatives(q, qd, qdd)
     change = row_derivatives(robot, q, qd, qdd)
     by_q = by_q - transposed_change(robot, q, multipliers, -force)
     by_q = by_q + axes.T @ (slope[:, None] * change.axis_rates_by_q)
     by_rate = by_rate + axes.T @ (slope[:, None] * axes)
-    return _Tied(by_q, by_rate, inertia, rows, change.by_q, change.by_rate)
+    return TiedDerivatives(by_q, by_rate, inertia, rows, change.by_q, change.by_rate)
 
 
 def _accelerations(
-    tied: _Tied, held: Int, changes: Sequence[tuple[Array, Array, Array]]
+    tied: TiedDerivatives, held: Int, changes: Sequence[tuple[Array, Array, Array]]
 ) -> list[Array]:
     """Return the changes of q'' (n, c) for each (force left, bias of rows, given) (…, c)."""
     n = len(tied.inertia)
@@ -244,7 +250,7 @@ def _accelerations(
 
 
 def _multipliers(
-    robot: Robot, tied: _Tied, q: Array, multipliers: Array, changes: Sequence[Array]
+    robot: Robot, tied: TiedDerivatives, q: Array, multipliers: Array, changes: Sequence[Array]
 ) -> list[Array]:
     """Return their changes (rows, c) for changes (n, c) of J^T multipliers, J constant.
 
@@ -263,7 +269,7 @@ def _forward(robot: Robot, q: Array, qd: Array, tau: Array) -> tuple[Array, ...]
     """Return q'' by q, q' and tau (n, n each), then the multipliers so (rows, n each)."""
     n = robot.n
     qdd, multipliers = constraints.forward(robot, q, qd, tau)
-    tied = _tied(robot, q, qd, qdd, multipliers)
+    tied = tied_derivatives(robot, q, qd, qdd, multipliers)
     none, still, unit = np.zeros((0, n)), np.zeros_like(tied.rows), -np.eye(n)
     left = (tied.by_q, tied.by_rate, unit)
     biases = (tied.bias_by_q, tied.bias_by_rate, still)
@@ -278,7 +284,7 @@ def _inverse(robot: Robot, q: Array, qd: Array, qdd: Array, actuated: Int) -> tu
     """Return torques (a, n) by q, q' and q'', then the multipliers so (rows, n each)."""
     load = np.zeros(robot.n)
     torque, multipliers = constraints.inverse_torques(robot, q, qd, qdd, actuated, load)
-    tied = _tied(robot, q, qd, qdd, multipliers)
+    tied = tied_derivatives(robot, q, qd, qdd, multipliers)
     asked = (tied.by_q, tied.by_rate, tied.inertia)
     return _forces(robot, tied, q, torque, multipliers, actuated, asked)
 
@@ -292,7 +298,7 @@ def _hybrid(
     loads[actuated] = 0.0
     qdd, _ = constraints.accelerations(robot, q, qd, loads, actuated, given)
     torque, multipliers = constraints.inverse_torques(robot, q, qd, qdd, actuated, loads)
-    tied = _tied(robot, q, qd, qdd, multipliers)
+    tied = tied_derivatives(robot, q, qd, qdd, multipliers)
     loaded = -np.eye(n)
     loaded[actuated, actuated] = 0.0
     still, held = np.zeros_like(tied.rows), np.zeros((a, n))
@@ -307,7 +313,7 @@ def _hybrid(
 
 def _forces(
     robot: Robot,
-    tied: _Tied,
+    tied: TiedDerivatives,
     q: Array,
     torque: Array,
     multipliers: Array,

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import constraints
 from denoc_ros.dynamics.borders import as_vector
+from denoc_ros.dynamics.constrained_derivatives import tied_derivatives
 from denoc_ros.dynamics.held_model import HeldModel
 from denoc_ros.dynamics.linear_model import LinearModel
 from denoc_ros.dynamics.linear_signals import read_inputs, read_outputs
-from denoc_ros.dynamics.linearization import derivative, difference_steps
 from denoc_ros.dynamics.mechanism_modes import independent_joints
 from denoc_ros.dynamics.minimal_coordinates import minimal_coordinates
 from denoc_ros.kernels.handle import FRICTION
@@ -21,7 +21,6 @@ from denoc_ros.kernels.layout import SLIP_RATE
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.model.tree import Loop
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -151,40 +150,10 @@ def _forces(
     robot: Robot, state: State, multipliers: Array, friction: bool
 ) -> tuple[Array, Array, Array]:
     """Return the derivatives (n, n) by q and q' of I q'' + h - J^T lambda, and I."""
-    q, qd, _qdd = state
-    by_q, by_qd, inertia = robot.inverse_dynamics_derivatives(*state)
-    if not friction:
-        by_qd -= np.diag(friction_slope(robot, qd))
-    if len(multipliers):
-        by_q += derivative(
-            lambda x: _loop_forces(robot, x, qd, multipliers, friction),
-            q,
-            difference_steps(robot),
-        )
-        _rows, axes = constraints.jacobian(robot, q)
-        for loop, axis in zip(_resisting(robot), axes, strict=True):
-            slope = loop.damping
-            if friction:
-                slope += loop.friction * _slip_slope(robot, float(axis @ qd))
-            by_qd += slope * np.outer(axis, axis)
-    return by_q, by_qd, inertia
-
-
-def _resisting(robot: Robot) -> list[Loop]:
-    return [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
-
-
-def _loop_forces(robot: Robot, q: Array, qd: Array, multipliers: Array, friction: bool) -> Array:
-    """Return what loops take off I q'' + h at a configuration, their multipliers given."""
-    rows, axes = constraints.jacobian(robot, q)
-    force = -multipliers @ rows
-    constraints.add_loop_friction(robot, qd, axes, force)
-    return np.asarray(force)
-
-
-def _slip_slope(robot: Robot, rate: float) -> float:
-    slip = float(robot.lowered.reals[SLIP_RATE])
-    return float(1.0 - np.tanh(rate / slip) ** 2) / slip
+    _q, qd, _qdd = state
+    tied = tied_derivatives(robot, *state, multipliers, friction)
+    by_qd = tied.by_rate if friction else tied.by_rate - np.diag(friction_slope(robot, qd))
+    return tied.by_q, by_qd, tied.inertia
 
 
 def friction_slope(robot: HeldModel, qd: Array) -> Array:

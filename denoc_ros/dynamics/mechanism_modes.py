@@ -8,8 +8,15 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.constraint_derivatives import transposed_change
 from denoc_ros.dynamics.constraints import RANK, jacobian, least_solution
-from denoc_ros.dynamics.linearization import NaturalModes, derivative, difference_steps, stiffness
+from denoc_ros.dynamics.linearization import (
+    NaturalModes,
+    derivative,
+    derivatives_are_ready,
+    difference_steps,
+    stiffness,
+)
 from denoc_ros.dynamics.mobility import rank_of
 from denoc_ros.kernels.handle import DAMPING
 
@@ -79,9 +86,7 @@ def mechanism_modes(robot: Robot, q: Array, held: Sequence[str]) -> NaturalModes
         zero = np.zeros(robot.n)
         load = robot.inverse_dynamics(q, zero, zero)[free]
         multipliers = least_solution(rows[:, free].T, load)[0]
-        turning = derivative(
-            lambda x: multipliers @ jacobian(robot, x)[0], q, difference_steps(robot)
-        )
+        turning = _turning(robot, q, multipliers)
         tangent = tangent - 0.5 * (turning + turning.T)
         allowed = scipy.linalg.null_space(rows[:, free], rcond=RANK)
     else:
@@ -98,6 +103,13 @@ def mechanism_modes(robot: Robot, q: Array, held: Sequence[str]) -> NaturalModes
     modal = np.einsum('ij,i,ij->j', shapes, robot.lowered.diagonals[DAMPING], shapes)
     ratios = np.divide(modal, 2.0 * omega, out=np.zeros_like(modal), where=omega > 0.0)
     return NaturalModes(np.sign(squares) * omega / (2.0 * np.pi), shapes, ratios)
+
+
+def _turning(robot: Robot, q: Array, multipliers: Array) -> Array:
+    """Return d(J^T multipliers)/dq (n, n): analytical where `stiffness` is."""
+    if derivatives_are_ready(loaded=True):
+        return transposed_change(robot, q, multipliers, np.zeros(0))
+    return derivative(lambda x: multipliers @ jacobian(robot, x)[0], q, difference_steps(robot))
 
 
 def _depth(robot: Robot, joint: str) -> int:

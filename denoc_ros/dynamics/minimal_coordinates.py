@@ -9,8 +9,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.constraint_derivatives import applied_change, row_derivatives
 from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
-from denoc_ros.dynamics.linearization import derivative, difference_steps
 from denoc_ros.dynamics.mechanism_modes import independent_joints
 from denoc_ros.errors import StateError
 
@@ -51,7 +51,7 @@ def minimal_coordinates(
     -----
     J dq = 0; J dq' + d(J q')/dq dq = 0; J dq'' + d(J q'' + g)/dq dq + dg/dq' dq' = 0 with
     g = J' q', whose solutions by least squares are moved along the basis until y, y', y'' are
-    those of the independent coordinates. Derivatives of the rows are fourth-order differences.
+    those of the independent coordinates.
     """
     q, qd, qdd = state
     free = np.setdiff1d(np.arange(robot.n), locked)
@@ -75,15 +75,10 @@ def minimal_coordinates(
         change[free] = inverse @ wanted
         return change - basis @ change[free[chosen]]
 
-    steps = difference_steps(robot)
-    of_rates = derivative(lambda x: jacobian(robot, x)[0] @ qd, q, steps)
-    rates = np.hstack([completed(-of_rates @ basis), basis])
-    by_q = derivative(
-        lambda x: jacobian(robot, x)[0] @ qdd + closure_rows(robot, x, qd)[2], q, steps
-    )
-    by_qd = derivative(lambda x: closure_rows(robot, q, x)[2], qd, np.ones(robot.n))
+    rates = np.hstack([completed(-applied_change(robot, q, qd) @ basis), basis])
+    change = row_derivatives(robot, q, qd, qdd)
     positions = np.hstack([basis, np.zeros((robot.n, m))])
-    accelerations = completed(-by_q @ positions - by_qd @ rates)
+    accelerations = completed(-change.by_q @ positions - change.by_rate @ rates)
     return MinimalCoordinates(free[chosen], basis, rates, accelerations)
 
 
