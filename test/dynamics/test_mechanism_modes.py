@@ -9,7 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 import denoc_ros as dn
+from denoc_ros.dynamics import mechanism_modes as mechanism_modes_of
 from denoc_ros.dynamics.equilibrium import Equilibrium
+from denoc_ros.dynamics.linearization import derivatives_are_ready
 from denoc_ros.dynamics.mechanism_modes import independent_joints, mechanism_modes
 from denoc_ros.dynamics.mobility import mobility
 from denoc_ros.dynamics.robot import Robot
@@ -84,3 +86,19 @@ def test_independent_joints_are_as_many_as_degrees_of_freedom(repository: Path, 
 
 def test_the_cranks_on_the_base_hold_a_five_bar(repository: Path) -> None:
     assert mechanism(repository, 'five_bar_ffff')[2] == ('joint_1', 'joint_3')
+
+
+@pytest.mark.parametrize('name', POSTURES)
+def test_turning_of_the_loops_forces_is_that_of_differences(
+    repository: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    robot, q, _held = mechanism(repository, name)
+    frame, zero = next(iter(robot.tree.frames)), np.zeros(robot.n)
+    robot.inverse_dynamics_derivatives(q, zero, zero, {frame: np.zeros(6)})  # compiles
+    assert derivatives_are_ready(loaded=True)
+    multipliers = np.random.default_rng(3).normal(size=len(robot.closure(q)))
+    exact = mechanism_modes_of._turning(robot, q, multipliers)
+    with monkeypatch.context() as patch:
+        patch.setattr(mechanism_modes_of, 'derivatives_are_ready', lambda **_: False)
+        differences = mechanism_modes_of._turning(robot, q, multipliers)
+    np.testing.assert_allclose(exact, differences, rtol=0, atol=1e-9 * np.abs(exact).max())
