@@ -50,7 +50,8 @@ class JointLimits:
         Rows (k, joints) of a motion, and of its torque; a share beyond a limit is tolerated.
         """
         room = 0.5 * (self.upper - self.lower)
-        middle = np.where(np.isfinite(room), 0.5 * (self.upper + self.lower), 0.0)
+        middle = np.where(np.isfinite(room), self.upper, 0.0)
+        middle -= np.where(np.isfinite(room), room, 0.0)
         shares = {
             'position': _largest(q - middle, room),
             'velocity': _largest(qd, self.velocity),
@@ -98,8 +99,19 @@ def joint_limits(
     def column(what: str) -> Array:
         return np.array([getattr(limits, what) for limits in own], dtype=np.float64)
 
+    def magnitude(what: str) -> Array:
+        found = column(what)  # many files have 0 where they mean that there is none
+        return np.where(found > 0.0, found, np.inf)
+
+    lower, upper = column('lower'), column('upper')
+    meant = lower < upper
     limits = JointLimits(
-        column('lower'), column('upper'), column('velocity'), none, none.copy(), column('effort')
+        np.where(meant, lower, -np.inf),
+        np.where(meant, upper, np.inf),
+        magnitude('velocity'),
+        none,
+        none.copy(),
+        magnitude('effort'),
     )
     given = {'velocity': velocity, 'acceleration': acceleration, 'jerk': jerk, 'effort': effort}
     for what, value in given.items():

@@ -37,6 +37,9 @@ class Plan:
         How much later than asked for the motion arrives [s].
     stretch : float
         Factor by which the motion was made slower to keep the limits.
+    equation_error : float
+        Root mean square of the forces that no actuator gives and the plan needs between its nodes,
+        over their stiffness [m, rad]: what the grid leaves.
     """
 
     method: str
@@ -53,3 +56,4 @@ class Plan:
     postaction: float = 0.0
     delay: float = 0.0
     stretch: float = 1.0
+    equation_error: float = 0.0

@@ -17,7 +17,8 @@ from denoc_ros.control.joint_plans import (
     shaper_motion,
 )
 from denoc_ros.control.plan import Plan
-from denoc_ros.control.tip import TipOptions, tip_motion
+from denoc_ros.control.tip import tip_motion
+from denoc_ros.control.tip_options import TipOptions
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 
@@ -90,7 +91,7 @@ def shape_motion(
         ``rest_to_rest``: the joints go from the first to the last posture as they like and every
         mode rests there (:class:`RestOptions`).
     tip : str or sequence of str, optional
-        The frames that matter; default ``tool``, or the last one of the robot.
+        The frames that matter; default ``tool``, or the last link in the file that moves.
     **options
         What the method takes.
 
@@ -134,7 +135,7 @@ def _frames(robot: Robot, tip: str | Sequence[str] | None) -> tuple[str, ...]:
     """Return the names of the frames that matter, all known."""
     known = tuple(robot.lowered.frame_rows)
     if tip is None:
-        return ('tool',) if 'tool' in known else (known[-1],)
+        return (_last_frame(robot),)
     frames = (tip,) if isinstance(tip, str) else tuple(tip)
     unknown = [frame for frame in frames if frame not in known]
     if unknown or not frames or len(set(frames)) != len(frames):
@@ -142,3 +143,13 @@ def _frames(robot: Robot, tip: str | Sequence[str] | None) -> tuple[str, ...]:
             f'shape_motion: tip must be different frames of {", ".join(known)}, got {frames}'
         )
     return frames
+
+
+def _last_frame(robot: Robot) -> str:
+    """Return ``tool``, or the last link of the file that a joint moves."""
+    links = [name for name in robot.lowered.frame_rows if '/' not in name]
+    if 'tool' in links:
+        return 'tool'
+    still = np.zeros(robot.n)
+    moving = [name for name in links if robot.frame_jacobian(name, still).any()]
+    return moving[-1] if moving else links[-1]

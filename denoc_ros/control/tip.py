@@ -4,106 +4,138 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from denoc_ros.control.grid import GridMotion, differences
+from denoc_ros.control.joint_limits import joint_limits
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.rest import rest_posture
+from denoc_ros.control.stretching import within_limits
 from denoc_ros.control.targets import Target
+from denoc_ros.control.tip_options import TipOptions
+from denoc_ros.control.tip_path import checked_path, joints_along
 from denoc_ros.control.tip_problem import TipProblem
-from denoc_ros.control.tip_solver import Solved, solve_motion
+from denoc_ros.control.tip_solver import CancelledError, Solved, solve_motion
 from denoc_ros.control.zeros import settling_times
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import SolverError
+from denoc_ros.errors import SolverError, StateError
 
 Array = NDArray[np.float64]
+Int = NDArray[np.int64]
 Rest = tuple[Array, Array]  # coordinates and multipliers
-Report = Callable[[float], object]
+Asked = Callable[[Array], Array]  # times (k,) -> joints (k, joints) of the undeformed robot
 
 NODES = 400  # of the motion, at least
+FEWEST = 8  # nodes, whatever step is asked for
 LONGEST_STEP = 0.04  # s between nodes
+HALVINGS = 2  # of the step, where the equations do not hold well between nodes
+GRID_ERROR = 3e-7  # of the tip's distance: root mean square of the equations between nodes
 OUTPUT = 0.004  # s between rows of a plan
 TURN = 0.01  # of the tip's distance: how much a radian of turn counts
 DRAW = 1e-4  # of the tip's distance: what a radian away from the asked joints counts
 CLOSED = 1e-9  # m, rad: loops of the asked motion that are closed as they are
-SMOOTH = 3e-3  # the same for second differences
-
-
-@dataclass(frozen=True)
-class TipOptions:
-    """What may be asked of a tip-exact motion, beside the motion.
-
-    Attributes
-    ----------
-    joints : names, optional
-        The driven joints; default all that mimic none.
-    weights : (frames,) floats, optional
-        Of the frames' errors; default 1 each.
-    turn : float, optional
-        How many metres of position a radian of turn counts as; 0: only positions matter. Default
-        a hundredth of the tip's distance from the base.
-    draw : float, optional
-        How many metres of the tip a radian (or metre) of the driven joints away from the asked
-        motion counts as; default 1e-4 of the tip's distance. It decides where the tip's pose does
-        not, or the arm is stretched.
-    preaction, postaction : float, optional
-        How long the joints may move before and after the motion that was asked for [s]; default
-        what the robot's zeros need.
-    step : float, optional
-        Between the nodes at which the equations hold [s].
-    output_step : float, optional
-        Between the rows of the plan [s].
-    progress : callable, optional
-        Takes the share of the work that is done, 0 to 1.
-    cancel : callable, optional
-        Returns True where the work must end: SolverError then.
-    """
-
-    joints: Sequence[str] | None = None
-    weights: Sequence[float] | None = None
-    turn: float | None = None
-    draw: float | None = None
-    preaction: float | None = None
-    postaction: float | None = None
-    step: float | None = None
-    output_step: float | None = None
-    progress: Report | None = None
-    cancel: Callable[[], bool] | None = None
+SMOOTH = 3e-3  # of the tip's distance: the same for second differences
 
 
 def tip_motion(
     robot: Robot,
-    times: ArrayLike,
-    q_joints: ArrayLike,
-    tip: str | Sequence[str],
+    times: Array,
+    q_joints: Array,
+    frames: Sequence[str],
     options: TipOptions,
 ) -> Plan:
-    """Return the plan of a tip-exact motion (see :func:`denoc_ros.shape_motion`)."""
-    frames = (tip,) if isinstance(tip, str) else tuple(tip)
+    """Return the plan of a tip-exact motion (see :func:`denoc_ros.shape_motion`).
+
+    Parameters
+    ----------
+    robot : Robot
+    times : (k,) array
+        Increasing [s].
+    q_joints : (k, joints) array
+        Of the undeformed robot, from rest to rest.
+    frames : sequence of str
+        Those that are to be where the undeformed robot would have them.
+    options : TipOptions
+    """
     driven = robot.indices(options.joints or driven_joints(robot))
-    times, joints = np.asarray(times, dtype=np.float64), np.asarray(q_joints, dtype=np.float64)
-    joints = _closed(robot, driven, joints)
-    duration = float(times[-1] - times[0])
-    wanted = _spline(times - times[0], joints)
+    if options.path is not None:
+        poses = checked_path(options.path, frames, len(times))
+        turn = _turn(poses, options)
+        q_joints = joints_along(robot, frames, poses, q_joints[0], turn)
+    joints = _closed(robot, driven, q_joints)
+    limits = joint_limits(robot, options.velocity, options.acceleration, effort=options.effort)
+
+    def plan(stretch: float) -> Plan:
+        asked = _spline(stretch * (times - times[0]), joints)
+        duration = stretch * float(times[-1] - times[0])
+        return replace(_at_pace(robot, asked, duration, frames, driven, options), stretch=stretch)
+
+    made = within_limits(robot, plan, limits, options.stretch)
+    if options.progress is not None:
+        options.progress(1.0)
+    return replace(made, t=made.t + times[0])
+
+
+def _at_pace(
+    robot: Robot,
+    asked: Asked,
+    duration: float,
+    frames: Sequence[str],
+    driven: Int,
+    options: TipOptions,
+) -> Plan:
+    """Return the plan of a motion that takes just the time that was asked for."""
     step = options.step or min(duration / NODES, LONGEST_STEP)
-    step = duration / max(8, math.ceil(duration / step - 1e-9))
-    rough = _problem(robot, frames, options, wanted(np.array([0.0, duration])))
+    step = duration / max(FEWEST, math.ceil(duration / step - 1e-9))
+    rough = _problem(robot, frames, driven, options, asked(np.linspace(0.0, duration, 9)))
     ends = [rest_posture(rough, k, _start(robot, rough.asked[k])) for k in (0, -1)]
     before, after = _window(rough, ends, duration, options)
     first, last = -math.ceil(before / step), round(duration / step) + math.ceil(after / step)
     nodes: Array = step * np.arange(first, last + 1, dtype=np.float64)
-    problem = _problem(robot, frames, options, wanted(np.clip(nodes, 0.0, duration)))
+    problem = _problem(robot, frames, driven, options, asked(np.clip(nodes, 0.0, duration)))
     guess = _guess(problem, ends, np.clip(nodes / duration, 0.0, 1.0))
-    solved = solve_motion(problem, guess, step, _size(problem), _reporter(options))
-    plan = _plan(problem, solved, nodes, step, wanted, duration, options)
-    return replace(plan, t=plan.t + times[0])
+    report = _reporter(options)
+    solved = solve_motion(problem, guess, step, _size(problem), report)
+    for _ in range(0 if options.step else HALVINGS):
+        if _between(problem, solved, step) <= GRID_ERROR * _size(problem):
+            break
+        finer = nodes[0] + 0.5 * step * np.arange(2 * len(nodes) - 1)
+        targets = asked(np.clip(finer, 0.0, duration))
+        try:
+            better = _problem(robot, frames, driven, options, targets)
+            guess = _halved(solved, step)
+            solved = solve_motion(better, guess, 0.5 * step, _size(better), report)
+        except CancelledError:
+            raise
+        except SolverError:
+            break  # what was found on the coarser grid is good, and says what it leaves
+        problem, nodes, step = better, finer, 0.5 * step
+    return _plan(problem, solved, nodes, asked, duration, options.output_step or OUTPUT)
 
 
-def _spline(times: Array, joints: Array) -> Callable[[Array], Array]:
+def _halved(solved: Solved, step: float) -> Rest:
+    """Return coordinates and multipliers of a solution on a grid twice as fine."""
+    motion = GridMotion(0.0, step, solved.q, *differences(solved.q, step))
+    old = step * np.arange(len(solved.q))
+    new: Array = 0.5 * step * np.arange(2 * len(solved.q) - 1, dtype=np.float64)
+    return motion.sample(new)[0], make_interp_spline(old, solved.multipliers, k=3)(new)
+
+
+def _between(problem: TipProblem, solved: Solved, step: float) -> float:
+    """Return the root mean square of the equations half-way between nodes [m, rad]."""
+    count = len(solved.q)
+    motion = GridMotion(0.0, step, solved.q, *differences(solved.q, step))
+    middle: Array = step * (np.arange(count - 1, dtype=np.float64) + 0.5)
+    multipliers = make_interp_spline(step * np.arange(count), solved.multipliers, k=3)(middle)
+    left = problem.residual(*motion.sample(middle), multipliers)
+    return float(np.sqrt(np.mean(left**2))) if left.size else 0.0
+
+
+def _spline(times: Array, joints: Array) -> Asked:
     """Return the quintic spline of a motion (k, joints) from rest to rest, without jerk jumps."""
     rest = [(1, np.zeros(joints.shape[1])), (2, np.zeros(joints.shape[1]))]
     spline = make_interp_spline(times, joints, k=5, bc_type=(rest, rest))
@@ -118,22 +150,38 @@ def _start(robot: Robot, asked: Array) -> Array:
 
 
 def _problem(
-    robot: Robot, frames: Sequence[str], options: TipOptions, asked_joints: Array
+    robot: Robot,
+    frames: Sequence[str],
+    driven: Int,
+    options: TipOptions,
+    asked_joints: Array,
 ) -> TipProblem:
     """Return the problem at nodes where the undeformed robot's joints (k, joints) are given."""
     asked = np.zeros((len(asked_joints), robot.n))
     asked[:, robot.joint_indices] = asked_joints
     poses = [robot.frame_pose(frame, asked) for frame in frames]
-    size = max(float(np.linalg.norm(pose[:, :3, 3], axis=1).max()) for pose in poses)
-    turn = TURN * size if options.turn is None else options.turn
+    size, turn = _distance(poses), _turn(poses, options)
     weights = [1.0] * len(frames) if options.weights is None else list(options.weights)
+    if len(weights) != len(frames):
+        raise StateError(
+            f'shape_motion: weights must be one for each of {list(frames)}, got {len(weights)}'
+        )
     targets = [
         Target(frame, pose, weight, turn)
         for frame, pose, weight in zip(frames, poses, weights, strict=True)
     ]
     draw = DRAW * size if options.draw is None else options.draw
-    driven = robot.indices(options.joints or driven_joints(robot))
     return TipProblem(robot, driven, targets, asked, draw, SMOOTH * size)
+
+
+def _distance(poses: Sequence[Array]) -> float:
+    """Return the largest distance of frames from the base's origin [m]."""
+    return max(float(np.linalg.norm(pose[:, :3, 3], axis=1).max()) for pose in poses)
+
+
+def _turn(poses: Sequence[Array], options: TipOptions) -> float:
+    """Return how many metres a radian of turn counts as."""
+    return TURN * _distance(poses) if options.turn is None else options.turn
 
 
 def driven_joints(robot: Robot) -> tuple[str, ...]:
@@ -142,7 +190,7 @@ def driven_joints(robot: Robot) -> tuple[str, ...]:
     return tuple(joint.name for joint in joints if joint is not None and joint.mimic is None)
 
 
-def _closed(robot: Robot, driven: NDArray[np.int64], joints: Array) -> Array:
+def _closed(robot: Robot, driven: Int, joints: Array) -> Array:
     """Return the joints (k, joints) with loops closed and mimic joints on their leaders.
 
     Driven joints stay; the others start from where they are given.
@@ -191,7 +239,7 @@ def _reporter(options: TipOptions) -> Callable[[int, float], None]:
         if options.progress is not None:
             options.progress(1.0 - 0.5**iteration)
         if options.cancel is not None and options.cancel():
-            raise SolverError(
+            raise CancelledError(
                 f'shape_motion: it was cancelled after {iteration} iterations, with forces of '
                 f'{left:.3g} m (or rad) over their stiffness left'
             )
@@ -203,15 +251,14 @@ def _plan(
     problem: TipProblem,
     solved: Solved,
     nodes: Array,
-    step: float,
-    wanted: Callable[[Array], Array],
+    wanted: Asked,
     duration: float,
-    options: TipOptions,
+    output_step: float,
 ) -> Plan:
     """Return the plan of a motion on the grid, on finer times, with its torque and errors."""
-    robot = problem.robot
+    robot, step = problem.robot, float(nodes[1] - nodes[0])
     motion = GridMotion(nodes[0], step, solved.q, *differences(solved.q, step))
-    fine = max(1, math.ceil(step / (options.output_step or OUTPUT) - 1e-9))
+    fine = max(1, math.ceil(step / output_step - 1e-9))
     t = nodes[0] + step / fine * np.arange((len(nodes) - 1) * fine + 1)
     q, qd, qdd = motion.sample(t)
     multipliers = make_interp_spline(nodes, solved.multipliers, k=3)(t)
@@ -222,8 +269,6 @@ def _plan(
         replace(target, poses=robot.frame_pose(target.frame, asked)).error(robot, q)
         for target in problem.targets
     ]
-    if options.progress is not None:
-        options.progress(1.0)
     return Plan(
         method='tip',
         t=t,
@@ -237,4 +282,5 @@ def _plan(
         tip_turn=np.max([np.linalg.norm(error[1], axis=1) for error in errors], axis=0),
         preaction=-float(nodes[0]),
         postaction=float(nodes[-1]) - duration,
+        equation_error=_between(problem, solved, step),
     )

@@ -23,6 +23,10 @@ GAIN = 1e-3  # share of the errors that a further step must take off where they 
 BENDS = np.array([1.0, -2.0, 1.0])
 
 
+class CancelledError(SolverError):
+    """The work was ended from outside."""
+
+
 @dataclass(frozen=True)
 class Solved:
     """A motion on the grid with how it was found.
