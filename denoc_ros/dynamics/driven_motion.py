@@ -196,7 +196,7 @@ class LoopedMotion(DrivenMotion):
         start[self._apart] = driven[self._apart]
         found[self.index] = start
         way = np.abs(driven - start).max(initial=0.0)
-        if way > MOST_PARTS * REACH:
+        if MOST_PARTS * REACH < way < np.inf:
             # the same posture, turns later
             start = start + np.where(self._turning, _turns(driven - start), 0.0)
             found[self.index] = start
