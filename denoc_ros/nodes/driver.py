@@ -13,7 +13,6 @@ from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters
 from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
@@ -23,6 +22,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.base import COMMAND, LATCHED
 from denoc_ros.nodes.graph import leave_graph
+from denoc_ros.nodes.without_events import WithoutEvents
 from denoc_ros.simulation.trajectories import Trajectory
 
 REFERENCE_STEP = 0.05  # s; the quintics between such points are exact to 1e-9 rad
@@ -64,7 +64,7 @@ class Driver:
         self._statuses: dict[str, dict[str, str]] = {}
         self._heard: dict[str, float] = {}
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self._node = Node('up', use_global_arguments=False)
+        self._node = WithoutEvents('up', use_global_arguments=False)
         self._executor = EventsExecutor()
         self._thread = threading.Thread(target=self._spin, name='driver', daemon=True)
         try:

@@ -10,11 +10,12 @@ from rcl_interfaces.msg import ParameterType
 from rclpy.lifecycle import LifecycleNode
 
 from denoc_ros.nodes.guarding import Guard, Service
+from denoc_ros.nodes.without_events import WithoutEvents
 
 LONGEST_LOG = 100  # lines that wait, within a second, to be logged
 
 
-class GuardedNode(LifecycleNode):
+class GuardedNode(WithoutEvents, LifecycleNode):
     """A lifecycle node whose callbacks, rclpy's own among them, are all guarded.
 
     Attributes

@@ -28,7 +28,7 @@ def never_heavy(_raw: bytes) -> bool:
     return False
 
 
-def arrived(subscription: Any, depth: int) -> Iterator[tuple[bytes, int, int]]:
+def arrived(subscription: Any, depth: int) -> Iterator[tuple[bytes, int, int, int | None]]:
     """Yield what waits in a subscription that no executor serves.
 
     Parameters
@@ -42,9 +42,12 @@ def arrived(subscription: Any, depth: int) -> Iterator[tuple[bytes, int, int]]:
     raw : bytes
     received_ns, sent_ns : int
         When, by the system's clock; 0 where the middleware does not say.
+    number : int or None
+        Of its publisher's messages, from 1 on; None where the middleware does not number them.
     """
     for raw, info in _taken(subscription, depth):
-        yield raw, info['received_timestamp'], info['source_timestamp']
+        number = info['publication_sequence_number']
+        yield raw, info['received_timestamp'], info['source_timestamp'], number
 
 
 def _taken(subscription: Any, depth: int) -> Iterator[tuple[bytes, Any]]:

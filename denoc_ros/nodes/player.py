@@ -14,7 +14,6 @@ import numpy as np
 import rclpy
 from numpy.typing import NDArray
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from scipy.interpolate import CubicSpline
@@ -28,6 +27,7 @@ from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.nodes.messages import JointStateMessage, TrajectoryPointMessage
 from denoc_ros.nodes.process import leave
 from denoc_ros.nodes.signals import SIGNALS, Interrupted
+from denoc_ros.nodes.without_events import WithoutEvents
 
 Array = NDArray[np.float64]
 LOOK = Duration(seconds=0.2)
@@ -98,7 +98,7 @@ def read_motion(path: str | Path, topic: str = '/joint_states') -> RecordedMotio
     )
 
 
-class Player(Node):
+class Player(WithoutEvents):
     """Publishes a recorded motion on `joint_states` and, point by point, on `reference`.
 
     Stamps are the recorded ones moved to now by one constant, so that they stay exact.

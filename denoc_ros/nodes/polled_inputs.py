@@ -6,18 +6,17 @@ from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any
 
-from rclpy.node import Node
-
 from denoc_ros.nodes.base import NEWEST, DenocNode
 from denoc_ros.nodes.inputs import Input
 from denoc_ros.nodes.safety import InputMonitor
+from denoc_ros.nodes.without_events import WithoutEvents
 
 Admit = Callable[[int], None]
 # takes a topic, as it was given, a raw message, and what admits its stamp [ns]
 Taker = Callable[[str, bytes, Admit], None]
 
 
-class _Aside(Node):
+class _Aside(WithoutEvents):
     """A hidden node that no executor serves: its subscriptions come and go in any thread."""
 
     def __init__(self, owner: DenocNode) -> None:

@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 import rclpy
 from rclpy.experimental import EventsExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from denoc_ros.errors import DenocError
@@ -170,10 +171,18 @@ def _wait(node: DenocNode, executor: Any) -> bool:
         if node.ready:
             return True
         if time.perf_counter() - told > 5.0:
-            node.get_logger().info('waiting for robot_description')
+            node.get_logger().info(f'waiting for robot_description{_why_in_vain(node)}')
             told = time.perf_counter()
         _turn(node, executor)
     return False
+
+
+def _why_in_vain(node: DenocNode) -> str:
+    """Return why a description that somebody publishes does not come, '' if it may come."""
+    offers = node.get_publishers_info_by_topic(node.resolve_topic_name('robot_description'))
+    if offers and all(o.qos_profile.durability == DurabilityPolicy.VOLATILE for o in offers):
+        return ': its publisher must be transient local, got volatile'
+    return ''
 
 
 def _turn(node: DenocNode, executor: Any) -> None:

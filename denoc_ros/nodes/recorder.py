@@ -5,14 +5,13 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from importlib import import_module
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
@@ -26,6 +25,7 @@ from denoc_ros.nodes.diagnostics import ERROR, OK, WARN, Status
 from denoc_ros.nodes.inputs import arrived
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.recorder_parameters import TABLE
+from denoc_ros.nodes.talkers import Gaps
 
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
 MARK_TYPE = 'std_msgs/msg/String'
@@ -45,6 +45,7 @@ class Recorded:
     type: str
     qos: QoSProfile
     subscription: Any
+    gaps: Gaps = field(default_factory=Gaps)
 
 
 class Recorder(DenocNode):
@@ -233,17 +234,7 @@ class Recorder(DenocNode):
         self._subscribe(topic, recorded.type, message_class(recorded.type), matching(offers))
 
     def _subscribe(self, topic: str, name: str, message_type: type, qos: QoSProfile) -> None:
-        def on_lost(info: Any) -> None:
-            self._missed[topic] += info.total_count_change
-
-        subscription = self.create_subscription(
-            message_type,
-            topic,
-            _never,
-            qos,
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(message_lost=on_lost),
-        )
+        subscription = self.create_subscription(message_type, topic, _never, qos, raw=True)
         self.take_aside(subscription)
         self._topics[topic] = Recorded(name, qos, subscription)
 
@@ -253,11 +244,13 @@ class Recorder(DenocNode):
         if writer is None:
             return
         now_ns, simulated = self.stamp_ns(), self._simulated()
-        taken = [
-            (now_ns if simulated or not received_ns else received_ns, topic, raw, sent_ns)
-            for topic, recorded in self._topics.items()
-            for raw, received_ns, sent_ns in arrived(recorded.subscription, QUEUE_DEPTH)
-        ]
+        taken = []
+        for topic, recorded in self._topics.items():
+            for raw, received_ns, sent_ns, number in arrived(recorded.subscription, QUEUE_DEPTH):
+                if missed := recorded.gaps.missed(number):
+                    self._missed[topic] += missed
+                log_ns = now_ns if simulated or not received_ns else received_ns
+                taken.append((log_ns, topic, raw, sent_ns))
         taken.sort(key=itemgetter(0))
         for log_ns, topic, raw, sent_ns in taken:
             # a bag has no time before 1970, which a publisher's clock or /clock may tell

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 SILENCE = 2.0  # s without a message after which a publisher counts as silent
+MOST_PUBLISHERS = 16  # of a topic that gaps are told apart for
+MOST_MISSED = 1_000_000  # messages at most between two that came: else it is another publisher
 LOST = 100  # messages at most that one publisher may have sent and that did not come
 
 
@@ -59,3 +61,26 @@ class Talkers:
         if before:
             self._last.remove(max(before))
         self._last.append((number, now))
+
+
+class Gaps:
+    """Counts the messages of a topic that were sent and did not come, by their numbers.
+
+    A number goes on from the nearest one below it. One that goes on from none is that of a
+    publisher not heard before: what that had sent till then was not meant for here.
+    """
+
+    def __init__(self) -> None:
+        self._last: list[int] = []
+
+    def missed(self, number: int | None) -> int:
+        """Take a message's number; return how many of its publisher are missing before it."""
+        if number is None:
+            return 0
+        before = max((last for last in self._last if last < number), default=None)
+        if before is None or number - before > MOST_MISSED:
+            self._last = [*self._last[1 - MOST_PUBLISHERS :], number]
+            return 0
+        self._last.remove(before)
+        self._last.append(number)
+        return number - before - 1

@@ -96,7 +96,7 @@ def test_times_before_1970_do_not_end_the_recording(
     node, publisher = recording(graph, tmp_path / 'run')
     arrived = 'denoc_ros.nodes.recorder.arrived'
     raw = encode('std_msgs/msg/Float64', 0, {'data': 1.0})
-    once = [[(raw, -5, -7)]]
+    once = [[(raw, -5, -7, 11)]]
     monkeypatch.setattr(arrived, lambda *_: once.pop() if once else [])
     graph.until(lambda: node.writer.status().written == 11 or node.writer.status().failure)
     assert node.writer.status().failure == ''

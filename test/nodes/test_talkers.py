@@ -7,14 +7,17 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.conversions import JointStateReader
 from denoc_ros.nodes.parameters import ParameterTable
+from denoc_ros.nodes.recorder import Recorder
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.shared_parameters import (
     input_parameters,
@@ -22,7 +25,7 @@ from denoc_ros.nodes.shared_parameters import (
     loop_parameters,
     robot_parameters,
 )
-from denoc_ros.nodes.talkers import LOST, SILENCE, Talkers
+from denoc_ros.nodes.talkers import LOST, MOST_PUBLISHERS, SILENCE, Gaps, Talkers
 
 pytestmark = pytest.mark.ros
 
@@ -30,6 +33,7 @@ TALK = """
 import rclpy, sys, time
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 
 rclpy.init()
 publisher = Node('crashing').create_publisher(JointState, 'joint_states', 10)
@@ -181,3 +185,47 @@ def test_a_publisher_is_taken_when_the_one_before_was_killed(
     graph.until(taken)
     assert node.count_publishers('joint_states') == 2  # the graph still has the dead one
     assert time.perf_counter() - begin < SILENCE + 4.0
+
+
+# ---- what did not come
+
+
+def missed(*numbers: int | None) -> list[int]:
+    gaps = Gaps()
+    return [gaps.missed(number) for number in numbers]
+
+
+@pytest.mark.parametrize(
+    ('numbers', 'expected'),
+    [
+        ([1, 2, 3], [0, 0, 0]),
+        ([500, 501, 505], [0, 0, 3]),  # a late subscription misses nothing of before
+        ([7, None, 8], [0, 0, 0]),
+        ([100, 1, 101, 2, 104, 3], [0, 0, 0, 0, 2, 0]),  # two publishers
+        ([9, 1, 2, 3], [0, 0, 0, 0]),  # a publisher that starts anew
+        ([4, 1 << 40], [0, 0]),  # so much is never lost
+    ],
+)
+def test_gaps_in_the_numbers_are_messages_that_did_not_come(
+    numbers: list[int | None], expected: list[int]
+) -> None:
+    assert missed(*numbers) == expected
+
+
+def test_publishers_that_come_and_go_are_forgotten() -> None:
+    gaps = Gaps()
+    for k in range(10_000, 0, -1):
+        assert gaps.missed(3 * k) == 0
+    assert len(gaps._last) <= MOST_PUBLISHERS
+
+
+def test_publishers_and_subscriptions_have_no_events(graph: Any, tmp_path: Path) -> None:
+    """Taking one may stop the executor for good (see `WithoutEvents`)."""
+    node = graph.add(Recorder, output=str(tmp_path / 'run'), topics=['/a'])
+    publisher = graph.publisher(Float64, '/a')
+    graph.until(lambda: node.get_publishers_info_by_topic('/a') and len(node._topics) == 1)
+    publisher.publish(Float64())
+    entities = [*node.publishers, *node.subscriptions]
+    entities += [recorded.subscription for recorded in node._topics.values()]
+    assert len(entities) >= 4
+    assert not [entity for entity in entities if entity.event_handlers]
