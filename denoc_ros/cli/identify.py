@@ -14,6 +14,7 @@ ACTIONS = {
     'modal': 'identify_modal',
     'joint': 'identify_joint',
     'forced': 'identify_forced',
+    'servo': 'identify_servo',
     'apply': 'identify_results',
     'compare': 'identify_results',
     'selftest': 'identify_selftest',

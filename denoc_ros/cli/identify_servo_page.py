@@ -1,0 +1,107 @@
+"""The page of `denoc identify servo`: where joints were told to be, were, and are by the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from denoc_ros.cli.figures import (
+    DIFFERENCE_COLOUR,
+    PHASE_COLOURS,
+    TRUTH_COLOUR,
+    Curve,
+    Panel,
+    line_figure,
+)
+from denoc_ros.cli.identify_outputs import SHOWN, interval_text, result_page
+from denoc_ros.cli.pages import Card, Page, Section, Table, engineering
+from denoc_ros.identification.records import Floats
+from denoc_ros.identification.servo import ServoFit
+
+ROW = 2.3  # inches
+Curves = Sequence[tuple[Floats, Floats, Floats]]  # times, told, measured
+
+
+def servo_page(
+    document: Mapping[str, Any], fits: Sequence[ServoFit | str], curves: Curves, command: str
+) -> Page:
+    """Return the page of the joints' servos.
+
+    Parameters
+    ----------
+    document : mapping
+        The result, as in result.yaml.
+    fits : sequence of ServoFit or str
+        What was found, or why nothing was.
+    curves : sequence of (t, told, measured)
+        Of each joint.
+    command : str
+        The command line.
+    """
+    found = [
+        (fit, rows) for fit, rows in zip(fits, curves, strict=True) if not isinstance(fit, str)
+    ]
+    said = ', '.join(
+        f'{fit.joint} {fit.bandwidth:.3g} Hz, ζ {fit.damping:.2g}, {1e3 * fit.delay:.2g} ms late'
+        for fit, _ in found
+    )
+    cards = [
+        Card(
+            fit.joint,
+            f'{fit.bandwidth:.4g} Hz',
+            f'{interval_text(fit.interval["bandwidth"].tolist())}, {fit.verdict}',
+        )
+        for fit, _ in found[:SHOWN]
+    ]
+    sections = [_joint(fit, *rows) for fit, rows in found]
+    return result_page(
+        document,
+        'How the joints follow their commands',
+        said or 'No joint was told to move',
+        cards,
+        [*sections, _table(found)],
+        command,
+    )
+
+
+def _joint(fit: ServoFit, t: Floats, told: Floats, measured: Floats) -> Section:
+    panels = [
+        Panel(
+            'position',
+            'rad',
+            [
+                Curve('told', DIFFERENCE_COLOUR, t, told),
+                Curve('measured', TRUTH_COLOUR, t, measured),
+                Curve('fitted', PHASE_COLOURS[0], t, fit.fitted, True),
+            ],
+        ),
+        Panel(
+            'measured minus fitted',
+            'rad',
+            [Curve('difference', DIFFERENCE_COLOUR, t, measured - fit.fitted)],
+        ),
+    ]
+    return Section(
+        fit.joint,
+        f'{engineering(fit.lag, "rad")} rms from its command, '
+        f'{engineering(fit.residual, "rad")} rms from the fit.',
+        [line_figure(panels, ROW)],
+    )
+
+
+def _table(found: Sequence[tuple[ServoFit, Any]]) -> Section:
+    rows = [
+        [
+            fit.joint,
+            f'{fit.bandwidth:.4g}',
+            interval_text(fit.interval['bandwidth'].tolist()),
+            f'{fit.damping:.4g}',
+            interval_text(fit.interval['damping'].tolist()),
+            f'{fit.delay:.4g}',
+            interval_text(fit.interval['delay'].tolist()),
+            fit.verdict,
+        ]
+        for fit, _ in found
+    ]
+    head = ['joint', 'bandwidth [Hz]', '', 'ζ', '', 'delay [s]', '', 'verdict']
+    return Section('Servos', 'For the shaper.', tables=[Table(head, rows)])

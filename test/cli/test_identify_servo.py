@@ -1,0 +1,98 @@
+"""`denoc identify servo` on bags of synthetic arms."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+from page_look import require_one_look
+
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.cli.main import main
+from denoc_ros.control.servo import joint_servo
+
+Array = NDArray[np.float64]
+STEP = 0.004
+SECOND = 10**9
+NAMES = ['j1', 'j2']
+SERVO = ([5.0, 9.0], [0.5, 0.9], [0.004, 0.02])
+
+
+def motion(t: Array) -> Array:
+    """Return two joints (k, 2) at times (k,): a step of minimum jerk each, from 0.5 s on."""
+    s = np.clip((t - 0.5) / 0.4, 0.0, 1.0)
+    step = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return np.asarray(np.outer(step, [0.5, -0.3]))
+
+
+def stamp(t: float) -> dict[str, int]:
+    seconds, rest = divmod(round(t * SECOND), SECOND)
+    return {'sec': seconds, 'nanosec': rest}
+
+
+def point(t: float, q: Array) -> dict[str, object]:
+    return {'positions': q.tolist(), 'time_from_start': stamp(t)}
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    path = tmp_path / 'arm.mcap'
+    fine = np.arange(0.0, 3.0, STEP / 8)
+    reached = joint_servo(2, *SERVO).response(fine, motion(fine))
+    with BagWriter(path) as writer:
+        writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+        writer.add_topic('/reference', 'trajectory_msgs/msg/JointTrajectory')
+        writer.add_topic('/told', 'sensor_msgs/msg/JointState')
+        times = np.arange(0.0, 2.5, 0.02)
+        rows = [point(t, q) for t, q in zip(times, motion(times), strict=True)]
+        writer.write_message('/reference', 10 * SECOND, joint_names=NAMES, points=rows)
+        for k, t in enumerate(np.arange(0.0, 2.5, STEP).tolist()):
+            now = 10 * SECOND + round(t * SECOND)
+            told = motion(np.array([t]))[0].tolist()
+            measured = reached[8 * k].tolist()
+            writer.write_message('/told', now, name=NAMES, position=told)
+            writer.write_message('/joint_states', now, name=NAMES, position=measured)
+    return path
+
+
+@pytest.mark.parametrize('topic', ['/reference', '/told'])
+def test_servos_are_found_from_trajectories_and_from_streams(
+    bag: Path, topic: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['identify', 'servo', str(bag), '--command', topic, '--json']) == 0
+    found = json.loads(capsys.readouterr().out)['joints']
+    for name, *truth in zip(NAMES, *SERVO, strict=True):
+        assert found[name]['bandwidth_hz'] == pytest.approx(truth[0], rel=0.01)
+        assert found[name]['damping'] == pytest.approx(truth[1], rel=0.02)
+        assert found[name]['delay_s'] == pytest.approx(truth[2], abs=5e-4)
+
+
+def test_result_is_kept_and_shown(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / 'result'
+    assert main(['identify', 'servo', str(bag), '--joint', 'j2', '-o', str(folder)]) == 0
+    text = capsys.readouterr().out
+    assert 'servo.bandwidth: [9' in text
+    assert 'verdict: good' in text
+    document = yaml.safe_load((folder / 'result.yaml').read_text())
+    assert list(document['joints']) == ['j2']
+    require_one_look((folder / 'report.html').read_text())
+
+
+def test_what_is_not_there_is_said(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['identify', 'servo', str(bag), '--joint', 'elbow']) == 1
+    assert (
+        "--joint must be of ['j1', 'j2'] on /reference, got ['elbow']" in capsys.readouterr().err
+    )
+    assert main(['identify', 'servo', str(bag), '--begin', '3', '--end', '2']) == 1
+    assert '--begin must be < --end' in capsys.readouterr().err
+    assert main(['identify', 'servo', str(bag), '--begin', '50']) == 1
+    assert 'must have positions after the first command' in capsys.readouterr().err
+    # after the motion nothing moves any more
+    assert main(['identify', 'servo', str(bag), '--begin', '2']) == 3
+    assert 'samples of a command that moves by' in capsys.readouterr().out
