@@ -74,6 +74,15 @@ def as_output(out: Array | None, shape: tuple[int, ...]) -> Array:
     )
 
 
+def as_outputs(out: Sequence[Array] | None, shapes: Sequence[tuple[int, ...]]) -> list[Array]:
+    """Return the caller's output arrays after a check, or new ones."""
+    if out is None:
+        return [np.empty(shape) for shape in shapes]
+    if len(out) != len(shapes):
+        raise StateError(f'out must be {len(shapes)} arrays, got {len(out)}')
+    return [as_output(one, shape) for one, shape in zip(out, shapes, strict=True)]
+
+
 def require_finite(arguments: dict[str, Array]) -> None:
     """Raise StateError naming the first argument, and its element, that is not finite."""
     for name, array in arguments.items():

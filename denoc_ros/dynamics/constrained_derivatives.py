@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import constraints
 from denoc_ros.dynamics.batch import each_row
-from denoc_ros.dynamics.borders import as_states
+from denoc_ros.dynamics.borders import as_outputs, as_states
 from denoc_ros.dynamics.constraint_derivatives import (
     applied_change,
     row_derivatives,
@@ -109,7 +109,11 @@ class DifferentiableMechanism(DifferentiableModel):
     """
 
     def constrained_forward_dynamics_derivatives(
-        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        out: Sequence[Array] | None = None,
     ) -> ConstrainedForwardDerivatives:
         """Return the derivatives of :meth:`Robot.constrained_forward_dynamics`.
 
@@ -117,6 +121,8 @@ class DifferentiableMechanism(DifferentiableModel):
         ----------
         q, qd, tau : (n,) or (k, n)
             A closed state and the generalized forces.
+        out : six arrays, optional
+            Take the results, in the order of ConstrainedForwardDerivatives.
 
         Returns
         -------
@@ -132,10 +138,15 @@ class DifferentiableMechanism(DifferentiableModel):
         robot, n = cast('Robot', self), self.n
         states = (as_states('q', q, n), as_states('qd', qd, n), as_states('tau', tau, n))
         found = each_row(lambda q, qd, tau: _forward(robot, q, qd, tau), *states)
-        return ConstrainedForwardDerivatives(*found)
+        return ConstrainedForwardDerivatives(*_delivered(found, out))
 
     def constrained_inverse_dynamics_derivatives(
-        self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, actuated: Sequence[str] | None = None
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        actuated: Sequence[str] | None = None,
+        out: Sequence[Array] | None = None,
     ) -> ConstrainedInverseDerivatives:
         """Return the derivatives of :meth:`Robot.constrained_inverse_dynamics`.
 
@@ -147,6 +158,8 @@ class DifferentiableMechanism(DifferentiableModel):
             Motion that keeps the loops closed.
         actuated : joint names, optional
             Any joints of the tree; default all that mimic none.
+        out : six arrays, optional
+            Take the results, in the order of ConstrainedInverseDerivatives.
 
         Returns
         -------
@@ -161,7 +174,7 @@ class DifferentiableMechanism(DifferentiableModel):
         robot, n, index = cast('Robot', self), self.n, self._actuated(actuated)
         states = (as_states('q', q, n), as_states('qd', qd, n), as_states('qdd', qdd, n))
         found = each_row(lambda q, qd, qdd: _inverse(robot, q, qd, qdd, index), *states)
-        return ConstrainedInverseDerivatives(*found)
+        return ConstrainedInverseDerivatives(*_delivered(found, out))
 
     def constrained_hybrid_dynamics_derivatives(
         self,
@@ -170,6 +183,7 @@ class DifferentiableMechanism(DifferentiableModel):
         qdd_actuated: ArrayLike,
         actuated: Sequence[str] | None = None,
         tau: ArrayLike | None = None,
+        out: Sequence[Array] | None = None,
     ) -> ConstrainedHybridDerivatives:
         """Return the derivatives of :meth:`Robot.constrained_hybrid_dynamics`.
 
@@ -181,6 +195,8 @@ class DifferentiableMechanism(DifferentiableModel):
             Any joints of the tree; default all that mimic none.
         tau : (n,) or (k, n), optional
             Generalized forces of the other coordinates; default zero.
+        out : twelve arrays, optional
+            Take the results, in the order of ConstrainedHybridDerivatives.
 
         Returns
         -------
@@ -202,7 +218,17 @@ class DifferentiableMechanism(DifferentiableModel):
             lambda q, qd, given, tau: _hybrid(robot, q, qd, given, index, tau),
             *states, given, loads,
         )  # fmt: skip
-        return ConstrainedHybridDerivatives(*found)
+        return ConstrainedHybridDerivatives(*_delivered(found, out))
+
+
+def _delivered(found: Sequence[Array], out: Sequence[Array] | None) -> Sequence[Array]:
+    """Return results, in the caller's arrays where these are given."""
+    if out is None:
+        return found
+    given = as_outputs(out, [each.shape for each in found])
+    for target, each in zip(given, found, strict=True):
+        target[...] = each
+    return given
 
 
 def _resistance(robot: Robot, axes: Array, qd: Array, friction: bool) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.borders import (
     as_output,
+    as_outputs,
     as_rows,
     as_vector,
     require_finite,
@@ -176,6 +177,7 @@ class DifferentiableModel(ConstrainedModel):
         tau: ArrayLike | None = None,
         wrenches: Wrenches | None = None,
         check: bool = True,
+        out: Sequence[Array] | None = None,
     ) -> HybridDerivatives:
         """Return the derivatives of :meth:`Robot.hybrid_dynamics`.
 
@@ -188,6 +190,8 @@ class DifferentiableModel(ConstrainedModel):
         tau : (n,) or (k, n), optional
             Generalized forces of the free coordinates; default zero.
         wrenches : {frame: (6,)}, optional
+        out : eight arrays, optional
+            Take the results, in the order of HybridDerivatives.
 
         Returns
         -------
@@ -202,7 +206,7 @@ class DifferentiableModel(ConstrainedModel):
         n = self.n
         names = self.joint_names if joints is None else tuple(joints)
         index = self.indices(names)
-        free = np.setdiff1d(np.arange(n), index)
+        split = self._workspace.split(index)
         q, qd = as_rows('q', q, n), as_rows('qd', qd, n)
         qdd_joints = as_rows('qdd_joints', qdd_joints, len(names))
         force = self._zero if tau is None else as_rows('tau', tau, n)
@@ -210,32 +214,29 @@ class DifferentiableModel(ConstrainedModel):
             force = force + self._load(q, wrenches)
         arrays = (q, qd, qdd_joints, force)
         single = all(array.ndim == 1 for array in arrays)
-        q, qd, qdd_joints, force = same_rows(arrays)
-        k = len(q)
-        given = np.zeros((k, n))
-        given[:, index] = qdd_joints
-        qdd, by_q, by_rate = np.empty((k, n)), np.empty((k, n, n)), np.empty((k, n, n))
-        by_drive = np.empty((k, 2, n, n))
-        inputs, outputs = (self.held(index), q, qd, given, force), (qdd, by_q, by_rate, by_drive)
+        rows = same_rows(arrays)
+        k = len(rows[0])
+        given = _hybrid_output(out, () if single else (k,), len(index), n)
+        sizes = (k, 4, n), (k, n * (4 * n + 1))
+        states, found = (
+            self._workspace.hybrid() if k == 1 else (np.empty(sizes[0]), np.empty(sizes[1]))
+        )
+        states[:, 0], states[:, 1], states[:, 2], states[:, 3] = rows[0], rows[1], 0.0, rows[3]
+        states[:, 2, index] = rows[2]
         kernel = forward_derivatives.hybrid_dynamics_derivatives_rows
-        status = run_rows(self, kernel, k, inputs, outputs)
+        status = run_rows(self, kernel, k, (split.flags, states), (found,))
         self._judge(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
-        driven = by_drive[:, 0]
         if wrenches:
-            load = self.load_derivative(q, wrenches)
+            by_q, _, driven, _ = found[:, : 4 * n * n].reshape(k, 4, n, n).swapaxes(0, 1)
+            load, free = self.load_derivative(rows[0], wrenches), split.free
             by_q += driven[:, :, free] @ load[:, free]
             by_q[:, index] -= load[:, index]
-        parts = [
-            matrix[:, rows][:, :, columns]
-            for rows in (index, free)
-            for matrix, columns in (
-                (by_q, slice(None)),
-                (by_rate, slice(None)),
-                (driven, index),
-                (driven, free),
-            )
-        ]
-        return HybridDerivatives(*(part[0] if single else part for part in parts))
+        for part, places in zip(given, split.places, strict=True):
+            for row, matrices in enumerate(found):
+                target = part.reshape(k, -1)[row] if part.size else part.reshape(0)
+                # the other modes keep the result in a buffer
+                matrices.take(places, out=target, mode='clip')
+        return given
 
     def load_derivative(self, q: ArrayLike, wrenches: Wrenches) -> Array:
         """Return the derivative (n, n) or (k, n, n) by q of the forces that wrenches make."""
@@ -296,3 +297,12 @@ def _three(out: Sequence[Array]) -> Derivatives:
     if len(out) != 3:
         raise StateError(f'out must be three arrays, got {len(out)}')
     return out[0], out[1], out[2]
+
+
+def _hybrid_output(
+    out: Sequence[Array] | None, rows: tuple[int, ...], h: int, n: int
+) -> HybridDerivatives:
+    """Return the arrays that take the results, the caller's after a check."""
+    f = n - h
+    shapes = ((h, n), (h, n), (h, h), (h, f), (f, n), (f, n), (f, h), (f, f))
+    return HybridDerivatives(*as_outputs(out, [(*rows, *shape) for shape in shapes]))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,7 @@ from denoc_ros.kernels.array_object import FLOAT64, array_type
 from denoc_ros.model.lowering import Lowered
 
 Array = NDArray[np.float64]
+Int = NDArray[np.int64]
 ARRAY_TYPE = array_type()
 
 
@@ -51,3 +54,37 @@ class Workspace:
         record[handle.ELEMENT_TYPE] = id(FLOAT64)
         self._record = record
         self.handle = int(record.ctypes.data)
+        self._hybrid: tuple[Array, Array] | None = None
+        self._splits: dict[tuple[int, ...], Split] = {}
+
+    def hybrid(self) -> tuple[Array, Array]:
+        """Return where hybrid derivatives take one state (1, 4, n) and leave their matrices."""
+        if self._hybrid is None:
+            n = self._diagonals.shape[1]
+            self._hybrid = np.empty((1, 4, n)), np.empty((1, n * (4 * n + 1)))
+        return self._hybrid
+
+    def split(self, index: Int) -> Split:
+        """Return how prescribed joints, index (h,), split the coordinates; kept for next time."""
+        key = tuple(index.tolist())
+        if key not in self._splits:
+            n = self._diagonals.shape[1]
+            free = np.setdiff1d(np.arange(n), index)
+            flags = np.zeros(n)
+            flags[index] = 1.0
+            every, by = np.arange(n), (0, 1, 2, 2)
+            places = tuple(
+                (n * n * matrix + n * rows[:, None] + columns[None, :]).ravel()
+                for rows in (index, free)
+                for matrix, columns in zip(by, (every, every, index, free), strict=True)
+            )
+            self._splits[key] = Split(free, flags, places)
+        return self._splits[key]
+
+
+class Split(NamedTuple):
+    """Coordinates split into h prescribed joints and the f others."""
+
+    free: Int  # (f,)
+    flags: Array  # (n,) 1 at the joints
+    places: tuple[Int, ...]  # where the parts of HybridDerivatives stand in the kernel's matrices

@@ -122,50 +122,43 @@ def drive_columns(n, held, inertia, x):
 
 
 @shared
-def find_hybrid_derivatives(handle, held, q, qd, given, tau, qdd, by_q, by_rate, by_drive):
-    """Write the derivatives (n, n) of what hybrid dynamics find, and q'' (n).
+def find_hybrid_derivatives(handle, held, states, found):
+    """Write the derivatives of what hybrid dynamics find: tau of held joints, q'' of the others.
 
-    That is, per coordinate: tau of a held joint, q'' of another. by_drive: by q'' and by tau of
-    these. by_drive has room for 2 n^2 numbers; the second half takes the inertia.
+    states: q, q', given q'' and tau, (4, n). found: by q, by q' and by what drives, q'' of held
+    joints and tau of the others, then the inertia, (n, n) each, and last q'' (n).
     """
     ints, _reals, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    inertia = beyond(by_drive, n * n)
+    m = n * n
+    q, qd, given, tau = states, beyond(states, n), beyond(states, 2 * n), beyond(states, 3 * n)
+    by_rate, by_drive, inertia = beyond(found, m), beyond(found, 2 * m), beyond(found, 3 * m)
+    qdd = beyond(found, 4 * m)
+    # the torques stand where the derivatives by what drives take their place
     status = find_articulated(handle, diagonals[ARMATURE], held, q, qd, given, tau, qdd, by_drive)
     if status == GOOD:
-        status = find_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia)
+        status = find_derivatives(handle, q, qd, qdd, found, by_rate, inertia)
     if status != GOOD:
         return status
     factors_to_base(ints, work, held, bodies)
-    for k in range(n * n):
-        by_q[k] = -by_q[k]
-        by_rate[k] = -by_rate[k]
+    for k in range(2 * m):
+        found[k] = -found[k]
     drive_columns(n, held, inertia, by_drive)
-    solve_columns(n, ints, work, bodies, held, (by_q, by_rate, by_drive))
-    for x in (by_q, by_rate, by_drive):
+    solve_columns(n, ints, work, bodies, held, (found, by_rate, by_drive))
+    for x in (found, by_rate, by_drive):
         held_rows(n, held, inertia, x)
     return GOOD
 
 
-@rows_kernel(
-    'int64(int64, float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], '
-    'float64[:, ::1], int64, int64, float64[:, ::1], float64[:, :, ::1], float64[:, :, ::1], '
-    'float64[:, :, :, ::1])'
-)
-def hybrid_dynamics_derivatives_rows(
-    handle, held, q, qd, given, tau, first, last, qdd, by_q, by_rate, by_drive
-):
-    """Do so for rows first .. last - 1 of (k, n) states; return the worst status."""
+@rows_kernel('int64(int64, float64[::1], float64[:, :, ::1], int64, int64, float64[:, ::1])')
+def hybrid_dynamics_derivatives_rows(handle, held, states, first, last, found):
+    """Do so for rows first .. last - 1 of (k, 4, n) states; return the worst status."""
     n = coordinates(handle)
-    a, b, c, d = elements(q), elements(qd), elements(given), elements(tau)
-    e, f, g, h = elements(qdd), elements(by_q), elements(by_rate), elements(by_drive)
-    flags = elements(held)
     worst = GOOD
     for row in range(first, last):
-        k, m = n * row, n * n * row
         status = find_hybrid_derivatives(
-            handle, flags, beyond(a, k), beyond(b, k), beyond(c, k), beyond(d, k),
-            beyond(e, k), beyond(f, m), beyond(g, m), beyond(h, 2 * m),
+            handle, elements(held), beyond(elements(states), 4 * n * row),
+            beyond(elements(found), n * (4 * n + 1) * row),
         )  # fmt: skip
         worst = max(worst, status)
     return worst
