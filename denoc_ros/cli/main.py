@@ -16,6 +16,7 @@ from denoc_ros.errors import DenocError
 VERBS = (
     'check',
     'simulate',
+    'shape',
     'up',
     'replay',
     'view',

@@ -134,9 +134,23 @@ def load(robot: str, scenario: str, smooth: float | None = None) -> tuple[Robot,
     from denoc_ros.cli.config import read_yaml
 
     robot_file, scenario_file = given_file(robot, 'robot'), given_file(scenario, 'scenario')
-    values = _smooth_enough(read_yaml(scenario_file), smooth)
+    values = _smooth_enough(_with_reference(read_yaml(scenario_file), scenario_file), smooth)
     loaded, made = prepare(robot_file, values, str(scenario_file))
     return loaded, made, robot_file.read_text(encoding='utf-8')
+
+
+def _with_reference(values: dict[str, Any], scenario: Path) -> dict[str, Any]:
+    """Return a scenario with the reference of another file in place of that file's name."""
+    from denoc_ros.cli.config import find_file, read_yaml
+
+    name = values.get('reference')
+    if not isinstance(name, str):
+        return values
+    found = find_file(Path(name), scenario.parent)
+    if found is None:
+        rule = f'reference must be a mapping or an existing YAML file, got {name!r}'
+        raise ConfigError(str(scenario), [rule])
+    return {**values, 'reference': read_yaml(found)}
 
 
 def _smooth_enough(values: Mapping[str, Any], smooth: float | None) -> Mapping[str, Any]:

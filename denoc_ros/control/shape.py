@@ -112,7 +112,7 @@ def shape_motion(
             f'shape_motion: method must be one of {", ".join(METHODS)}, got {method!r}'
         )
     at, joints = _motion(robot, times, q_joints)
-    return planner(robot, at, joints, _frames(robot, tip), **options)
+    return planner(robot, at, joints, tip_frames(robot, tip), **options)
 
 
 def _motion(robot: Robot, times: ArrayLike, q_joints: ArrayLike) -> tuple[Array, Array]:
@@ -131,7 +131,7 @@ def _motion(robot: Robot, times: ArrayLike, q_joints: ArrayLike) -> tuple[Array,
     return at, joints
 
 
-def _frames(robot: Robot, tip: str | Sequence[str] | None) -> tuple[str, ...]:
+def tip_frames(robot: Robot, tip: str | Sequence[str] | None) -> tuple[str, ...]:
     """Return the names of the frames that matter, all known."""
     known = tuple(robot.lowered.frame_rows)
     if tip is None:

@@ -14,6 +14,7 @@ from denoc_ros.control.grid import GridMotion, differences
 from denoc_ros.control.joint_limits import joint_limits
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.rest import rest_posture
+from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.control.stretching import within_limits
 from denoc_ros.control.targets import Target
 from denoc_ros.control.tip_options import TipOptions
@@ -70,7 +71,11 @@ def tip_motion(
     limits = joint_limits(robot, options.velocity, options.acceleration, effort=options.effort)
 
     def plan(stretch: float) -> Plan:
-        asked = _spline(stretch * (times - times[0]), joints)
+        spline = rest_spline(stretch * (times - times[0]), joints)
+
+        def asked(at: Array) -> Array:
+            return np.asarray(spline(at), dtype=np.float64)
+
         duration = stretch * float(times[-1] - times[0])
         return replace(_at_pace(robot, asked, duration, frames, driven, options), stretch=stretch)
 
@@ -133,13 +138,6 @@ def _between(problem: TipProblem, solved: Solved, step: float) -> float:
     multipliers = make_interp_spline(step * np.arange(count), solved.multipliers, k=3)(middle)
     left = problem.residual(*motion.sample(middle), multipliers)
     return float(np.sqrt(np.mean(left**2))) if left.size else 0.0
-
-
-def _spline(times: Array, joints: Array) -> Asked:
-    """Return the quintic spline of a motion (k, joints) from rest to rest, without jerk jumps."""
-    rest = [(1, np.zeros(joints.shape[1])), (2, np.zeros(joints.shape[1]))]
-    spline = make_interp_spline(times, joints, k=5, bc_type=(rest, rest))
-    return lambda at: np.asarray(spline(at), dtype=np.float64)
 
 
 def _start(robot: Robot, asked: Array) -> Array:

@@ -1,0 +1,123 @@
+"""A motion of joints from a file: a reference, what has one, or a ROS JointTrajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.errors import ConfigError
+
+if TYPE_CHECKING:
+    from denoc_ros.simulation.trajectories import Trajectory
+
+Array = NDArray[np.float64]
+
+STEP = 0.01  # s between samples of a motion that is a formula
+
+
+def read_motion(
+    values: Mapping[str, Any], file: Path, joints: Sequence[str]
+) -> tuple[Array, Array]:
+    """Return times (k,) and positions (k, joints) from rest to rest.
+
+    Parameters
+    ----------
+    values : mapping
+        Of the file: a `reference` (kind book, sine or points), a scenario or configuration of
+        `denoc up` that has one, or a trajectory_msgs/JointTrajectory as `ros2 topic echo` shows
+        it. `joints` says whose the numbers of a configuration are, `posture` where the others
+        are.
+    file : Path
+        Named in errors.
+    joints : sequence of str
+        The robot's joints, in their order; what the file does not name stays at 0.
+
+    Raises
+    ------
+    ConfigError
+        With every finding.
+    """
+    from denoc_ros.simulation.reference import trajectory_from_config
+
+    named = list(joints)
+    if 'kind' not in values and isinstance(values.get('joints'), list) and values['joints']:
+        named = values['joints']
+    findings = [f'joints must be of {list(joints)}, got {n!r}' for n in named if n not in joints]
+    posture = values.get('posture') or [0.0] * len(joints)
+    if not isinstance(posture, list) or len(posture) != len(joints):
+        findings.append(f'posture must be {len(joints)} numbers, got {posture!r}')
+    if findings:
+        raise ConfigError(str(file), findings)
+    if 'joint_names' in values:
+        times, rows = _joint_trajectory(values, named, str(file))
+    else:
+        reference = _reference(values, file)
+        trajectory = trajectory_from_config(reference, named, f'{file}: reference')
+        times, rows = _table(trajectory, reference)
+    every = np.tile(np.asarray(posture, dtype=np.float64), (len(times), 1))
+    every[:, [list(joints).index(name) for name in named]] = rows
+    return times, every
+
+
+def _reference(values: Mapping[str, Any], file: Path) -> dict[str, Any]:
+    """Return the mapping of a reference that a file is, has, or names."""
+    from denoc_ros.cli.config import find_file, read_yaml
+
+    reference: Any = values if 'kind' in values else values.get('reference')
+    if reference is None and isinstance(values.get('torque'), dict):
+        reference = values['torque'].get('reference')
+    if isinstance(reference, str):
+        found = find_file(Path(reference), file.parent)
+        if found is None:
+            rule = f'reference must be a mapping or an existing YAML file, got {reference!r}'
+            raise ConfigError(str(file), [rule])
+        reference = read_yaml(found)
+    if not isinstance(reference, Mapping):
+        rule = 'the file must have a kind, a reference or joint_names, got none of them'
+        raise ConfigError(str(file), [rule])
+    return dict(reference)
+
+
+def _table(trajectory: Trajectory, reference: Mapping[str, Any]) -> tuple[Array, Array]:
+    """Return the points themselves where the motion is points, else close samples of it."""
+    if reference['kind'] == 'points' and len(reference['times']) > 1:
+        times = np.asarray(reference['times'], dtype=np.float64)
+        rows, scratch = np.zeros((len(times), trajectory.n)), np.zeros((2, trajectory.n))
+        for row, time in zip(rows, times, strict=True):
+            trajectory.sample(float(time), row, *scratch)
+        return times, rows
+    times, rows, _, _ = trajectory.table(min(STEP, trajectory.duration / 200.0))
+    return times, rows
+
+
+def _joint_trajectory(
+    values: Mapping[str, Any], joints: Sequence[str], where: str
+) -> tuple[Array, Array]:
+    """Return times and positions of a trajectory_msgs/JointTrajectory."""
+    names, given = values['joint_names'], values.get('points')
+    points = given if isinstance(given, list) else []
+    findings = []
+    if not isinstance(names, list) or not set(names) <= set(joints):
+        findings.append(f'joint_names must be of {list(joints)}, got {names}')
+    if len(points) < 2:
+        findings.append(f'points must be two or more, got {len(points)}')
+    if findings:
+        raise ConfigError(where, findings)
+    columns = [list(joints).index(name) for name in names]
+    rows, times = np.zeros((len(points), len(joints))), np.zeros(len(points))
+    for k, point in enumerate(points):
+        try:
+            since = point['time_from_start']
+            times[k] = float(since.get('sec', 0)) + 1e-9 * float(since.get('nanosec', 0))
+            rows[k, columns] = point['positions']
+        except (KeyError, TypeError, ValueError, AttributeError):
+            findings.append(
+                f'points {k} must have time_from_start (sec, nanosec) and {len(names)} positions'
+            )
+    if findings:
+        raise ConfigError(where, findings)
+    return times, rows

@@ -1,0 +1,78 @@
+"""A plan as a file: a reference that sessions and scenarios read, or a table of everything."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from denoc_ros.control.grid import GridMotion
+from denoc_ros.control.plan import Plan
+
+Array = NDArray[np.float64]
+DIGITS = 12  # of a number in a file
+
+
+def write_plan(plan: Plan, file: Path, interval: float) -> None:
+    """Write a plan: `.csv` as a table, anything else as a YAML reference.
+
+    Parameters
+    ----------
+    plan : Plan
+    file : Path
+    interval : float
+        Between rows [s], at most; quintics between them.
+    """
+    count = max(1, math.ceil(float(plan.t[-1] - plan.t[0]) / interval - 1e-9))
+    times: Array = np.linspace(plan.t[0], plan.t[-1], count + 1)
+    step = float(plan.t[-1] - plan.t[0]) / (len(plan.t) - 1)
+    motion = GridMotion(float(plan.t[0]), step, plan.q, plan.qd, plan.qdd).sample(times)
+    if file.suffix == '.csv':
+        _write_table(plan, file, times, motion)
+    else:
+        _write_reference(plan, file, times, motion)
+
+
+def _write_reference(
+    plan: Plan, file: Path, times: Array, motion: tuple[Array, Array, Array]
+) -> None:
+    """Write the driven joints' points; their times begin at 0."""
+    columns = [plan.coordinate_names.index(name) for name in plan.joint_names]
+    positions, velocities, accelerations = (part[:, columns] for part in motion)
+    head = (
+        f'# Planned by `denoc shape`, method {plan.method}: 0 s is {plan.t[0]:.6g} s of the '
+        f'motion that was asked for,\n# which is {plan.stretch:.6g} times slower here.\n'
+    )
+    reference = {
+        'kind': 'points',
+        'joints': list(plan.joint_names),
+        'times': _numbers(times - times[0]),
+        'positions': [_numbers(row) for row in positions],
+        'velocities': [_numbers(row) for row in velocities],
+        'accelerations': [_numbers(row) for row in accelerations],
+    }
+    text = yaml.safe_dump(reference, sort_keys=False, default_flow_style=None, width=110)
+    file.write_text(head + text, encoding='utf-8')
+
+
+def _write_table(plan: Plan, file: Path, times: Array, motion: tuple[Array, Array, Array]) -> None:
+    """Write a row per time: what a JointTrajectory has, the amplitudes, and the tip's error."""
+    names = plan.coordinate_names
+    head = ['time']
+    for what in ('position', 'velocity', 'acceleration'):
+        head += [f'{name}/{what}' for name in names]
+    head += [f'{name}/effort' for name in plan.joint_names] + ['tip_error', 'tip_turn']
+    rest = np.column_stack([plan.torque, plan.tip_error, plan.tip_turn])
+    between = np.column_stack([np.interp(times, plan.t, column) for column in rest.T])
+    with file.open('w', newline='', encoding='utf-8') as out:
+        writer = csv.writer(out)
+        writer.writerow(head)
+        writer.writerows(_numbers(row) for row in np.column_stack([times, *motion, between]))
+
+
+def _numbers(row: Array) -> list[float]:
+    return [float(f'{value:.{DIGITS}g}') for value in row]

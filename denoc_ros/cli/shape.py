@@ -1,0 +1,242 @@
+"""`denoc shape ROBOT MOTION -o PLAN`: a motion that leaves no swing, and a page of it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from denoc_ros.cli.arguments import add_gravity, given_file, named_values, require
+from denoc_ros.cli.overrides import add_overrides, overrides_of
+from denoc_ros.errors import BagError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from denoc_ros.control.plan import Plan
+    from denoc_ros.dynamics.robot import Robot
+
+METHODS = ('tip', 'zv', 'zvd', 'ei', 'rest_to_rest')
+TIP_ONLY = ('joints', 'stretch', 'preaction', 'postaction', 'turn', 'step')
+NUMBERS = {
+    'stretch': 'the largest factor by which a motion may be made slower to keep the limits',
+    'preaction': 'how long the joints may move before the motion [s]',
+    'postaction': 'how long the joints may move after it [s]',
+    'turn': 'how many metres of position a radian of turn counts as; 0: only positions matter',
+    'step': 'between the nodes at which the equations hold [s]',
+}
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        'shape',
+        help='plan a motion that ends without swing, with the tip where it should be',
+        description='Plan what the joints must do so that the tip of a flexible robot does what '
+        "an undeformed one's would, or so that nothing swings at the end. The plan is a reference "
+        'that `denoc up` and `denoc simulate` read.',
+    )
+    parser.add_argument('robot', help='the URDF file')
+    parser.add_argument(
+        'motion',
+        help='a YAML file: a reference, a scenario or configuration that has one, or a '
+        'trajectory_msgs/JointTrajectory',
+    )
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=Path,
+        required=True,
+        help='the plan: .yaml for a reference of the joints, .csv for a table of everything',
+    )
+    parser.add_argument('--method', choices=METHODS, default='tip', help='default: tip')
+    parser.add_argument(
+        '--tip', metavar='FRAME', action='append', help='a frame that matters; repeatable'
+    )
+    parser.add_argument(
+        '--page', metavar='FILE', type=Path, help='also simulate it and write an HTML page'
+    )
+    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
+    parser.add_argument(
+        '--interval', metavar='S', type=float, default=0.02, help='between rows; default: 0.02'
+    )
+    add_gravity(parser, None, "the motion file's, else 0 0 -9.81")
+    add_overrides(parser)
+    _add_limits(parser)
+    _add_tip_options(parser)
+
+
+def _add_limits(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("limits in place of the URDF's")
+    for name, unit in (
+        ('velocity', 'rad/s, m/s'),
+        ('acceleration', 'rad/s^2, m/s^2'),
+        ('effort', 'N m, N'),
+    ):
+        group.add_argument(
+            f'--{name}',
+            action='append',
+            default=[],
+            metavar='JOINT=VALUE',
+            help=f'[{unit}]; repeatable',
+        )
+
+
+def _add_tip_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('method tip')
+    group.add_argument(
+        '--joints', metavar='NAME,…', help='the driven joints; default all that mimic none'
+    )
+    for name, text in NUMBERS.items():
+        group.add_argument(f'--{name}', metavar='X', type=float, help=text)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb and return the exit status; errors are raised."""
+    from denoc_ros.cli.config import read_yaml
+    from denoc_ros.cli.motion_file import read_motion
+    from denoc_ros.cli.plan_file import write_plan
+    from denoc_ros.cli.progress import share_bar
+    from denoc_ros.control.shape import shape_motion
+
+    require(_findings(args))
+    for file in (args.output, args.page):
+        if file is not None and file.exists():
+            raise BagError(f'{file}: output must not exist yet, got an existing one')
+    motion_file = given_file(args.motion, 'motion')
+    values = read_yaml(motion_file)
+    options = _options(args, values)
+    robot = _robot(args, values)
+    times, joints = read_motion(values, motion_file, robot.joint_names)
+    tip = args.tip or values.get('tip')
+    with share_bar(args.json) as bar:
+        if args.method == 'tip':
+            options['progress'] = lambda share: bar.update(share - bar.n)
+        plan = shape_motion(robot, times, joints, args.method, tip, **options)
+    write_plan(plan, args.output, args.interval)
+    summary = {'output': str(args.output), **summarize(plan, times)}
+    if args.page:
+        summary.update(_page(args, robot, plan, (times, joints), tip))
+    if args.json:
+        print(json.dumps(summary, indent=2, allow_nan=False))
+    else:
+        _print(summary)
+    return 0
+
+
+def _findings(args: argparse.Namespace) -> list[str]:
+    found = []
+    if args.output.suffix not in ('.yaml', '.yml', '.csv'):
+        found.append(f'--output must end in .yaml or .csv, got {args.output.name!r}')
+    if not 0.0 < args.interval < float('inf'):
+        found.append(f'--interval must be > 0 s, got {args.interval}')
+    if args.method != 'tip':
+        given = [name for name in TIP_ONLY if getattr(args, name) is not None]
+        found += [f'--{name} is for --method tip, got {args.method}' for name in given]
+    return found
+
+
+def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what shape_motion takes beside motion, method and tip."""
+    findings: list[str] = []
+    options: dict[str, Any] = {}
+    for name in ('velocity', 'acceleration', 'effort'):
+        texts = getattr(args, name)
+        if texts:
+            option = f'--{name}'
+            options[name] = named_values(option, texts, 'JOINT=VALUE', float, findings)
+    require(findings)
+    for name in NUMBERS:
+        if getattr(args, name) is not None:
+            options[name] = getattr(args, name)
+    if args.joints:
+        options['joints'] = args.joints.split(',')
+    elif args.method == 'tip' and 'kind' not in values and values.get('joints'):
+        options['joints'] = values['joints']
+    return options
+
+
+def _robot(args: argparse.Namespace, values: Mapping[str, Any]) -> Robot:
+    """Return the robot with gravity and model of the command line, else of the motion's file."""
+    from denoc_ros.cli.arguments import EARTH
+    from denoc_ros.cli.config import flatten
+    from denoc_ros.dynamics.robot import load_robot
+
+    file = given_file(args.robot, 'robot')
+    robot = load_robot(file, gravity=args.gravity or values.get('gravity', EARTH))
+    model = values.get('model')
+    changes = flatten(model) if isinstance(model, dict) else {}
+    changes.update(overrides_of(args.set, args.payload))
+    return robot.with_overrides(changes) if changes else robot
+
+
+def summarize(plan: Plan, times: NDArray[Any]) -> dict[str, Any]:
+    """Return what a plan does, ready for JSON."""
+    import numpy as np
+
+    first, last = float(times[0]), float(times[0]) + plan.stretch * float(times[-1] - times[0])
+    moving = (plan.t >= first) & (plan.t <= last)
+    return {
+        'method': plan.method,
+        'rows': len(plan.t),
+        'begins_s': float(plan.t[0]),
+        'ends_s': float(plan.t[-1]),
+        'delay_s': plan.delay,
+        'stretch': plan.stretch,
+        'tip_error_m': float(plan.tip_error[moving].max(initial=0.0)),
+        'tip_error_after_m': float(plan.tip_error[~moving].max(initial=0.0)),
+        'tip_turn_rad': float(plan.tip_turn.max()),
+        'equation_error_m': plan.equation_error,
+        'largest_torque': _by_name(plan, np.abs(plan.torque).max(axis=0)),
+    }
+
+
+def _by_name(plan: Plan, values: NDArray[Any]) -> dict[str, float]:
+    return dict(zip(plan.joint_names, values.tolist(), strict=True))
+
+
+def _page(
+    args: argparse.Namespace,
+    robot: Robot,
+    plan: Plan,
+    motion: tuple[NDArray[Any], NDArray[Any]],
+    tip: str | list[str] | None,
+) -> dict[str, Any]:
+    """Write the page; return what it adds to the summary."""
+    from denoc_ros.cli.provenance import named_file, provenance
+    from denoc_ros.cli.shape_page import page
+    from denoc_ros.cli.shape_runs import compare
+
+    found = compare(robot, plan, motion, tip, quiet=args.json)
+    made = provenance(
+        args.command,
+        {
+            'robot': named_file(given_file(args.robot, 'robot')),
+            'motion': named_file(given_file(args.motion, 'motion')),
+        },
+    )
+    args.page.write_text(page(found, robot.tree, made).html(), encoding='utf-8')
+    return {'page': str(args.page), **found.summary()}
+
+
+def _print(summary: Mapping[str, Any]) -> None:
+    from denoc_ros.cli.pages import engineering
+
+    print(
+        f'{summary["output"]}: {summary["rows"]} rows from {summary["begins_s"]:.4g} to '
+        f'{summary["ends_s"]:.4g} s, method {summary["method"]}'
+    )
+    if summary['stretch'] > 1.0:
+        print(f'  {summary["stretch"]:.4g} times slower, to keep the limits')
+    if summary['delay_s'] > 0.0:
+        print(f'  {summary["delay_s"]:.4g} s later than asked for')
+    print(
+        f'  tip off what was asked: {engineering(summary["tip_error_m"], "m")} while moving, '
+        f'{engineering(summary["tip_error_after_m"], "m")} before and after'
+    )
+    for name, value in summary['largest_torque'].items():
+        print(f'  largest torque {name}: {value:.4g} N m or N')
+    if 'page' in summary:
+        print(f'page    {summary["page"]}')

@@ -1,0 +1,160 @@
+"""The page of `denoc shape`: the tip before and after, joints, torque, and models that are off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from denoc_ros.cli.figures import DIFFERENCE_COLOUR, PHASE_COLOURS, Curve, Panel, line_figure
+from denoc_ros.cli.pages import Card, Page, Section, Table, Verdict, engineering
+from denoc_ros.cli.sections import Units
+from denoc_ros.cli.shape_runs import Comparison, Tracked
+from denoc_ros.model.tree import Tree
+
+TITLES = {'tip': 'The tip goes where it should'}
+PLAIN, SHAPED = 'as it was asked for', 'as it was planned'
+HEIGHT = 2.4  # inches
+WORSE = 1.0  # times the plain motion's swing: a plan that leaves more is doubtful
+
+
+def page(found: Comparison, tree: Tree, provenance: Mapping[str, str]) -> Page:
+    """Return the page.
+
+    Parameters
+    ----------
+    found : Comparison
+    tree : Tree
+        Of the robot.
+    provenance : mapping
+        What the page was made from and with.
+    """
+    plan, units = found.plan, Units.of(tree)
+    return Page(
+        title=TITLES.get(plan.method, 'A motion without swing'),
+        subtitle=f'{tree.name} · method {plan.method} · frame {found.frame}',
+        verdict=_verdict(found),
+        cards=_cards(found),
+        sections=[
+            _tip(found),
+            _joints(found, units),
+            _torque(found, units),
+            _models(found) if found.variations else None,
+            _method(found),
+        ],
+        provenance=provenance,
+    )
+
+
+def _verdict(found: Comparison) -> Verdict:
+    plain, shaped = found.plain, found.shaped
+    text = (
+        f'The tip strays by {engineering(shaped.rms, "m")} rms while it moves, where the motion '
+        f'as it was asked for makes it stray by {engineering(plain.rms, "m")}; after the stop it '
+        f'swings by {engineering(shaped.swing, "m")}, where it would by '
+        f'{engineering(plain.swing, "m")}.'
+    )
+    worst = max([one.shaped.swing for one in found.variations], default=shaped.swing)
+    return Verdict(text, 'good' if worst <= WORSE * plain.swing else 'doubtful')
+
+
+def _cards(found: Comparison) -> list[Card]:
+    plan = found.plan
+
+    def arrow(what: str) -> str:
+        values = (getattr(found.plain, what), getattr(found.shaped, what))
+        return ' → '.join(engineering(value, 'm') for value in values)
+
+    cards = [
+        Card('Tip off while moving, rms', arrow('rms'), f'{PLAIN} → {SHAPED}'),
+        Card('Swing after the stop', arrow('swing'), 'from where it comes to rest'),
+        Card('Joints move before', engineering(plan.preaction, 's')),
+        Card('Joints move after', engineering(plan.postaction, 's')),
+    ]
+    if plan.stretch > 1.0:
+        cards.append(Card('Slower by', f'{plan.stretch:.4g}', 'to keep the limits'))
+    if plan.delay > 0.0:
+        cards.append(Card('Arrives later by', engineering(plan.delay, 's')))
+    return cards
+
+
+def _tip(found: Comparison) -> Section:
+    pairs = zip((PLAIN, SHAPED), PHASE_COLOURS, (found.plain, found.shaped), strict=False)
+    curves = [Curve(name, colour, run.t, run.error) for name, colour, run in pairs]
+    logarithmic = [
+        Curve(c.label, c.colour, c.t, np.maximum(c.y, 1e-3 * _smallest(found))) for c in curves
+    ]
+    figure = line_figure(
+        [
+            Panel('Tip off what was asked', 'm', curves),
+            Panel('The same, logarithmic', 'm', logarithmic, log_y=True),
+        ],
+        HEIGHT,
+    )
+    text = (
+        'Where the tip is, off where the undeformed robot on the motion that was asked for would '
+        'have it; simulated on this model, the joints exactly on either motion.'
+    )
+    return Section('The tip', text, [figure])
+
+
+def _smallest(found: Comparison) -> float:
+    """Return what counts as small in a logarithmic figure [m]."""
+    return max(1e-9, min(found.plain.rms, found.shaped.rms))
+
+
+def _joints(found: Comparison, units: Units) -> Section:
+    plan = found.plan
+    columns = [plan.coordinate_names.index(name) for name in plan.joint_names]
+    panels = []
+    for k, (name, column) in enumerate(zip(plan.joint_names, columns, strict=True)):
+        before = Curve(PLAIN, PHASE_COLOURS[0], plan.t, found.asked[:, k], dashed=True)
+        after = Curve(SHAPED, PHASE_COLOURS[1], plan.t, plan.q[:, column])
+        apart = Curve(
+            'difference', DIFFERENCE_COLOUR, plan.t, plan.q[:, column] - found.asked[:, k]
+        )
+        panels += [
+            Panel(name, units.position(name), [before, after]),
+            Panel(f'{name}: planned − asked', units.position(name), [apart]),
+        ]
+    text = 'What the joints do so that the tip does what was asked.'
+    return Section('Joints', text, [line_figure(panels)])
+
+
+def _torque(found: Comparison, units: Units) -> Section:
+    plan = found.plan
+    panels = [
+        Panel(name, units.effort(name), [Curve(SHAPED, PHASE_COLOURS[1], plan.t, column)])
+        for name, column in zip(plan.joint_names, plan.torque.T, strict=True)
+    ]
+    return Section('Torque', 'What the joints need for it, on this model.', [line_figure(panels)])
+
+
+def _models(found: Comparison) -> Section:
+    head = ['model', 'moving, rms', 'swing after', 'swing after, motion as asked']
+    rows = [_row('as it is', found.plain, found.shaped)]
+    rows += [_row(one.name, one.plain, one.shaped) for one in found.variations]
+    text = (
+        'The same plan, joints exactly on it, on models that are off by 20 % in one number each: '
+        'what to expect of a real robot. Where this is too much, state feedback or an input '
+        'shaper is the better choice.'
+    )
+    return Section('If the model is off', text, tables=[Table(head, rows)])
+
+
+def _row(name: str, plain: Tracked, shaped: Tracked) -> list[str]:
+    values = (shaped.rms, shaped.swing, plain.swing)
+    return [name, *(engineering(value, 'm') for value in values)]
+
+
+def _method(found: Comparison) -> Section:
+    left = engineering(found.plan.equation_error, 'm')
+    text = (
+        'Joints and links are planned together over the whole time: the equations of motion of '
+        'the links hold at every instant, and the tip is where it should be as nearly as they '
+        'allow (docs/control.md). Between the nodes of its grid the plan leaves forces without '
+        f'an actuator that would bend a link by {left} rms.'
+        if found.plan.method == 'tip'
+        else 'Input shapers and motions from rest to rest: docs/control.md.'
+    )
+    return Section('How this is worked out', text)

@@ -1,0 +1,112 @@
+"""What a robot does while its driven joints make a motion, and when they have made it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.control.grid import GridMotion
+from denoc_ros.control.plan import Plan
+from denoc_ros.dynamics.equilibrium import Equilibrium
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.stepper import Stepper
+
+Array = NDArray[np.float64]
+# times (k,) -> positions, rates and accelerations (k, driven) of the driven joints
+DrivenMotion = Callable[[Array], tuple[Array, Array, Array]]
+
+STEPS_PER_PERIOD = 60.0  # of the fastest mode
+LONGEST_STEP = 1e-3  # s
+MOST_STEPS = 400_000
+
+
+@dataclass(frozen=True)
+class CarriedOut:
+    """Times (k,) [s], all coordinates (k, n), and the coordinates (n,) at rest after it."""
+
+    t: Array
+    q: Array
+    rest: Array
+
+    def tip(self, robot: Robot, frame: str) -> Array:
+        """Return the positions (k, 3) of a frame [m]."""
+        return np.asarray(robot.frame_pose(frame, self.q)[:, :3, 3])
+
+    def swing(self, robot: Robot, frame: str, since: float) -> float:
+        """Return how far a frame is at most from where it comes to rest, from a time on [m]."""
+        rest = robot.frame_pose(frame, self.rest)[:3, 3]
+        apart = self.tip(robot, frame)[self.t >= since] - rest
+        return float(np.linalg.norm(apart, axis=1).max(initial=0.0))
+
+
+def planned(plan: Plan, joints: Sequence[str]) -> DrivenMotion:
+    """Return what joints do in a plan, by quintics between its rows."""
+    columns = [plan.coordinate_names.index(name) for name in joints]
+    step = float(plan.t[-1] - plan.t[0]) / (len(plan.t) - 1)
+    rows = (plan.q[:, columns], plan.qd[:, columns], plan.qdd[:, columns])
+    return GridMotion(float(plan.t[0]), step, *rows).sample
+
+
+def carry_out(
+    robot: Robot,
+    motion: DrivenMotion,
+    joints: Sequence[str],
+    near: Array,
+    times: Array,
+) -> CarriedOut:
+    """Return what all coordinates do while the driven joints make a motion exactly.
+
+    Parameters
+    ----------
+    robot : Robot
+        It begins in equilibrium.
+    motion : callable
+    joints : sequence of str
+        The driven joints, in the order of the motion's columns; all others are free.
+    near : (n,) array
+        A posture, with its loops closed, from which the equilibrium is looked for.
+    times : (k,) array
+        Evenly spaced [s]; the motion is stepped through more finely where modes are fast.
+    """
+    own = robot.copy()
+    driven = own.indices(joints)
+    undriven = np.setdiff1d(np.arange(own.n), driven)
+
+    def at_rest(time: float, guess: Array) -> Array:
+        q: Array = guess.copy()
+        q[driven] = motion(np.array([time]))[0][0]
+        if own.lowered.tie_names:
+            q = np.asarray(own.assemble(q, fixed=list(joints)))
+        if len(undriven):
+            Equilibrium(own, undriven).find(q)
+        return q
+
+    interval = float(times[1] - times[0])
+    start = at_rest(float(times[0]), near)
+    parts = _parts(own, start, interval, len(times))
+    step = interval / parts
+    fine = times[0] + step * np.arange((len(times) - 1) * parts + 1)
+    q_driven, qd_driven, _ = motion(fine)
+    between = motion(0.5 * (fine[1:] + fine[:-1]))[2]
+    stepper = Stepper(own, step, joints)
+    rows = np.zeros((len(times), own.n))
+    state, rate = start.copy(), np.zeros(own.n)
+    for k in range(len(fine)):
+        state[driven], rate[driven] = q_driven[k], qd_driven[k]
+        if k % parts == 0:
+            rows[k // parts] = state
+        if k < len(between):
+            stepper.driven(state, rate, between[k])
+    return CarriedOut(times, rows, at_rest(float(times[-1]), rows[-1]))
+
+
+def _parts(robot: Robot, q: Array, interval: float, rows: int) -> int:
+    """Return in how many steps an interval is gone through."""
+    longest = LONGEST_STEP
+    if len(robot.flexible_indices):
+        fastest = float(np.max(robot.natural_frequencies(q)))
+        longest = min(longest, 1.0 / (STEPS_PER_PERIOD * max(fastest, 1e-9)))
+    return max(1, min(int(np.ceil(interval / longest - 1e-9)), MOST_STEPS // rows))
