@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 from denoc_ros.control.impulses import impulse_weights
-from denoc_ros.control.ringing import modes_along, require_tree
+from denoc_ros.control.ringing import modes_along, require_tree, ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 
 Array = NDArray[np.float64]
-POSTURES = 33  # along a motion at which modes are worked out
+POSTURES = 33  # along a motion at which modes are worked out, at least
+POSTURES_PER_PERIOD = 2.0  # of the slowest mode
 ROUNDS = 3  # the modes are those of the shaped motion, which depends on them
 PER_PERIOD = 40  # samples of the fastest shaped mode
 
@@ -84,7 +85,9 @@ def shape_samples(
     require_tree(robot, 'an input shaper')
     spline = rest_spline(times, q_joints)
     start, end = float(times[0]), float(times[-1])
-    path = np.asarray(spline(np.linspace(start, end, POSTURES)))
+    slowest = float(ringing_modes(robot, q_joints[0], modes).frequencies[0])
+    postures = max(POSTURES, int(np.ceil(POSTURES_PER_PERIOD * slowest * (end - start))))
+    path = np.asarray(spline(np.linspace(start, end, postures)))
     found = modes_along(robot, path, modes)
     half_periods = len(impulse_weights(method, 0.0)) - 1
     for _ in range(ROUNDS):
@@ -92,7 +95,7 @@ def shape_samples(
         step = 1.0 / (PER_PERIOD * float(found.frequencies.max()))
         count = max(2, int(np.ceil((end + delay - start) / step)) + 1)
         t = np.linspace(start, end + delay, count)
-        knots = np.linspace(start, end + delay, POSTURES)
+        knots = np.linspace(start, end + delay, postures)
         weights = [impulse_weights(method, r) for r in found.ratios.mean(axis=0)]
         frequencies = CubicSpline(knots, found.frequencies)(t)
         q = np.asarray(spline(np.clip(t, start, end)))

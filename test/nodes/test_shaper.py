@@ -197,6 +197,23 @@ def test_planner_ends_with_the_node(bench: Any) -> None:
         os.kill(pid, 0)
 
 
+def test_node_works_after_another_life_cycle(bench: Any) -> None:
+    arm = bench(method='zv')
+    first = arm.node.planning.planner.pid
+    arm.node.trigger_deactivate()
+    arm.send_motion()
+    arm.graph.until(lambda: arm.rejected('inactive') == 1)
+    arm.node.trigger_cleanup()
+    assert arm.node.planning.planner.pid is None
+    arm.node.trigger_configure()
+    arm.node.trigger_activate()
+    assert arm.node.state == 'active', arm.node.failure
+    assert arm.node.planning.planner.pid not in (None, first)
+    arm.graph.until(lambda: arm.node._reference.get_subscription_count() > 0)
+    arm.send_motion()
+    arm.graph.until(lambda: arm.out)
+
+
 def test_bad_motions_are_refused_by_cause(bench: Any) -> None:
     arm = bench(method='zv')
     t = [0.0, 0.5, 1.0]
