@@ -68,6 +68,10 @@ class DeviationFilter:
         self.believed, self.cause = False, 'no measurements yet'
         self._lost_at = self._doubted_at = np.nan
 
+    def take_model(self, other: DeviationFilter) -> None:
+        """Go on by the model of another filter of the same coordinates and sensors."""
+        self._robot, self._timeout = other._robot, other._timeout
+
     def follow(self, time: float, q: Array, qd: Array) -> None:
         """Take the plan's coordinates and rates (n,) at a time of the loop's clock [s]."""
         if len(self._plan) and time <= self._plan.last:

@@ -46,6 +46,8 @@ class GainSchedule:
     times : (k,) array
         [s], ascending, evenly spaced; before and after them the first and the last hold.
     gains : tuple of PostureGains
+    postures : (k, driven) array
+        Of the driven joints [rad, m].
     coordinates : (m,) int array
         Where the minimal coordinates stand among the robot's.
     joints, sensors : (driven,) and (read,) int arrays
@@ -60,6 +62,7 @@ class GainSchedule:
 
     times: Array
     gains: tuple[PostureGains, ...]
+    postures: Array
     coordinates: Int
     joints: Int
     sensors: Int
@@ -163,8 +166,9 @@ def design(
     coordinates = np.array([robot.coordinate_names.index(name) for name in names], dtype=np.intp)
     index = np.asarray(robot.indices(joints), dtype=np.intp)
     return GainSchedule(
-        np.asarray(times), tuple(gains), coordinates, index, sensors, limits, settings, slowest
-    )
+        np.asarray(times), tuple(gains), np.array([state.q[index] for state in states]),
+        coordinates, index, sensors, limits, settings, slowest,
+    )  # fmt: skip
 
 
 def spacing(duration: float, period: float) -> float:

@@ -83,9 +83,24 @@ class StateFeedback:
             and self._way.shape == other._way.shape
         )
         if same:
+            other.filter.take_model(self.filter)
             self.filter, self._way, self.integrals = other.filter, other._way, other.integrals
             self.share, self._last, self.limited = other.share, other._last, other.limited
         return same
+
+    def is_near(self, now: float, position: Array, reach: float) -> bool:
+        """Say whether joints (joints,) stand within reach [rad, m] of where the gains are for."""
+        before, share = self.schedule.place(now - self._start)
+        postures = self.schedule.postures
+        there = postures[before]
+        if share:
+            there = there + share * (postures[before + 1] - there)
+        return bool(np.abs(position - there).max() <= reach)
+
+    def rest(self) -> None:
+        """Let go until the estimate has been good for a while: the plan's torque does not act."""
+        if self._last > -np.inf:
+            self.reset()
 
     def follow(self, time: float, q: Array, qd: Array) -> None:
         """Take the plan's coordinates and rates (n,) of a time [s], which may be ahead."""

@@ -9,11 +9,8 @@ from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
-from denoc_ros.dynamics.feedforward import TorqueFeedforward
-from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import EVERY_MESSAGE
 from denoc_ros.nodes.carrying import CarryingTorque
@@ -21,19 +18,14 @@ from denoc_ros.nodes.conversions import (
     InputError,
     JointStateReader,
 )
-from denoc_ros.nodes.diagnostics import Status
-from denoc_ros.nodes.feedforward_parameters import TABLE
-from denoc_ros.nodes.following import FollowingConditions
-from denoc_ros.nodes.live_torque import LiveTorque, torque_feedforward
-from denoc_ros.nodes.model_node import driven_joints, is_override
-from denoc_ros.nodes.motion_bounds import limits_of, motion_bounds
-from denoc_ros.nodes.parameters import Settings, Value
+from denoc_ros.nodes.live_feedforward import LiveFeedforward
+from denoc_ros.nodes.live_torque import LiveTorque
+from denoc_ros.nodes.model_node import driven_joints
+from denoc_ros.nodes.motion_bounds import motion_bounds
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
-from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.safety import InputMonitor, SafeCommand, TorqueLimiter, torque_limits
 from denoc_ros.nodes.stamps import StampOf
-from denoc_ros.nodes.strain_feedback import StrainFeedback
 from denoc_ros.nodes.torque_output import TorqueOutput
 from denoc_ros.nodes.torque_status import TorqueStatus
 from denoc_ros.nodes.trajectory_messages import has_many_points, read_trajectory
@@ -45,19 +37,11 @@ CARRYING_ACTIONS = ('hold', 'ramp_to_gravity')  # begin with the weight where no
 END_PATIENCE = 1.0  # s beyond the ramp to reach it, however small max_delta_tau is
 
 
-class FeedforwardNode(RobotNode):
+class FeedforwardNode(LiveFeedforward):
     """Follows `reference` with the torque that the model says it takes."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__('feedforward', TABLE, **options)
-        self.by_message = self.settings.text('trigger') == 'message'
-        self.from_joints = self.settings.text('reference_source') == 'joint_states'
-        self.conditions = FollowingConditions(self.settings, self.from_joints)
-        self.create_service(SetBool, '~/enable', self._on_enable)
-        self.offer('~/stop', self._stop)
-        self.offer('~/reset', self._reset)
-        self.offer('~/reload_model', self._reload)
-        self.feedback = StrainFeedback(self)
+        super().__init__(**options)
         self._connected = False
 
     # ---- configure
@@ -75,7 +59,7 @@ class FeedforwardNode(RobotNode):
         for joint, limit in zip(self.joints, limits, strict=True):
             if limit == 0.0:
                 self.get_logger().warning(f'{joint} has effort limit 0: no torque will leave it')
-        self.feedback.build(self.robot, self.joints, settings, limits)
+        self._build_feedback(self.robot, settings, limits)
         self.carrying = CarryingTorque(n)
         self.safe = SafeCommand(settings.text('stale_action'), settings.number('ramp_time'), n)
         self.q, self.qd, self.qdd, self._posture = np.zeros((4, n))
@@ -102,10 +86,6 @@ class FeedforwardNode(RobotNode):
         self.conditions.update(settings)
         self._connect()
 
-    def _build(self, robot: Robot, settings: Settings) -> TorqueFeedforward:
-        posture = self.posture(robot, settings)
-        return torque_feedforward(robot, self.joints, settings, posture, not self.by_message)
-
     def _connect(self) -> None:
         """Subscribe, once: a node that is configured again keeps its subscriptions."""
         if self._connected:
@@ -131,6 +111,7 @@ class FeedforwardNode(RobotNode):
     def _on_joint_state(self, raw: bytes, now: float) -> None:
         reader = self._reader
         reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now))
+        self.feedback.take_joints(reader, now)
         if not self.from_joints:
             return
         velocity = reader.velocity if reader.has_velocity else None
@@ -199,6 +180,7 @@ class FeedforwardNode(RobotNode):
         self.carrying.forget()
         self.safe.end()
         self.torque.source.reset()
+        self.feedback.begin()
 
     def activate(self) -> None:
         """Start the loop, unless messages are the clock."""
@@ -227,7 +209,11 @@ class FeedforwardNode(RobotNode):
             self.safe.end()
             if self._fresh:
                 self._start_torque(now)
-            self._publish(self.limiter.apply(self.feedback.add(torque, now)))
+            source, clock = self.torque.source, self._tick_time
+            wanted = self.feedback.add(torque, source, self.q, clock, self.conditions.lead)
+            left = self.limiter.apply(wanted)
+            self.feedback.applied(left, steps)
+            self._publish(left)
         if cause and self._cause == 'following':
             self._takeovers += 1
         self._cause = cause or 'following'
@@ -279,6 +265,7 @@ class FeedforwardNode(RobotNode):
 
     def _be_safe(self, now: float) -> None:
         """Publish the safe command, if a posture is known."""
+        self.feedback.rest()
         if not self._carry(now):
             return
         if self._fresh and self.safe.action in CARRYING_ACTIONS:
@@ -301,6 +288,7 @@ class FeedforwardNode(RobotNode):
     def deactivate(self) -> None:
         """Stop the loop, go to the safe command, then say it again."""
         super().deactivate()
+        self.feedback.stop()
         if self.by_message:
             return
         self._cause = 'ended'
@@ -315,78 +303,6 @@ class FeedforwardNode(RobotNode):
             changed = np.abs(self.limiter.last - before).max() > 1e-9
             repeats = 0 if changed or not self.safe.settled(now) else repeats + 1
             time.sleep(max(self.period, FINAL_SPACING) if repeats else self.period)
-
-    # ---- services and live parameters
-
-    def _on_enable(self, request: Any, response: Any) -> Any:
-        self.conditions.enable(bool(request.data))
-        response.success = True
-        response.message = 'enabled' if self.conditions.enabled else 'disabled: safe command'
-        return response
-
-    def _stop(self) -> str:
-        """Stop until enabled again; the reference is dropped."""
-        self.conditions.stopped = True
-        if self.state in ('active', 'inactive'):
-            self.follower.clear()
-        return 'stopped: safe command until ~/enable'
-
-    def _reset(self) -> str:
-        """Forget reference, stamps and amplitudes."""
-        if self.state in ('active', 'inactive'):
-            self.follower.clear()
-            self.torque.request_reset()
-            self._message_time = None
-        for monitor in self.monitors:
-            monitor.reset()
-        return 'reset: waiting for a reference'
-
-    def _reload(self) -> str:
-        """Read the robot again; its joints must be the same."""
-        self.require_configured('to reload its model')
-        model = self.read_model(self.settings)
-        robot = self.changed_robot(self.settings, model)
-        if tuple(robot.joint_names) != tuple(self.robot.joint_names):
-            rule = f'joints must stay {list(self.robot.joint_names)} on reload'
-            got = f'(clean up and configure instead), got {list(robot.joint_names)}'
-            raise ConfigError(self.get_name(), [f'{rule} {got}'])
-        limits = torque_limits(robot, self.joints, self.settings)
-        source = self._build(robot, self.settings)
-        self.feedback.build(robot, self.joints, self.settings, limits)
-        self.bounds.update(limits_of(robot, self.joints))
-        self.torque.replace(source, limits)
-        self.robot = robot
-        self.adopt_model(model, self.settings)
-        return f'reloaded {robot.tree.name}'
-
-    def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
-        """Build a changed model beside the loop; the next tick takes it."""
-        if self.state not in ('active', 'inactive'):
-            return
-        if any(is_override(n) or n.split('.')[0] in ('model', 'terms') for n in changes):
-            robot = self.changed_robot(settings)
-            limits = torque_limits(robot, self.joints, settings)
-            source = self._build(robot, settings)
-            self.feedback.build(robot, self.joints, settings, limits)
-            self.torque.replace(source, limits)
-            self.robot = robot
-        self.conditions.update(settings)
-
-    # ---- diagnostics
-
-    def statuses(self) -> list[Status]:
-        """Return loop and torque."""
-        found = super().statuses()
-        if self.state not in ('active', 'inactive'):
-            return found
-        more = {
-            'enabled': self.conditions.enabled,
-            'model': self.torque.source.model,
-            'joints': ' '.join(self.joints),
-            'takeovers': self._takeovers,
-        }
-        status = self._said.status(self._cause, self.limiter, self.torque.failures, more)
-        return [*found, status]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

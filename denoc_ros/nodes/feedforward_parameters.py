@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from denoc_ros.dynamics.feedforward import MODELS
+from denoc_ros.nodes.feedback_parameters import feedback_parameters
 from denoc_ros.nodes.parameters import Kind, Parameter, ParameterTable
 from denoc_ros.nodes.safety import STALE_ACTIONS
 from denoc_ros.nodes.shared_parameters import (
@@ -121,32 +122,7 @@ TABLE = ParameterTable(
             'N m, N',
             positive=True,
         ),
-        Parameter(
-            'feedback.strain_gain',
-            Kind.DOUBLES,
-            [],
-            'damping torque per rate of the strain on the link behind each driven joint; empty: '
-            'off. Refused unless it takes power from every mode of the model',
-            'N m s, N s',
-            0.0,
-        ),
-        Parameter(
-            'feedback.strain_limit',
-            Kind.DOUBLE,
-            0.2,
-            'largest damping torque, as a share of the effort limit',
-            '',
-            0.0,
-            1.0,
-        ),
-        Parameter(
-            'feedback.cutoff',
-            Kind.DOUBLE,
-            50.0,
-            'bandwidth of the filter that makes the rate of strain',
-            'Hz',
-            positive=True,
-        ),
+        *feedback_parameters(),
         Parameter(
             'publish_joint_trajectory',
             Kind.BOOL,

@@ -119,6 +119,12 @@ class ReferenceFollower:
             self._take_due(now)
             return now - self._point_time if self._point is not None else 0.0
 
+    def trajectories(self) -> list[tuple[SplineTrajectory, float]]:
+        """Return the trajectory that is followed and those to come, with their starts [s]."""
+        with self._lock:
+            begun = [] if self._now is None else [(self._now, self._now_start)]
+            return [*begun, *self._coming]
+
     def finished(self, now: float) -> bool:
         """Say whether a trajectory is at its end and holds."""
         trajectory = self._now

@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.strain_damping import StrainDamping
 from denoc_ros.errors import ConfigError
-from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.parameters import Settings
-from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
 
 Array = NDArray[np.float64]
 
@@ -24,19 +22,23 @@ class StrainFeedback:
 
     Parameters
     ----------
-    node : DenocNode
-        It subscribes to the gauges once there is a gain.
+    name : str
+        The node's, for messages.
     """
 
-    def __init__(self, node: DenocNode) -> None:
-        self._node = node
-        self._sensors: SensorInputs | None = None
+    def __init__(self, name: str) -> None:
+        self._name = name
         self._damping: StrainDamping | None = None
+
+    @property
+    def wanted(self) -> bool:
+        """Whether there is a gain."""
+        return self._damping is not None
 
     def build(
         self, robot: Robot, joints: Sequence[str], settings: Settings, limits: Array
     ) -> None:
-        """Take a robot over; with gains, show that they dissipate and listen to the gauges.
+        """Take a robot over; with gains, show that they dissipate.
 
         Parameters
         ----------
@@ -59,7 +61,7 @@ class StrainFeedback:
         if not any(gains):
             self._damping = None
             return
-        name = self._node.get_fully_qualified_name()
+        name = self._name
         if len(gains) != len(joints):
             rule = f'must have {len(joints)} elements ({", ".join(joints)})'
             raise ConfigError(name, [f"parameter 'feedback.strain_gain' {rule}, got {len(gains)}"])
@@ -70,27 +72,21 @@ class StrainFeedback:
         delay = DELAY / settings.number('update_rate')
         cutoff = settings.number('feedback.cutoff')
         damping = StrainDamping(robot, joints, gains, most, cutoff, delay)
-        if self._sensors is None:
-            self._sensors = SensorInputs(self._node)
-            self._node.create_timer(
-                SEARCH_PERIOD, self._sensors.search, clock=self._node.steady_clock
-            )
-        self._sensors.update(robot.tree)
         self._timeout = settings.number('joint_state_timeout')
         count = len(robot.tree.sensors)
         self._values, self._times = np.full(count, np.nan), np.full(count, -np.inf)
         self._last = -np.inf
         self._damping = damping
 
+    def take(self, place: int, taken: float, value: float) -> None:
+        """Take a calibrated value of one of the robot's sensors, measured at a time [s]."""
+        self._values[place], self._times[place] = value, taken
+
     def add(self, torque: Array, now: float) -> Array:
         """Return a torque (n,) with the damping at a time of the steady clock [s]."""
         damping = self._damping
-        if damping is None or self._sensors is None:
+        if damping is None:
             return torque
-        queue = self._sensors.queue
-        while queue:
-            place, taken, value = queue.popleft()
-            self._values[place], self._times[place] = value, taken
         self._values[now - self._times > self._timeout] = np.nan
         elapsed, self._last = now - self._last, now
         if elapsed > self._timeout:

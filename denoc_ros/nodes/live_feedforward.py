@@ -1,0 +1,153 @@
+"""What may change or be asked of the feedforward node while it runs: services, parameters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from std_srvs.srv import SetBool
+
+from denoc_ros.dynamics.feedforward import TorqueFeedforward
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError
+from denoc_ros.nodes.conversions import JointStateReader
+from denoc_ros.nodes.diagnostics import Status
+from denoc_ros.nodes.feedforward_parameters import TABLE
+from denoc_ros.nodes.following import FollowingConditions
+from denoc_ros.nodes.live_torque import LiveTorque, torque_feedforward
+from denoc_ros.nodes.model_node import is_override
+from denoc_ros.nodes.motion_bounds import MotionBounds, limits_of
+from denoc_ros.nodes.parameters import Settings, Value
+from denoc_ros.nodes.reference import ReferenceFollower
+from denoc_ros.nodes.robot_node import RobotNode
+from denoc_ros.nodes.safety import InputMonitor, TorqueLimiter, torque_limits
+from denoc_ros.nodes.torque_feedback import TorqueFeedback
+from denoc_ros.nodes.torque_status import TorqueStatus
+
+Array = NDArray[np.float64]
+WATCH_PERIOD = 0.02  # s between looks at what the feedback needs gains for
+
+
+class LiveFeedforward(RobotNode):
+    """The feedforward node beside its loop.
+
+    Its `prepare` makes what is declared here and not made here.
+    """
+
+    joints: list[str]
+    limiter: TorqueLimiter
+    bounds: MotionBounds
+    follower: ReferenceFollower
+    torque: LiveTorque
+    joint_input: InputMonitor
+    q: Array
+    _reader: JointStateReader
+    _said: TorqueStatus
+    _cause: str
+    _message_time: int | None
+    _takeovers: int
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('feedforward', TABLE, **options)
+        self.by_message = self.settings.text('trigger') == 'message'
+        self.from_joints = self.settings.text('reference_source') == 'joint_states'
+        self.conditions = FollowingConditions(self.settings, self.from_joints)
+        self.create_service(SetBool, '~/enable', self._on_enable)
+        self.offer('~/stop', self._stop)
+        self.offer('~/reset', self._reset)
+        self.offer('~/reload_model', self._reload)
+        self.feedback = TorqueFeedback(self)
+        if self.settings.text('feedback.state') != 'off':
+            self.create_timer(WATCH_PERIOD, self._watch, clock=self.steady_clock)
+
+    # ---- what depends on the model
+
+    def _build(self, robot: Robot, settings: Settings) -> TorqueFeedforward:
+        posture = self.posture(robot, settings)
+        return torque_feedforward(robot, self.joints, settings, posture, not self.by_message)
+
+    def _build_feedback(self, robot: Robot, settings: Settings, limits: Array) -> None:
+        posture = self.posture(robot, settings)
+        self.feedback.build(robot, self.joints, settings, limits, posture)
+
+    def _watch(self) -> None:
+        """Let the feedback see what is coming."""
+        if self.state != 'active':
+            return
+        if self.follower.given:
+            self.feedback.watch(self.follower, self.q)
+        elif self.joint_input.received:
+            self.feedback.watch(self.follower, self._reader.position)
+
+    # ---- services and live parameters
+
+    def _on_enable(self, request: Any, response: Any) -> Any:
+        self.conditions.enable(bool(request.data))
+        response.success = True
+        response.message = 'enabled' if self.conditions.enabled else 'disabled: safe command'
+        return response
+
+    def _stop(self) -> str:
+        """Stop until enabled again; the reference is dropped."""
+        self.conditions.stopped = True
+        if self.state in ('active', 'inactive'):
+            self.follower.clear()
+        return 'stopped: safe command until ~/enable'
+
+    def _reset(self) -> str:
+        """Forget reference, stamps and amplitudes."""
+        if self.state in ('active', 'inactive'):
+            self.follower.clear()
+            self.torque.request_reset()
+            self._message_time = None
+        for monitor in self.monitors:
+            monitor.reset()
+        return 'reset: waiting for a reference'
+
+    def _reload(self) -> str:
+        """Read the robot again; its joints must be the same."""
+        self.require_configured('to reload its model')
+        model = self.read_model(self.settings)
+        robot = self.changed_robot(self.settings, model)
+        if tuple(robot.joint_names) != tuple(self.robot.joint_names):
+            rule = f'joints must stay {list(self.robot.joint_names)} on reload'
+            got = f'(clean up and configure instead), got {list(robot.joint_names)}'
+            raise ConfigError(self.get_name(), [f'{rule} {got}'])
+        limits = torque_limits(robot, self.joints, self.settings)
+        source = self._build(robot, self.settings)
+        self._build_feedback(robot, self.settings, limits)
+        self.bounds.update(limits_of(robot, self.joints))
+        self.torque.replace(source, limits)
+        self.robot = robot
+        self.adopt_model(model, self.settings)
+        return f'reloaded {robot.tree.name}'
+
+    def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
+        """Build a changed model beside the loop; the next tick takes it."""
+        if self.state not in ('active', 'inactive'):
+            return
+        if any(is_override(n) or n.split('.')[0] in ('model', 'terms') for n in changes):
+            robot = self.changed_robot(settings)
+            limits = torque_limits(robot, self.joints, settings)
+            source = self._build(robot, settings)
+            self._build_feedback(robot, settings, limits)
+            self.torque.replace(source, limits)
+            self.robot = robot
+        self.conditions.update(settings)
+
+    # ---- diagnostics
+
+    def statuses(self) -> list[Status]:
+        """Return loop and torque."""
+        found = super().statuses()
+        if self.state not in ('active', 'inactive'):
+            return found
+        more = {
+            'enabled': self.conditions.enabled,
+            'model': self.torque.source.model,
+            'joints': ' '.join(self.joints),
+            'takeovers': self._takeovers,
+        }
+        status = self._said.status(self._cause, self.limiter, self.torque.failures, more)
+        return [*found, status, *self.feedback.statuses()]

@@ -1,0 +1,140 @@
+"""Feedback that a node adds to its torque: damping by strain, or state feedback."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.feedforward import TorqueFeedforward
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.nodes.conversions import JointStateReader
+from denoc_ros.nodes.diagnostics import Status
+from denoc_ros.nodes.live_state_feedback import LiveStateFeedback
+from denoc_ros.nodes.parameters import Settings
+from denoc_ros.nodes.reference import ReferenceFollower
+from denoc_ros.nodes.robot_node import RobotNode
+from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
+from denoc_ros.nodes.strain_feedback import StrainFeedback
+
+Array = NDArray[np.float64]
+
+
+class TorqueFeedback:
+    """What `feedback.*` asks for; without any of it nothing is listened to and nothing is done.
+
+    Parameters
+    ----------
+    node : RobotNode
+        It subscribes to the sensors once they are needed.
+
+    Attributes
+    ----------
+    state : LiveStateFeedback
+    """
+
+    def __init__(self, node: RobotNode) -> None:
+        name = node.get_fully_qualified_name()
+        self._node = node
+        self._strain = StrainFeedback(name)
+        self.state = LiveStateFeedback(name)
+        self._sensors: SensorInputs | None = None
+        self._plan: Array | None = None
+
+    def build(
+        self,
+        robot: Robot,
+        joints: Sequence[str],
+        settings: Settings,
+        limits: Array,
+        posture: Array,
+    ) -> None:
+        """Take a robot over; show that what is asked for is safe, and listen to its sensors.
+
+        Raises
+        ------
+        ConfigError, StateError, SolverError
+            As of :meth:`StrainFeedback.build` and :meth:`LiveStateFeedback.build`.
+        """
+        self._strain.build(robot, joints, settings, limits)
+        self.state.build(robot, joints, settings, limits, posture)
+        if not (self._strain.wanted or self.state.wanted):
+            return
+        if self._sensors is None:
+            self._sensors = SensorInputs(self._node)
+            self._node.create_timer(
+                SEARCH_PERIOD, self._sensors.search, clock=self._node.steady_clock
+            )
+        self._sensors.update(robot.tree)
+
+    def take_joints(self, reader: JointStateReader, now: float) -> None:
+        """Take the joint states that have arrived at a time of the steady clock [s]."""
+        if self.state.wanted:
+            velocity = reader.velocity if reader.has_velocity else None
+            wall = 1e-9 * self._node.stamp_ns_at(now)
+            self.state.take_joints(1e-9 * reader.stamp_ns, now, wall, reader.position, velocity)
+
+    def watch(self, follower: ReferenceFollower, position: Array) -> None:
+        """Do beside the loop what it needs; see :meth:`LiveStateFeedback.watch`."""
+        self.state.watch(follower, position)
+
+    def begin(self) -> None:
+        """Start anew."""
+        self._plan = None
+        self.state.begin()
+
+    def stop(self) -> None:
+        """End what is in work beside the loop."""
+        self.state.stop()
+
+    def add(
+        self, torque: Array, source: TorqueFeedforward, wanted: Array, now: float, lead: float
+    ) -> Array:
+        """Return a torque (n,) with the feedback.
+
+        Parameters
+        ----------
+        torque : (n,) array
+            Of the plan.
+        source : TorqueFeedforward
+            With the plan's state.
+        wanted : (n,) array
+            Reference of the driven joints.
+        now, lead : float
+            Time of the tick, steady clock [s], and how far ahead the plan is.
+        """
+        if not (self._strain.wanted or self.state.wanted):
+            return torque
+        self._take_values()
+        if self._strain.wanted:
+            return self._strain.add(torque, now)
+        added = self.state.torque(now, lead, wanted, source.q, source.qd)
+        self._plan = torque.copy()
+        return torque if added is None else np.asarray(torque + added)
+
+    def applied(self, left: Array, periods: int) -> None:
+        """Take the torque (n,) that left after all limits, so many periods after the last."""
+        if self._plan is not None:
+            self.state.applied(left - self._plan, periods)
+            self._plan = None
+
+    def rest(self) -> None:
+        """Let go: something else than the plan leaves."""
+        if self.state.wanted:
+            self._take_values()
+            self.state.rest()
+
+    def _take_values(self) -> None:
+        """Hand on what the sensors have said."""
+        assert self._sensors is not None
+        queue = self._sensors.queue
+        while queue:
+            value = queue.popleft()
+            if self._strain.wanted:
+                self._strain.take(*value)
+            self.state.take_sensor(*value)
+
+    def statuses(self) -> list[Status]:
+        """Return what the state feedback does, if it is wanted."""
+        return [self.state.status()] if self.state.wanted else []
