@@ -70,7 +70,9 @@ def closed_loop(model: DeviationModel, gains: PostureGains, settings: FeedbackSe
     arriving = innovation.copy()
     if waiting:
         arriving[2 * k :] = unit[queue][:sensors]
-    corrected = unit[guess] + gains.correction @ arriving
+    by_joints = gains.correction[:, : 2 * k] @ arriving[: 2 * k]
+    by_sensors = gains.correction[:, 2 * k :] @ arriving[2 * k :]
+    corrected = unit[guess] + by_joints + by_sensors
     known = np.concatenate([corrected[:s], unit[way], unit[sums]])
     torque = -gains.gain @ known
     pushes = np.concatenate([unit[way], torque])
@@ -81,7 +83,12 @@ def closed_loop(model: DeviationModel, gains: PostureGains, settings: FeedbackSe
     step[guess] = gains.transition @ corrected
     step[guess][:s] += gains.push @ pushes
     if waiting:
-        step[queue] = np.concatenate([unit[queue][sensors:], innovation[2 * k :]])
+        # what is on its way is compared with an estimate that knows of what has come since
+        rest = np.concatenate([unit[queue][sensors:], innovation[2 * k :]])
+        rows = gains.measured[2 * k :]
+        rest -= np.tile(rows @ by_sensors[:s], (late, 1))
+        rest[-sensors:] -= rows @ by_joints[:s]
+        step[queue] = rest
     if not settings.integral_time:
         keep = np.delete(np.arange(total), np.arange(sums.start, sums.stop))
         step = step[np.ix_(keep, keep)]

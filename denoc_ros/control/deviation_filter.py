@@ -13,16 +13,20 @@ from denoc_ros.dynamics.trail import Trail
 Array = NDArray[np.float64]
 
 HISTORY = 256  # periods over which values may be late
-GATE = 6.0  # standard deviations of an innovation beyond which a sensor's value is refused
-WIDENING = 2.0  # per s: how the gate opens while the estimate is not believed
+# standard deviations of an innovation beyond which a sensor's value is refused: a tick that
+# comes late looks like many
+GATE = 20.0
+LARGEST = 1e3  # m or rad, and per s: no deviation is that large
+AGEING = 0.02  # weight of the newest values' age in the usual one
 REGAIN = 0.2  # s of good values until the estimate is believed again
 
 
 class DeviationFilter:
     """The estimate [y; forces] of deviations from a plan; allocates little per tick.
 
-    A value is compared with what plan and estimate had at its own stamp. The estimate is believed
-    while every sensor that is read has given a value within the gate of late, and the joints too.
+    A value is compared with what plan and estimate had at its own stamp. While a sensor that is
+    read has given no value of late within the gate, the joints alone correct the estimate, which
+    is not believed; it is again when all sensors have agreed with it for a while.
 
     Parameters
     ----------
@@ -35,6 +39,8 @@ class DeviationFilter:
     state : (2 m + d,) array
         y and the forces that the model does not know.
     believed : bool
+    blind : bool
+        Whether the joints alone correct it.
     cause : str
         Why it is not believed, '' if it is.
     refused : (read,) int array
@@ -46,8 +52,10 @@ class DeviationFilter:
         self._joints, self._sensors = schedule.joints, schedule.sensors
         self._names = [robot.tree.sensors[k].name for k in self._sensors]
         self._timeout = schedule.settings.sensor_timeout
+        self._period = schedule.settings.period
         gains = schedule.gains[0]
         self._k, seen = len(self._joints), len(gains.measured)
+        self._deviations = gains.measured.shape[1]
         self.state: Array = np.zeros(len(gains.transition))
         self.refused = np.zeros(len(self._sensors), dtype=np.int64)
         self._values, self._stamps = np.zeros(seen), np.zeros(seen)
@@ -65,8 +73,8 @@ class DeviationFilter:
         self._own.clear()
         self._new[:] = False
         self._good_at[:] = -np.inf
-        self.believed, self.cause = False, 'no measurements yet'
-        self._lost_at = self._doubted_at = np.nan
+        self.believed, self.cause, self._fresh = False, 'no measurements yet', True
+        self._doubted_at, self._age, self.blind = np.nan, np.nan, True
 
     def take_model(self, other: DeviationFilter) -> None:
         """Go on by the model of another filter of the same coordinates and sensors."""
@@ -98,53 +106,92 @@ class DeviationFilter:
 
     def correct(self, now: float, gains: PostureGains) -> None:
         """Take what has come into the estimate of now [s], and say whether to believe that."""
-        if np.isnan(self._lost_at):
-            self._lost_at = self._doubted_at = now
-        own = self._own.push(now)
-        np.dot(gains.measured, self.state[: gains.measured.shape[1]], out=own)
+        if np.isnan(self._doubted_at):
+            self._doubted_at = now
+        measured = gains.measured
+        self._own.push(now)[:] = measured @ self.state[: self._deviations]
         innovation, new, stamps = self._innovation, self._new, self._stamps
         innovation[:] = 0.0
         if not len(self._plan):
             new[:] = False
-        new &= stamps >= self._own.first
-        for stamp in set(stamps[new].tolist()):
-            at = np.flatnonzero(new & (stamps == stamp))
-            expected = self._plan.at(stamp) + self._own.at(stamp)
+        groups = [
+            (stamp, self._sample(now, stamp), np.flatnonzero(new & (stamps == stamp)))
+            for stamp in sorted(set(stamps[new].tolist()))
+        ]
+        for stamp, sample, at in groups:
+            expected = self._plan.at(stamp) + self._own.at(sample)
             innovation[at] = self._values[at] - expected[at]
-        self._refuse(now, gains.spread)
+        if self._fresh and new[0]:
+            self._begin(gains)
+        self._refuse(gains.spread if self.believed else gains.blind_spread)
         self._good_at[new] = stamps[new]
         new[:] = False
-        self.state += gains.correction @ innovation
-        self._judge(now)
+        self._judge(now, np.abs(innovation) <= GATE * gains.spread)
+        for _, sample, at in groups:
+            self._take(sample, at, gains)
 
-    def _refuse(self, now: float, spread: Array) -> None:
+    def _sample(self, now: float, stamp: float) -> float:
+        """Return the time of the tick whose estimate a value of a stamp belongs to.
+
+        The estimate of a tick is that of the joints' newest values: how old these usually are is
+        part of the loop's delay.
+        """
+        age = now - stamp
+        if np.isnan(self._age):
+            self._age = age
+        elif self._new[0] and stamp == self._stamps[0]:
+            self._age += AGEING * (age - self._age)
+        late = max(0, round((age - self._age) / self._period))
+        return now - late * self._period
+
+    def _take(self, stamp: float, at: NDArray[np.intp], gains: PostureGains) -> None:
+        """Correct the estimate by the innovations of a sample, and what it was since then."""
+        correction = gains.correction
+        if self.blind:
+            at, correction = at[at < 2 * self._k], gains.blind
+        change = correction[:, at] @ self._innovation[at]
+        self.state += change
+        self._own.since(stamp - 0.5 * self._period)[1][:] += (
+            gains.measured @ change[: self._deviations]
+        )
+
+    def _begin(self, gains: PostureGains) -> None:
+        """Start with the joints where they are beside the plan: a jump would look like swing."""
+        seen = 2 * self._k if self._new[self._k] else self._k
+        rows = gains.measured[:seen]
+        self.state[: self._deviations] += np.linalg.pinv(rows) @ self._innovation[:seen]
+        self._own.since(-np.inf)[1][:] = gains.measured @ self.state[: self._deviations]
+        self._innovation[:seen] = 0.0
+        self._fresh = False
+
+    def _refuse(self, spread: Array) -> None:
         """Leave out sensors' values that are too far off."""
         first = 2 * self._k
-        ratio = np.abs(self._innovation[first:]) / spread[first:]
-        far = ~(ratio <= GATE)
+        far = ~(np.abs(self._innovation[first:]) <= GATE * spread[first:])
         if far.any():
-            wide = GATE if self.believed else GATE * (1.0 + WIDENING * (now - self._lost_at))
-            self._innovation[first:][~(ratio <= wide)] = 0.0
+            self._innovation[first:][far] = 0.0
             self._new[first:][far] = False
             self.refused += far
 
-    def _judge(self, now: float) -> None:
-        """Decide whether to believe the estimate."""
+    def _judge(self, now: float, agrees: NDArray[np.bool_]) -> None:
+        """Decide whether to believe the estimate, and whether to hear the sensors."""
         age = now - self._good_at
         age[self._k : 2 * self._k] = 0.0  # rates need not be measured
         cause = ''
-        if not np.isfinite(self.state).all():
-            self.state[:] = 0.0
-            cause = 'estimate not finite'
+        if not np.abs(self.state[: self._deviations]).max() < LARGEST:  # NaN is no less
+            self.state[:], self._fresh = 0.0, True
+            cause = 'estimate out of bounds'
         elif not age.max() <= self._timeout:
             worst = int(np.argmax(age)) - 2 * self._k
             cause = f'no good values of {self._names[worst] if worst >= 0 else "the joints"}'
+        self.blind = bool(cause)
         if cause:
-            if self.believed:
-                self._lost_at = now
             self.believed, self.cause, self._doubted_at = False, cause, now
-        elif not self.believed and now - self._doubted_at >= REGAIN:
-            self.believed, self.cause = True, ''
+        elif not self.believed:
+            if not agrees[2 * self._k :].all():
+                self._doubted_at = now
+            if now - self._doubted_at >= REGAIN:
+                self.believed, self.cause = True, ''
 
     def go_on(self, gains: PostureGains, pushes: Array, periods: int) -> None:
         """Bring the estimate forward by some periods under torques on their way and the new."""

@@ -17,9 +17,10 @@ from denoc_ros.model.lowering import is_flexible
 
 Array = NDArray[np.float64]
 
-CORRELATION = 0.03  # s over which forces that the model does not know stay alike
+CORRELATION = 0.03  # s over which forces that the model does not know stay alike: Gauss-Markov
 DOUBLINGS = 40
 SETTLED = 1e-12  # relative change of a doubling
+BLIND = 30.0  # factor of the joints' noise in the filter by joints alone, which needs no speed
 LEAST_TORQUE = 5e-3  # of the effort limit, that is never known
 LEAST_DEFLECTION = 5e-4  # of a beam's length, whose elastic force is never known
 
@@ -56,6 +57,10 @@ class PostureGains:
     measured : (measured, 2 m) array
     spread : (measured,) array
         Standard deviations of the innovations.
+    blind : (2 m + d, 2 joints) array
+        Correction by the joints alone, while sensors are not believed.
+    blind_spread : (measured,) array
+        Standard deviations of the innovations then.
     virtual : (joints, m) array
         Virtual joint errors by the coordinates.
     """
@@ -66,6 +71,8 @@ class PostureGains:
     correction: Array
     measured: Array
     spread: Array
+    blind: Array
+    blind_spread: Array
     virtual: Array
 
 
@@ -233,32 +240,44 @@ def noise_of(
 
 
 def estimator(
-    model: DeviationModel, noise: Noise, forces: Array, settings: FeedbackSettings
-) -> tuple[Array, Array, Array]:
-    """Return transition, correction and the innovations' deviations of the settled filter.
+    model: DeviationModel, transition: Array, noise: Noise, forces: Array, seen: int
+) -> tuple[Array, Array]:
+    """Return the correction (2 m + d, seen) of the settled filter and all innovations' deviations.
 
-    Unknown forces are Gauss-Markov with deviations `forces` and a correlation time of 0.03 s.
+    Parameters
+    ----------
+    model : DeviationModel
+    transition : (2 m + d, 2 m + d) array
+        Over a period, as :meth:`DeviationModel.disturbed` returns it.
+    noise : Noise
+    forces : (d,) array
+        Deviations of the forces that are not known.
+    seen : int
+        How many of the measurements are used, the joints' first; fewer than all: a slow filter.
 
     Raises
     ------
     SolverError
         The measurements do not show every deviation.
     """
-    transition = model.disturbed(settings.period, CORRELATION)
     s, total = 2 * model.size, len(transition)
     unit = np.concatenate([np.ones(s), forces])
     scaled = transition * unit / unit[:, None]
     rows = np.zeros((len(model.measured), total))
     rows[:, :s] = model.measured
-    rows /= noise.measured[:, None]
+    deviations = noise.measured.copy()
+    if seen < len(rows):
+        deviations[:seen] *= BLIND
+    rows /= deviations[:, None]
     added = np.zeros((total, total))
-    added[s:, s:] = np.eye(total - s) * -np.expm1(-2.0 * settings.period / CORRELATION)
-    covariance = _settled(scaled.T, rows.T @ rows, added)
+    added[s:, s:] = np.diag(1.0 - np.diag(transition)[s:] ** 2)
+    covariance = _settled(scaled.T, rows[:seen].T @ rows[:seen], added)
     if covariance is None:
         raise SolverError(
             'state feedback: joints and sensors must show every deviation from the plan, got one '
-            'that they do not; a sensor per deformation may help'
+            'that they do not; damping, or a sensor per deformation may help'
         )
-    seen = rows @ covariance @ rows.T + np.eye(len(rows))
-    correction = unit[:, None] * np.linalg.solve(seen, rows @ covariance).T / noise.measured
-    return transition, correction, noise.measured * np.sqrt(np.diag(seen))
+    every = rows @ covariance @ rows.T + np.eye(len(rows))
+    solved = np.linalg.solve(every[:seen, :seen], rows[:seen] @ covariance).T
+    correction = unit[:, None] * solved / deviations[:seen]
+    return correction, deviations * np.sqrt(np.diag(every))

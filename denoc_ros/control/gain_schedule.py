@@ -16,6 +16,7 @@ from denoc_ros.control.deviation_model import (
     require_same_coordinates,
 )
 from denoc_ros.control.feedback_design import (
+    CORRELATION,
     PostureGains,
     earlier_cost,
     estimator,
@@ -140,15 +141,16 @@ def design(
         _require_going(going_on)
         problem = regulator(model, limits, settings)
         cost = settled_cost(problem) if cost is None else earlier_cost(problem, cost, doublings)
-        transition, correction, spread = estimator(
-            model, noise, noise.forces(state, stiff, settings.model_error), settings
-        )
+        forces = noise.forces(state, stiff, settings.model_error)
+        transition = model.disturbed(settings.period, CORRELATION)
+        correction, spread = estimator(model, transition, noise, forces, len(model.measured))
+        blind, blind_spread = estimator(model, transition, noise, forces, 2 * len(joints))
         sampled = model.sampled(settings.period, settings.delay)
         s = 2 * model.size
         push = np.hstack([sampled.a[:s, s:], sampled.b[:s]])
         gains.append(PostureGains(
             gain_of(problem, cost, limits, settings), transition, push, correction,
-            model.measured, spread, problem.virtual,
+            model.measured, spread, blind, blind_spread, problem.virtual,
         ))  # fmt: skip
     gains.reverse()
     chosen = np.unique(np.linspace(0, len(states) - 1, min(TRIED, len(states))).astype(int))

@@ -35,6 +35,13 @@ class LiveStateFeedback:
     ----------
     name : str
         The node's, for messages.
+
+    Attributes
+    ----------
+    active : bool
+        Whether a torque of the feedback leaves.
+    cause : str
+        Why none does, '' if one does or soon will.
     """
 
     def __init__(self, name: str) -> None:
@@ -45,8 +52,7 @@ class LiveStateFeedback:
         self._waiting: tuple[Task, StateFeedback | None] | None = None
         self._stamps = StampClock()
         self._fallbacks = self._told = 0
-        self._was_active = False
-        self.cause = 'no gains yet'
+        self.active, self.cause = False, 'no gains yet'
 
     @property
     def wanted(self) -> bool:
@@ -107,6 +113,16 @@ class LiveStateFeedback:
             )
         if findings:
             raise ConfigError(self._name, findings)
+
+    @property
+    def designs(self) -> int:
+        """How often gains were designed, refusals included."""
+        return self._worker.designs
+
+    @property
+    def postures(self) -> int:
+        """Of how many postures the gains in force are; 0: there are none."""
+        return 0 if self._now is None else len(self._now.schedule.times)
 
     # ---- beside the loop
 
@@ -192,11 +208,11 @@ class LiveStateFeedback:
         """Let go: something else than the plan leaves."""
         if self._now is not None:
             self._now.rest()
-            self._was_active = False
+            self.active = False
 
     def _note(self, cause: str, active: bool) -> None:
-        self._fallbacks += self._was_active and not active
-        self._was_active, self.cause = active, cause
+        self._fallbacks += self.active and not active
+        self.active, self.cause = active, cause
 
     def _swap(self, now: float) -> None:
         """Take gains that are made over, when their trajectory begins."""
@@ -219,7 +235,7 @@ class LiveStateFeedback:
         feedback, worker = self._now, self._worker
         status = Status('state feedback', message=self.cause or 'active')
         status.values = {
-            'active': self._was_active,
+            'active': self.active,
             'cause': self.cause,
             'fallbacks': self._fallbacks,
             'designs': worker.designs,

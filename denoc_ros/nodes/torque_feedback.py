@@ -57,8 +57,8 @@ class TorqueFeedback:
         ConfigError, StateError, SolverError
             As of :meth:`StrainFeedback.build` and :meth:`LiveStateFeedback.build`.
         """
-        self._strain.build(robot, joints, settings, limits)
         self.state.build(robot, joints, settings, limits, posture)
+        self._strain.build(robot, joints, settings, limits)
         if not (self._strain.wanted or self.state.wanted):
             return
         if self._sensors is None:
