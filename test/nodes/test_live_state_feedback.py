@@ -1,0 +1,160 @@
+"""Gains that come from beside the loop: when they are taken, kept, refused; no ROS graph."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from feedback_runs import CANADARM, PERIOD, START, Planned, canadarm, tip_exact
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import StateError
+from denoc_ros.nodes.feedforward_parameters import TABLE
+from denoc_ros.nodes.live_state_feedback import LiveStateFeedback
+from denoc_ros.nodes.parameters import Settings
+from denoc_ros.nodes.reference import ReferenceFollower
+from denoc_ros.nodes.trajectory_messages import TrajectoryMessage
+
+LIMITS = np.full(3, 5000.0)
+JOINTS = ('joint_1', 'joint_2', 'joint_3')
+SECOND = 1_000_000_000
+
+
+def settings(**changes: Any) -> Settings:
+    given = {'urdf_path': str(CANADARM), 'feedback.state': 'lqr'}
+    given.update({name.replace('__', '.'): value for name, value in changes.items()})
+    return TABLE.settings(given, 'test')
+
+
+class Bench:
+    """State feedback with a follower, a clock of its own and a robot that is on its plan."""
+
+    def __init__(self, **changes: Any) -> None:
+        self.live = LiveStateFeedback('/feedforward')
+        self.follower = ReferenceFollower(3, 0.2)
+        self.build(canadarm(), **changes)
+        self.now = 0.0
+        self.tick_of = 0
+
+    def build(self, robot: Robot, **changes: Any) -> None:
+        self.robot = robot
+        self.live.build(robot, JOINTS, settings(**changes), LIMITS, np.zeros(robot.n))
+
+    def offer(self, planned: Planned, start: float) -> None:
+        """Give the whole trajectory of a plan that starts at a time [s]."""
+        times, q, qd, qdd = planned.trajectory.table(0.05)
+        message = TrajectoryMessage(round(start * SECOND), times, q, qd, qdd)
+        self.follower.offer(message, self.now, round(self.now * SECOND), q[0])
+
+    def watch(self, position: Any) -> None:
+        """Look, and wait until what was begun is made."""
+        self.live.watch(self.follower, np.asarray(position))
+        end = time.perf_counter() + 20.0
+        while self.live._worker.busy and time.perf_counter() < end:
+            time.sleep(0.002)
+
+    def ticks(self, count: int, q: Any, gauges: bool = True, off: float = 0.0) -> np.ndarray:
+        """Return the torques (count, 3); zero where there is none."""
+        live, robot, torques = self.live, self.robot, np.zeros((count, 3))
+        state = np.zeros(robot.n)
+        state[robot.joint_indices] = q
+        zero = np.zeros(robot.n)
+        for k in range(count):
+            self.now += PERIOD
+            live.take_joints(self.now, self.now, self.now, np.asarray(q) + off, np.zeros(3))
+            if gauges:
+                for place in range(4):
+                    live.take_sensor(place, self.now, 0.0)
+            torque = live.torque(self.now, 0.0, np.asarray(q), state, zero)
+            if torque is not None:
+                torques[k] = torque
+            live.applied(torques[k], 1)
+        return torques
+
+
+def test_gains_about_a_posture_are_made_anew_where_a_stream_has_gone() -> None:
+    bench = Bench()
+    assert not bench.ticks(1, START).any()
+    assert bench.live.cause == 'no gains yet'
+    bench.watch(START)
+    bench.ticks(1000, START)
+    assert bench.live.active
+    assert bench.live.designs == 1
+    bench.watch(START + 0.05)
+    assert bench.live.designs == 1
+    bench.watch(START + 0.15)
+    assert bench.live.designs == 2
+    # where nothing was shown there is no feedback
+    assert not bench.ticks(5, START + 0.6, off=1e-3).any()
+    assert bench.live.cause == 'no gains for this posture yet'
+    bench.watch(START + 0.6)
+    assert bench.ticks(800, START + 0.6, off=1e-5)[-1].any()
+
+
+def test_gains_of_a_trajectory_are_taken_when_it_begins() -> None:
+    bench = Bench()
+    bench.watch(START)
+    bench.ticks(1000, START)
+    planned = tip_exact(4.0, 0.1)
+    bench.offer(planned, bench.now + 0.5)
+    bench.watch(START)
+    assert bench.live.designs == 2
+    bench.ticks(100, START)
+    assert bench.live.postures == 1
+    bench.ticks(500, START)
+    assert bench.live.postures > 1
+    # the estimate, and with it the feedback, went on
+    assert bench.live.active
+    assert bench.live.status().values['fallbacks'] == 0
+
+
+def test_refused_gains_leave_the_plan_alone_and_say_why() -> None:
+    bench = Bench()
+    bench.watch(START)
+    bench.ticks(1000, START)
+    assert bench.live.active
+    # at this posture the weights that were good at configure are not
+    model = bench.live._model
+    assert model is not None
+    refused = 'state feedback: refused here'
+
+    def refuse(*_: object) -> None:
+        raise StateError(refused)
+
+    object.__setattr__(model, 'at', refuse)
+    bench.watch(START + 0.2)
+    assert not bench.ticks(5, START, off=1e-3).any()
+    status = bench.live.status()
+    assert status.values['refused'] == refused
+    assert status.values['fallbacks'] == 1
+    assert refused in status.message
+
+
+def test_changed_model_is_tried_where_the_robot_is_and_gets_new_gains() -> None:
+    bench = Bench()
+    bench.watch(START)
+    bench.ticks(1000, START)
+    bench.build(canadarm(1.1))
+    bench.ticks(1, START)
+    assert bench.live.active
+    bench.watch(START)
+    assert bench.live.designs == 2
+    bench.ticks(10, START)
+    assert bench.live.active
+    with pytest.raises(StateError, match='must be stable for'):
+        bench.build(canadarm(), feedback__integral_time=0.01)
+    bench.ticks(10, START)
+    assert bench.live.active
+
+
+def test_resting_forgets_and_comes_back_by_the_ramp() -> None:
+    bench = Bench()
+    bench.watch(START)
+    assert bench.ticks(1000, START, off=1e-5)[-1].any()
+    bench.live.rest()
+    assert not bench.live.active
+    again = bench.ticks(1000, START, off=1e-5)
+    assert not again[:190].any()
+    assert again[-1].any()
