@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def node_table(name: str) -> ParameterTable:
     """Return the parameter table of a node."""
-    table: ParameterTable = import_module(f'denoc_ros.nodes.{name}').TABLE
+    table: ParameterTable = import_module(f'denoc_ros.nodes.{name}_parameters').TABLE
     return table
 
 

@@ -110,7 +110,9 @@ def shape_job(settings: Settings, robot: dict[str, Any]) -> dict[str, Any]:
     method = settings.text('method')
     limits = given_limits(settings)
     options: dict[str, Any] = {'output_step': settings.number('output_step')}
-    if method != 'tip':
+    if method == 'tip':
+        options.update({what: limit for what, limit in limits.items() if what != 'jerk'})
+    else:
         options.update(limits, modes=settings.integer('modes') or None)
     if method == 'rest_to_rest':
         options['robustness'] = settings.number('robustness')

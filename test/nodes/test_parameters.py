@@ -103,13 +103,13 @@ def test_the_documentation_has_every_row() -> None:
     assert len(text.splitlines()) == len(TABLE.rows) + 2
 
 
-NODES = ('feedforward', 'plant', 'predictor', 'recorder', 'viewer')
+NODES = ('feedforward', 'plant', 'predictor', 'recorder', 'shaper', 'viewer')
 
 
 @pytest.mark.ros
 @pytest.mark.parametrize('node', NODES)
 def test_every_default_is_one_the_row_accepts(node: str) -> None:
-    table = import_module(f'denoc_ros.nodes.{node}').TABLE
+    table = import_module(f'denoc_ros.nodes.{node}_parameters').TABLE
     names = [row.name for row in table.rows]
     assert len(set(names)) == len(names)
     for row in table.rows:
@@ -118,11 +118,11 @@ def test_every_default_is_one_the_row_accepts(node: str) -> None:
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize('node', ['feedforward', 'plant'])
+@pytest.mark.parametrize('node', ['feedforward', 'plant', 'shaper'])
 def test_the_parameter_file_of_a_node_is_one_it_takes(node: str, repository: Path) -> None:
     text = (repository / 'config' / f'{node}.yaml').read_text()
     parameters = flatten(yaml.safe_load(text)[f'/**/{node}']['ros__parameters'])
-    table = import_module(f'denoc_ros.nodes.{node}').TABLE
+    table = import_module(f'denoc_ros.nodes.{node}_parameters').TABLE
     settings = table.settings(parameters, node)
     assert all(settings[name] == parameters[name] for name in parameters)
 
