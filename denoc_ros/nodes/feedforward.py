@@ -18,6 +18,7 @@ from denoc_ros.nodes.conversions import (
     InputError,
     JointStateReader,
 )
+from denoc_ros.nodes.feedforward_parameters import TABLE
 from denoc_ros.nodes.live_feedforward import LiveFeedforward
 from denoc_ros.nodes.live_torque import LiveTorque
 from denoc_ros.nodes.model_node import driven_joints
@@ -41,7 +42,7 @@ class FeedforwardNode(LiveFeedforward):
     """Follows `reference` with the torque that the model says it takes."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
+        super().__init__(TABLE, **options)
         self._connected = False
 
     # ---- configure

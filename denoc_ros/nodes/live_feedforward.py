@@ -13,12 +13,11 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.conversions import JointStateReader
 from denoc_ros.nodes.diagnostics import Status
-from denoc_ros.nodes.feedforward_parameters import TABLE
 from denoc_ros.nodes.following import FollowingConditions
 from denoc_ros.nodes.live_torque import LiveTorque, torque_feedforward
 from denoc_ros.nodes.model_node import is_override
 from denoc_ros.nodes.motion_bounds import MotionBounds, limits_of
-from denoc_ros.nodes.parameters import Settings, Value
+from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
 from denoc_ros.nodes.reference import ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.safety import InputMonitor, TorqueLimiter, torque_limits
@@ -48,8 +47,8 @@ class LiveFeedforward(RobotNode):
     _message_time: int | None
     _takeovers: int
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__('feedforward', TABLE, **options)
+    def __init__(self, table: ParameterTable, **options: Any) -> None:
+        super().__init__('feedforward', table, **options)
         self.by_message = self.settings.text('trigger') == 'message'
         self.from_joints = self.settings.text('reference_source') == 'joint_states'
         self.conditions = FollowingConditions(self.settings, self.from_joints)
