@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +23,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FeedbackModel:
-    """What gains are designed for: the robot with its driven joints, limits and settings."""
+    """What gains are designed for: the robot with its driven joints, limits and settings.
+
+    `has_rates` says whether the joints' rates are measured.
+    """
 
     robot: Robot
     joints: tuple[str, ...]
     limits: Array
     posture: Array
-    settings: FeedbackSettings
+    given: FeedbackSettings
+    has_rates: bool = True
+
+    @property
+    def settings(self) -> FeedbackSettings:
+        """What was asked for, without the rates where none are measured."""
+        if self.has_rates:
+            return self.given
+        return replace(self.given, velocity_noise=math.inf)
 
     def at(self, position: Array, going_on: Callable[[], bool] = lambda: True) -> StateFeedback:
         """Return the feedback about rest with the driven joints at positions (joints,)."""

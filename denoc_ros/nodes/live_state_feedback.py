@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,7 @@ class LiveStateFeedback:
         self._stamps = StampClock()
         self._fallbacks = self._told = 0
         self.active, self.cause = False, 'no gains yet'
+        self._has_rates = True
 
     @property
     def wanted(self) -> bool:
@@ -138,6 +140,8 @@ class LiveStateFeedback:
         model, worker = self._model, self._worker
         if model is None:
             return
+        if model.has_rates != self._has_rates:
+            model = self._model = replace(model, has_rates=self._has_rates)
         coming, known = follower.trajectories(), worker.task
         task = Task(model, position.copy(), *(coming[-1] if coming else ()))
         moved = known is None or np.abs(position - known.position).max() > TURN
@@ -163,6 +167,7 @@ class LiveStateFeedback:
         self, stamp: float, now: float, wall: float, q: Array, qd: Array | None
     ) -> None:
         """Take measured joints: stamp, arrival on the steady clock and on that of stamps [s]."""
+        self._has_rates = qd is not None
         if self._now is not None:
             self._now.filter.take_joints(self._stamps.taken_at(stamp, now, wall), q, qd)
 

@@ -55,18 +55,17 @@ class Bench:
         while self.live._worker.busy and time.perf_counter() < end:
             time.sleep(0.002)
 
-    def ticks(self, count: int, q: Any, gauges: bool = True, off: float = 0.0) -> np.ndarray:
+    def ticks(self, count: int, q: Any, off: float = 0.0, rates: bool = True) -> np.ndarray:
         """Return the torques (count, 3); zero where there is none."""
         live, robot, torques = self.live, self.robot, np.zeros((count, 3))
         state = np.zeros(robot.n)
         state[robot.joint_indices] = q
-        zero = np.zeros(robot.n)
+        zero, still = np.zeros(robot.n), np.zeros(3) if rates else None
         for k in range(count):
             self.now += PERIOD
-            live.take_joints(self.now, self.now, self.now, np.asarray(q) + off, np.zeros(3))
-            if gauges:
-                for place in range(4):
-                    live.take_sensor(place, self.now, 0.0)
+            live.take_joints(self.now, self.now, self.now, np.asarray(q) + off, still)
+            for place in range(4):
+                live.take_sensor(place, self.now, 0.0)
             torque = live.torque(self.now, 0.0, np.asarray(q), state, zero)
             if torque is not None:
                 torques[k] = torque
@@ -158,3 +157,17 @@ def test_resting_forgets_and_comes_back_by_the_ramp() -> None:
     again = bench.ticks(1000, START, off=1e-5)
     assert not again[:190].any()
     assert again[-1].any()
+
+
+def test_joints_without_rates_get_gains_of_their_own() -> None:
+    bench = Bench()
+    bench.watch(START)
+    bench.ticks(10, START, rates=False)
+    bench.watch(START)
+    assert bench.live.designs == 2
+    bench.ticks(1000, START, rates=False)
+    assert bench.live.active
+    gains = bench.live._now
+    assert gains is not None
+    assert not gains.schedule.gains[0].correction[:, 3:6].any()
+    assert gains.schedule.slowest.modulus < 1.0
