@@ -113,6 +113,11 @@ class ReferenceFollower:
         """Whether the newest reference is a stream, which can go stale."""
         return self._point is not None
 
+    @property
+    def horizon(self) -> float:
+        """How long the last streamed point goes on with its rate [s]: the stream's interval."""
+        return self._horizon
+
     def age(self, now: float) -> float:
         """Return how long ago [s] the last streamed point came; 0 for a trajectory."""
         with self._lock:

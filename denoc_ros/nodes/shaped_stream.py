@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 class ShapedStream:
     """What the joints are told, tick by tick, while single points come, and until they rest.
 
-    Points that stop coming are no reason to stop dead: the joints brake along their last rate.
+    Points that stop coming are no reason to stop dead: the joints go on with their last rate until
+    the stream is stale, then they brake.
 
     Parameters
     ----------
@@ -107,13 +108,19 @@ class ShapedStream:
         return self._commanded(row)
 
     def _input(self, now: float) -> None:
-        """Take the input's next sample: along the points, else braking."""
-        fresh = self.follower.age(now) <= self._stale_after
-        if fresh and self.follower.sample(now, self._q, self._qd, self._qdd):
+        """Take the input's next sample: along the points, else coasting, then braking."""
+        follower, h = self.follower, self._period
+        age = follower.age(now)
+        if age <= self._stale_after:
             self._braking = self._quiet = 0.0
+            if age > follower.horizon + h or not follower.sample(
+                now, self._q, self._qd, self._qdd
+            ):
+                self._q += h * self._qd  # the next point is late: on with the last rate
+                self._qdd[:] = 0.0
             self._rate[:] = self._qd
             return
-        h, left = self._period, max(0.0, self._stop_time - self._braking)
+        left = max(0.0, self._stop_time - self._braking)
         if left > h:
             self._qdd[:] = -self._rate / self._stop_time
             self._q += h * self._qd + 0.5 * h * h * self._qdd

@@ -144,8 +144,9 @@ TABLE = ParameterTable(
         Parameter(
             'stream_timeout',
             Kind.DOUBLE,
-            0.2,
-            'age after which a streamed input is stale: the joints brake',
+            0.1,
+            'age after which a streamed input is stale: until then the joints go on with their '
+            'last rate, then they brake',
             's',
             maximum=10.0,
             positive=True,

@@ -111,6 +111,7 @@ class Ends:
             'predictor': {**robot, 'update_rate': 500.0},
             'plant': {**robot, 'update_rate': 500.0},
             'viewer': {**robot, 'port': 0},
+            'shaper': {**robot, 'update_rate': 500.0},
             'recorder': {
                 'output': str(self.stage.folder / f'run-{self._count}'),
                 'topics': ['/joint_states'],

@@ -17,7 +17,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-NODES = ('feedforward', 'predictor', 'plant', 'recorder', 'viewer')
+NODES = ('feedforward', 'predictor', 'plant', 'recorder', 'viewer', 'shaper')
 
 
 class Child:
@@ -83,12 +83,14 @@ class Zygote:
 
 def main() -> None:
     import denoc_ros as dn
-    from denoc_ros.nodes import feedforward, plant, predictor, recorder, viewer
+    from denoc_ros.nodes import feedforward, plant, predictor, recorder, shaper, viewer
     from denoc_ros.nodes.signals import SIGNALS
     from denoc_ros.viewer import page
 
     assert page is not None
-    modules = dict(zip(NODES, (feedforward, predictor, plant, recorder, viewer), strict=True))
+    modules = dict(
+        zip(NODES, (feedforward, predictor, plant, recorder, viewer, shaper), strict=True)
+    )
     dn.load_robot(Path(sys.argv[1]))  # and its kernels
     say = threading.Lock()
 
