@@ -39,7 +39,9 @@ OUTPUT = 0.004  # s between rows of a plan
 TURN = 0.01  # of the tip's distance: how much a radian of turn counts
 DRAW = 1e-4  # of the tip's distance: what a radian away from the asked joints counts
 CLOSED = 1e-9  # m, rad: loops of the asked motion that are closed as they are
-SMOOTH = 3e-3  # of the tip's distance: the same for second differences
+POINTS = 10  # of a motion from which on its rates at the ends are told
+MOVING = 0.1  # of the largest rate: more is no rest
+SMOOTH = 3e-3  # of the tip's distance: the same for second differences on the usual grid
 
 
 def tip_motion(
@@ -68,6 +70,7 @@ def tip_motion(
         turn = _turn(poses, options)
         q_joints = joints_along(robot, frames, poses, q_joints[0], turn)
     joints = _closed(robot, driven, q_joints)
+    _require_rest(robot, times, joints)
     limits = joint_limits(robot, options.velocity, options.acceleration, effort=options.effort)
 
     def plan(stretch: float) -> Plan:
@@ -94,14 +97,16 @@ def _at_pace(
     options: TipOptions,
 ) -> Plan:
     """Return the plan of a motion that takes just the time that was asked for."""
-    step = options.step or min(duration / NODES, LONGEST_STEP)
+    usual = min(duration / NODES, LONGEST_STEP)
+    step = options.step or usual
     step = duration / max(FEWEST, math.ceil(duration / step - 1e-9))
-    rough = _problem(robot, frames, driven, options, asked(np.linspace(0.0, duration, 9)))
+    rough = _problem(robot, frames, driven, options, asked(np.linspace(0.0, duration, 9)), 1.0)
     ends = [rest_posture(rough, k, _start(robot, rough.asked[k])) for k in (0, -1)]
     before, after = _window(rough, ends, duration, options)
     first, last = -math.ceil(before / step), round(duration / step) + math.ceil(after / step)
     nodes: Array = step * np.arange(first, last + 1, dtype=np.float64)
-    problem = _problem(robot, frames, driven, options, asked(np.clip(nodes, 0.0, duration)))
+    targets = asked(np.clip(nodes, 0.0, duration))
+    problem = _problem(robot, frames, driven, options, targets, usual / step)
     guess = _guess(problem, ends, np.clip(nodes / duration, 0.0, 1.0))
     report = _reporter(options)
     solved = solve_motion(problem, guess, step, _size(problem), report)
@@ -111,7 +116,7 @@ def _at_pace(
         finer = nodes[0] + 0.5 * step * np.arange(2 * len(nodes) - 1)
         targets = asked(np.clip(finer, 0.0, duration))
         try:
-            better = _problem(robot, frames, driven, options, targets)
+            better = _problem(robot, frames, driven, options, targets, 2.0 * usual / step)
             guess = _halved(solved, step)
             solved = solve_motion(better, guess, 0.5 * step, _size(better), report)
         except CancelledError:
@@ -140,6 +145,24 @@ def _between(problem: TipProblem, solved: Solved, step: float) -> float:
     return float(np.sqrt(np.mean(left**2))) if left.size else 0.0
 
 
+def _require_rest(robot: Robot, times: Array, joints: Array) -> None:
+    """Raise StateError where a motion (k, joints) with points enough to tell begins or ends fast.
+
+    A plan rests at both ends; a motion that does not would be bent to rest within a few points.
+    """
+    if len(times) < POINTS:
+        return
+    rates = make_interp_spline(times, joints, k=5)(times, 1)
+    fastest = float(np.abs(rates).max(initial=0.0))
+    for place, row in (('begin', 0), ('end', -1)):
+        joint = int(np.abs(rates[row]).argmax())
+        if abs(rates[row, joint]) > MOVING * fastest:
+            raise StateError(
+                f'shape_motion: q_joints must {place} at rest, got {rates[row, joint]:.3g} rad/s '
+                f'(or m/s) of {robot.joint_names[joint]}'
+            )
+
+
 def _start(robot: Robot, asked: Array) -> Array:
     """Return a posture (n,) near the equilibrium at the asked joints."""
     if robot.lowered.tie_names:
@@ -153,8 +176,12 @@ def _problem(
     driven: Int,
     options: TipOptions,
     asked_joints: Array,
+    finer: float,
 ) -> TipProblem:
-    """Return the problem at nodes where the undeformed robot's joints (k, joints) are given."""
+    """Return the problem at nodes where the undeformed robot's joints (k, joints) are given.
+
+    `finer` is how many times closer than usual the nodes are: accelerations weigh the same.
+    """
     asked = np.zeros((len(asked_joints), robot.n))
     asked[:, robot.joint_indices] = asked_joints
     poses = [robot.frame_pose(frame, asked) for frame in frames]
@@ -169,7 +196,7 @@ def _problem(
         for frame, pose, weight in zip(frames, poses, weights, strict=True)
     ]
     draw = DRAW * size if options.draw is None else options.draw
-    return TipProblem(robot, driven, targets, asked, draw, SMOOTH * size)
+    return TipProblem(robot, driven, targets, asked, draw, SMOOTH * size * finer**2)
 
 
 def _distance(poses: Sequence[Array]) -> float:

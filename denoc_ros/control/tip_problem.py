@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,9 @@ from denoc_ros.dynamics.robot import Robot
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int64]
+
+
+SMOOTHER = 30.0  # times, where a problem is eased
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,12 @@ class TipProblem:
         self.stiffness = float(np.median(self._own_stiffness)) if len(self.undriven) else 1.0
         samples = np.unique(np.linspace(0, len(asked) - 1, 5).astype(int))
         self.loops = LoopForces(robot, asked[samples])
+
+    def eased(self, factor: float) -> TipProblem:
+        """Return the problem with smoother joints, so many times more drawn to the asked ones."""
+        other = copy(self)
+        other.draw, other.smooth = factor * self.draw, SMOOTHER * self.smooth
+        return other
 
     def equations(self, q: Array, qd: Array, qdd: Array, multipliers: Array) -> Equations:
         """Return the equations of a motion (k, n) with multipliers (k, m) and all derivatives."""

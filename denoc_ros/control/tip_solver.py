@@ -15,7 +15,8 @@ from denoc_ros.errors import SolverError
 
 Array = NDArray[np.float64]
 
-ITERATIONS = 30
+ITERATIONS = 14
+EASED = (30.0, 10.0, 3.0)  # times the draw to the asked joints
 HALVINGS = 6
 SETTLED = 1e-9  # of the robot's size: equations left, and the last change of errors
 HOLD = 3e-3  # of the robot's size: Levenberg's term where steps go to and fro
@@ -48,6 +49,41 @@ class Solved:
 
 
 def solve_motion(
+    problem: TipProblem,
+    guess: tuple[Array, Array],
+    step: float,
+    size: float,
+    report: Callable[[int, float], None],
+) -> Solved:
+    """Return the motion that obeys the equations and comes nearest to the targets.
+
+    Arguments and errors as of :func:`settle`. Where it does not settle (an arm that is stretched,
+    and moves along itself), the joints are first drawn to the asked motion more strongly and made
+    smoother, then drawn less and less, as long as that settles.
+    """
+    try:
+        return settle(problem, guess, step, size, report)
+    except CancelledError:
+        raise
+    except SolverError as error:
+        reason = error
+    found: Solved | None = None
+    for factor in EASED:
+        try:
+            found = settle(problem.eased(factor), guess, step, size, report)
+        except CancelledError:
+            raise
+        except SolverError:
+            if found is not None:
+                break
+        else:
+            guess = found.q, found.multipliers
+    if found is None:
+        raise reason
+    return found
+
+
+def settle(
     problem: TipProblem,
     guess: tuple[Array, Array],
     step: float,

@@ -166,6 +166,28 @@ def test_a_stretched_start_needs_no_wild_joints(canadarm: dn.Robot) -> None:
     assert np.abs(plan.qd[:, canadarm.joint_indices]).max() < 0.25  # asked for: 0.2 rad/s
 
 
+def test_the_straight_arm_of_the_book_does_without_noise() -> None:
+    """Section 4.2 starts with all joints at zero: few directions are open, so some error stays."""
+    robot = dn.load_robot(ROBOTS / 'ssrms.urdf', gravity=(0, 0, 0))
+    times = np.linspace(0.0, 10.0, 201)
+    motion = cycloid(np.zeros(6), np.full(6, 0.5), 10.0)
+    plan = dn.shape_motion(robot, times, motion(times))
+    assert plan.stretch == 1.0
+    assert np.sqrt(np.mean(plan.tip_error**2)) < 1.5e-3
+    assert plan.equation_error < 1e-6
+    # what was asked for: 0.1 rad/s and 0.0314 rad/s^2
+    assert np.abs(plan.qd[:, robot.joint_indices]).max() < 0.2
+    assert np.abs(plan.qdd[:, robot.joint_indices]).max() < 0.5
+
+
+def test_a_motion_that_does_not_end_at_rest_is_refused(canadarm: dn.Robot) -> None:
+    half = TIMES <= 5.0
+    with pytest.raises(dn.StateError, match=r'q_joints must end at rest, got .* of joint_1'):
+        dn.shape_motion(canadarm, TIMES[half], CANADARM(TIMES[half]))
+    with pytest.raises(dn.StateError, match='q_joints must begin at rest'):
+        dn.shape_motion(canadarm, TIMES[~half], CANADARM(TIMES[~half]))
+
+
 def test_a_rigid_robot_does_what_it_is_asked() -> None:
     robot = dn.load_robot(ROBOTS / 'ur10.urdf')
     times = np.linspace(0.0, 3.0, 61)
