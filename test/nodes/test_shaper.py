@@ -95,16 +95,21 @@ def start_ns(message: Any) -> int:
 
 @pytest.mark.parametrize('method', ['tip', 'zvd', 'rest_to_rest'])
 def test_whole_motion_comes_out_once_and_leaves_no_swing(bench: Any, method: str) -> None:
-    arm = bench(method=method)
+    arm = bench(method=method, start_margin=2.0)
     now_ns = time.time_ns()
     # stretched and fast there is no bounded tip-exact motion
     start, duration = ((0.3, 0.9), 1.5) if method == 'tip' else ((0.0, 0.0), DURATION)
     asked_t, asked = arm.send_motion(0, start, duration)
     arm.graph.until(lambda: arm.out or arm.rejected('not_shaped'), 60.0)
     assert len(arm.out) == 1, arm.node.input.last_message
+    # it is being carried out: another motion would be half of one
+    arm.send_motion()
+    arm.graph.until(lambda: arm.rejected('in_motion'))
+    arm.graph.spin(0.1)
+    assert len(arm.out) == 1
     message = arm.out[0]
     assert list(message.joint_names) == JOINTS
-    assert start_ns(message) > now_ns + 10**8  # room for who follows it
+    assert start_ns(message) > now_ns + 2 * 10**9  # room for who follows it
     t, q, qd, qdd = rows(message)
     assert t[0] == 0.0
     np.testing.assert_allclose(q[0], start, atol=0.2 if method == 'tip' else 1e-6)
@@ -115,11 +120,6 @@ def test_whole_motion_comes_out_once_and_leaves_no_swing(bench: Any, method: str
     assert qdd.shape == q.shape
     left = swing_after(arm.robot, t, q, 'tool', 1.0)
     assert left < 0.1 * swing_after(arm.robot, asked_t, asked, 'tool', 1.0)
-    # it is being carried out: another motion would be half of one
-    arm.send_motion()
-    arm.graph.until(lambda: arm.rejected('in_motion'))
-    arm.graph.spin(0.1)
-    assert len(arm.out) == 1
     arm.graph.until(lambda: arm.value('planned') == '1' and float(arm.value('solve_last_s')) > 0.0)
 
 
@@ -262,7 +262,7 @@ def test_stream_is_shaped_and_comes_to_rest(bench: Any) -> None:
     np.testing.assert_allclose(q[-1], END, atol=1e-6)
     assert np.abs(points[-1].velocities).max() == 0.0
     # later than what came in, and no further
-    assert np.abs(q).max(axis=0) == pytest.approx(np.abs(END), abs=1e-3)
+    assert np.abs(q).max(axis=0) == pytest.approx(np.abs(END), abs=0.03)
     stamps = [start_ns(message) for message in arm.out]
     assert (np.diff(stamps) > 0).all()
 
