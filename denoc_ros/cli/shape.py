@@ -27,6 +27,13 @@ NUMBERS = {
     'turn': 'how many metres of position a radian of turn counts as; 0: only positions matter',
     'step': 'between the nodes at which the equations hold [s]',
 }
+# options of the other methods, and which have them
+SHAPERS = ('zv', 'zvd', 'ei', 'rest_to_rest')
+OTHERS = {
+    'modes': (int, SHAPERS, 'how many modes come to rest, from the lowest'),
+    'duration': (float, ('rest_to_rest',), 'of the motion [s]; 0: the shortest within limits'),
+    'robustness': (float, ('rest_to_rest',), "share by which the modes' frequencies may be off"),
+}
 
 
 def add_parser(subparsers: Any) -> None:
@@ -91,6 +98,10 @@ def _add_tip_options(parser: argparse.ArgumentParser) -> None:
     )
     for name, text in NUMBERS.items():
         group.add_argument(f'--{name}', metavar='X', type=float, help=text)
+    group = parser.add_argument_group('input shapers and rest to rest')
+    for name, (kind, methods, text) in OTHERS.items():
+        said = 'all of them' if methods is SHAPERS else ', '.join(methods)
+        group.add_argument(f'--{name}', metavar='X', type=kind, help=f'{text} ({said})')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -135,6 +146,9 @@ def _findings(args: argparse.Namespace) -> list[str]:
     if args.method != 'tip':
         given = [name for name in TIP_ONLY if getattr(args, name) is not None]
         found += [f'--{name} is for --method tip, got {args.method}' for name in given]
+    for name, (_, methods, _) in OTHERS.items():
+        if getattr(args, name) is not None and args.method not in methods:
+            found.append(f'--{name} is for --method {" or ".join(methods)}, got {args.method}')
     return found
 
 
@@ -148,7 +162,7 @@ def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, A
             option = f'--{name}'
             options[name] = named_values(option, texts, 'JOINT=VALUE', float, findings)
     require(findings)
-    for name in NUMBERS:
+    for name in (*NUMBERS, *OTHERS):
         if getattr(args, name) is not None:
             options[name] = getattr(args, name)
     if args.joints:

@@ -37,6 +37,8 @@ class JointMotion(Protocol):
 class ShaperOptions:
     """What may be asked of an input shaper.
 
+    The plan's `tip_error` is from the asked motion half the delay later.
+
     Attributes
     ----------
     modes : int, optional
@@ -93,7 +95,7 @@ def shaper_motion(
         return np.asarray(spline(np.clip(at, begin, end), derivative), dtype=np.float64)
 
     plan = _plan(method, robot, motion, (begin, end), options)
-    return _with_tip(robot, plan, times, q_joints, frames, delay)
+    return _with_tip(robot, plan, times, q_joints, frames, delay, 0.5 * delay)
 
 
 def rest_motion(
@@ -197,11 +199,15 @@ def _with_tip(
     q_joints: Array,
     frames: tuple[str, ...],
     delay: float,
+    shift: float = 0.0,
 ) -> Plan:
-    """Return the plan with how far its tip is from the undeformed robot's on the asked motion."""
+    """Return the plan with how far its tip is from the undeformed robot's on the asked motion.
+
+    That motion is taken `shift` s later: an input shaper's impulses come half its delay late.
+    """
     spline = rest_spline(times, q_joints)
     asked = np.zeros_like(plan.q)
-    asked[:, robot.joint_indices] = spline(np.clip(plan.t, times[0], times[-1]))
+    asked[:, robot.joint_indices] = spline(np.clip(plan.t - shift, times[0], times[-1]))
     distance, turn = np.zeros((2, len(plan.t)))
     for frame in frames:
         off = Target(frame, robot.frame_pose(frame, asked), 1.0, 1.0).error(robot, plan.q)

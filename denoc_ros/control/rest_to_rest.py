@@ -270,6 +270,8 @@ def rest_to_rest(
     robot = robot.copy()
     limits = joint_limits(robot) if limits is None else limits
     postures = _checked(robot, start, end, limits)
+    if not 0.0 <= robustness < 1.0:
+        raise StateError(f'rest to rest: robustness must be >= 0 and < 1, got {robustness}')
     robots = [robot, *(_stiffer(robot, s) for s in (-robustness, robustness) if robustness)]
 
     def attempt(seconds: float) -> RestMotion:

@@ -51,17 +51,21 @@ def ringing_modes(robot: Robot, q_joints: ArrayLike, count: int | None = None) -
 
     Raises
     ------
+    StateError
+        A count that is not >= 1.
     SolverError
         The robot has no such modes, one does not oscillate (buckling), or the posture has no
         equilibrium.
     """
+    if count is not None and count < 1:
+        raise StateError(f'{robot.tree.name}: modes to be shaped must be >= 1, got {count}')
     modes = robot.natural_modes(robot.static_deflection(q_joints))
     frequencies, ratios = modes.frequencies, modes.damping_ratios
     if not len(frequencies):
         raise SolverError(f'{robot.tree.name}: a shaper needs a flexible link, got none')
     if count is None:
-        count = int(np.count_nonzero(frequencies < WIDEST * frequencies[0]))
-    chosen = slice(0, max(count, 1))
+        count = max(1, int(np.count_nonzero(frequencies < WIDEST * frequencies[0])))
+    chosen = slice(0, count)
     frequencies, ratios = frequencies[chosen], ratios[chosen]
     if (frequencies <= 0.0).any() or (ratios >= 1.0).any():
         raise SolverError(

@@ -172,3 +172,17 @@ def test_the_configuration_of_a_mechanism_is_a_motion(
         read_motion(
             {**values, 'posture': [1.0]}, Path(config), [f'joint_{k}' for k in range(1, 5)]
         )
+
+
+def test_options_of_the_other_methods_count(
+    motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one = shaped(capsys, motion, tmp_path / 'one.yaml', '--method', 'zv', '--modes', '1')
+    all_ = shaped(capsys, motion, tmp_path / 'all.yaml', '--method', 'zv', '--modes', '4')
+    assert one['delay_s'] < all_['delay_s']
+    more = ['--method', 'rest_to_rest', '--duration', '1.2', '--robustness', '0']
+    rest = shaped(capsys, motion, tmp_path / 'rest.yaml', *more)
+    assert rest['ends_s'] == pytest.approx(1.2)
+    arguments = ['shape', ROBOT, str(motion), '-o', str(tmp_path / 'no.yaml')]
+    assert main([*arguments, '--method', 'zv', '--duration', '1']) == 1
+    assert '--duration is for --method rest_to_rest, got zv' in capsys.readouterr().err

@@ -112,6 +112,10 @@ def test_what_cannot_be_is_refused() -> None:
         rest_to_rest(robot, (0, np.nan), (1, 1), 1.0)
     with pytest.raises(StateError, match='duration must be > 0 s, got 0'):
         rest_to_rest(robot, (0, 0), (1, 1), 0.0)
+    with pytest.raises(StateError, match='robustness must be >= 0 and < 1, got 1'):
+        rest_to_rest(robot, (0, 0), (1, 1), 1.0, robustness=1.0)
+    with pytest.raises(StateError, match='modes to be shaped must be >= 1, got 0'):
+        rest_to_rest(robot, (0, 0), (1, 1), 1.0, modes=0)
     with pytest.raises(StateError, match='needs a way to go and limits'):
         rest_to_rest(robot, (0, 0), (0, 0))
     looped = dn.load_robot('config/robots/four_bar_fff.urdf')
