@@ -110,6 +110,7 @@ class Loop:
     lost: float = 0.0  # share of the gauges' values
     silent: tuple[float, float] = (np.inf, np.inf)  # s, when the first gauge says nothing
     noise: float = 1.0
+    stall: float = 0.0  # share of ticks that begin a pause of up to 20 periods
 
     def run(self, duration: float | None = None) -> Outcome:
         plan, truth = self.planned, self.truth
@@ -120,8 +121,15 @@ class Loop:
         queue = deque([plan.torque[0]] * round(DELAY * SUBSTEPS))
         error, torque, share = np.zeros(count), np.zeros((count, 3)), np.zeros(count)
         generator = np.random.default_rng(self.seed)
+        paused = 0
         for k in range(count):
-            torque[k] = self._torque(k, q, qd, generator)
+            if self.stall and paused == 0 and generator.random() < self.stall:
+                paused = int(generator.integers(1, 20))
+            if paused:
+                # the drives hold what they were last told
+                paused, torque[k] = paused - 1, torque[k - 1]
+            else:
+                torque[k] = self._torque(k, q, qd, generator)
             share[k] = self.feedback.share if self.feedback else 0.0
             for _ in range(SUBSTEPS):
                 queue.append(torque[k])

@@ -26,7 +26,8 @@ class DeviationFilter:
 
     A value is compared with what plan and estimate had at its own stamp. While a sensor that is
     read has given no value of late within the gate, the joints alone correct the estimate, which
-    is not believed; it is again when all sensors have agreed with it for a while.
+    is not believed. Sensors that speak again are listened to within wide bounds, and believed when
+    all have agreed for a while.
 
     Parameters
     ----------
@@ -123,7 +124,7 @@ class DeviationFilter:
             innovation[at] = self._values[at] - expected[at]
         if self._fresh and new[0]:
             self._begin(gains)
-        self._refuse(gains.spread if self.believed else gains.blind_spread)
+        self._refuse(gains)
         self._good_at[new] = stamps[new]
         new[:] = False
         self._judge(now, np.abs(innovation) <= GATE * gains.spread)
@@ -164,10 +165,13 @@ class DeviationFilter:
         self._innovation[:seen] = 0.0
         self._fresh = False
 
-    def _refuse(self, spread: Array) -> None:
+    def _refuse(self, gains: PostureGains) -> None:
         """Leave out sensors' values that are too far off."""
         first = 2 * self._k
-        far = ~(np.abs(self._innovation[first:]) <= GATE * spread[first:])
+        most = GATE * gains.spread[first:]
+        if not self.believed:
+            most = np.maximum(most, gains.reach[first:])
+        far = ~(np.abs(self._innovation[first:]) <= most)
         if far.any():
             self._innovation[first:][far] = 0.0
             self._new[first:][far] = False
@@ -193,7 +197,7 @@ class DeviationFilter:
             if now - self._doubted_at >= REGAIN:
                 self.believed, self.cause = True, ''
 
-    def go_on(self, gains: PostureGains, pushes: Array, periods: int) -> None:
+    def go_on(self, gains: PostureGains, pushes: Array, periods: int = 1) -> None:
         """Bring the estimate forward by some periods under torques on their way and the new."""
         s = len(gains.push)
         for _ in range(periods):

@@ -21,6 +21,7 @@ CORRELATION = 0.03  # s over which forces that the model does not know stay alik
 DOUBLINGS = 40
 SETTLED = 1e-12  # relative change of a doubling
 BLIND = 30.0  # factor of the joints' noise in the filter by joints alone, which needs no speed
+DEFLECTION = 0.03  # of a beam's length, beyond which a deviation is no robot's that has a plan
 LEAST_TORQUE = 5e-3  # of the effort limit, that is never known
 LEAST_DEFLECTION = 5e-4  # of a beam's length, whose elastic force is never known
 
@@ -59,8 +60,8 @@ class PostureGains:
         Standard deviations of the innovations.
     blind : (2 m + d, 2 joints) array
         Correction by the joints alone, while sensors are not believed.
-    blind_spread : (measured,) array
-        Standard deviations of the innovations then.
+    reach : (measured,) array
+        Largest innovations of sensors that are listened to while they are not believed.
     virtual : (joints, m) array
         Virtual joint errors by the coordinates.
     """
@@ -72,7 +73,7 @@ class PostureGains:
     measured: Array
     spread: Array
     blind: Array
-    blind_spread: Array
+    reach: Array
     virtual: Array
 
 
@@ -207,6 +208,7 @@ class Noise:
     measured: Array
     least_force: Array  # (joints + flexible,)
     first: NDArray[np.intp]  # of each amplitude: the first of its deformation
+    length: Array  # (flexible,) of the beam [m], 1 rad for twist; 0 for all but the first
 
     def forces(self, state: PlannedState, stiff: Array, share: float) -> Array:
         """Return the deviations (joints + flexible,) of unknown forces at a moment."""
@@ -236,7 +238,15 @@ def noise_of(
             begin += count
     stiff = robot.lowered.diagonals[STIFFNESS][flexible]
     least = LEAST_DEFLECTION * (stiff * length)[first]
-    return Noise(measured, np.concatenate([LEAST_TORQUE * limits, least]), first)
+    alone = np.where(first == np.arange(len(first)), length, 0.0)
+    return Noise(measured, np.concatenate([LEAST_TORQUE * limits, least]), first, alone)
+
+
+def reach_of(model: DeviationModel, noise: Noise) -> Array:
+    """Return the values (measured,) that beams show which are bent by a share of their length."""
+    bent = np.zeros(model.size)
+    bent[model.stiff > 0.0] = DEFLECTION * noise.length
+    return np.asarray(np.abs(model.measured[:, : model.size]) @ bent)
 
 
 def estimator(

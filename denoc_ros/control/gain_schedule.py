@@ -22,6 +22,7 @@ from denoc_ros.control.feedback_design import (
     estimator,
     gain_of,
     noise_of,
+    reach_of,
     regulator,
     settled_cost,
 )
@@ -144,13 +145,13 @@ def design(
         forces = noise.forces(state, stiff, settings.model_error)
         transition = model.disturbed(settings.period, CORRELATION)
         correction, spread = estimator(model, transition, noise, forces, len(model.measured))
-        blind, blind_spread = estimator(model, transition, noise, forces, 2 * len(joints))
+        blind, _ = estimator(model, transition, noise, forces, 2 * len(joints))
         sampled = model.sampled(settings.period, settings.delay)
         s = 2 * model.size
         push = np.hstack([sampled.a[:s, s:], sampled.b[:s]])
         gains.append(PostureGains(
             gain_of(problem, cost, limits, settings), transition, push, correction,
-            model.measured, spread, blind, blind_spread, problem.virtual,
+            model.measured, spread, blind, reach_of(model, noise), problem.virtual,
         ))  # fmt: skip
     gains.reverse()
     chosen = np.unique(np.linspace(0, len(states) - 1, min(TRIED, len(states))).astype(int))

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 RAMP = 0.5  # s in which feedback comes in
 ROUNDING = 1e-9  # of the largest torque: a change that no limit made
-MOST_PERIODS = 20  # of the estimate in one tick after a pause
+MOST_PERIODS = 50  # without a tick after which the estimate starts anew
 
 
 class StateFeedback:
@@ -56,7 +56,7 @@ class StateFeedback:
         past = schedule.gains[0].push.shape[1] - k
         self._way, self.integrals = np.zeros(past), np.zeros(k)
         self._most = schedule.settings.limit * schedule.limits
-        self._asked, self._torque = np.zeros((2, k))
+        self._asked, self._torque, self._left = np.zeros((3, k))
         self._gain = np.zeros_like(schedule.gains[0].gain)
         self.share, self.limited = 0.0, 0
         self._last = -np.inf
@@ -70,7 +70,7 @@ class StateFeedback:
     def reset(self) -> None:
         """Forget deviations, integrals and torques on their way."""
         self.filter.reset()
-        self._way[:] = self.integrals[:] = 0.0
+        self._way[:] = self.integrals[:] = self._left[:] = 0.0
         self.share, self._last = 0.0, -np.inf
 
     def adopt(self, other: StateFeedback) -> bool:
@@ -85,6 +85,7 @@ class StateFeedback:
         if same:
             other.filter.take_model(self.filter)
             self.filter, self._way, self.integrals = other.filter, other._way, other.integrals
+            self._left = other._left
             self.share, self._last, self.limited = other.share, other._last, other.limited
         return same
 
@@ -112,6 +113,7 @@ class StateFeedback:
         Zero, within this very call, while the estimate is not believed.
         """
         schedule = self.schedule
+        self._catch_up(now)
         before, share = schedule.place(now - self._start)
         self._at = before if share < 0.5 else min(before + 1, len(schedule.gains) - 1)
         self.filter.correct(now, schedule.gains[self._at])
@@ -135,22 +137,26 @@ class StateFeedback:
         self.limited += bool((self._torque != self._asked).any())
         return self._torque
 
-    def applied(self, change: Array, periods: int = 1) -> None:
-        """Take what was added to the plan's torque after all limits (joints,), and go on.
+    def _catch_up(self, now: float) -> None:
+        """Bring the estimate over the periods since the last tick that had none."""
+        if self._last == -np.inf:
+            return
+        missed = round((now - self._last) / self.schedule.settings.period) - 1
+        if missed > MOST_PERIODS:
+            self.reset()
+        elif missed > 0:
+            held = np.tile(self._left, len(self._way) // self._k + 1)
+            self.filter.go_on(self.schedule.gains[self._at], held, missed)
+            self._way[:] = held[self._k :]
 
-        Parameters
-        ----------
-        change : (joints,) array
-            Torque that left less the plan's [N m, N].
-        periods : int
-            Since the last tick.
-        """
+    def applied(self, change: Array) -> None:
+        """Take what was added to the plan's torque after all limits (joints,) [N m, N]."""
         gains = self.schedule.gains[self._at]
-        periods = min(periods, MOST_PERIODS)
         if self.active and np.abs(change - self._asked).max() <= ROUNDING * self._most.max():
-            step = periods * self.schedule.settings.period
             m = gains.virtual.shape[1]
+            step = self.schedule.settings.period
             self.integrals += step * (gains.virtual @ self.filter.state[:m])
         pushes = np.concatenate((self._way, change))
-        self.filter.go_on(gains, pushes, periods)
+        self.filter.go_on(gains, pushes)
+        self._left[:] = change
         self._way[:] = pushes[self._k :]

@@ -213,7 +213,7 @@ class FeedforwardNode(LiveFeedforward):
             source, clock = self.torque.source, self._tick_time
             wanted = self.feedback.add(torque, source, self.q, clock, self.conditions.lead)
             left = self.limiter.apply(wanted)
-            self.feedback.applied(left, steps)
+            self.feedback.applied(left)
             self._publish(left)
         if cause and self._cause == 'following':
             self._takeovers += 1

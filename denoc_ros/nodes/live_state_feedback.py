@@ -204,10 +204,10 @@ class LiveStateFeedback:
         self._note(feedback.filter.cause, feedback.active)
         return torque
 
-    def applied(self, change: Array, periods: int) -> None:
+    def applied(self, change: Array) -> None:
         """Take what was added to the plan's torque after all limits (joints,), and go on."""
         if self._now is not None:
-            self._now.applied(change, periods)
+            self._now.applied(change)
 
     def rest(self) -> None:
         """Let go: something else than the plan leaves."""

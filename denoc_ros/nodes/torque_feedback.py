@@ -113,10 +113,10 @@ class TorqueFeedback:
         self._plan = torque.copy()
         return torque if added is None else np.asarray(torque + added)
 
-    def applied(self, left: Array, periods: int) -> None:
-        """Take the torque (n,) that left after all limits, so many periods after the last."""
+    def applied(self, left: Array) -> None:
+        """Take the torque (n,) that left after all limits."""
         if self._plan is not None:
-            self.state.applied(left - self._plan, periods)
+            self.state.applied(left - self._plan)
             self._plan = None
 
     def rest(self) -> None:

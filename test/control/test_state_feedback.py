@@ -33,6 +33,28 @@ def test_lost_gauge_values_cost_little() -> None:
     assert (lossy.share[1000:] == 1.0).all()
 
 
+def test_pauses_of_the_loop_do_not_lose_the_robot() -> None:
+    planned = tip_exact(4.0, 0.3)
+    loop = closed(planned, canadarm(0.9, 1.2))
+    loop.stall = 0.004
+    run = loop.run()
+    assert run.error.max() < 0.1
+    assert run.after(3.0) < 0.005
+    assert (run.share[1000:] == 1.0).all()
+
+
+def test_feedback_comes_back_to_a_robot_that_has_drifted_meanwhile() -> None:
+    planned = tip_exact(4.0, 0.3)
+    loop = closed(planned, canadarm(0.9, 1.2))
+    # with nothing but the plan on a wrong model the estimate by the joints goes astray as well
+    loop.silent = (1.5, 2.2)
+    run = loop.run()
+    assert not run.share[1600:2200].any()
+    assert run.error[1500:3000].max() > 0.05
+    assert run.share[-1] == 1.0
+    assert run.after(3.0) < 0.01
+
+
 def test_without_deviation_the_torque_is_exactly_the_plans() -> None:
     planned = tip_exact(4.0, 0.1)
     feedback = StateFeedback(planned.robot, planned.schedule())

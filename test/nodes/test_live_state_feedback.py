@@ -69,7 +69,7 @@ class Bench:
             torque = live.torque(self.now, 0.0, np.asarray(q), state, zero)
             if torque is not None:
                 torques[k] = torque
-            live.applied(torques[k], 1)
+            live.applied(torques[k])
         return torques
 
 
