@@ -19,6 +19,7 @@ ITERATIONS = 14
 EASED = (30.0, 10.0, 3.0)  # times the draw to the asked joints
 HALVINGS = 6
 SETTLED = 1e-9  # of the robot's size: equations left, and the last change of errors
+STILL = 1e-11  # rad, m: a last change of all coordinates
 HOLD = 3e-3  # of the robot's size: Levenberg's term where steps go to and fro
 GAIN = 1e-3  # share of the errors that a further step must take off where they cannot vanish
 BENDS = np.array([1.0, -2.0, 1.0])
@@ -135,7 +136,9 @@ def settle(
         worst = float(np.abs(value).max(initial=0.0))
         moved = float(np.abs(errors - before[1]).max())
         gain = 1.0 - float(np.linalg.norm(errors) / max(np.linalg.norm(before[1]), 1e-300))
-        if worst <= floor and (moved <= floor or (hold > 0.0 and abs(gain) < GAIN)):
+        # equations at what rounding leaves of accelerations on a fine grid do not get any smaller
+        still = not halving and float(np.abs(changes[0]).max()) <= STILL
+        if still or (worst <= floor and (moved <= floor or (hold > 0.0 and abs(gain) < GAIN))):
             return Solved(q, multipliers, worst, iteration + 1)
         if iteration > 1 and (halving or moved > 0.5 * last):
             hold = min(max(2.0 * hold, HOLD * size), size)
