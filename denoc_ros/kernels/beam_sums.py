@@ -50,11 +50,12 @@ def mode_sums(ints, i):
 
 
 @inlined
-def write_plane(reals, work, qd, qdd, first, count, s, h, k, row, length):
+def write_plane(reals, work, qd, qdd, first, count, places, k, row, length):
     """Write one plane's modes of a record; return what they make of B d' and B d'' + B' d'.
 
-    first: index of the plane's first amplitude, s and h: offsets of its shapes and H, k: of H d.
+    first: index of the plane's first amplitude, places: offsets of its shapes and of H, k: of H d.
     """
+    s, h = places
     slip, slip_up, across, across_up = 0.0, 0.0, 0.0, 0.0
     for j in range(count):
         bend, lift = 0.0, 0.0
@@ -91,9 +92,10 @@ def write_points(ints, reals, work, qd, qdd, i):
             put_all(work, row + length * (n + 1) - LANES, spread(0.0))
         s = c + 2
         h = s + ny + nz
-        x, x_up, y, y_up = write_plane(reals, work, qd, qdd, d, ny, s, h, k + 3, row, length)
-        s, h = s + ny, h + ny * ny
-        other = write_plane(reals, work, qd, qdd, d + ny, nz, s, h, k + 3 + ny, row + ny, length)
+        x, x_up, y, y_up = write_plane(reals, work, qd, qdd, d, ny, (s, h), k + 3, row, length)
+        h += ny * ny
+        places = (s + ny, h)
+        other = write_plane(reals, work, qd, qdd, d + ny, nz, places, k + 3 + ny, row + ny, length)
         slip = (x + other[0], y, other[2])
         along = (x_up + other[1], y_up, other[3])
         one, p = reals[c], load(work, k)

@@ -28,6 +28,8 @@ inlined = njit(forceinline=not CHECKED, **_OPTIONS)
 ordered = njit(forceinline=not CHECKED, **{**_OPTIONS, 'fastmath': {'contract', 'nsz'}})
 # the whole of an algorithm, which more than one kernel calls
 shared = njit(**_OPTIONS)
+# the same, compiled within each kernel that calls it: by itself it would be compiled once more
+merged = shared if CHECKED else njit(inline='always', **_OPTIONS)
 
 
 def kernel(signature: Any) -> Callable[[Callable[..., Any]], Any]:

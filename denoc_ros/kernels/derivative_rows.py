@@ -109,12 +109,13 @@ def threefold(x, work, o, length):
 
 
 @inlined
-def inboard_span(work, c, length, first, last, force, half, o, by_q, by_rate, inertia):
+def inboard_span(work, c, length, first, last, force, half, o, out):
     """Write a row's entries in columns first .. last - 1, all inboard of it.
 
     force: the row's wrench per acceleration, half: half that per angular velocity, both spread; o:
-    where the row begins in the results.
+    where the row begins in the three results `out`.
     """
+    by_q, by_rate, inertia = out
     for j in range(first, last, LANES):
         k = c + j
         count = last - j
@@ -150,7 +151,7 @@ def inboard_entries(ints, work, n, i, row, last, share, by_q, by_rate, inertia):
     run = at(ints, i, RUN)
     while True:
         start = at(ints, run, COORDINATE)
-        inboard_span(work, c, length, start, last, force, half, o, by_q, by_rate, inertia)
+        inboard_span(work, c, length, start, last, force, half, o, (by_q, by_rate, inertia))
         run = at(ints, run, PARENT)
         end = 0
         if run > 0:

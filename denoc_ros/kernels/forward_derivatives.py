@@ -6,16 +6,9 @@ belong to it, and forces of held joints follow them. Right-hand sides take O(n) 
 
 from numba import types
 
-from denoc_ros.kernels.array_object import (
-    READABLE,
-    WRITABLE,
-    array_object,
-    content,
-    is_matrix,
-    is_vector,
-)
+from denoc_ros.kernels.array_object import array_object, content
 from denoc_ros.kernels.articulated import find_acceleration, find_articulated
-from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.compiled import inlined, kernel, merged, rows_kernel
 from denoc_ros.kernels.handle import (
     ARMATURE,
     GOOD,
@@ -26,11 +19,11 @@ from denoc_ros.kernels.handle import (
     elements,
     model_arrays,
 )
-from denoc_ros.kernels.inverse_derivatives import find_derivatives
+from denoc_ros.kernels.inverse_derivatives import find_derivatives, fit
 from denoc_ros.kernels.right_hand_sides import factors_to_base, solve_columns
 
 
-@shared
+@merged
 def find_forward_derivatives(handle, q, qd, tau, by_q, by_rate, inverse):
     """Write d q'' / dq, d q'' / dq' and I^-1 (n, n each)."""
     ints, _reals, work, diagonals, bodies = model_arrays(handle)
@@ -59,15 +52,7 @@ def find_forward_derivatives(handle, q, qd, tau, by_q, by_rate, inverse):
 @kernel(types.int64(types.int64, *[array_object] * 6))
 def forward_dynamics_derivatives(handle, q, qd, tau, by_q, by_rate, inverse):
     """Write d q'' / dq, d q'' / dq' and I^-1 (n, n each)."""
-    n = coordinates(handle)
-    if not (
-        is_vector(handle, q, n, READABLE)
-        and is_vector(handle, qd, n, READABLE)
-        and is_vector(handle, tau, n, READABLE)
-        and is_matrix(handle, by_q, n, WRITABLE)
-        and is_matrix(handle, by_rate, n, WRITABLE)
-        and is_matrix(handle, inverse, n, WRITABLE)
-    ):
+    if not fit(handle, (q, qd, tau), (by_q, by_rate, inverse)):
         return MISFIT
     return find_forward_derivatives(
         handle, content(q), content(qd), content(tau), content(by_q), content(by_rate),
@@ -121,7 +106,7 @@ def drive_columns(n, held, inertia, x):
             x[(n + 1) * r] = 1.0
 
 
-@shared
+@merged
 def find_hybrid_derivatives(handle, held, states, found):
     """Write the derivatives of what hybrid dynamics find: tau of held joints, q'' of the others.
 

@@ -8,8 +8,6 @@ partial derivatives are time derivatives of columns; of rotations they differ by
     da/dq'_j = 2 L'  dal/dq'_j = 2 T' + T x w
 """
 
-import math
-
 from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.handle import GOOD, at, beyond, coordinates, elements, model_arrays
 from denoc_ros.kernels.layout import (
@@ -21,9 +19,6 @@ from denoc_ros.kernels.layout import (
     GRAVITY,
     JOINT,
     MODES,
-    NT,
-    NY,
-    NZ,
     PARENT,
     PLACE,
     REAL,
@@ -38,44 +33,12 @@ from denoc_ros.kernels.layout import (
     WORLD_ROTATION,
 )
 from denoc_ros.kernels.motion import linear_velocity, move_body, section_motion, section_rates
-from denoc_ros.kernels.placement import place_body, six_terms
-from denoc_ros.kernels.vector import add, cross, dot, load, rotate, scale, subtract
+from denoc_ros.kernels.placement import place_body
+from denoc_ros.kernels.section_columns import mode_slope, shortening_rate, turning_rates, unit
+from denoc_ros.kernels.vector import add, cross, load, rotate, scale, subtract
 from denoc_ros.kernels.world import section_place, world_pose
 
 ZERO = (0.0, 0.0, 0.0)
-# Taylor series in s = |phi|^2: of the second derivatives of b and c per (phi . phi')^2
-SERIES_DDB = tuple(4 * (k + 2) * (k + 1) * (-1) ** k / math.factorial(2 * k + 6) for k in range(6))
-SERIES_DDC = tuple(4 * (k + 2) * (k + 1) * (-1) ** k / math.factorial(2 * k + 7) for k in range(6))
-
-
-@inlined
-def second_coefficients(s, b, c, db, dc):
-    """Return the second derivatives of b and c, the first having those of exponential_…."""
-    if s < 0.25:
-        return six_terms(SERIES_DDB, s), six_terms(SERIES_DDC, s)
-    return (c - b - 4.0 * db) / s, (db - 5.0 * dc) / s
-
-
-@inlined
-def jacobian_rates(work, o, rate, rate_up, axis):
-    """Return J e, J' e and J'' e of a section's left Jacobian for one unit vector e."""
-    phi = load(work, o + VECTOR)
-    k = o + COEFFICIENTS
-    b, c, db, dc = work[k], work[k + 1], work[k + 2], work[k + 3]
-    ddb, ddc = second_coefficients(dot(phi, phi), b, c, db, dc)
-    r = dot(phi, rate)
-    r_up = dot(rate, rate) + dot(phi, rate_up)
-    b_up, c_up = ddb * r * r + db * r_up, ddc * r * r + dc * r_up
-    x, y, z = cross(phi, axis), cross(rate, axis), cross(rate_up, axis)  # K e, K' e, K'' e
-    xx = cross(phi, x)
-    xy = add(cross(rate, x), cross(phi, y))
-    xz = add(add(cross(rate_up, x), scale(2.0, cross(rate, y))), cross(phi, z))
-    first = add(add(scale(db * r, x), scale(b, y)), add(scale(dc * r, xx), scale(c, xy)))
-    second = add(
-        add(scale(b_up, x), add(scale(2.0 * db * r, y), scale(b, z))),
-        add(scale(c_up, xx), add(scale(2.0 * dc * r, xy), scale(c, xz))),
-    )
-    return add(axis, add(scale(b, x), scale(c, xx))), first, second
 
 
 @inlined
@@ -95,15 +58,6 @@ def carried(slide, turn, arm):
     second = add(cross(turn[2], arm[0]), cross(turn[0], arm[2]))
     second = add(slide[2], add(second, scale(2.0, cross(turn[1], arm[1]))))
     return add(slide[0], cross(turn[0], arm[0])), first, second
-
-
-@inlined
-def shortening_rates(reals, h, count, j, rates):
-    """Return the axial entry -(H d)_j of a column for rates (or accelerations) of amplitudes."""
-    total = 0.0
-    for k in range(count):
-        total -= reals[h + count * j + k] * rates[k]
-    return total
 
 
 @inlined
@@ -163,30 +117,18 @@ def section_columns(write, ints, reals, work, qd, qdd, i, frame, out, n):
     rate, _axial = section_rates(ints, reals, qd, i)
     rate_up, _axial = section_rates(ints, reals, qdd, i)
     o = at(ints, i, SECTION_WORK)
-    turn_x = jacobian_rates(work, o, rate, rate_up, (1.0, 0.0, 0.0))
-    turn_y = jacobian_rates(work, o, rate, rate_up, (0.0, -1.0, 0.0))
-    turn_z = jacobian_rates(work, o, rate, rate_up, (0.0, 0.0, 1.0))
-    ny, nz, nt = at(ints, p, NY), at(ints, p, NZ), at(ints, p, NT)
+    k, phi = o + COEFFICIENTS, load(work, o + VECTOR)
+    turn_x = turning_rates(work, k, phi, rate, rate_up, unit(0))
+    turn_y = turning_rates(work, k, phi, rate, rate_up, unit(1))
+    turn_z = turning_rates(work, k, phi, rate, rate_up, unit(2))
     d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
-    slope = at(ints, i, SECTION) + 1 + ny + nz
-    h = slope + ny + nz + nt
     c = o + COLUMNS
     r = u + WORLD_ROTATION
-    for j in range(ny + nz + nt):
-        factor = reals[slope + j]
-        x1, x2 = 0.0, 0.0
-        if j < ny:
-            axis = turn_z
-            x1 = shortening_rates(reals, h, ny, j, beyond(qd, d))
-            x2 = shortening_rates(reals, h, ny, j, beyond(qdd, d))
-        elif j < ny + nz:
-            axis = turn_y
-            m = j - ny
-            x1 = shortening_rates(reals, h + ny * ny, nz, m, beyond(qd, d + ny))
-            x2 = shortening_rates(reals, h + ny * ny, nz, m, beyond(qdd, d + ny))
-        else:
-            axis = turn_x
-        slide = seen(work, r, load(work, c), (x1, 0.0, 0.0), (x2, 0.0, 0.0), w, al)
+    for j in range(at(ints, p, MODES)):
+        factor, about = mode_slope(ints, reals, i, j)
+        axis = turn_z if about == 2 else turn_y if about == 1 else turn_x
+        x1, x2 = shortening_rate(ints, reals, i, j, qd), shortening_rate(ints, reals, i, j, qdd)
+        slide = seen(work, r, load(work, c), (-x1, 0.0, 0.0), (-x2, 0.0, 0.0), w, al)
         turn = seen(
             work, r, scale(factor, axis[0]), scale(factor, axis[1]), scale(factor, axis[2]), w, al
         )

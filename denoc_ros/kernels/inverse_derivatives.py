@@ -10,7 +10,7 @@ from denoc_ros.kernels.array_object import (
     is_matrix,
     is_vector,
 )
-from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.compiled import inlined, kernel, merged, rows_kernel, shared
 from denoc_ros.kernels.derivative_layout import (
     ACCELERATED,
     BODY_MASS,
@@ -92,7 +92,7 @@ from denoc_ros.kernels.world import section_place, world_pose
 from denoc_ros.kernels.world_motion import move_world, own_share
 
 
-@inlined
+@merged
 def outward_derivatives(n, ints, reals, work, diagonals, bodies, q, qd, qdd):
     """Place and move every body in base axes and write its own share."""
     sines, cosines = diagonals[SINE], diagonals[COSINE]
@@ -233,7 +233,7 @@ def transmit_share(ints, work, i):
         work[u + k] += work[e + k]
 
 
-@inlined
+@merged
 def inward_derivatives(n, ints, reals, work, bodies, by_q, by_rate, inertia):
     """Write all entries, from the tips to the base."""
     for i in range(bodies, 0, -1):
@@ -248,7 +248,7 @@ def inward_derivatives(n, ints, reals, work, bodies, by_q, by_rate, inertia):
             transmit_share(ints, work, i)
 
 
-@shared
+@merged
 def find_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia):
     """Write d tau / dq, d tau / dq' and I (n, n each)."""
     ints, reals, work, diagonals, bodies = model_arrays(handle)
@@ -267,18 +267,24 @@ def find_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia):
     return GOOD if finite and all_finite(inertia, n * n) else NOT_FINITE
 
 
+@inlined
+def fit(handle, states, matrices):
+    """Say whether three objects are states (n,), and three more writable matrices (n, n)."""
+    n = coordinates(handle)
+    return (
+        is_vector(handle, states[0], n, READABLE)
+        and is_vector(handle, states[1], n, READABLE)
+        and is_vector(handle, states[2], n, READABLE)
+        and is_matrix(handle, matrices[0], n, WRITABLE)
+        and is_matrix(handle, matrices[1], n, WRITABLE)
+        and is_matrix(handle, matrices[2], n, WRITABLE)
+    )
+
+
 @kernel(types.int64(types.int64, *[array_object] * 6))
 def inverse_dynamics_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia):
     """Write d tau / dq, d tau / dq' and I (n, n each)."""
-    n = coordinates(handle)
-    if not (
-        is_vector(handle, q, n, READABLE)
-        and is_vector(handle, qd, n, READABLE)
-        and is_vector(handle, qdd, n, READABLE)
-        and is_matrix(handle, by_q, n, WRITABLE)
-        and is_matrix(handle, by_rate, n, WRITABLE)
-        and is_matrix(handle, inertia, n, WRITABLE)
-    ):
+    if not fit(handle, (q, qd, qdd), (by_q, by_rate, inertia)):
         return MISFIT
     return find_derivatives(
         handle, content(q), content(qd), content(qdd), content(by_q), content(by_rate),

@@ -5,7 +5,7 @@ J_i . F; with u_j = b_j + w_j x x the frame's velocity by q'_j, J_j = [b_j; w_j]
 w_i . (u_j x f), and (J_j x J_i) . F where column j moves the row's own.
 """
 
-from denoc_ros.kernels.compiled import inlined, rows_kernel, shared
+from denoc_ros.kernels.compiled import inlined, merged, rows_kernel
 from denoc_ros.kernels.derivative_layout import COLUMN, WRENCH_Q
 from denoc_ros.kernels.derivative_rows import columns_of
 from denoc_ros.kernels.handle import (
@@ -101,7 +101,7 @@ def subtract_geometric(ints, reals, work, n, i, wrench, out):
         i = p
 
 
-@shared
+@merged
 def subtract_load(handle, q, i, wrench, out):
     """Subtract from out (n, n) the derivative by q of the generalized forces of a wrench (6)."""
     ints, reals, work, _diagonals, bodies = model_arrays(handle)
