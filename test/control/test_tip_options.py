@@ -207,3 +207,19 @@ def test_bad_options_are_refused(canadarm: dn.Robot, option: str, value: Any) ->
     given: dict[str, Any] = {option: value}
     with pytest.raises(dn.StateError, match=f'{option} must be a number'):
         dn.shape_motion(canadarm, TIMES, CANADARM(TIMES), **given)
+
+
+def test_a_motion_that_has_no_bounded_plan_says_what_is_left(canadarm: dn.Robot) -> None:
+    fast = TIMES[::10] / 20.0
+    asked = CANADARM(20.0 * fast)
+    with pytest.raises(dn.SolverError, match=r'must settle in 14 iterations, got forces without'):
+        dn.shape_motion(canadarm, fast, asked, effort=1e9, velocity=1e9, stretch=1.0)
+
+
+def test_a_load_that_no_posture_holds_is_said() -> None:
+    """The arm's own weight is beyond what its links bear."""
+    robot = dn.load_robot(ROBOTS / 'ssrms.urdf', gravity=(0, 0, -9.81))
+    robot.set_payload('tool', 1000.0)
+    motion = cycloid(np.full(6, 0.3), np.full(6, 0.5), 10.0)
+    with pytest.raises(dn.SolverError, match=r'must (be found|have an equilibrium)'):
+        dn.shape_motion(robot, TIMES, motion(TIMES), effort=1e9)
