@@ -15,9 +15,10 @@ import yaml
 from launch_stand_in import arguments as launch_arguments
 from pages import Snippet
 
-from denoc_ros.cli.config import NODES, find_file, load_config, load_yaml
+from denoc_ros.cli.config import NODES, find_file, load_config
 from denoc_ros.cli.main import build_parser, main
 from denoc_ros.cli.simulate import prepare
+from denoc_ros.cli.yaml_text import load_yaml
 from denoc_ros.model.dh import load_system
 from denoc_ros.model.urdf import load_tree
 from denoc_ros.simulation.scenario import KEYS as SCENARIO_KEYS

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,6 +12,8 @@ from typing import Any
 
 import yaml
 
+from denoc_ros.cli.path_settings import apply_setting
+from denoc_ros.cli.yaml_text import load_yaml
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.overrides import FAMILIES
 
@@ -39,10 +40,21 @@ Parameters = dict[str, Any]
 
 @dataclass(frozen=True)
 class Phase:
-    """One run of the reference: its name, and what it changes in the nodes' parameters."""
+    """One run of the reference.
+
+    Attributes
+    ----------
+    name : str
+    nodes : mapping
+        What it changes in the nodes' parameters.
+    shape : mapping
+        `method` and options of `denoc_ros.shape_motion` by which the reference is shaped; empty:
+        it is followed as it is.
+    """
 
     name: str
     nodes: Mapping[str, Parameters] = field(default_factory=dict)
+    shape: Parameters = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -115,27 +127,11 @@ def load_config(path: str | os.PathLike[str], settings: Sequence[str] = ()) -> S
     raw = read_yaml(file)
     findings: list[str] = []
     for setting in settings:
-        _apply_setting(raw, setting, findings)
+        apply_setting(raw, setting, findings)
     config = _Checker(file, findings).session(raw)
     if findings:
         raise ConfigError(str(path), findings)
     return config
-
-
-class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader, which also takes 1e5 and 9.0e4 for numbers, as YAML 1.2 does."""
-
-
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'^[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
-    list('-+.0123456789'),
-)
-
-
-def load_yaml(text: str) -> Any:
-    """Return the value of a YAML text; raises yaml.YAMLError."""
-    return yaml.load(text, Loader=_Loader)
 
 
 def read_yaml(file: Path) -> dict[str, Any]:
@@ -325,53 +321,15 @@ class _Checker:
 
     def _phase(self, whose: str, value: Any) -> Phase:
         values = self._mapping(whose, value)
-        self._known(whose, values, ('name', *NODES))
+        self._known(whose, values, ('name', 'shape', *NODES))
         name = values.get('name')
         if not isinstance(name, str) or not name:
             self._find(f'{whose}.name must be a text, got {name!r}')
-        return Phase(
-            str(name), self._nodes(whose, {k: v for k, v in values.items() if k in NODES})
-        )
-
-
-def parse_setting(setting: str, findings: list[str]) -> tuple[list[str], Any] | None:
-    """Return the names and the value of `path=value`; None, with a finding, for another text."""
-    path, equals, text = setting.partition('=')
-    names = path.split('.')
-    if not equals or not all(names):
-        findings.append(f'--set must be path=value with a dotted path, got {setting!r}')
-        return None
-    try:
-        return names, load_yaml(text)
-    except yaml.YAMLError:
-        return names, text
-
-
-def _apply_setting(raw: dict[str, Any], setting: str, findings: list[str]) -> None:
-    """Put one `path=value` into the mapping; model paths go to the plant and to `model`."""
-    parsed = parse_setting(setting, findings)
-    if parsed is None:
-        return
-    names, value = parsed
-    path = '.'.join(names)
-    targets = [['model', path], ['plant', path]] if names[0] in FAMILIES else [names]
-    for target in targets:
-        _set(raw, target, value, findings, setting)
-
-
-def _set(
-    raw: dict[str, Any], names: Sequence[str], value: Any, findings: list[str], setting: str
-) -> None:
-    here = raw
-    for name in names[:-1]:
-        step = here.get(name)
-        if step is None:
-            step = here[name] = {}
-        if not isinstance(step, dict):
-            findings.append(f'--set must name a value below a mapping, got {setting!r}')
-            return
-        here = step
-    here[names[-1]] = value
+        nodes = self._nodes(whose, {k: v for k, v in values.items() if k in NODES})
+        shape = self._mapping(f'{whose}.shape', values.get('shape'))
+        if 'shape' in values and not isinstance(shape.get('method'), str):
+            self._find(f'{whose}.shape must have a method, got {shape}')
+        return Phase(str(name), nodes, dict(shape))
 
 
 def _split(flat: Parameters, heads: Sequence[str]) -> tuple[Parameters, Parameters]:

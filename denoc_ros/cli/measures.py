@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.bags.series import Diagnostic
-from denoc_ros.cli.recording import Interval, Recording, Series
+from denoc_ros.cli.recording import ASKED_TOPICS, Interval, Recording, Series
 from denoc_ros.errors import SolverError
 from denoc_ros.simulation.trajectories import SplineTrajectory
 
@@ -22,6 +22,7 @@ SHOWN_COMPONENTS = ('uy', 'uz', 'rx')
 COUNTED = ('ticks', 'overruns_total', 'skipped_total', 'histogram_counts')
 ROUNDING = 1e-12  # rad
 NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: neither shown nor judged
+LONG_ENOUGH = 0.5  # s after the stop that say something of swing
 POSES = 2000  # per phase: enough for an rms, each costs a pass over the links
 
 
@@ -49,15 +50,35 @@ class Deflection:
 
 @dataclass(frozen=True)
 class PhaseMeasures:
-    """What one phase shows; times count from its reference's start."""
+    """What one phase shows; times count from its reference's start.
+
+    A reference may end before the phase does: then what follows is how the robot comes to rest.
+    """
 
     name: str
     joints: Series | None  # measured positions
     error: Series | None  # reference minus measured [rad, m]
-    tip_error: Series | None  # distance of the deflected tip from the reference's [m]
+    tip_error: Series | None  # distance of the deflected tip from where it was asked to be [m]
+    stop: float  # when the motion that was asked for ends [s]; NaN where none was
     torque: Series | None  # commanded [N m, N]
     effort: Series | None  # as measured [N m, N]
     deflections: tuple[Deflection, ...]
+
+    @property
+    def moving(self) -> Array | None:
+        """The tip's error until the stop, (k,) [m]."""
+        return None if self.tip_error is None else self._tip(self.tip_error.t <= self.stop)
+
+    @property
+    def swing(self) -> Array | None:
+        """The tip's error from the stop on, (k,) [m]; None where the phase ends with it."""
+        if self.tip_error is None or not self.tip_error.t[-1] > self.stop + LONG_ENOUGH:
+            return None
+        return self._tip(self.tip_error.t > self.stop)
+
+    def _tip(self, rows: NDArray[np.bool_]) -> Array:
+        assert self.tip_error is not None
+        return np.asarray(self.tip_error.values[rows, 0])
 
 
 @dataclass(frozen=True)
@@ -187,9 +208,13 @@ def _phase(
     recording: Recording, interval: Interval, robot: Robot | None, tip: str
 ) -> PhaseMeasures:
     reference = _reference(recording, interval)
+    asked = next(
+        (each for topic in ASKED_TOPICS if (each := _reference(recording, interval, topic))),
+        reference,
+    )
     start, end = interval.start, interval.end
     if reference is not None:
-        start, end = reference.start, min(end, reference.end)
+        start = reference.start
     elif not np.isfinite(start):
         start = 0.0
     measured = _cut(recording.series('joint_states'), start, end)
@@ -197,7 +222,8 @@ def _phase(
         name=interval.name,
         joints=measured,
         error=_tracking(measured, reference),
-        tip_error=_tip_error(recording, reference, robot, tip, start, end),
+        tip_error=_tip_error(recording, asked, robot, tip, start, end),
+        stop=float('nan') if asked is None else asked.end - start,
         torque=_cut(recording.series('feedforward/effort', 'effort'), start, end),
         effort=_cut(recording.series('joint_states', 'effort'), start, end),
         deflections=_deflections(recording, start, end),
@@ -239,10 +265,12 @@ def _all_rows(rows: list[Any]) -> Array | None:
     return np.array(rows, dtype=np.float64) if all(len(row) for row in rows) else None
 
 
-def _reference(recording: Recording, interval: Interval) -> _Reference | None:
+def _reference(
+    recording: Recording, interval: Interval, topic: str = 'reference'
+) -> _Reference | None:
     """Return the phase's last trajectory of many points; streamed points are joined to one."""
     streamed = []
-    for item in reversed(recording.messages('reference')):
+    for item in reversed(recording.messages(topic)):
         if not interval.start <= item.log_time <= interval.end:
             continue
         message, start = item.message, item.stamp
@@ -279,14 +307,14 @@ def _tracking(measured: Series | None, reference: _Reference | None) -> Series |
 
 def _tip_error(
     recording: Recording,
-    reference: _Reference | None,
+    asked: _Reference | None,
     robot: Robot | None,
     tip: str,
     start: float,
     end: float,
 ) -> Series | None:
     true = _cut(recording.series('plant/true_modal_state'), start, end)
-    if true is None or reference is None or robot is None:
+    if true is None or asked is None or robot is None:
         return None
     if set(true.names) != set(robot.coordinate_names):
         return None
@@ -295,10 +323,10 @@ def _tip_error(
     wanted = np.zeros_like(q)
     if robot.tree.loops:
         wanted[:, robot.joint_indices] = q[:, robot.joint_indices]
-    places = [robot.coordinate_names.index(name) for name in reference.names]
-    wanted[:, places] = reference.at(true.t[rows])
+    places = [robot.coordinate_names.index(name) for name in asked.names]
+    wanted[:, places] = asked.at(true.t[rows] + start - asked.start)
     try:
-        wanted = robot.assemble(wanted, fixed=reference.names)
+        wanted = robot.assemble(wanted, fixed=asked.names)
     except SolverError:
         return None
     gap = _positions(robot, tip, q) - _positions(robot, tip, wanted)
@@ -342,6 +370,9 @@ def _phase_summary(phase: PhaseMeasures) -> dict[str, Any]:
         summary['joint_error_rms'] = rms(phase.error.values)
     if phase.tip_error is not None:
         summary['tip_error'] = _extent(phase.tip_error.values[:, 0])
+    if phase.moving is not None and phase.swing is not None:
+        summary['tip_error_moving'] = _extent(phase.moving)
+        summary['tip_error_after_stop'] = _extent(phase.swing)
     if phase.torque is not None:
         summary['torque'] = _columns(phase.torque)
     judged = {entry.name: deflection_error(entry) for entry in phase.deflections}

@@ -42,7 +42,7 @@ def overrides_of(settings: Sequence[str], payloads: Sequence[str]) -> dict[str, 
     ConfigError
         With every text that is neither.
     """
-    from denoc_ros.cli.config import parse_setting
+    from denoc_ros.cli.path_settings import parse_setting
 
     findings: list[str] = []
     overrides: dict[str, Any] = {}

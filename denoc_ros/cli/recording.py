@@ -18,6 +18,7 @@ from denoc_ros.errors import BagError
 
 Array = NDArray[np.float64]
 PHASE_TOPIC = '/up/phase'
+ASKED_TOPICS = ('up/asked', 'shaper/input')  # what a shaped reference was shaped from
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 # Types of which whole messages are kept; there are few of each.
 KEPT = ('std_msgs/msg/String', 'trajectory_msgs/msg/JointTrajectory', DIAGNOSTICS)

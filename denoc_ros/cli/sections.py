@@ -59,13 +59,19 @@ def cards(
     found = []
     for label, series, unit in (
         ('Joint tracking error, rms', 'error', _common(phases, units)),
-        ('Tip off its reference, rms', 'tip_error', 'm'),
+        ('Tip off where it was asked to be, rms', 'tip_error', 'm'),
     ):
         values = [(p.name, getattr(p, series)) for p in phases if getattr(p, series) is not None]
         shown = [f'{engineering(rms(s.values), unit)}' for _, s in values]
         names = [name for name, _ in values] if len(phases) > 1 else []
         if values:
             found.append(Card(label, ' → '.join(shown), ' → '.join(names)))
+    if swings := [(p.name, p.swing) for p in phases if p.swing is not None]:
+        shown = [engineering(peak(swing), 'm') for _, swing in swings]
+        names = [name for name, _ in swings] if len(phases) > 1 else []
+        found.append(
+            Card('Tip off its goal after the stop, largest', ' → '.join(shown), ' → '.join(names))
+        )
     if percents := _percents(phases):
         worst, name = max(percents)
         found.append(Card('Deflection prediction, worst', f'{worst:.2g} %', f'of peak, {name}'))
@@ -102,6 +108,10 @@ def said(phases: Sequence[PhaseMeasures], units: Units) -> list[str]:
         (least, name), unit = min(errors), _common(phases, units)
         which = f' ({name})' if len(errors) > 1 else ''
         found.append(f'joints follow their reference to {engineering(least, unit)} rms{which}')
+    if swings := [(peak(p.swing), p.name) for p in phases if p.swing is not None]:
+        least, name = min(swings)
+        which = f' ({name})' if len(swings) > 1 else ''
+        found.append(f'the tip stops within {engineering(least, "m")} of its goal{which}')
     if percents := _percents(phases):
         found.append(f'deflection is predicted to {max(percents)[0]:.2g} % of its peak or better')
     elif bent := _bent(phases):
@@ -145,8 +155,9 @@ def tracking(phases: Sequence[PhaseMeasures], units: Units) -> Section | None:
     return Section(
         'Tracking error',
         'Reference minus measured position of each joint; for the tip, how far it is from where '
-        'the undeformed robot on the reference would have it. A feedforward of the flexible model '
-        'makes the joints follow: the links still swing, and the tip with them.',
+        'the undeformed robot on the motion that was asked for would have it. A feedforward of '
+        'the flexible model makes the joints follow: the links still swing, and the tip with '
+        'them. A reference that is shaped moves the joints so that the tip does what was asked.',
         [line_figure(panels)],
         [Table(_compared_head([name for name, _ in errors], 'joint'), rows)],
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +12,10 @@ from denoc_ros.cli.config import Parameters, Phase, SessionConfig
 from denoc_ros.cli.node_parameters import node_parameters, node_table, write_parameters
 from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.shaped_phases import motion_of
 
 if TYPE_CHECKING:
+    from denoc_ros.control.plan import Plan
     from denoc_ros.nodes.driver import Driver
     from denoc_ros.simulation.trajectories import Trajectory
 
@@ -41,12 +43,15 @@ class Task:
         Of each phase [s].
     bag : Path or None
         Joint states to play instead of running a plant.
+    plans : mapping of str to Plan
+        What the joints do instead of the trajectory in phases that shape it.
     """
 
     trajectory: Trajectory | None
     joints: list[str]
     duration: float
     bag: Path | None = None
+    plans: Mapping[str, Plan] = field(default_factory=dict)
 
 
 def session_nodes(config: SessionConfig, bag: Path | None) -> list[str]:
@@ -156,7 +161,7 @@ class Session:
         self._driver.end_phase()
 
     def _follow(self, phase: Phase) -> None:
-        lead = self._prepare()
+        lead = self._prepare(phase)
         with self._progress.phase(phase.name, self._task.duration) as show:
             start = time.perf_counter() + lead
             while (elapsed := time.perf_counter() - start) < self._task.duration:
@@ -164,9 +169,9 @@ class Session:
                 self._driver.wait(0.1)
                 self._check_silence()
             show(self._task.duration)
-        self._driver.wait(TAIL + (SHAPING if 'shaper' in self._names else 0.0))
+        self._driver.wait(TAIL + self._shaping)
 
-    def _prepare(self) -> float:
+    def _prepare(self, phase: Phase) -> float:
         """Reset the nodes and publish the reference; return in how many seconds it starts.
 
         The plant goes back when the feedforward already holds it where the reference starts, the
@@ -176,16 +181,29 @@ class Session:
         self._reset('shaper')
         start = time.perf_counter()
         if self._task.trajectory is not None:
-            shaping = SHAPING if 'shaper' in self._names else 0.0
-            start += LEAD + shaping
-            self._driver.publish_reference(
-                self._task.trajectory, self._task.joints, LEAD + shaping, len(self._listeners())
-            )
-            self._driver.wait(SETTLING + shaping)
+            start += self._publish(self._task.trajectory, self._task.plans.get(phase.name))
+            self._driver.wait(SETTLING + self._shaping)
         self._reset('plant')
         self._driver.wait(SETTLING)
         self._reset('predictor')
         return start - time.perf_counter()
+
+    def _publish(self, trajectory: Trajectory, plan: Plan | None) -> float:
+        """Publish what the joints are to do; return in how many s what was asked for starts."""
+        joints, listeners = self._task.joints, len(self._listeners())
+        lead = LEAD + self._shaping
+        if plan is None:
+            self._driver.publish_reference(trajectory, joints, lead, listeners)
+            return lead
+        before = -float(plan.t[0])
+        start_ns = self._driver.publish_reference(motion_of(plan, joints), joints, lead, listeners)
+        self._driver.publish_asked(trajectory, joints, start_ns + round(1e9 * before))
+        return lead + before
+
+    @property
+    def _shaping(self) -> float:
+        """How long a shaper may take before the reference starts [s]."""
+        return SHAPING if 'shaper' in self._names else 0.0
 
     def _check_silence(self) -> None:
         # the viewer gives way to everybody: a run does not end for want of it

@@ -22,7 +22,13 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
             errors = phase['joint_error'].items()
             joints = ', '.join(f'{j} {engineering(e["rms"], "rad")}' for j, e in errors)
             yield f'{name}: joint tracking error rms {joints}'
-        if 'tip_error' in phase:
+        if 'tip_error_moving' in phase:
+            moving, after = phase['tip_error_moving'], phase['tip_error_after_stop']
+            yield (
+                f'{name}: tip off where it was asked to be by {engineering(moving["rms"], "m")} '
+                f'rms while moving, {engineering(after["max"], "m")} at most after the stop'
+            )
+        elif 'tip_error' in phase:
             tip = phase['tip_error']
             yield (
                 f'{name}: tip tracking error rms {engineering(tip["rms"], "m")}, '

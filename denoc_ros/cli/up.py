@@ -145,6 +145,7 @@ def bring_up(
             robot.with_overrides(overrides)
         task = _task(config, robot, bag)
         config = _started_on_the_reference(config, task)
+    config, task = _shaped(config, robot, task, progress)
     folder = new_folder(output)
     environment = {
         'ROS_AUTOMATIC_DISCOVERY_RANGE': os.environ.get(
@@ -212,6 +213,22 @@ def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
             ['duration must be > 0 s where there is neither reference nor --input, got none'],
         )
     return Task(trajectory, joints, duration)
+
+
+def _shaped(
+    config: SessionConfig, robot: Robot, task: Task, progress: Progress
+) -> tuple[SessionConfig, Task]:
+    """Return session and task with the plans of the phases that shape their reference."""
+    from denoc_ros.cli.shaped_phases import plans_of, started_on_the_plan
+
+    plans = plans_of(config, robot, task.trajectory, task.joints, progress.step)
+    phases = tuple(
+        started_on_the_plan(phase, plans[phase.name], task.joints)
+        if phase.name in plans
+        else phase
+        for phase in config.phases
+    )
+    return dataclasses.replace(config, phases=phases), dataclasses.replace(task, plans=plans)
 
 
 def _started_on_the_reference(config: SessionConfig, task: Task) -> SessionConfig:

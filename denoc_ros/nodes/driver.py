@@ -25,6 +25,7 @@ from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.nodes.without_events import WithoutEvents
 from denoc_ros.simulation.trajectories import Trajectory
 
+ASKED_TOPIC = '/up/asked'  # the motion that a reference was shaped from
 REFERENCE_STEP = 0.05  # s; the quintics between such points are exact to 1e-9 rad
 LARGEST_MESSAGE = 60_000  # bytes: a best-effort message should fit one datagram
 DISCOVERY = 0.5  # s in which those who are there already make themselves known
@@ -79,6 +80,9 @@ class Driver:
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 50)
         # from the start, so that the recorder has found it when the first reference goes out
         self._reference = node.create_publisher(JointTrajectory, topic, COMMAND) if topic else None
+        self._asked = (
+            node.create_publisher(JointTrajectory, ASKED_TOPIC, COMMAND) if topic else None
+        )
         self._phase = node.create_publisher(String, '/up/phase', LATCHED)
         self._executor.add_node(node)
         self._thread.start()
@@ -197,8 +201,8 @@ class Driver:
 
     def publish_reference(
         self, trajectory: Trajectory, joints: list[str], lead: float, listeners: int
-    ) -> None:
-        """Publish a trajectory of many points that starts `lead` seconds from now.
+    ) -> int:
+        """Publish a trajectory of many points that starts `lead` s from now; return when [ns].
 
         Raises
         ------
@@ -215,6 +219,12 @@ class Driver:
             )
         start_ns = time.time_ns() + round(lead * 1e9)
         publisher.publish(reference_message(trajectory, joints, start_ns))
+        return start_ns
+
+    def publish_asked(self, trajectory: Trajectory, joints: list[str], start_ns: int) -> None:
+        """Publish, for the record, what was asked for where the reference is shaped from it."""
+        if self._asked is not None:
+            self._asked.publish(reference_message(trajectory, joints, start_ns))
 
     def _insist(self, client: Any, request: Any) -> Any:
         """Ask until there is a reply, None if there is none in time; the request is idempotent."""

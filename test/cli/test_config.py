@@ -21,7 +21,7 @@ nodes: {feedforward: {update_rate: 500.0, terms: {gravity: false}}}
 plant: {position_noise: 0.0, beam.arm.y.ei: 9.0e4}
 phases:
   - {name: rigid, feedforward: {model: rigid}}
-  - {name: flexible, feedforward: {model: flexible}}
+  - {name: flexible, feedforward: {model: flexible}, shape: {method: tip, tip: tool}}
 """
 
 
@@ -46,6 +46,8 @@ def test_a_good_file_gives_its_values(folder: Path) -> None:
     assert config.plant_model == {'beam.arm.y.ei': 9.0e4}
     assert [phase.name for phase in config.phases] == ['rigid', 'flexible']
     assert config.phases[0].nodes == {'feedforward': {'model': 'rigid'}}
+    assert not config.phases[0].shape
+    assert config.phases[1].shape == {'method': 'tip', 'tip': 'tool'}
 
 
 def test_all_findings_come_in_one_error(folder: Path) -> None:

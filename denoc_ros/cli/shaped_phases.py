@@ -1,0 +1,90 @@
+"""The plans of a session's phases that shape their reference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from denoc_ros.errors import ConfigError, SolverError, StateError
+
+if TYPE_CHECKING:
+    from denoc_ros.cli.config import Phase, SessionConfig
+    from denoc_ros.control.plan import Plan
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.simulation.trajectories import SplineTrajectory, Trajectory
+
+ASKED_STEP = 0.01  # s between the points of the motion that is asked for
+
+
+def plans_of(
+    config: SessionConfig,
+    robot: Robot,
+    trajectory: Trajectory | None,
+    joints: Sequence[str],
+    step: Callable[[str], AbstractContextManager[Any]],
+) -> dict[str, Plan]:
+    """Return the plan of each phase that shapes the reference, by the phase's name.
+
+    Parameters
+    ----------
+    config : SessionConfig
+    robot : Robot
+        As the file has it; the plan is made with the overrides that the nodes have.
+    trajectory : Trajectory or None
+        What is asked for.
+    joints : sequence of str
+        The trajectory's.
+    step : callable
+        Says what is done: a context per plan.
+
+    Raises
+    ------
+    ConfigError
+        There is nothing to shape, the method refuses its options, or finds no motion.
+    """
+    from denoc_ros.control.shape import shape_motion
+
+    plans: dict[str, Plan] = {}
+    shaped = [phase for phase in config.phases if phase.shape]
+    if not shaped:
+        return plans
+    if trajectory is None:
+        raise ConfigError(str(config.path), ['phases that shape must have a reference, got none'])
+    model = robot.with_overrides(config.model) if config.model else robot.copy()
+    times, q, _, _ = trajectory.table(ASKED_STEP)
+    for phase in shaped:
+        options = dict(phase.shape)
+        method = options.pop('method')
+        if config.joints:
+            options = {'joints': list(joints), **options}
+        try:
+            with step(f'shaping the reference: {phase.name}'):
+                plans[phase.name] = shape_motion(
+                    model, times, q, method, options.pop('tip', config.tip or None), **options
+                )
+        except (StateError, SolverError, TypeError) as error:
+            found = [f'phase {phase.name!r}: shape: {error}']
+            raise ConfigError(str(config.path), found) from error
+    return plans
+
+
+def motion_of(plan: Plan, joints: Sequence[str]) -> SplineTrajectory:
+    """Return what joints do in a plan, from its first row on."""
+    from denoc_ros.simulation.trajectories import SplineTrajectory
+
+    columns = [plan.coordinate_names.index(joint) for joint in joints]
+    return SplineTrajectory(
+        plan.t - plan.t[0], plan.q[:, columns], plan.qd[:, columns], plan.qdd[:, columns]
+    )
+
+
+def started_on_the_plan(phase: Phase, plan: Plan, joints: Sequence[str]) -> Phase:
+    """Return a phase whose plant starts where the plan does, unless it says where."""
+    plant = phase.nodes.get('plant', {})
+    if 'start' in plant:
+        return phase
+    columns = [plan.coordinate_names.index(joint) for joint in joints]
+    start = plan.q[0, columns].tolist()
+    return replace(phase, nodes={**phase.nodes, 'plant': {**plant, 'start': start}})

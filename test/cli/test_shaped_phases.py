@@ -1,0 +1,143 @@
+"""Phases of `denoc up` that shape their reference, and what a report says of their tip."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import denoc_ros as dn
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.cli.config import SessionConfig, load_config
+from denoc_ros.cli.measures import measure, summarize
+from denoc_ros.cli.recording import Recording
+from denoc_ros.cli.shaped_phases import motion_of, plans_of, started_on_the_plan
+from denoc_ros.control.plan import Plan
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError
+from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.simulation.trajectories import Trajectory
+
+ROOT = Path(__file__).resolve().parents[2]
+JOINTS = ['joint_1', 'joint_2']
+START_NS = 1_700_000_000_000_000_000
+REFERENCE = '{kind: book, start: [0.2, 0.3], rate: [0.25, 0.2], period: [2, 2], duration: 2}'
+SESSION = f"""
+robot: {ROOT}/config/robots/two_link_ff.urdf
+gravity: [0, 0, 0]
+reference: {REFERENCE}
+phases:
+  - {{name: plain}}
+  - {{name: shaped, shape: {{method: METHOD}}}}
+"""
+
+
+def session(folder: Path, method: str) -> tuple[SessionConfig, Plan, Robot, Trajectory]:
+    path = folder / 'session.yaml'
+    path.write_text(SESSION.replace('METHOD', method))
+    config = load_config(path)
+    robot = dn.load_robot(config.robot, gravity=config.gravity)
+    trajectory = trajectory_from_config(config.reference, JOINTS)
+    plans = plans_of(config, robot, trajectory, JOINTS, lambda _: nullcontext())
+    assert list(plans) == ['shaped']
+    return config, plans['shaped'], robot, trajectory
+
+
+def test_a_phase_follows_the_plan_of_its_reference(tmp_path: Path) -> None:
+    config, plan, robot, trajectory = session(tmp_path, 'tip')
+    motion = motion_of(plan, JOINTS)
+    t, q, _, _ = trajectory.table(0.01)
+    alone = dn.shape_motion(robot, t, q)
+    np.testing.assert_allclose(plan.q, alone.q, rtol=0, atol=1e-12)
+    at, qd, qdd = np.zeros((3, 2))
+    motion.sample(0.7, at, qd, qdd)
+    joints = [robot.coordinate_names.index(name) for name in JOINTS]
+    column = np.array([np.interp(0.7 + alone.t[0], alone.t, alone.q[:, k]) for k in joints])
+    np.testing.assert_allclose(at, column, rtol=0, atol=1e-5)
+    assert motion.duration == pytest.approx(2.0 + alone.preaction + alone.postaction)
+    phase = started_on_the_plan(config.phases[1], plan, JOINTS)
+    np.testing.assert_allclose(phase.nodes['plant']['start'], alone.q[0, joints], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('method', 'message'),
+    [
+        ('magic', "phase 'shaped': shape: shape_motion: method must be one of .*got 'magic'"),
+        ('tip, tip: nose', "phase 'shaped': shape: .*tip must be"),
+        ('tip, colour: red', "phase 'shaped': shape: .*colour"),
+    ],
+)
+def test_a_shape_that_cannot_be_is_refused(tmp_path: Path, method: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        session(tmp_path, method)
+
+
+def test_nothing_is_shaped_from_no_reference(tmp_path: Path) -> None:
+    path = tmp_path / 'session.yaml'
+    path.write_text(SESSION.replace('METHOD', 'tip').replace(f'reference: {REFERENCE}\n', ''))
+    config = load_config(path)
+    robot = dn.load_robot(config.robot)
+    with pytest.raises(ConfigError, match='phases that shape must have a reference, got none'):
+        plans_of(config, robot, None, JOINTS, lambda _: nullcontext())
+
+
+def rows(t: NDArray[np.float64], q: NDArray[np.float64]) -> list[dict[str, object]]:
+    return [
+        {
+            'positions': position.tolist(),
+            'time_from_start': {'sec': int(at), 'nanosec': round(1e9 * (at % 1.0))},
+        }
+        for at, position in zip(t.tolist(), q, strict=True)
+    ]
+
+
+def test_the_tip_is_judged_by_what_was_asked_for_and_after_the_stop(tmp_path: Path) -> None:
+    """The joints begin 0.5 s early on a detour, come back, and swing by a known angle."""
+    robot = dn.load_robot(ROOT / 'config' / 'robots' / 'two_link_rr.urdf', gravity=(0, 0, 0))
+    kinds = {
+        '/up/phase': 'std_msgs/msg/String',
+        '/up/asked': 'trajectory_msgs/msg/JointTrajectory',
+        '/reference': 'trajectory_msgs/msg/JointTrajectory',
+        '/joint_states': 'sensor_msgs/msg/JointState',
+        '/plant/true_modal_state': 'sensor_msgs/msg/JointState',
+    }
+    t, early, swing = np.linspace(0.0, 2.0, 21), 0.5, 1e-3
+
+    def cycloid(at: NDArray[np.float64]) -> NDArray[np.float64]:
+        inside = np.clip(at, 0.0, 2.0)
+        way = inside / 2.0 - np.sin(np.pi * inside) / (2.0 * np.pi)
+        return np.outer(way, [0.2, 0.1])
+
+    asked = cycloid(t)
+    done = np.linspace(0.0, 2.5, 26)
+    planned = cycloid(done - early)
+    planned += 0.01 * np.sin(np.pi * np.clip(done / early, 0.0, 1.0))[:, None]
+    with BagWriter(tmp_path / 'bag') as bag:
+        for topic, kind in kinds.items():
+            bag.add_topic(topic, kind)
+        bag.write_message('/up/phase', START_NS, data='shaped')
+        names = list(robot.joint_names)
+        for topic, points, begin in (
+            ('/reference', rows(done, planned), 0.0),
+            ('/up/asked', rows(t, asked), early),
+        ):
+            stamp = START_NS + round(1e9 * begin)
+            bag.write_message(topic, stamp, joint_names=names, points=points)
+        for now in np.arange(0.0, 4.5, 0.01):
+            q = cycloid(np.array([now - early]))[0]
+            if now > early + 2.0:
+                q[0] += swing * np.sin(20.0 * now)
+            message = {'name': names, 'position': q}
+            stamp = START_NS + round(1e9 * now)
+            bag.write_message('/joint_states', stamp, **message)
+            bag.write_message('/plant/true_modal_state', stamp, **message)
+        bag.write_message('/up/phase', START_NS + round(4.5e9), data='')
+    (phase,) = measure(Recording(tmp_path / 'bag'), robot, 'tool')
+    assert phase.stop == pytest.approx(early + 2.0)
+    numbers = summarize((phase,))['shaped']
+    assert numbers['tip_error_moving']['max'] < 1e-4
+    reach = float(np.linalg.norm(robot.frame_pose('tool', asked[-1])[:3, 3]))
+    assert numbers['tip_error_after_stop']['max'] == pytest.approx(swing * reach, rel=0.01)
