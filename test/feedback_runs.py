@@ -109,6 +109,7 @@ class Loop:
     seed: int = 1
     lost: float = 0.0  # share of the gauges' values
     silent: tuple[float, float] = (np.inf, np.inf)  # s, when the first gauge says nothing
+    gone: tuple[float, float] = (np.inf, np.inf)  # s, when no torque leaves
     noise: float = 1.0
     stall: float = 0.0  # share of ticks that begin a pause of up to 20 periods
 
@@ -144,6 +145,9 @@ class Loop:
         plan, feedback, now = self.planned, self.feedback, k * PERIOD
         if feedback is None:
             return np.asarray(plan.torque[k])
+        if self.gone[0] <= now < self.gone[1]:
+            feedback.rest()
+            return np.zeros(3)
         settings, joints = feedback.schedule.settings, self.truth.joint_indices
         normal = self.noise * generator.standard_normal(10)
         feedback.follow(now, plan.q[k], plan.qd[k])

@@ -16,6 +16,8 @@ HISTORY = 256  # periods over which values may be late
 # standard deviations of an innovation beyond which a sensor's value is refused: a tick that
 # comes late looks like many
 GATE = 20.0
+FAR = 2.0  # of a sensor's reach: beyond that it says nothing of where to start
+RESTART = 0.5  # s without belief after which the estimate starts anew from what is measured
 LARGEST = 1e3  # m or rad, and per s: no deviation is that large
 AGEING = 0.02  # weight of the newest values' age in the usual one
 REGAIN = 0.2  # s of good values until the estimate is believed again
@@ -76,6 +78,7 @@ class DeviationFilter:
         self._good_at[:] = -np.inf
         self.believed, self.cause, self._fresh = False, 'no measurements yet', True
         self._doubted_at, self._age, self.blind = np.nan, np.nan, True
+        self._began = np.nan
 
     def take_model(self, other: DeviationFilter) -> None:
         """Go on by the model of another filter of the same coordinates and sensors."""
@@ -123,7 +126,7 @@ class DeviationFilter:
             expected = self._plan.at(stamp) + self._own.at(sample)
             innovation[at] = self._values[at] - expected[at]
         if self._fresh and new[0]:
-            self._begin(gains)
+            self._begin(now, gains)
         self._refuse(gains)
         self._good_at[new] = stamps[new]
         new[:] = False
@@ -156,14 +159,18 @@ class DeviationFilter:
             gains.measured @ change[: self._deviations]
         )
 
-    def _begin(self, gains: PostureGains) -> None:
-        """Start with the joints where they are beside the plan: a jump would look like swing."""
-        seen = 2 * self._k if self._new[self._k] else self._k
-        rows = gains.measured[:seen]
-        self.state[: self._deviations] += np.linalg.pinv(rows) @ self._innovation[:seen]
+    def _begin(self, now: float, gains: PostureGains) -> None:
+        """Start from what is measured: a jump would look like swing."""
+        most = FAR * gains.reach
+        most[: 2 * self._k] = np.inf
+        fits = self._new & (np.abs(self._innovation) <= most) & np.isfinite(gains.spread)
+        at = np.flatnonzero(fits)
+        weights = 1.0 / gains.spread[at]
+        rows = weights[:, None] * gains.measured[at]
+        self.state[: self._deviations] += np.linalg.pinv(rows) @ (weights * self._innovation[at])
         self._own.since(-np.inf)[1][:] = gains.measured @ self.state[: self._deviations]
-        self._innovation[:seen] = 0.0
-        self._fresh = False
+        self._innovation[at] = 0.0
+        self._fresh, self._began = False, now
 
     def _refuse(self, gains: PostureGains) -> None:
         """Leave out sensors' values that are too far off."""
@@ -191,6 +198,8 @@ class DeviationFilter:
         self.blind = bool(cause)
         if cause:
             self.believed, self.cause, self._doubted_at = False, cause, now
+            if now - self._began >= RESTART:
+                self.state[:], self._fresh = 0.0, True
         elif not self.believed:
             if not agrees[2 * self._k :].all():
                 self._doubted_at = now

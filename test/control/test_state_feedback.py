@@ -33,6 +33,15 @@ def test_lost_gauge_values_cost_little() -> None:
     assert (lossy.share[1000:] == 1.0).all()
 
 
+def test_robot_that_was_let_go_in_the_middle_is_caught_again() -> None:
+    loop = closed(tip_exact(), canadarm(0.9, 1.2))
+    loop.gone = (3.5, 3.7)
+    run = loop.run(9.0)
+    assert run.error.max() > 0.1
+    assert run.share[4500:].all()
+    assert run.error[-1000:].max() < 0.02
+
+
 def test_pauses_of_the_loop_do_not_lose_the_robot() -> None:
     planned = tip_exact(4.0, 0.3)
     loop = closed(planned, canadarm(0.9, 1.2))
