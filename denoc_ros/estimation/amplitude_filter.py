@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.response import response
+from denoc_ros.errors import StateError
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.correction import take_values
 from denoc_ros.kernels.handle import DAMPING, STIFFNESS
@@ -108,7 +109,13 @@ class AmplitudeFilter:
         self._floor = np.where(np.isfinite(least), least, 0.0)
 
     def linearize(self, q: Array) -> None:
-        """Linearize the model at coordinates q (n,), unless its joints stand as the last time."""
+        """Linearize the model at coordinates q (n,), unless its joints stand as the last time.
+
+        Raises
+        ------
+        StateError
+            The amplitudes are where the model has no vibration: the state has left all bounds.
+        """
         posture = q[self._robot.joint_indices]
         if len(posture) and np.abs(posture - self._posture).max() < TURN:
             return
@@ -117,8 +124,14 @@ class AmplitudeFilter:
         whole = response(self._robot, q, self._free)
         self._mobility = answer = whole[np.ix_(self._among_free, self._among_free)]
         root = np.sqrt(self.stiffness)
-        squares = np.linalg.eigvalsh(root[:, None] * answer * root)
-        self._omega = omega = math.sqrt(squares[0])
+        scaled = root[:, None] * answer * root
+        lowest = np.linalg.eigvalsh(scaled)[0] if np.isfinite(scaled).all() else math.nan
+        if not lowest > 0.0:
+            raise StateError(
+                f'{self._robot.tree.name}: the amplitudes must be where the model vibrates, got a '
+                f'lowest square of a frequency of {lowest:.3g}'
+            )
+        self._omega = omega = math.sqrt(lowest)
         jacobian = np.zeros((3 * m, 3 * m))
         jacobian[:m, m : 2 * m] = np.eye(m)
         jacobian[m : 2 * m, :m] = -answer * self.stiffness

@@ -124,3 +124,13 @@ def test_initial_energy_is_shared_equally() -> None:
     second = covariance.stiffness[2] * (0.01 * ARM[1].length) ** 2
     rates = covariance.covariance[m : 2 * m, m : 2 * m]
     np.testing.assert_allclose(np.trace(inertia @ rates), 2 * (first + second), rtol=0.5)
+
+
+@pytest.mark.parametrize('size', [1e80, 1e200])
+def test_a_state_that_has_left_all_bounds_is_refused(size: float) -> None:
+    found = made()
+    q = np.zeros(arm().n)
+    q[arm().flexible_indices] = size
+    q[arm().joint_indices] = 1.0
+    with np.errstate(all='ignore'), pytest.raises(dn.StateError, match=r'chain: the ampl|finite'):
+        found.linearize(q)
