@@ -181,7 +181,12 @@ def one_round(
 
 
 def rounds(
-    seed: int, seconds: float, folder: Path, scenes: Sequence[Scene], verbose: bool
+    seed: int,
+    seconds: float,
+    folder: Path,
+    scenes: Sequence[Scene],
+    slack: float,
+    verbose: bool,
 ) -> Iterator[Round]:
     """Yield rounds until the time [s] is over, each scene in its turn."""
     end = time.monotonic() + seconds
@@ -192,7 +197,7 @@ def rounds(
             return
         scene = scenes[(seed + number) % len(scenes)]
         place, last = folder / str(number), min(length, left)
-        yield one_round(scene, seed + number, last, place, verbose=verbose)
+        yield one_round(scene, seed + number, last, place, slack=slack, verbose=verbose)
 
 
 def shrunk(told: Round, folder: Path, seconds: float) -> list[Step] | None:
@@ -266,6 +271,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--json', type=Path, help='file for all that was done and seen')
     parser.add_argument('--failed', type=Path, default=FAILED, metavar='FILE')
     parser.add_argument('--shrink', type=float, default=600.0, metavar='SECONDS')
+    parser.add_argument(
+        '--slack',
+        type=float,
+        default=0.0,
+        metavar='SECONDS',
+        help='that torque may pause beyond the law, on a machine that does other things',
+    )
     parser.add_argument('--verbose', action='store_true', help='print each step')
     args = parser.parse_args(argv)
     seed = secrets.randbelow(1 << 30) if args.seed is None else args.seed
@@ -281,7 +293,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if args.replay:
             told.append(replay(args.replay, folder / 'replay', args.verbose))
         else:
-            for each in rounds(seed, 60.0 * args.minutes, folder, scenes, args.verbose):
+            seconds = 60.0 * args.minutes
+            for each in rounds(seed, seconds, folder, scenes, args.slack, args.verbose):
                 told.append(each)
                 if args.json:
                     args.json.write_text(json.dumps([asdict(r) for r in told]))

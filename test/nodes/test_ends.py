@@ -75,7 +75,9 @@ def joined(*given):
         os.kill(os.getpid(), number)
     join(*given)
 driver.Driver._join = joined
-nothing = SimpleNamespace(check=lambda: None, trajectory=None, robot=Path(os.devnull))
+nothing = SimpleNamespace(
+    check=lambda: None, trajectory=None, robot=Path(os.devnull), without=("shaper",)
+)
 try:
     with Interrupts() as interrupts, up._driver(nothing, nothing, nothing, interrupts):
         print('went on')
