@@ -214,7 +214,9 @@ def _phase(
     )
     start, end = interval.start, interval.end
     if reference is not None:
-        start = reference.start
+        start, last = reference.start, max(reference.end, asked.end if asked else 0.0)
+        if end < last + LONG_ENOUGH:  # what is left of the phase says nothing
+            end = min(end, last)
     elif not np.isfinite(start):
         start = 0.0
     measured = _cut(recording.series('joint_states'), start, end)
