@@ -41,7 +41,6 @@ from denoc_ros.nodes.trajectory_messages import has_many_points, read_trajectory
 Array = NDArray[np.float64]
 Measurement = tuple[float, Array, Array | None, Array | None]
 MOST_STEPS = 20  # periods of a processor's time that measurements may take after a pause
-LEAST_TIME = 0.05  # s that they may take in any case: what waits makes gauges look wrong
 QUEUE = 64  # measurements kept for a late tick
 SILENT = 0.5  # s without a value after which a fused sensor counts as missing
 OBSERVER_SETTINGS = (
@@ -225,7 +224,7 @@ class PredictorNode(RobotNode):
 
     def _measure(self, observer: Observer, steps: int) -> None:
         """Take measurements in, for the time that has passed at most; the rest waits."""
-        end = time.thread_time() + max(min(steps, MOST_STEPS) * self.period, LEAST_TIME)
+        end = time.thread_time() + min(steps, MOST_STEPS) * self.period
         while self._queue:
             observer.measure(*self._queue.popleft())
             if time.thread_time() > end:
