@@ -10,7 +10,6 @@ from std_srvs.srv import SetBool
 
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.conversions import JointStateReader
 from denoc_ros.nodes.diagnostics import Status
 from denoc_ros.nodes.following import FollowingConditions
@@ -109,10 +108,7 @@ class LiveFeedforward(RobotNode):
         self.require_configured('to reload its model')
         model = self.read_model(self.settings)
         robot = self.changed_robot(self.settings, model)
-        if tuple(robot.joint_names) != tuple(self.robot.joint_names):
-            rule = f'joints must stay {list(self.robot.joint_names)} on reload'
-            got = f'(clean up and configure instead), got {list(robot.joint_names)}'
-            raise ConfigError(self.get_name(), [f'{rule} {got}'])
+        self.require_joints(robot)
         limits = torque_limits(robot, self.joints, self.settings)
         source = self._build(robot, self.settings)
         self._build_feedback(robot, self.settings, limits)

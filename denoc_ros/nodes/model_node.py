@@ -159,6 +159,19 @@ class ModelNode(DenocNode):
                 [f'the robot must keep its coordinates, got {list(robot.coordinate_names)}'],
             )
 
+    def require_joints(self, robot: Robot) -> None:
+        """Refuse a changed robot that has other joints.
+
+        Raises
+        ------
+        ConfigError
+            With the joints it has.
+        """
+        if tuple(robot.joint_names) != tuple(self.robot.joint_names):
+            rule = f'joints must stay {list(self.robot.joint_names)} on reload'
+            got = f'(clean up and configure instead), got {list(robot.joint_names)}'
+            raise ConfigError(self.get_name(), [f'{rule} {got}'])
+
     def plain(self, changes: dict[str, Value]) -> dict[str, Value]:
         """Return changes with overrides under their own paths."""
         return changes if self.model is None else self.model.plain(changes)

@@ -316,9 +316,7 @@ class ShaperNode(RobotNode):
         self.require_configured('to reload its model')
         model = self.read_model(self.settings)
         robot = self.changed_robot(self.settings, model)
-        if tuple(robot.joint_names) != tuple(self.robot.joint_names):
-            rule = f'joints must stay {list(self.robot.joint_names)} on reload'
-            raise ConfigError(self.get_name(), [f'{rule}, got {list(robot.joint_names)}'])
+        self.require_joints(robot)
         self.robot, self._modes_robot = robot, robot.copy()
         self.adopt_model(model, self.settings)
         with self._lock:
