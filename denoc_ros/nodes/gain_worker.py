@@ -66,7 +66,7 @@ class FeedbackModel:
 
 
 @dataclass(frozen=True)
-class Task:
+class WantedGains:
     """Gains that are wanted: along a trajectory from its start [s], or about a posture."""
 
     model: FeedbackModel
@@ -74,7 +74,7 @@ class Task:
     trajectory: SplineTrajectory | None = None
     start: float = -np.inf
 
-    def is_like(self, other: Task | None) -> bool:
+    def is_like(self, other: WantedGains | None) -> bool:
         """Say whether it asks for the same gains, but for where a lone posture is."""
         return (
             other is not None
@@ -89,7 +89,7 @@ class GainWorker:
 
     Attributes
     ----------
-    task : Task or None
+    task : WantedGains or None
         The one in work, or done last.
     refusal : str
         Why the last one gave no gains, '' if it did.
@@ -98,10 +98,10 @@ class GainWorker:
     """
 
     def __init__(self) -> None:
-        self.task: Task | None = None
+        self.task: WantedGains | None = None
         self.refusal = ''
         self.designs = 0
-        self._made: tuple[Task, StateFeedback | None] | None = None
+        self._made: tuple[WantedGains, StateFeedback | None] | None = None
         self._thread: threading.Thread | None = None
 
     @property
@@ -109,7 +109,7 @@ class GainWorker:
         """Whether a design is in work."""
         return self._thread is not None and self._thread.is_alive()
 
-    def begin(self, task: Task) -> None:
+    def begin(self, task: WantedGains) -> None:
         """Begin a design; the one in work is dropped."""
         self.task = task
         self._thread = threading.Thread(target=self._work, args=(task,), daemon=True)
@@ -119,12 +119,12 @@ class GainWorker:
         """Drop the design in work, and what was made."""
         self.task = self._made = None
 
-    def take(self) -> tuple[Task, StateFeedback | None] | None:
+    def take(self) -> tuple[WantedGains, StateFeedback | None] | None:
         """Return what was made since the last call: None in place of gains that were refused."""
         made, self._made = self._made, None
         return made
 
-    def _work(self, task: Task) -> None:
+    def _work(self, task: WantedGains) -> None:
         def going_on() -> bool:
             return self.task is task
 

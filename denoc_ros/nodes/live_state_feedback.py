@@ -15,7 +15,7 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.nodes.diagnostics import ERROR, WARN, Status
 from denoc_ros.nodes.feedback_parameters import SETTINGS
-from denoc_ros.nodes.gain_worker import FeedbackModel, GainWorker, Task
+from denoc_ros.nodes.gain_worker import FeedbackModel, GainWorker, WantedGains
 from denoc_ros.nodes.parameters import Settings
 from denoc_ros.nodes.reference import ReferenceFollower
 
@@ -50,7 +50,7 @@ class LiveStateFeedback:
         self._model: FeedbackModel | None = None
         self._worker = GainWorker()
         self._now: StateFeedback | None = None
-        self._waiting: tuple[Task, StateFeedback | None] | None = None
+        self._waiting: tuple[WantedGains, StateFeedback | None] | None = None
         self._stamps = StampClock()
         self._fallbacks = self._told = 0
         self.active, self.cause = False, 'no gains yet'
@@ -143,7 +143,7 @@ class LiveStateFeedback:
         if model.has_rates != self._has_rates:
             model = self._model = replace(model, has_rates=self._has_rates)
         coming, known = follower.trajectories(), worker.task
-        task = Task(model, position.copy(), *(coming[-1] if coming else ()))
+        task = WantedGains(model, position.copy(), *(coming[-1] if coming else ()))
         moved = known is None or np.abs(position - known.position).max() > TURN
         if task.is_like(known) and (coming or not moved):
             return
