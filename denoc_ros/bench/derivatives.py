@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.bench.chains import flexible_chain, rigid_chain
-from denoc_ros.bench.growth import slope
+from denoc_ros.bench.growth import sloped
 from denoc_ros.bench.peers import Pinocchio
 from denoc_ros.bench.results import AT_MOST, Check, Line, Reach
 from denoc_ros.bench.rigid import SIZES, State, beside, check, conditioned, random_states, results
@@ -136,15 +136,8 @@ def _growth_lines(effort: Effort, quick: bool) -> Iterator[Line]:
     checked = max(checks, key=lambda each: each.error / each.tolerance)
     for name, subjects in (('inverse', inverse), ('forward', forward)):
         what = f'{name}_dynamics_derivatives, all-flexible chains n = {sizes[0]} … {sizes[-1]}'
-        if not checked.good:
-            yield Line('derivatives', what, 'own slope, log-log', checked, 'slope')
-            continue
-        times = compare(subjects, effort)
-        each = ', '.join(f'{n}: {1e6 * t.median:.1f}' for n, t in zip(sizes, times, strict=True))
-        yield Line(
-            'derivatives', what, 'own slope, log-log', checked, 'slope', slope(sizes, times),
-            Reach(AT_MOST, REACH_SLOPE), times[-1], note=f'us at n links: {each}',
-        )  # fmt: skip
+        line = Line('derivatives', what, 'own slope, log-log', checked, 'slope')
+        yield sloped(line, sizes, subjects, REACH_SLOPE, effort)
 
 
 def check_inverse(robot: Robot, states: Sequence[State]) -> Check:

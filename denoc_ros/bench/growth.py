@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,23 @@ def slope(sizes: Sequence[int], times: Sequence[Times]) -> Spread:
     return Spread.of(np.polyfit(np.log(sizes), medians, 1)[0])
 
 
+def sloped(
+    line: Line, sizes: Sequence[int], subjects: Sequence[Subject], reach: float, effort: Effort
+) -> Line:
+    """Return a line with the slope of its subjects' times by size, if their results are good."""
+    if not line.check.good:
+        return line
+    times = compare(subjects, effort)
+    each = ', '.join(f'{n}: {1e6 * t.median:.1f}' for n, t in zip(sizes, times, strict=True))
+    return replace(
+        line,
+        value=slope(sizes, times),
+        reach=Reach(AT_MOST, reach),
+        ours=times[-1],
+        note=f'us at n links: {each}',
+    )
+
+
 def crossing(sizes: Sequence[int], factors: Sequence[float]) -> float:
     """Return the size from which on the factor stays above 1, between two sizes by logarithms.
 
@@ -68,15 +86,8 @@ def growth_lines(effort: Effort, quick: bool) -> Iterator[Line]:
     checked = max(errors, key=lambda each: each.error / each.tolerance)
     for name, subjects in (('inverse_dynamics', inverse), ('forward_dynamics', forward)):
         what = f'{name}, all-flexible chains n = {sizes[0]} … {sizes[-1]}, two modes per plane'
-        if not checked.good:
-            yield Line('growth', what, 'own slope, log-log', checked, 'slope')
-            continue
-        times = compare(subjects, effort)
-        each = ', '.join(f'{n}: {1e6 * t.median:.1f}' for n, t in zip(sizes, times, strict=True))
-        yield Line(
-            'growth', what, 'own slope, log-log', checked, 'slope', slope(sizes, times),
-            Reach(AT_MOST, REACH_SLOPE), times[-1], note=f'us at n links: {each}',
-        )  # fmt: skip
+        line = Line('growth', what, 'own slope, log-log', checked, 'slope')
+        yield sloped(line, sizes, subjects, REACH_SLOPE, effort)
 
 
 def dense_lines(effort: Effort, quick: bool) -> Iterator[Line]:
