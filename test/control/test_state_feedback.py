@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from feedback_runs import PERIOD, Loop, Outcome, canadarm, closed, tip_exact
+from feedback_runs import PERIOD, Loop, Outcome, Planned, canadarm, closed, tip_exact
 
 from denoc_ros.control.state_feedback import RAMP, StateFeedback
 
@@ -64,19 +64,27 @@ def test_feedback_comes_back_to_a_robot_that_has_drifted_meanwhile() -> None:
     assert run.after(3.0) < 0.01
 
 
+def stand_on_the_plan(
+    planned: Planned, feedback: StateFeedback, tick: int, wild: int | None = None
+) -> None:
+    """Measure in one tick what the plan's first row has; the feedback must add no torque.
+
+    `wild` is the place of a sensor whose value is off by 1.
+    """
+    now, q, qd = tick * PERIOD, planned.q[0], planned.qd[0]
+    feedback.follow(now, q, qd)
+    feedback.filter.take_joints(now, q[planned.robot.joint_indices], np.zeros(3))
+    for place, value in enumerate(planned.robot.sensor_values(q, qd)):
+        feedback.filter.take_sensor(place, now, value + (1.0 if place == wild else 0.0))
+    assert not feedback.torque(now).any()
+    feedback.applied(np.zeros(3))
+
+
 def test_without_deviation_the_torque_is_exactly_the_plans() -> None:
     planned = tip_exact(4.0, 0.1)
     feedback = StateFeedback(planned.robot, planned.schedule())
-    q, qd = planned.q[0], planned.qd[0]
-    values = planned.robot.sensor_values(q, qd)
     for k in range(1000):
-        now = k * PERIOD
-        feedback.follow(now, q, qd)
-        feedback.filter.take_joints(now, q[planned.robot.joint_indices], np.zeros(3))
-        for place, value in enumerate(values):
-            feedback.filter.take_sensor(place, now, value)
-        assert not feedback.torque(now).any()
-        feedback.applied(np.zeros(3))
+        stand_on_the_plan(planned, feedback, k)
     assert feedback.share == 1.0
 
 
@@ -131,17 +139,8 @@ def test_feedback_keeps_to_its_limits_and_its_integrals_rest_there() -> None:
 def test_outliers_of_a_gauge_move_nothing_and_for_long_leave_the_plan_alone() -> None:
     planned = tip_exact(4.0, 0.1)
     feedback = StateFeedback(planned.robot, planned.schedule())
-    q, qd = planned.q[0], planned.qd[0]
-    values = planned.robot.sensor_values(q, qd)
     for k in range(1400):
-        now = k * PERIOD
-        feedback.follow(now, q, qd)
-        feedback.filter.take_joints(now, q[planned.robot.joint_indices], np.zeros(3))
-        for place, value in enumerate(values):
-            wild = place == 2 and (k % 10 == 0 or k > 1300)
-            feedback.filter.take_sensor(place, now, value + (1.0 if wild else 0.0))
-        assert not feedback.torque(now).any()
-        feedback.applied(np.zeros(3))
+        stand_on_the_plan(planned, feedback, k, wild=2 if k % 10 == 0 or k > 1300 else None)
         if k == 1300:
             assert feedback.filter.believed
     assert not feedback.filter.believed
