@@ -246,8 +246,10 @@ class Recorder(DenocNode):
         now_ns, simulated = self.stamp_ns(), self._simulated()
         taken = []
         for topic, recorded in self._topics.items():
-            for raw, received_ns, sent_ns, number in arrived(recorded.subscription, QUEUE_DEPTH):
-                if missed := recorded.gaps.missed(number):
+            waiting = list(arrived(recorded.subscription, QUEUE_DEPTH))
+            publishers = recorded.subscription.handle.get_publisher_count() if waiting else 0
+            for raw, received_ns, sent_ns, number in waiting:
+                if missed := recorded.gaps.missed(number, publishers):
                     self._missed[topic] += missed
                 log_ns = now_ns if simulated or not received_ns else received_ns
                 taken.append((log_ns, topic, raw, sent_ns))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 SILENCE = 2.0  # s without a message after which a publisher counts as silent
-MOST_PUBLISHERS = 16  # of a topic that gaps are told apart for
 MOST_MISSED = 1_000_000  # messages at most between two that came: else it is another publisher
 LOST = 100  # messages at most that one publisher may have sent and that did not come
 
@@ -64,23 +63,23 @@ class Talkers:
 
 
 class Gaps:
-    """Counts the messages of a topic that were sent and did not come, by their numbers.
+    """Counts the messages of a topic's only publisher that were sent and did not come.
 
-    A number goes on from the nearest one below it. One that goes on from none is that of a
-    publisher not heard before: what that had sent till then was not meant for here.
+    Messages do not say whose they are: of several publishers a number that jumps may be another's,
+    so nothing is counted then.
     """
 
     def __init__(self) -> None:
-        self._last: list[int] = []
+        self._last: int | None = None
 
-    def missed(self, number: int | None) -> int:
-        """Take a message's number; return how many of its publisher are missing before it."""
+    def missed(self, number: int | None, publishers: int) -> int:
+        """Take a message's number and how many publishers there are; return how many are missing.
+
+        A publisher's first number misses nothing: what was sent before was not meant for here.
+        """
         if number is None:
             return 0
-        before = max((last for last in self._last if last < number), default=None)
-        if before is None or number - before > MOST_MISSED:
-            self._last = [*self._last[1 - MOST_PUBLISHERS :], number]
+        before, self._last = self._last, number if publishers == 1 else None
+        if before is None or self._last is None or not 0 < number - before <= MOST_MISSED:
             return 0
-        self._last.remove(before)
-        self._last.append(number)
         return number - before - 1
