@@ -146,7 +146,7 @@ def check_ros_arguments(node: str, words: list[str]) -> None:
 
 def check_parameters(node: str, values: Any) -> None:
     """The node's table has them and takes their values."""
-    table = import_module(f'denoc_ros.nodes.{node}_parameters').TABLE
+    table = import_module(f'denoc_ros.runtime.{node}_parameters').TABLE
     if isinstance(values, dict):
         table.settings(values, node)
     for name in values:

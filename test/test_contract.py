@@ -47,7 +47,7 @@ def parameters() -> dict[str, list[Any]]:
     """Return type, default and choices of each node's parameters."""
     found: dict[str, list[Any]] = {}
     for node in NODES:
-        table = import_module(f'denoc_ros.nodes.{node}_parameters').TABLE
+        table = import_module(f'denoc_ros.runtime.{node}_parameters').TABLE
         for row in table.rows:
             found[f'{node}: {row.name}'] = [row.kind.value, row.default, *row.choices]
     return found

@@ -131,7 +131,7 @@ def test_nodes_are_executables_of_ours_and_take_their_parameters(name: str) -> N
         assert node in NODES
         assert (ROOT / 'scripts' / node).is_file()
         parameters = process.parameters(context())
-        table = import_module(f'denoc_ros.nodes.{node}_parameters').TABLE
+        table = import_module(f'denoc_ros.runtime.{node}_parameters').TABLE
         settings = table.settings(parameters, node)
         if node == 'recorder':
             assert settings.text('output') == '12'  # which YAML would take for a number

@@ -23,7 +23,7 @@ SECTION = re.compile(r'(<!-- begin (\w+) (\w+) -->\n)(.*?)(<!-- end -->)', re.DO
 def rendered(kind: str, name: str) -> str:
     """Return what a generated section must hold."""
     if kind == 'parameters':
-        table = import_module(f'denoc_ros.nodes.{name}_parameters').TABLE
+        table = import_module(f'denoc_ros.runtime.{name}_parameters').TABLE
         return f'\n{table.markdown()}\n'
     lines = ['', '| command | does |', '|---|---|']
     for verb in VERBS:

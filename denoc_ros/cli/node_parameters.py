@@ -12,12 +12,12 @@ from denoc_ros.cli.config import Parameters, Phase, SessionConfig
 from denoc_ros.errors import ConfigError
 
 if TYPE_CHECKING:
-    from denoc_ros.nodes.parameters import ParameterTable
+    from denoc_ros.runtime.parameters import ParameterTable
 
 
 def node_table(name: str) -> ParameterTable:
     """Return the parameter table of a node."""
-    table: ParameterTable = import_module(f'denoc_ros.nodes.{name}_parameters').TABLE
+    table: ParameterTable = import_module(f'denoc_ros.runtime.{name}_parameters').TABLE
     return table
 
 

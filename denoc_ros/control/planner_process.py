@@ -1,6 +1,7 @@
 """A process that plans motions: jobs on its standard input, plans on its standard output.
 
-`python -m denoc_ros.control.planner_process`; :class:`denoc_ros.nodes.planner.Planner` starts it.
+`python -m denoc_ros.control.planner_process`, which :class:`denoc_ros.runtime.planner.Planner`
+starts.
 It ends with its input, or with the process that started it.
 """
 

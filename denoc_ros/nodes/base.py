@@ -20,21 +20,17 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes.conversions import InputError
-from denoc_ros.nodes.diagnostics import (
-    DiagnosticsPublisher,
-    Status,
-    callback_status,
-    input_status,
-)
+from denoc_ros.nodes.diagnostics import DiagnosticsPublisher, callback_status
 from denoc_ros.nodes.guarded_node import GuardedNode
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.messages import wait_until_delivered
-from denoc_ros.nodes.parameter_files import shared_names
-from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
-from denoc_ros.nodes.realtime import make_thread_timely, settle_garbage
-from denoc_ros.nodes.safety import InputMonitor
-from denoc_ros.nodes.signals import SIGNALS
+from denoc_ros.runtime.conversions import InputError
+from denoc_ros.runtime.parameter_files import shared_names
+from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
+from denoc_ros.runtime.realtime import make_thread_timely, settle_garbage
+from denoc_ros.runtime.safety import InputMonitor
+from denoc_ros.runtime.signals import SIGNALS
+from denoc_ros.runtime.status import Status, input_status
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)

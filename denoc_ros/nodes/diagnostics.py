@@ -1,38 +1,14 @@
-"""/diagnostics, once a second: what the loop, the inputs and the torque are doing."""
+"""/diagnostics, once a second: a node's statuses as messages."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from denoc_ros.nodes.guarding import Guard
-from denoc_ros.nodes.realtime import refusals
-from denoc_ros.nodes.safety import InputMonitor
-from denoc_ros.nodes.timing import HISTOGRAM_EDGES, LoopStatistics
-
-# DiagnosticStatus.level is bytes
-OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
-
-
-@dataclass
-class Status:
-    """One DiagnosticStatus to be: its name follows `<node>: `."""
-
-    name: str
-    level: bytes = OK
-    message: str = 'ok'
-    values: dict[str, object] = field(default_factory=dict)
-
-    def worsen(self, level: bytes, message: str) -> None:
-        """Raise the level and say why; the worst comes first."""
-        if level > self.level:
-            self.message = message if self.level == OK else f'{message}; {self.message}'
-            self.level = level
-        elif level != OK:
-            self.message = f'{self.message}; {message}'
+from denoc_ros.runtime.status import WARN, Status
 
 
 class DiagnosticsPublisher:
@@ -65,22 +41,6 @@ def _shown(value: object) -> str:
     return f'{value:.6g}' if isinstance(value, float) else str(value)
 
 
-def input_status(monitors: Sequence[InputMonitor], now: float) -> Status:
-    """Return what came in on each topic and what was refused, by cause."""
-    status = Status('inputs')
-    for monitor in monitors:
-        status.values[f'{monitor.topic} accepted'] = monitor.accepted
-        age = monitor.age(now)
-        status.values[f'{monitor.topic} age_s'] = age if monitor.received else 'never'
-        for cause, count in sorted(monitor.rejected.items()):
-            status.values[f'{monitor.topic} rejected {cause}'] = count
-        refused = sum(monitor.rejected.values())
-        if refused > monitor.rejected_reported:
-            status.worsen(WARN, f'rejected: {monitor.last_message}')
-        monitor.rejected_reported = refused
-    return status
-
-
 def callback_status(guard: Guard) -> Status:
     """Return which callbacks failed, and how often; warns of new failures."""
     status = Status('callbacks', values=dict(sorted(guard.failures.items())))
@@ -88,38 +48,4 @@ def callback_status(guard: Guard) -> Status:
     if failed > guard.reported:
         status.worsen(WARN, guard.last)
     guard.reported = failed
-    return status
-
-
-def loop_status(statistics: LoopStatistics, period: float, late_share: float) -> Status:
-    """Return the loop's timing; warns above a share of late ticks."""
-    values: dict[str, object] = {
-        'rate_hz': statistics.rate,
-        'nominal_rate_hz': 1.0 / period,
-        'period_p50_us': 1e6 * statistics.period_p50,
-        'period_p99_us': 1e6 * statistics.period_p99,
-        'period_max_us': 1e6 * statistics.period_max,
-        'tick_p50_us': 1e6 * statistics.tick_p50,
-        'tick_p99_us': 1e6 * statistics.tick_p99,
-        'ticks': statistics.ticks_total,
-        'overruns': statistics.late,
-        'overruns_total': statistics.late_total,
-        'skipped_total': statistics.skipped_total,
-        'histogram_edges': ' '.join(f'{edge:g}' for edge in HISTOGRAM_EDGES),
-        'histogram_counts': ' '.join(str(count) for count in statistics.histogram),
-    }
-    status = Status('loop', values=values)
-    if statistics.late_share > late_share:
-        status.worsen(
-            WARN,
-            f'{100 * statistics.late_share:.1f} % of ticks late by more than half a period',
-        )
-    return status
-
-
-def realtime_status(knobs: Mapping[str, str]) -> Status:
-    """Return what was asked of the system to be on time; warns of what was refused."""
-    status = Status('realtime', values=dict(knobs))
-    for refusal in refusals(knobs):
-        status.worsen(WARN, refusal)
     return status

@@ -13,23 +13,23 @@ from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import EVERY_MESSAGE
-from denoc_ros.nodes.carrying import CarryingTorque
-from denoc_ros.nodes.conversions import (
+from denoc_ros.nodes.live_feedforward import LiveFeedforward
+from denoc_ros.nodes.model_node import driven_joints
+from denoc_ros.nodes.process import leave, run
+from denoc_ros.nodes.torque_output import TorqueOutput
+from denoc_ros.runtime.carrying import CarryingTorque
+from denoc_ros.runtime.conversions import (
     InputError,
     JointStateReader,
 )
-from denoc_ros.nodes.feedforward_parameters import TABLE
-from denoc_ros.nodes.live_feedforward import LiveFeedforward
-from denoc_ros.nodes.live_torque import LiveTorque
-from denoc_ros.nodes.model_node import driven_joints
-from denoc_ros.nodes.motion_bounds import motion_bounds
-from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.reference import DifferencedStream, ReferenceFollower
-from denoc_ros.nodes.safety import InputMonitor, SafeCommand, TorqueLimiter, torque_limits
-from denoc_ros.nodes.stamps import StampOf
-from denoc_ros.nodes.torque_output import TorqueOutput
-from denoc_ros.nodes.torque_status import TorqueStatus
-from denoc_ros.nodes.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.runtime.feedforward_parameters import TABLE
+from denoc_ros.runtime.live_torque import LiveTorque
+from denoc_ros.runtime.motion_bounds import motion_bounds
+from denoc_ros.runtime.reference import DifferencedStream, ReferenceFollower
+from denoc_ros.runtime.safety import InputMonitor, SafeCommand, TorqueLimiter, torque_limits
+from denoc_ros.runtime.stamps import StampOf
+from denoc_ros.runtime.torque_status import TorqueStatus
+from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 
 FINAL_COMMANDS = 5  # sent at the end, in case a reader misses some
 FINAL_SPACING = 0.005  # s

@@ -10,12 +10,11 @@ from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile
 
-from denoc_ros.nodes.conversions import InputError
-from denoc_ros.nodes.safety import InputMonitor
-from denoc_ros.nodes.talkers import Talkers
+from denoc_ros.runtime.conversions import InputError
+from denoc_ros.runtime.safety import InputMonitor
+from denoc_ros.runtime.talkers import Talkers
 
 HELD = 4  # heavy messages that wait; more of them in so short a time are a flood
-LONGEST = 16384  # bytes of a message that a loop has time for
 TAKE_TIME = 2e-3  # s of a processor for the messages of one take; then the newest only
 HEAVY_TIME = 0.01  # s at a time for heavy messages, or one of them
 HEAVY_SHARE = 0.25  # of the time, so that services and timers are served in a flood

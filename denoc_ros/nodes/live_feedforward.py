@@ -10,18 +10,18 @@ from std_srvs.srv import SetBool
 
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.nodes.conversions import JointStateReader
-from denoc_ros.nodes.diagnostics import Status
-from denoc_ros.nodes.following import FollowingConditions
-from denoc_ros.nodes.live_torque import LiveTorque, torque_feedforward
 from denoc_ros.nodes.model_node import is_override
-from denoc_ros.nodes.motion_bounds import MotionBounds, limits_of
-from denoc_ros.nodes.parameters import ParameterTable, Settings, Value
-from denoc_ros.nodes.reference import ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.nodes.safety import InputMonitor, TorqueLimiter, torque_limits
 from denoc_ros.nodes.torque_feedback import TorqueFeedback
-from denoc_ros.nodes.torque_status import TorqueStatus
+from denoc_ros.runtime.conversions import JointStateReader
+from denoc_ros.runtime.following import FollowingConditions
+from denoc_ros.runtime.live_torque import LiveTorque, torque_feedforward
+from denoc_ros.runtime.motion_bounds import MotionBounds, limits_of
+from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
+from denoc_ros.runtime.reference import ReferenceFollower
+from denoc_ros.runtime.safety import InputMonitor, TorqueLimiter, torque_limits
+from denoc_ros.runtime.status import Status
+from denoc_ros.runtime.torque_status import TorqueStatus
 
 Array = NDArray[np.float64]
 WATCH_PERIOD = 0.02  # s between looks at what the feedback needs gains for

@@ -11,7 +11,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.tree import Body
-from denoc_ros.nodes.stamps import stamp_fields
+from denoc_ros.runtime.stamps import stamp_fields
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.bags.definitions import exact_cdr
-from denoc_ros.nodes.stamps import stamp_fields
+from denoc_ros.runtime.stamps import stamp_fields
 
 Array = NDArray[np.float64]
 DELIVERY = 0.5  # s

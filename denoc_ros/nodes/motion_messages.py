@@ -9,8 +9,8 @@ from builtin_interfaces.msg import Duration, Time
 from numpy.typing import NDArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from denoc_ros.nodes.stamps import stamp_fields
-from denoc_ros.nodes.trajectory_messages import TrajectoryMessage
+from denoc_ros.runtime.stamps import stamp_fields
+from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 
 Array = NDArray[np.float64]
 

@@ -21,21 +21,21 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import LATCHED, STATE
-from denoc_ros.nodes.conversions import (
-    CommandReader,
-)
-from denoc_ros.nodes.diagnostics import WARN, Status
 from denoc_ros.nodes.messages import JointStateMessage
 from denoc_ros.nodes.model_node import driven_joints, is_override
-from denoc_ros.nodes.motion_bounds import motion_bounds
-from denoc_ros.nodes.parameters import Settings, Value
-from denoc_ros.nodes.plant_parameters import TABLE
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.reference import ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_outputs import SensorOutputs
-from denoc_ros.nodes.stamps import StampOf
-from denoc_ros.nodes.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.runtime.conversions import (
+    CommandReader,
+)
+from denoc_ros.runtime.motion_bounds import motion_bounds
+from denoc_ros.runtime.parameters import Settings, Value
+from denoc_ros.runtime.plant_parameters import TABLE
+from denoc_ros.runtime.reference import ReferenceFollower
+from denoc_ros.runtime.stamps import StampOf
+from denoc_ros.runtime.status import WARN, Status
+from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 
 Array = NDArray[np.float64]
 CATCH_UP = 50  # steps at most per tick after a pause of the machine; more is time lost

@@ -26,8 +26,8 @@ from denoc_ros.nodes.base import EVERY_MESSAGE
 from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.nodes.messages import JointStateMessage, TrajectoryPointMessage
 from denoc_ros.nodes.process import leave
-from denoc_ros.nodes.signals import SIGNALS, Interrupted
 from denoc_ros.nodes.without_events import WithoutEvents
+from denoc_ros.runtime.signals import SIGNALS, Interrupted
 
 Array = NDArray[np.float64]
 LOOK = Duration(seconds=0.2)

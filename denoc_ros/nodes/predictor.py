@@ -21,22 +21,22 @@ from denoc_ros.estimation.fusion import FusionSettings, StrainFusion
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.nodes.base import STATE
-from denoc_ros.nodes.conversions import (
-    JointStateReader,
-)
-from denoc_ros.nodes.diagnostics import WARN, Status
 from denoc_ros.nodes.markers import CentreLines
 from denoc_ros.nodes.model_node import driven_joints, is_override
-from denoc_ros.nodes.motion_bounds import limits_of, motion_bounds
-from denoc_ros.nodes.parameters import Settings, Value
 from denoc_ros.nodes.predictor_outputs import PredictorOutputs
-from denoc_ros.nodes.predictor_parameters import TABLE
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.reference import ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
-from denoc_ros.nodes.stamps import StampOf
-from denoc_ros.nodes.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.runtime.conversions import (
+    JointStateReader,
+)
+from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
+from denoc_ros.runtime.parameters import Settings, Value
+from denoc_ros.runtime.predictor_parameters import TABLE
+from denoc_ros.runtime.reference import ReferenceFollower
+from denoc_ros.runtime.stamps import StampOf
+from denoc_ros.runtime.status import WARN, Status
+from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 
 Array = NDArray[np.float64]
 Measurement = tuple[float, Array, Array | None, Array | None]

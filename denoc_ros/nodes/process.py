@@ -22,8 +22,8 @@ from rclpy.signals import SignalHandlerOptions
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.graph import leave_graph
-from denoc_ros.nodes.signals import SIGNALS, Interrupted
-from denoc_ros.nodes.watchdog import Watchdog
+from denoc_ros.runtime.signals import SIGNALS, Interrupted
+from denoc_ros.runtime.watchdog import Watchdog
 
 # a callback may load and compile a robot; beyond that (s) the executor hangs
 PATIENCE = 60.0

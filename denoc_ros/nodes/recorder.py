@@ -21,11 +21,11 @@ from denoc_ros.bags.metadata import Qos
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 from denoc_ros.nodes.base import LATCHED, DenocNode
-from denoc_ros.nodes.diagnostics import ERROR, OK, WARN, Status
 from denoc_ros.nodes.inputs import arrived
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.recorder_parameters import TABLE
-from denoc_ros.nodes.talkers import Gaps
+from denoc_ros.runtime.recorder_parameters import TABLE
+from denoc_ros.runtime.status import ERROR, OK, WARN, Status
+from denoc_ros.runtime.talkers import Gaps
 
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
 MARK_TYPE = 'std_msgs/msg/String'

@@ -9,14 +9,15 @@ from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from denoc_ros.nodes.diagnostics import ERROR, Status, loop_status, realtime_status
 from denoc_ros.nodes.guarding import Guard
-from denoc_ros.nodes.inputs import LONGEST, Handler, Input, never_heavy
+from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.model_node import ModelNode
-from denoc_ros.nodes.parameters import ParameterTable
-from denoc_ros.nodes.realtime import lock_memory
-from denoc_ros.nodes.safety import InputMonitor
-from denoc_ros.nodes.timing import Loop, LoopStatistics
+from denoc_ros.runtime.conversions import LONGEST
+from denoc_ros.runtime.parameters import ParameterTable
+from denoc_ros.runtime.realtime import lock_memory
+from denoc_ros.runtime.safety import InputMonitor
+from denoc_ros.runtime.status import ERROR, Status, loop_status, realtime_status
+from denoc_ros.runtime.timing import Loop, LoopStatistics
 
 # what a flood at 10 kHz brings between two ticks at 1 kHz, and some more
 WITHIN_A_TICK = QoSProfile(depth=16, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -15,9 +15,9 @@ from std_msgs.msg import Float64, Float64MultiArray
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.model.sensors import WRENCH_FIELDS, wrench_field
 from denoc_ros.model.tree import Sensor, Tree
-from denoc_ros.nodes.conversions import CdrReader, InputError
 from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.nodes.safety import InputMonitor
+from denoc_ros.runtime.conversions import CdrReader, InputError
+from denoc_ros.runtime.safety import InputMonitor
 
 Array = NDArray[np.float64]
 

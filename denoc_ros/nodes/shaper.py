@@ -17,22 +17,22 @@ from denoc_ros.control.joint_limits import joint_limits
 from denoc_ros.control.ringing import RingingModes, require_tree, ringing_modes
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.errors import ConfigError, DenocError
-from denoc_ros.nodes.conversions import InputError, JointStateReader
-from denoc_ros.nodes.diagnostics import ERROR, WARN, Status
 from denoc_ros.nodes.messages import TrajectoryPointMessage
 from denoc_ros.nodes.model_node import is_override
-from denoc_ros.nodes.motion_bounds import motion_bounds
 from denoc_ros.nodes.motion_messages import planned_message, unshaped_message
-from denoc_ros.nodes.motion_planning import MotionPlanning, given_limits, servo_columns
-from denoc_ros.nodes.motion_samples import Motion
-from denoc_ros.nodes.parameters import Settings, Value
-from denoc_ros.nodes.planner import Answer
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.nodes.shaped_stream import ShapedStream
-from denoc_ros.nodes.shaper_parameters import OF_STREAMS, TABLE
-from denoc_ros.nodes.stamps import StampOf
-from denoc_ros.nodes.trajectory_messages import (
+from denoc_ros.runtime.conversions import InputError, JointStateReader
+from denoc_ros.runtime.motion_bounds import motion_bounds
+from denoc_ros.runtime.motion_planning import MotionPlanning, given_limits, servo_columns
+from denoc_ros.runtime.motion_samples import Motion
+from denoc_ros.runtime.parameters import Settings, Value
+from denoc_ros.runtime.planner import Answer
+from denoc_ros.runtime.shaped_stream import ShapedStream
+from denoc_ros.runtime.shaper_parameters import OF_STREAMS, TABLE
+from denoc_ros.runtime.stamps import StampOf
+from denoc_ros.runtime.status import ERROR, WARN, Status
+from denoc_ros.runtime.trajectory_messages import (
     TrajectoryMessage,
     has_many_points,
     read_trajectory,

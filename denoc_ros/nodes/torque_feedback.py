@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.nodes.conversions import JointStateReader
-from denoc_ros.nodes.diagnostics import Status
-from denoc_ros.nodes.live_state_feedback import LiveStateFeedback
-from denoc_ros.nodes.parameters import Settings
-from denoc_ros.nodes.reference import ReferenceFollower
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
-from denoc_ros.nodes.strain_feedback import StrainFeedback
+from denoc_ros.runtime.conversions import JointStateReader
+from denoc_ros.runtime.live_state_feedback import LiveStateFeedback
+from denoc_ros.runtime.parameters import Settings
+from denoc_ros.runtime.reference import ReferenceFollower
+from denoc_ros.runtime.status import Status
+from denoc_ros.runtime.strain_feedback import StrainFeedback
 
 Array = NDArray[np.float64]
 

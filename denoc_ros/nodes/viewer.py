@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 from sensor_msgs.msg import JointState
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.nodes.diagnostics import WARN, Status, realtime_status
-from denoc_ros.nodes.live_moments import LiveMoments
 from denoc_ros.nodes.model_node import ModelNode
-from denoc_ros.nodes.pace import Pace
 from denoc_ros.nodes.polled_inputs import PolledInputs
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.realtime import lower_priority
-from denoc_ros.nodes.viewer_parameters import TABLE
+from denoc_ros.runtime.live_moments import LiveMoments
+from denoc_ros.runtime.pace import Pace
+from denoc_ros.runtime.realtime import lower_priority
+from denoc_ros.runtime.status import WARN, Status, realtime_status
+from denoc_ros.runtime.viewer_parameters import TABLE
 from denoc_ros.viewer import NO_VISER
 from denoc_ros.viewer.moment import Moment
 

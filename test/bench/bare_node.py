@@ -30,7 +30,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from denoc_ros.nodes.process import SWITCH_INTERVAL
-from denoc_ros.nodes.timing import Loop
+from denoc_ros.runtime.timing import Loop
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)

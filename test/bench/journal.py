@@ -21,8 +21,9 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes import process, timing
-from denoc_ros.nodes.timing import Loop
+from denoc_ros.nodes import process
+from denoc_ros.runtime import timing
+from denoc_ros.runtime.timing import Loop
 
 TICKS_KEPT = 1 << 20  # a quarter of an hour at 1000 Hz
 

@@ -10,7 +10,7 @@ import signal
 import sys
 import time
 
-from denoc_ros.nodes.timing import Loop
+from denoc_ros.runtime.timing import Loop
 
 
 def main() -> None:

@@ -37,7 +37,7 @@ def talker(rate: float, priority: int, file: Path) -> None:
     from denoc_ros.nodes.base import STATE
     from denoc_ros.nodes.messages import JointStateMessage
     from denoc_ros.nodes.process import SWITCH_INTERVAL
-    from denoc_ros.nodes.timing import Loop
+    from denoc_ros.runtime.timing import Loop
 
     told: list[int] = []
     signal.signal(signal.SIGINT, lambda number, _: told.append(number))

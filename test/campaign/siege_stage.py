@@ -37,7 +37,7 @@ from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.cli.node_parameters import write_parameters
-from denoc_ros.nodes.realtime import make_thread_timely
+from denoc_ros.runtime.realtime import make_thread_timely
 
 FEED = 100.0  # Hz of joint states
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -36,7 +36,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.cli.node_parameters import write_parameters
 from denoc_ros.cli.processes import Processes
-from denoc_ros.nodes.realtime import make_thread_timely
+from denoc_ros.runtime.realtime import make_thread_timely
 
 POSTURE, GOAL = [0.4, -0.7], [0.1, 0.2]
 RATE = 500.0  # Hz of the loop

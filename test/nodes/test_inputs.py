@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from sensor_msgs.msg import JointState
 
-from denoc_ros.nodes.conversions import JointStateReader
-from denoc_ros.nodes.inputs import HELD, LONGEST
-from denoc_ros.nodes.parameters import ParameterTable
+from denoc_ros.nodes.inputs import HELD
 from denoc_ros.nodes.robot_node import WITHIN_A_TICK, RobotNode
-from denoc_ros.nodes.shared_parameters import (
+from denoc_ros.runtime.conversions import LONGEST, JointStateReader
+from denoc_ros.runtime.parameters import ParameterTable
+from denoc_ros.runtime.shared_parameters import (
     input_parameters,
     lifecycle_parameters,
     loop_parameters,

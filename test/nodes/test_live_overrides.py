@@ -14,9 +14,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.nodes.feedforward import FeedforwardNode
-from denoc_ros.nodes.live_model import LiveModel
 from denoc_ros.nodes.plant import PlantNode
 from denoc_ros.nodes.predictor import PredictorNode
+from denoc_ros.runtime.live_model import LiveModel
 
 pytestmark = pytest.mark.ros
 Q, QD, QDD = [0.4, -0.7], [0.3, 0.2], [1.0, -2.0]

@@ -11,11 +11,11 @@ from feedback_runs import CANADARM, PERIOD, START, Planned, canadarm, tip_exact
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
-from denoc_ros.nodes.feedforward_parameters import TABLE
-from denoc_ros.nodes.live_state_feedback import LiveStateFeedback
-from denoc_ros.nodes.parameters import Settings
-from denoc_ros.nodes.reference import ReferenceFollower
-from denoc_ros.nodes.trajectory_messages import TrajectoryMessage
+from denoc_ros.runtime.feedforward_parameters import TABLE
+from denoc_ros.runtime.live_state_feedback import LiveStateFeedback
+from denoc_ros.runtime.parameters import Settings
+from denoc_ros.runtime.reference import ReferenceFollower
+from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 
 LIMITS = np.full(3, 5000.0)
 JOINTS = ('joint_1', 'joint_2', 'joint_3')

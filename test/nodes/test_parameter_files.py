@@ -13,11 +13,11 @@ from remote_parameters import Remote
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.feedforward import FeedforwardNode
-from denoc_ros.nodes.parameter_files import shared_names
 from denoc_ros.nodes.plant import PlantNode
 from denoc_ros.nodes.predictor import PredictorNode
 from denoc_ros.nodes.recorder import Recorder
 from denoc_ros.nodes.viewer import ViewerNode
+from denoc_ros.runtime.parameter_files import shared_names
 
 pytestmark = pytest.mark.ros
 CLASSES = {
@@ -143,7 +143,7 @@ def test_a_node_starts_from_what_it_dumps(
 
 @pytest.mark.parametrize('name', sorted(CLASSES))
 def test_documented_defaults_can_be_given(graph: Any, tmp_path: Path, name: str) -> None:
-    table = import_module(f'denoc_ros.nodes.{name}_parameters').TABLE
+    table = import_module(f'denoc_ros.runtime.{name}_parameters').TABLE
     defaults = {row.name: row.default for row in table.rows if row.default is not None}
     file = tmp_path / 'defaults.yaml'
     file.write_text(yaml.dump({f'/**/{name}': {'ros__parameters': defaults}}))

@@ -25,7 +25,7 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.predictor import PredictorNode
 from denoc_ros.nodes.predictor_outputs import quaternion
-from denoc_ros.nodes.predictor_parameters import TABLE
+from denoc_ros.runtime.predictor_parameters import TABLE
 from denoc_ros.simulation.run import Run
 
 pytestmark = pytest.mark.ros

@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 from node_robots import GRAVITY, two_links
 
-from denoc_ros.nodes.diagnostics import WARN, realtime_status
 from denoc_ros.nodes.feedforward import FeedforwardNode
-from denoc_ros.nodes.realtime import make_thread_timely, refusals
+from denoc_ros.runtime.realtime import make_thread_timely, refusals
+from denoc_ros.runtime.status import WARN, realtime_status
 
 PR_GET_TIMERSLACK = 30
 
@@ -62,7 +62,7 @@ def test_what_is_off_changes_nothing_and_what_cannot_be_is_refused() -> None:
 
 
 PROBE = """
-from denoc_ros.nodes.realtime import lock_memory, settle_garbage
+from denoc_ros.runtime.realtime import lock_memory, settle_garbage
 print(lock_memory(True)['lock_memory'])
 print(settle_garbage()['garbage'])
 print(open('/proc/self/status').read())

@@ -24,9 +24,9 @@ from type_description_interfaces.srv import GetTypeDescription
 from denoc_ros.nodes.base import LATCHED, DenocNode
 from denoc_ros.nodes.feedforward import FeedforwardNode
 from denoc_ros.nodes.model_node import ModelNode
-from denoc_ros.nodes.parameters import Kind, ParameterTable
-from denoc_ros.nodes.parameters import Parameter as Row
-from denoc_ros.nodes.shared_parameters import lifecycle_parameters, robot_parameters
+from denoc_ros.runtime.parameters import Kind, ParameterTable
+from denoc_ros.runtime.parameters import Parameter as Row
+from denoc_ros.runtime.shared_parameters import lifecycle_parameters, robot_parameters
 
 pytestmark = pytest.mark.ros
 

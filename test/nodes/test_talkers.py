@@ -15,17 +15,17 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from denoc_ros.nodes.base import DenocNode
-from denoc_ros.nodes.conversions import JointStateReader
-from denoc_ros.nodes.parameters import ParameterTable
 from denoc_ros.nodes.recorder import Recorder
 from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.nodes.shared_parameters import (
+from denoc_ros.runtime.conversions import JointStateReader
+from denoc_ros.runtime.parameters import ParameterTable
+from denoc_ros.runtime.shared_parameters import (
     input_parameters,
     lifecycle_parameters,
     loop_parameters,
     robot_parameters,
 )
-from denoc_ros.nodes.talkers import LOST, SILENCE, Gaps, Talkers
+from denoc_ros.runtime.talkers import LOST, SILENCE, Gaps, Talkers
 
 pytestmark = pytest.mark.ros
 

@@ -1,0 +1,1 @@
+"""What a real-time node needs and no ROS: loop, safety, parameters, references, live models."""

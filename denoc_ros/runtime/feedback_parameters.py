@@ -1,0 +1,115 @@
+"""The feedforward node's parameters `feedback.*`."""
+
+from __future__ import annotations
+
+from denoc_ros.control.feedback_settings import FeedbackSettings
+from denoc_ros.runtime.parameters import Kind, Parameter
+
+STATES = ('off', 'lqr')
+DELAY = 1.5  # periods: sampling, transport and half a hold
+# rows that say how a setting of the state feedback is called, and what it is
+SETTINGS = (
+    ('tip_error', 'error of the tip that is worth `effort_share`', 'm'),
+    ('tip_turn', 'rotation of the tip that is worth as much', 'rad'),
+    ('joint_error', "error of a joint that is worth as much, beside the tip's", 'rad, m'),
+    ('effort_share', 'share of the effort limits that these errors are worth', ''),
+    ('model_error', "how far the model's torques and elastic forces may be off, as a share", ''),
+    ('position_noise', 'standard deviation of measured joint positions', 'rad, m'),
+    ('velocity_noise', 'standard deviation of measured joint rates', 'rad/s, m/s'),
+    ('sensor_timeout', 'without a good value of every sensor: the plan alone', 's'),
+)
+
+
+def feedback_parameters() -> tuple[Parameter, ...]:
+    """Return the rows of damping by strain and of state feedback."""
+    return (*_strain_parameters(), *_state_parameters())
+
+
+def _state_parameters() -> tuple[Parameter, ...]:
+    defaults = {name: getattr(FeedbackSettings, name) for name, *_ in SETTINGS}
+    return (
+        Parameter(
+            'feedback.state',
+            Kind.STRING,
+            'off',
+            'lqr: torque against the deviation of all coordinates from the plan, by joints and '
+            'sensors; refused unless stable with stiffness and load 20 % off',
+            choices=STATES,
+        ),
+        Parameter(
+            'feedback.tip', Kind.STRING, '', 'frame that is to stay on the plan; empty: the last'
+        ),
+        *(
+            Parameter(
+                f'feedback.{name}', Kind.DOUBLE, defaults[name], f'state feedback: {text}', unit,
+                positive=True,
+            )
+            for name, text, unit in SETTINGS
+        ),
+        Parameter(
+            'feedback.integral_time',
+            Kind.DOUBLE,
+            FeedbackSettings.integral_time,
+            'state feedback: s in which an error that stays asks for as much again; 0: never',
+            's',
+            0.0,
+        ),
+        Parameter(
+            'feedback.delay',
+            Kind.DOUBLE,
+            DELAY,
+            'state feedback: from a measurement to the torque that answers it',
+            'periods',
+            0.0,
+            50.0,
+        ),
+        Parameter(
+            'feedback.sensor_delay',
+            Kind.DOUBLE,
+            0.0,
+            "state feedback: how much later than the joints' the sensors' values come",
+            's',
+            0.0,
+            0.05,
+        ),
+        Parameter(
+            'feedback.state_limit',
+            Kind.DOUBLE,
+            FeedbackSettings.limit,
+            'largest torque of the state feedback, as a share of the effort limit',
+            '',
+            maximum=1.0,
+            positive=True,
+        ),
+    )  # fmt: skip
+
+
+def _strain_parameters() -> tuple[Parameter, ...]:
+    return (
+        Parameter(
+            'feedback.strain_gain',
+            Kind.DOUBLES,
+            [],
+            'damping torque per rate of the strain on the link behind each driven joint; empty: '
+            'off. Refused unless it takes power from every mode of the model',
+            'N m s, N s',
+            0.0,
+        ),
+        Parameter(
+            'feedback.strain_limit',
+            Kind.DOUBLE,
+            0.2,
+            'largest damping torque, as a share of the effort limit',
+            '',
+            0.0,
+            1.0,
+        ),
+        Parameter(
+            'feedback.cutoff',
+            Kind.DOUBLE,
+            50.0,
+            'bandwidth of the filter that makes the rate of strain',
+            'Hz',
+            positive=True,
+        ),
+    )

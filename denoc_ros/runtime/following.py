@@ -1,0 +1,74 @@
+"""When the reference may be followed; nothing here needs ROS."""
+
+from __future__ import annotations
+
+import math
+
+from denoc_ros.runtime.parameters import Settings
+from denoc_ros.runtime.reference import ReferenceFollower
+
+
+class FollowingConditions:
+    """Says why a reference may not be followed.
+
+    Parameters
+    ----------
+    settings : Settings
+    from_joints : bool
+        Whether the reference is the measured motion itself.
+
+    Attributes
+    ----------
+    enabled, stopped : bool
+        What was asked for by services.
+    reference_timeout, lead : float
+        s, as the parameters say.
+    """
+
+    def __init__(self, settings: Settings, from_joints: bool) -> None:
+        self.enabled = settings.flag('enabled')
+        self.stopped = False
+        self._from_joints = from_joints
+        self.update(settings)
+
+    def update(self, settings: Settings) -> None:
+        """Keep what the loop reads each tick at hand."""
+        self.reference_timeout = settings.number('reference_timeout')
+        self.lead = settings.number('lead_time')
+        self._joint_timeout = settings.number('joint_state_timeout')
+        self._needs_joints = settings.flag('require_joint_states') or self._from_joints
+
+    def enable(self, enabled: bool) -> None:
+        """Let the reference be followed or not; enabling ends a stop."""
+        self.enabled = enabled
+        self.stopped = self.stopped and not enabled
+
+    def trouble(
+        self, now: float, joint_age: float, has_posture: bool, follower: ReferenceFollower
+    ) -> str:
+        """Return why the reference may not be followed, '' if it may.
+
+        Parameters
+        ----------
+        now : float
+            Steady clock [s].
+        joint_age : float
+            Age of the last good joint state [s]; infinite if there is none.
+        has_posture : bool
+            Whether it is one that the model can have.
+        follower : ReferenceFollower
+        """
+        if self.stopped:
+            return 'stopped'
+        if not self.enabled:
+            return 'disabled'
+        if self._needs_joints:
+            if joint_age > self._joint_timeout:
+                return 'stale joint_states' if joint_age < math.inf else 'no joint_states yet'
+            if not has_posture:
+                return 'joint_states have no posture'
+        if not follower.given:
+            return 'no reference yet'
+        if follower.age(now) > self.reference_timeout:
+            return 'stale reference'
+        return ''

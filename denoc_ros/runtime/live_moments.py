@@ -1,0 +1,172 @@
+"""What topics said last, as moments to draw; nothing here needs ROS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.runtime.conversions import JointStateReader, joint_names
+from denoc_ros.runtime.live_state import LiveState
+from denoc_ros.viewer.channels import deflection_channel, residual_channel, torque_channels
+from denoc_ros.viewer.moment import Moment
+
+Array = NDArray[np.float64]
+# what the charts call a source, by the node that its topic is of
+WORDS = {'predictor': 'predicted', 'plant': 'true'}
+
+
+class LiveMoments:
+    """Keeps the newest of every topic and makes moments of what is fresh.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its workspace is used.
+    posture : (n,) array
+        Coordinates near which loops are closed.
+    states : sequence of str
+        Topics that say where the robot is; the first that is fresh is drawn.
+    torque, residual : str
+        Topics of commanded torque and of sensor residuals; '' for none.
+    timeout : float
+        s after which a topic's last word counts no more.
+
+    Attributes
+    ----------
+    source : str
+        The topic that the last moment is of; '' before there is one.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        posture: Array,
+        states: Sequence[str],
+        torque: str = '',
+        residual: str = '',
+        timeout: float = 0.5,
+    ) -> None:
+        self.source = ''
+        self._robot = robot
+        self._timeout = timeout
+        self._start = time.perf_counter()
+        self._states = {topic: LiveState(robot, posture) for topic in states}
+        self._values = {topic: NamedValues() for topic in (torque, residual) if topic}
+        self._torque, self._residual = torque, residual
+        self._heard: dict[str, float] = {}
+        self._deflections = TipDeflections(robot)
+        self._shown = _bending(robot, self._deflections.names)
+        self._torque_channels = torque_channels(robot.tree)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topics that are taken, all of type sensor_msgs/JointState."""
+        return (*self._states, *self._values)
+
+    def take(self, topic: str, raw: bytes, admit: Callable[[int], None]) -> None:
+        """Take a message; InputError where it is refused."""
+        (self._states.get(topic) or self._values[topic]).read(raw, admit)
+        self._heard[topic] = time.perf_counter()
+
+    def forget(self) -> None:
+        """Forget what was said, and begin the time anew."""
+        self._heard.clear()
+        self._start = time.perf_counter()
+        self.source = ''
+
+    def moment(self, now: float) -> Moment | None:
+        """Return the moment to draw at `now` [s, steady clock], None where nothing is fresh."""
+        fresh = [topic for topic in self._states if self._is_fresh(topic, now)]
+        self.source = fresh[0] if fresh else ''
+        if not fresh:
+            return None
+        state = self._states[fresh[0]]
+        torque = self._torques(now) or self._measured(fresh)
+        channels: dict[str, float] = {}
+        for topic in fresh:
+            channels.update(self._bends(topic))
+        channels.update({self._torque_channels[name]: value for name, value in torque.items()})
+        if self._is_fresh(self._residual, now):
+            residuals = self._values[self._residual].position
+            channels.update({residual_channel(name): each for name, each in residuals.items()})
+        return Moment(now - self._start, state.q, state.qd, torque or None, channels)
+
+    def wanted(self, now: float) -> list[str]:
+        """Return the topics that are worth listening to at `now` [s].
+
+        Joints alone say nothing new where a modal state and the commanded torque are fresh.
+        """
+        modal = any(s.bent and self._is_fresh(t, now) for t, s in self._states.items())
+        known = modal and self._is_fresh(self._torque, now)
+        return [t for t in self.topics if not (known and t in self._states and self._plain(t))]
+
+    def _plain(self, topic: str) -> bool:
+        return self._states[topic].heard and not self._states[topic].bent
+
+    def _is_fresh(self, topic: str, now: float) -> bool:
+        return now - self._heard.get(topic, -np.inf) < self._timeout
+
+    def _torques(self, now: float) -> dict[str, float]:
+        """Return the commanded torque of the robot's joints."""
+        if not self._is_fresh(self._torque, now):
+            return {}
+        said = self._values[self._torque].effort
+        return {name: each for name, each in said.items() if name in self._torque_channels}
+
+    def _measured(self, fresh: Sequence[str]) -> dict[str, float]:
+        """Return the torque that the first of topics says that says any."""
+        return next((self._states[t].torque for t in fresh if self._states[t].torque), {})
+
+    def _bends(self, topic: str) -> dict[str, float]:
+        state = self._states[topic]
+        if not state.bent:
+            return {}
+        node = (topic.strip('/').split('/')[:-1] or [topic])[-1]
+        position, _ = self._deflections.evaluate(state.q, state.qd)
+        return {
+            deflection_channel(WORDS.get(node, node), tip): float(position[place])
+            for tip, place in self._shown
+        }
+
+
+class NamedValues:
+    """The newest values of a topic of sensor_msgs/JointState, whatever it names.
+
+    Attributes
+    ----------
+    position, effort : dict of str to float
+        By name; effort is empty where the message has none.
+    """
+
+    def __init__(self) -> None:
+        self.position: dict[str, float] = {}
+        self.effort: dict[str, float] = {}
+        self._reader = JointStateReader(())
+
+    def read(self, raw: bytes, admit: Callable[[int], None]) -> None:
+        """Take a message; raises as JointStateReader.read does."""
+        names = joint_names(raw)
+        if names != self._reader.joints:
+            self._reader = JointStateReader(names)
+        reader = self._reader
+        reader.read(raw, admit)
+        self.position = dict(zip(names, reader.position.tolist(), strict=True))
+        efforts = zip(names, reader.effort.tolist(), strict=True)
+        self.effort = dict(efforts) if reader.has_effort else {}
+
+
+def _bending(robot: Robot, names: Sequence[str]) -> list[tuple[str, int]]:
+    """Return the tips' components that have modes of their own, with their places."""
+    beams = {body.name: body.beam for body in robot.tree.bodies if body.beam is not None}
+    found = []
+    for place, name in enumerate(names):
+        link, _, component = name.rpartition('/')
+        modes = dict(zip(('uy', 'uz', 'rx'), beams[link].modes, strict=True))
+        if modes.get(component):
+            found.append((name, place))
+    return found

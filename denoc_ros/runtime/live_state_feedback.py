@@ -1,0 +1,259 @@
+"""State feedback while a node runs: gains come from beside the loop; nothing here needs ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.control.feedback_settings import FeedbackSettings
+from denoc_ros.control.state_feedback import StateFeedback
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError
+from denoc_ros.estimation.clock import StampClock
+from denoc_ros.runtime.feedback_parameters import SETTINGS
+from denoc_ros.runtime.gain_worker import FeedbackModel, GainWorker, WantedGains
+from denoc_ros.runtime.parameters import Settings
+from denoc_ros.runtime.reference import ReferenceFollower
+from denoc_ros.runtime.status import ERROR, WARN, Status
+
+Array = NDArray[np.float64]
+
+TURN = 0.1  # rad or m that a streamed reference may move before its gains are made anew
+REACH = 0.3  # rad or m from where they were shown stable within which gains are used
+
+
+class LiveStateFeedback:
+    """Torque of :class:`denoc_ros.control.state_feedback.StateFeedback` in a node's loop.
+
+    Gains are made beside the loop (`watch`): along a trajectory when it has come, else about where
+    a streamed reference is. The loop takes them between two ticks. Without gains for where the
+    reference is, there is no feedback.
+
+    Parameters
+    ----------
+    name : str
+        The node's, for messages.
+
+    Attributes
+    ----------
+    active : bool
+        Whether a torque of the feedback leaves.
+    cause : str
+        Why none does, '' if one does or soon will.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._model: FeedbackModel | None = None
+        self._worker = GainWorker()
+        self._now: StateFeedback | None = None
+        self._waiting: tuple[WantedGains, StateFeedback | None] | None = None
+        self._stamps = StampClock()
+        self._fallbacks = self._told = 0
+        self.active, self.cause = False, 'no gains yet'
+        self._has_rates = True
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the parameters ask for it."""
+        return self._model is not None
+
+    def build(
+        self, robot: Robot, joints: Sequence[str], settings: Settings, limits: Array,
+        posture: Array,
+    ) -> None:  # fmt: skip
+        """Take a robot over, if state feedback is wanted: its gains about a posture are tried.
+
+        Raises
+        ------
+        ConfigError
+            Parameters that state feedback cannot work with.
+        StateError, SolverError
+            There are no gains about the posture, or they are not stable for models 20 % off.
+        """
+        if settings.text('feedback.state') == 'off':
+            self._model = self._now = None
+            return
+        self._require(settings)
+        index = [robot.joint_indices[robot.joint_names.index(joint)] for joint in joints]
+        period = 1.0 / settings.number('update_rate')
+        wanted = FeedbackSettings(
+            period=period,
+            tip=settings.text('feedback.tip') or list(robot.tree.frames)[-1],
+            delay=settings.number('feedback.delay') * period,
+            sensor_delay=settings.number('feedback.sensor_delay'),
+            integral_time=settings.number('feedback.integral_time'),
+            limit=settings.number('feedback.state_limit'),
+            **{name: settings.number(f'feedback.{name}') for name, *_ in SETTINGS},
+        )
+        position = np.array(posture[index])
+        model = FeedbackModel(robot, tuple(joints), limits.copy(), posture.copy(), wanted)
+        if self._worker.task is not None:  # the model of a node that runs: where it is
+            position = self._worker.task.position
+        model.at(position)
+        self._model = model
+
+    def _require(self, settings: Settings) -> None:
+        """Refuse parameters that do not go together."""
+        needed = (
+            ('trigger', 'clock'), ('reference_source', 'topic'), ('model', 'flexible'),
+        )  # fmt: skip
+        findings = [
+            f"parameter '{key}' must be {value} with state feedback, got {settings.text(key)!r}"
+            for key, value in needed
+            if settings.text(key) != value
+        ]
+        if not settings.flag('terms.elastic'):
+            findings.append("parameter 'terms.elastic' must be true with state feedback")
+        if any(settings.numbers('feedback.strain_gain')):
+            findings.append(
+                "parameters 'feedback.state' and 'feedback.strain_gain' must not be set both: the "
+                'stability of the one is not shown with the other'
+            )
+        if findings:
+            raise ConfigError(self._name, findings)
+
+    @property
+    def designs(self) -> int:
+        """How often gains were designed, refusals included."""
+        return self._worker.designs
+
+    @property
+    def postures(self) -> int:
+        """Of how many postures the gains in force are; 0: there are none."""
+        return 0 if self._now is None else len(self._now.schedule.times)
+
+    # ---- beside the loop
+
+    def watch(self, follower: ReferenceFollower, position: Array) -> None:
+        """Begin the design of gains that will be needed.
+
+        Parameters
+        ----------
+        follower : ReferenceFollower
+        position : (joints,) array
+            Where the joints are wanted, or stand.
+        """
+        model, worker = self._model, self._worker
+        if model is None:
+            return
+        if model.has_rates != self._has_rates:
+            model = self._model = replace(model, has_rates=self._has_rates)
+        coming, known = follower.trajectories(), worker.task
+        task = WantedGains(model, position.copy(), *(coming[-1] if coming else ()))
+        moved = known is None or np.abs(position - known.position).max() > TURN
+        if task.is_like(known) and (coming or not moved):
+            return
+        if coming or not worker.busy:
+            self._waiting = None
+            worker.begin(task)
+
+    def begin(self) -> None:
+        """Start anew: nothing is known and no torque has left."""
+        self._stamps.reset()
+        if self._now is not None:
+            self._now.reset()
+
+    def stop(self) -> None:
+        """Drop a design in work."""
+        self._worker.stop()
+
+    # ---- in the loop
+
+    def take_joints(
+        self, stamp: float, now: float, wall: float, q: Array, qd: Array | None
+    ) -> None:
+        """Take measured joints: stamp, arrival on the steady clock and on that of stamps [s]."""
+        self._has_rates = qd is not None
+        if self._now is not None:
+            self._now.filter.take_joints(self._stamps.taken_at(stamp, now, wall), q, qd)
+
+    def take_sensor(self, place: int, taken: float, value: float) -> None:
+        """Take a calibrated value of one of the robot's sensors, measured at a time [s]."""
+        if self._now is not None:
+            self._now.filter.take_sensor(place, taken, value)
+
+    def torque(self, now: float, lead: float, wanted: Array, q: Array, qd: Array) -> Array | None:
+        """Return the torque (joints,) to add to the plan's, None if there is none.
+
+        Parameters
+        ----------
+        now : float
+            Time of the tick, steady clock [s].
+        lead : float
+            How far ahead of it the plan is taken [s].
+        wanted : (joints,) array
+            Reference of the driven joints.
+        q, qd : (n,) arrays
+            All coordinates of the plan and their rates.
+        """
+        self._swap(now)
+        feedback = self._now
+        if feedback is None:
+            self._note('refused' if self._worker.refusal else 'no gains yet', False)
+            return None
+        feedback.follow(now + lead, q, qd)
+        if not feedback.is_near(now, wanted, REACH):
+            feedback.rest()
+            self._note('no gains for this posture yet', False)
+            return None
+        torque = feedback.torque(now)
+        self._note(feedback.filter.cause, feedback.active)
+        return torque
+
+    def applied(self, change: Array) -> None:
+        """Take what was added to the plan's torque after all limits (joints,), and go on."""
+        if self._now is not None:
+            self._now.applied(change)
+
+    def rest(self) -> None:
+        """Let go: something else than the plan leaves."""
+        if self._now is not None:
+            self._now.rest()
+            self.active = False
+
+    def _note(self, cause: str, active: bool) -> None:
+        self._fallbacks += self.active and not active
+        self.active, self.cause = active, cause
+
+    def _swap(self, now: float) -> None:
+        """Take gains that are made over, when their trajectory begins."""
+        made = self._waiting or self._worker.take()
+        if made is None:
+            return
+        task, feedback = made
+        if task.start > now and self._now is not None:
+            self._waiting = made
+            return
+        self._waiting = None
+        if feedback is not None and self._now is not None:
+            feedback.adopt(self._now)
+        self._now = feedback
+
+    # ---- diagnostics
+
+    def status(self) -> Status:
+        """Return what it does, and warn of what has come since the last call."""
+        feedback, worker = self._now, self._worker
+        status = Status('state feedback', message=self.cause or 'active')
+        status.values = {
+            'active': self.active,
+            'cause': self.cause,
+            'fallbacks': self._fallbacks,
+            'designs': worker.designs,
+            'refused': worker.refusal,
+        }
+        if feedback is not None:
+            status.values['share'] = round(feedback.share, 3)
+            status.values['slowest'] = str(feedback.schedule.slowest)
+            status.values['limited'] = feedback.limited
+            status.values['outliers'] = ' '.join(map(str, feedback.filter.refused.tolist()))
+        if worker.refusal:
+            status.worsen(ERROR, worker.refusal)
+        elif self._fallbacks > self._told or self.cause:
+            status.worsen(WARN, f'plan alone: {self.cause}' if self.cause else 'was plan alone')
+        self._told = self._fallbacks
+        return status

@@ -1,0 +1,78 @@
+"""Whole motions that came in, sampled; nothing here needs ROS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.runtime.conversions import InputError
+from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
+from denoc_ros.simulation.trajectories import SplineTrajectory
+
+Array = NDArray[np.float64]
+LONGEST_STEP = 0.01  # s between samples that are planned from
+SAMPLES = 200  # of a motion, at least
+RESTING = 1e-3  # rad/s or m/s at the ends that count as rest
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion that came in.
+
+    Attributes
+    ----------
+    message : TrajectoryMessage
+    where : (joints,) array or None
+        Where the joints stand.
+    """
+
+    message: TrajectoryMessage
+    where: Array | None
+
+    @property
+    def named(self) -> list[int] | None:
+        """Places of the joints that the message names; None: all."""
+        if not self.message.held:
+            return None
+        joints = range(self.message.positions.shape[1])
+        return [k for k in joints if k not in self.message.held]
+
+    def whole(self) -> TrajectoryMessage:
+        """Return the message with all joints: those that it does not name stand."""
+        if not self.message.held:
+            return self.message
+        assert self.where is not None
+        return self.message.holding(self.where)
+
+    def samples(self) -> tuple[Array, Array]:
+        """Return times (k,) from 0 and positions (k, joints).
+
+        Raises
+        ------
+        InputError
+            Cause `not_at_rest`: it begins or ends in motion.
+        """
+        message = self.whole()
+        rates = message.velocities
+        starts_here = message.times[0] == 0.0
+        if rates is not None:
+            ends = rates[[0, -1]] if starts_here else rates[[-1]]
+            if (largest := float(np.abs(ends).max())) > RESTING:
+                raise InputError(
+                    'not_at_rest', f'a motion must begin and end at rest, got {largest:.3g} rad/s'
+                )
+        first = None
+        if not starts_here:
+            assert self.where is not None
+            none = np.zeros(len(self.where))
+            first = self.where, none, none
+        trajectory = SplineTrajectory(
+            message.times, message.positions, rates, message.accelerations, first
+        )
+        if not trajectory.duration > 0.0:
+            raise InputError('not_at_rest', 'a motion must take time, got a single posture')
+        step = min(LONGEST_STEP, trajectory.duration / SAMPLES)
+        t, q, _, _ = trajectory.table(step)
+        return t, q

@@ -1,0 +1,82 @@
+"""The plant node's parameters."""
+
+from __future__ import annotations
+
+import math
+
+from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.runtime.shared_parameters import (
+    lifecycle_parameters,
+    loop_parameters,
+    publishers_parameter,
+    range_parameters,
+    robot_parameters,
+)
+
+TABLE = ParameterTable(
+    [
+        *lifecycle_parameters(),
+        *robot_parameters(),
+        *loop_parameters(),
+        *range_parameters(),
+        Parameter(
+            'joints',
+            Kind.STRINGS,
+            [],
+            'joints with a drive; empty: all but mimic joints',
+        ),
+        Parameter('command', Kind.STRING, 'feedforward/commands', 'topic of the commanded effort'),
+        Parameter(
+            'command_timeout',
+            Kind.DOUBLE,
+            math.inf,
+            'age after which the commanded effort counts as zero; until then it is held',
+            's',
+            positive=True,
+        ),
+        Parameter(
+            'brake',
+            Kind.BOOL,
+            True,
+            'the joints stay where they start until the first command comes',
+        ),
+        Parameter(
+            'enforce_effort_limits', Kind.BOOL, True, "drives saturate at the URDF's effort limits"
+        ),
+        Parameter('start', Kind.DOUBLES, [], 'joint positions at the start; empty: 0', 'rad, m'),
+        Parameter(
+            'start_deflection',
+            Kind.STRING,
+            'static',
+            'amplitudes at the start: in equilibrium, or zero',
+            choices=('static', 'zero'),
+        ),
+        Parameter(
+            'feedback.kp',
+            Kind.DOUBLES,
+            [0.0],
+            "the robot's own joint controller beside the commands: stiffness towards "
+            '`reference`, one or one per joint',
+            'N m/rad, N/m',
+            0.0,
+        ),
+        Parameter(
+            'feedback.kd',
+            Kind.DOUBLES,
+            [0.0],
+            "the robot's own joint controller: damping against the reference's rate",
+            'N m s/rad, N s/m',
+            0.0,
+        ),
+        Parameter(
+            'noise.position', Kind.DOUBLE, 0.0, 'deviation of measured positions', 'rad, m', 0.0
+        ),
+        Parameter(
+            'noise.velocity', Kind.DOUBLE, 0.0, 'deviation of measured rates', 'rad/s, m/s', 0.0
+        ),
+        Parameter('noise.effort', Kind.DOUBLE, 0.0, 'deviation of measured effort', 'N m, N', 0.0),
+        Parameter('noise.sensors', Kind.BOOL, True, "sensors have the noise of the URDF's block"),
+        Parameter('seed', Kind.INTEGER, 0, 'of the noise', '', 0),
+        publishers_parameter(),
+    ]
+)

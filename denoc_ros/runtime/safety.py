@@ -1,0 +1,292 @@
+"""What keeps a robot safe from bad input and late input; nothing here needs ROS.
+
+All times are seconds of the steady clock (`time.perf_counter`); stamps are nanoseconds of the
+messages' own clock and only ever compared with each other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.runtime.conversions import LARGEST_EFFORT, InputError
+from denoc_ros.runtime.parameters import Settings
+
+Array = NDArray[np.float64]
+STALE_ACTIONS = ('hold', 'ramp_to_gravity', 'zero', 'stop_publishing')
+
+
+class InputMonitor:
+    """Counts what one input topic brought and knows how old its last good message is.
+
+    Attributes
+    ----------
+    accepted : int
+        Messages taken.
+    rejected : Counter
+        Messages refused, by cause.
+    rejected_reported : int
+        How many of them /diagnostics has warned of.
+    last_message : str
+        Why the last one was refused.
+    max_publishers : int
+        Publishers that may talk at once.
+    """
+
+    def __init__(self, topic: str, max_publishers: int = 1) -> None:
+        self.topic = topic
+        self.accepted = 0
+        self.rejected_reported = 0
+        self.rejected: Counter[str] = Counter()
+        self.last_message = ''
+        self.max_publishers = max_publishers
+        self._last_stamp: int | None = None
+        self._last_time = -math.inf
+
+    def check_publishers(self, count: int) -> None:
+        """Refuse everything while more talk than may: nobody knows which one is meant."""
+        if count > self.max_publishers:
+            raise InputError(
+                'second_publisher',
+                f'{self.topic} must have at most {self.max_publishers} publishers, got {count}',
+            )
+
+    def accept(self, stamp_ns: int | None, now: float) -> None:
+        """Take a message; a stamp of None means now and is not compared.
+
+        Raises
+        ------
+        InputError
+            Cause `backwards_stamp`: it is older than the one before; `duplicate`: it says again
+            what was true then (stamp 0 is none).
+        """
+        last = self._last_stamp
+        if last is not None and stamp_ns is not None and stamp_ns < last:
+            raise InputError(
+                'backwards_stamp',
+                f'{self.topic} stamp must not go back, got {stamp_ns} ns after {last} ns; '
+                'a reset forgets the last one',
+            )
+        if stamp_ns and stamp_ns == last:
+            raise InputError('duplicate', f'{self.topic} stamp must be new, got {last} ns again')
+        self._last_stamp = last if stamp_ns is None else stamp_ns
+        self._last_time = now
+        self.accepted += 1
+
+    def reject(self, error: InputError) -> bool:
+        """Count a refused message; say whether it is the first of its cause."""
+        self.rejected[error.cause] += 1
+        self.last_message = str(error)
+        return self.rejected[error.cause] == 1
+
+    def age(self, now: float) -> float:
+        """Return the time since the last good message [s]; infinite before the first."""
+        return now - self._last_time
+
+    @property
+    def received(self) -> bool:
+        """Whether a good message has come since the start or the last reset."""
+        return self._last_time > -math.inf
+
+    def forget_stamp(self) -> None:
+        """Take the next stamp as it is: the clock that stamps has been set back."""
+        self._last_stamp = None
+
+    def reset(self) -> None:
+        """Forget the last stamp and its time (not the counts)."""
+        self._last_stamp = None
+        self._last_time = -math.inf
+
+
+class TorqueLimiter:
+    """Lets torque leave only finite, within the limits and the change per tick.
+
+    Whatever comes in, what left last is finite and no more than 1e9 N m or N: beyond that, and
+    where torque is not finite, what left last leaves again.
+
+    Parameters
+    ----------
+    limits : (n,) array
+        Largest magnitude [N m or N], infinite where there is none.
+    max_delta : float
+        Largest change per tick [N m or N], infinite for none.
+
+    Attributes
+    ----------
+    limits : (n,) array
+        As given.
+    last : (n,) array
+        What left last.
+    clamped : (n,) array of int
+        Ticks in which each joint was clamped.
+    non_finite : int
+        Ticks in which torque was not finite and what left last left again.
+
+    Raises
+    ------
+    ValueError
+        A limit is negative or NaN, or the change per tick not positive.
+    """
+
+    def __init__(self, limits: Array, max_delta: float) -> None:
+        n = len(limits)
+        if not max_delta > 0.0:
+            raise ValueError(f'max_delta must be > 0 N m or N, got {max_delta}')
+        self.max_delta = max_delta
+        self.last: Array = np.zeros(n)
+        self.clamped = np.zeros(n, dtype=np.int64)
+        self.non_finite = 0
+        self._new, self._least, self._most = np.zeros((3, n))
+        self.take_limits(limits)
+
+    def take_limits(self, limits: Array) -> None:
+        """Take other limits (n,): torque beyond them goes there by `max_delta` per tick."""
+        new: Array = np.array(limits, dtype=np.float64)
+        if not (new >= 0.0).all():
+            raise ValueError(f'effort limits must be >= 0 N m or N, got {new.tolist()}')
+        self.limits = new
+        self._lower: Array = -new
+
+    def apply(self, torque: Array) -> Array:
+        """Return what may leave (n,), the same array each time."""
+        if not is_torque(torque):
+            self.non_finite += 1
+            torque = self.last
+        new, last = self._new, self.last
+        np.minimum(torque, self.limits, out=new)
+        np.maximum(new, self._lower, out=new)
+        if self.max_delta < math.inf:
+            np.subtract(last, self.max_delta, out=self._least)
+            np.add(last, self.max_delta, out=self._most)
+            np.maximum(new, self._least, out=new)
+            np.minimum(new, self._most, out=new)
+        self.clamped += new != torque
+        last[:] = new
+        return last
+
+    def reset(self, torque: Array | float = 0.0) -> None:
+        """Start again from `torque`, as if it had left last (within the limits).
+
+        One that is not finite is not taken: what left last stays.
+        """
+        values = np.broadcast_to(np.asarray(torque, dtype=np.float64), self.last.shape)
+        if not is_torque(values):
+            self.non_finite += 1
+            return
+        np.minimum(values, self.limits, out=self.last)
+        np.maximum(self.last, self._lower, out=self.last)
+
+
+def is_torque(values: Array) -> bool:
+    """Say whether all values (n,) are finite and no larger than any robot's [N m or N]."""
+    # NaN is no less than anything
+    return all(value <= LARGEST_EFFORT for value in map(abs, values.tolist()))
+
+
+class SafeCommand:
+    """The torque while there is no good input: what `stale_action` asks for.
+
+    Parameters
+    ----------
+    action : {'hold', 'ramp_to_gravity', 'zero', 'stop_publishing'}
+        Hold the last torque; go linearly to the torque that carries the robot's weight; zero;
+        say nothing any more.
+    ramp_time : float
+        s, of the ramp.
+    joints : int
+        Number of joints.
+    """
+
+    def __init__(self, action: str, ramp_time: float, joints: int) -> None:
+        if action not in STALE_ACTIONS:
+            raise ValueError(f'stale_action must be one of {STALE_ACTIONS}, got {action!r}')
+        self.action = action
+        self._ramp_time = ramp_time
+        self._since = math.nan
+        self._from: Array = np.zeros(joints)
+        self._torque: Array = np.zeros(joints)
+
+    @property
+    def active(self) -> bool:
+        """Whether the safe command has taken over."""
+        return self._since == self._since
+
+    def begin(self, now: float, last: Array) -> None:
+        """Take over from the torque that left last; no effect while active."""
+        if not self.active:
+            self._since = now
+            self._from[:] = last
+
+    def end(self) -> None:
+        """Give back to the good input."""
+        self._since = math.nan
+
+    def settled(self, now: float) -> bool:
+        """Say whether the command no longer changes by itself."""
+        return self.action != 'ramp_to_gravity' or now - self._since >= self._ramp_time
+
+    def torque(self, now: float, gravity: Array) -> Array | None:
+        """Return the torque (n,) to send, None for silence.
+
+        Parameters
+        ----------
+        now : float
+            s.
+        gravity : (n,) array
+            Torque that carries the weight where the robot stands.
+        """
+        if self.action == 'stop_publishing':
+            return None
+        if self.action == 'hold':
+            return self._from
+        if self.action == 'zero':
+            self._torque[:] = 0.0
+            return self._torque
+        elapsed = now - self._since
+        share = 1.0 if elapsed >= self._ramp_time else elapsed / self._ramp_time
+        np.subtract(gravity, self._from, out=self._torque)
+        self._torque *= share
+        self._torque += self._from
+        return self._torque
+
+
+def torque_limits(robot: Robot, joints: Sequence[str], settings: Settings) -> Array:
+    """Return the effort limits (n,) that a node's parameters ask for.
+
+    Raises
+    ------
+    ValueError
+        `effort_limits` has a wrong length.
+    """
+    described = {b.joint.name: b.joint for b in robot.tree.bodies if b.joint is not None}
+    return effort_limits(
+        settings.numbers('effort_limits'),
+        [described[joint].limits.effort for joint in joints],
+        joints,
+        settings.flag('enforce_command_limits'),
+    )
+
+
+def effort_limits(
+    given: Sequence[float], of_model: Sequence[float], joints: Sequence[str], enforce: bool
+) -> Array:
+    """Return the limits (n,) to hold: those `given`, else the model's, infinite if not enforced.
+
+    Raises
+    ------
+    ValueError
+        `given` has a wrong length.
+    """
+    if given and len(given) != len(joints):
+        raise ValueError(
+            f"parameter 'effort_limits' must have {len(joints)} elements "
+            f'({", ".join(joints)}), got {len(given)}'
+        )
+    if not enforce:
+        return np.full(len(joints), np.inf)
+    return np.array(given or of_model, dtype=np.float64)

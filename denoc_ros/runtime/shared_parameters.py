@@ -1,0 +1,174 @@
+"""Rows of the parameter table that several nodes have."""
+
+from __future__ import annotations
+
+from denoc_ros.runtime.parameters import Kind, Parameter
+
+
+def lifecycle_parameters() -> tuple[Parameter, ...]:
+    """Return the rows that every node has."""
+    return (
+        Parameter(
+            'autostart',
+            Kind.BOOL,
+            True,
+            'configure and activate at start; false: a lifecycle manager does it',
+        ),
+    )
+
+
+def robot_parameters() -> tuple[Parameter, ...]:
+    """Return the rows of every node that holds a robot's model."""
+    return (
+        Parameter(
+            'urdf_path',
+            Kind.STRING,
+            '',
+            'file of the robot; empty: the topic `robot_description`',
+        ),
+        Parameter(
+            'gravity',
+            Kind.DOUBLES,
+            [0.0, 0.0, -9.81],
+            'gravity in the base frame (three numbers)',
+            'm/s^2',
+        ),
+        Parameter(
+            'posture',
+            Kind.DOUBLES,
+            [],
+            'positions of all joints of the tree near which its loops are closed; empty: 0',
+            'rad, m',
+        ),
+        Parameter(
+            'geometric_stiffness',
+            Kind.BOOL,
+            True,
+            'foreshortening of the beams; false: the model for slow motion',
+        ),
+        *(
+            Parameter(
+                f'{family}.*',
+                Kind.DOUBLE_OR_DOUBLES,
+                None,
+                f'override of the model by its dotted path, such as `{example}`',
+                'SI',
+                live=True,
+            )
+            for family, example in (
+                ('beam', 'beam.upper_arm.y.damping_ratio'),
+                ('joint', 'joint.j2.damping'),
+                ('payload', 'payload.tool.mass'),
+                ('sensor', 'sensor.gauge.gain'),
+                ('damping', 'damping.j2` (of a joint) or `damping.upper_arm.y'),
+            )
+        ),
+    )
+
+
+def loop_parameters() -> tuple[Parameter, ...]:
+    """Return the rows of every node with a real-time loop."""
+    return (
+        Parameter('update_rate', Kind.DOUBLE, 1000.0, 'rate of the loop', 'Hz', 1.0, 10000.0),
+        Parameter(
+            'thread_priority',
+            Kind.INTEGER,
+            0,
+            'SCHED_FIFO priority of the loop thread, callbacks one below, where allowed; 0 = off',
+            '',
+            0,
+            99,
+        ),
+        Parameter('lock_memory', Kind.BOOL, False, 'keep all pages in memory (mlockall)'),
+        Parameter(
+            'cpu_affinity',
+            Kind.INTEGER,
+            -1,
+            'core that the loop thread is kept on; -1 = any',
+            '',
+            -1,
+            1023,
+        ),
+        Parameter(
+            'diagnostics.threshold.late_share',
+            Kind.DOUBLE,
+            0.02,
+            'share of ticks late by more than half a period above which the loop warns',
+            '',
+            0.0,
+            1.0,
+            live=True,
+        ),
+    )
+
+
+def publishers_parameter() -> Parameter:
+    """Return the row of every node that has inputs."""
+    return Parameter(
+        'max_publishers',
+        Kind.INTEGER,
+        1,
+        'publishers that may talk at once on an input topic; while more do, all its messages are '
+        'rejected',
+        '',
+        1,
+        100,
+    )
+
+
+def input_parameters() -> tuple[Parameter, ...]:
+    """Return the rows of every node that listens to joints and reference."""
+    return (
+        Parameter(
+            'joint_state_timeout',
+            Kind.DOUBLE,
+            0.05,
+            'age on the steady clock after which joint states are stale',
+            's',
+            maximum=10.0,
+            positive=True,
+            live=True,
+        ),
+        Parameter(
+            'reference_timeout',
+            Kind.DOUBLE,
+            0.2,
+            'age after which a streamed reference is stale',
+            's',
+            maximum=10.0,
+            positive=True,
+            live=True,
+        ),
+        publishers_parameter(),
+    )
+
+
+def range_parameters() -> tuple[Parameter, ...]:
+    """Return the rows of every node that refuses motions its robot cannot have."""
+    return (
+        Parameter(
+            'position_margin',
+            Kind.DOUBLE,
+            1.0,
+            "how far beyond the URDF's limits positions may be; beyond that a message is refused",
+            'rad, m',
+            0.0,
+        ),
+        Parameter(
+            'position_limit',
+            Kind.DOUBLE,
+            1e6,
+            'largest position of any joint, also of one without limits',
+            'rad, m',
+            maximum=1e9,
+            positive=True,
+        ),
+        Parameter(
+            'velocity_factor',
+            Kind.DOUBLE,
+            10.0,
+            "how many times the URDF's velocity limits rates may be; 10000 where it has none",
+            '',
+            1.0,
+        ),
+    )

@@ -1,0 +1,171 @@
+"""The process that plans motions: its messages, and how it ends."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from denoc_ros.control.jobs import LONGEST_HEADER, read_message, write_message
+from denoc_ros.control.planner_process import Planning, serve
+from denoc_ros.runtime.planner import Answer, Planner
+
+pytestmark = pytest.mark.ros
+ROBOT = {
+    'source': 'config/robots/two_link_ff.urdf',
+    'gravity': [0.0, 0.0, 0.0],
+    'geometric_stiffness': True,
+    'overrides': {},
+}
+SHAPE = {
+    'job': 'shape',
+    'robot': ROBOT,
+    'method': 'zv',
+    'tip': '',
+    'options': {},
+    'limits': {},
+    'servo': {},
+}
+PARENT = """
+import sys, time
+from denoc_ros.runtime.planner import Planner
+planner = Planner()
+planner.start()
+print(planner.pid, flush=True)
+time.sleep(60.0)
+"""
+
+
+def motion() -> dict[str, np.ndarray]:
+    t = np.linspace(0.0, 0.8, 41)
+    s = t / 0.8
+    return {'t': t, 'q': np.outer(s**3 * (10.0 - 15.0 * s + 6.0 * s**2), [0.4, 0.3])}
+
+
+def until(condition: Callable[[], object], timeout: float = 20.0) -> None:
+    end = time.perf_counter() + timeout
+    while not condition():
+        assert time.perf_counter() < end, 'the condition did not come about in time'
+        time.sleep(0.01)
+
+
+def answered(planner: Planner) -> Answer:
+    found: list[Answer] = []
+
+    def look() -> bool:
+        answer = planner.poll()
+        found.extend([answer] if answer is not None else [])
+        return bool(found)
+
+    until(look)
+    return found[0]
+
+
+def test_messages_come_back_as_they_were_sent() -> None:
+    stream = io.BytesIO()
+    arrays = {'t': np.arange(3.0), 'q': np.ones((3, 2)), 'none': np.zeros((0, 2))}
+    write_message(stream, {'id': 3, 'text': 'Zürich'}, arrays)
+    whole = stream.getvalue()
+    read = read_message(io.BytesIO(whole))
+    assert read is not None
+    assert read[0] == {'id': 3, 'text': 'Zürich'}
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(read[1][name], array)
+    for cut in (3, 20, len(whole) - 1):
+        assert read_message(io.BytesIO(whole[:cut])) is None
+    with pytest.raises(ValueError, match='a header must have at most'):
+        read_message(io.BytesIO((LONGEST_HEADER + 1).to_bytes(8, 'little')))
+
+
+def test_jobs_are_answered_in_order_and_bad_ones_say_why() -> None:
+    jobs, answers = io.BytesIO(), io.BytesIO()
+    write_message(jobs, {'id': 1, 'job': 'load', 'robot': ROBOT}, {})
+    write_message(jobs, {'id': 2, 'job': 'load', 'robot': {**ROBOT, 'source': 'no.urdf'}}, {})
+    write_message(jobs, {'id': 3, **SHAPE}, motion())
+    write_message(jobs, {'id': 4, **SHAPE, 'method': 'zz'}, motion())
+    write_message(jobs, {'id': 5, **SHAPE}, {})
+    jobs.seek(0)
+    serve(jobs, answers)
+    answers.seek(0)
+    found = []
+    while (message := read_message(answers)) is not None:
+        found.append(message)
+    headers = [header for header, _ in found]
+    assert [header['id'] for header in headers] == [1, 2, 3, 4, 5]
+    assert headers[0]['joints'] == ['joint_1', 'joint_2']
+    assert 'no.urdf' in headers[1]['error']
+    assert headers[2]['delay'] > 0.2
+    assert found[2][1]['q'].shape == (len(found[2][1]['t']), 2)
+    assert 'method must be one of' in headers[3]['error']
+    assert headers[4]['error'].startswith('KeyError')
+    assert all(header['took'] >= 0.0 for header in headers)
+
+
+def test_robot_is_loaded_once_for_many_jobs() -> None:
+    planning = Planning()
+    first = planning.robot(ROBOT)
+    assert planning.robot(dict(ROBOT)) is first
+    heavy = planning.robot({**ROBOT, 'overrides': {'payload.tool.mass': 2.0}})
+    assert heavy is not first
+    assert planning.robot(ROBOT) is first
+
+
+def test_process_answers_and_ends_with_its_input() -> None:
+    planner = Planner()
+    try:
+        assert planner.start()
+        number = planner.submit(SHAPE, motion(), 60.0)
+        answer = answered(planner)
+        assert (answer.job, answer.error) == (number, '')
+        assert not planner.busy
+        pid = planner.pid
+        assert pid is not None
+    finally:
+        planner.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+def test_no_process_is_left_by_a_parent_that_was_killed() -> None:
+    parent = subprocess.Popen(
+        [sys.executable, '-c', PARENT], stdout=subprocess.PIPE, text=True, bufsize=1
+    )
+    try:
+        assert parent.stdout is not None
+        child = int(parent.stdout.readline())
+        until(lambda: b'planner_process' in read_command(child))
+    finally:
+        parent.send_signal(signal.SIGKILL)
+        parent.wait(5.0)
+    until(lambda: not read_command(child))
+
+
+def read_command(pid: int) -> bytes:
+    try:
+        with open(f'/proc/{pid}/cmdline', 'rb') as file:
+            return file.read()
+    except OSError:
+        return b''
+
+
+def test_process_that_dies_at_once_is_not_started_all_the_time() -> None:
+    planner = Planner()
+    try:
+        began = time.perf_counter()
+        planner.start(began)
+        assert planner.pid is not None
+        os.kill(planner.pid, signal.SIGKILL)
+        until(lambda: planner.poll() is None and planner.pid is None)
+        assert planner.deaths == 1
+        assert not planner.start(began + 0.9)  # within a second of the last start
+        assert planner.start(began + 1.1)
+        assert planner.starts == 2
+    finally:
+        planner.close()

@@ -1,0 +1,173 @@
+"""What the reference asks for at a time. No graph."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from denoc_ros.runtime.conversions import InputError
+from denoc_ros.runtime.reference import DifferencedStream, ReferenceFollower
+from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
+
+NOW_NS = 1_000_000_000_000
+
+
+def trajectory(times: list[float], positions: list[float], start_s: float = 0.0) -> Any:
+    """Return a message of one joint that starts `start_s` from NOW_NS (0: now)."""
+    stamp = NOW_NS + round(start_s * 1e9) if start_s else 0
+    return TrajectoryMessage(stamp, np.array(times), np.array(positions)[:, None], None, None)
+
+
+def point(position: float, rate: float, acceleration: float) -> TrajectoryMessage:
+    rows = [np.array([[value]]) for value in (position, rate, acceleration)]
+    return TrajectoryMessage(0, np.zeros(1), rows[0], rows[1], rows[2])
+
+
+def at(follower: ReferenceFollower, now: float) -> tuple[float, float, float]:
+    q, qd, qdd = np.zeros((3, 1))
+    assert follower.sample(now, q, qd, qdd)
+    return float(q[0]), float(qd[0]), float(qdd[0])
+
+
+def test_a_new_trajectory_takes_over_at_its_start_not_before() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    follower.offer(trajectory([0.0, 1.0], [1.0, 1.0]), 10.0, NOW_NS)
+    follower.offer(trajectory([0.0, 1.0], [5.0, 5.0], start_s=2.0), 11.0, NOW_NS)
+    assert at(follower, 12.99)[0] == 1.0  # although nobody sampled the first in between
+    assert at(follower, 13.01)[0] == 5.0
+    assert follower.age(13.01) == 0.0
+
+
+def test_a_trajectory_takes_over_from_a_stream_that_has_gone_stale() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    follower.offer(point(1.0, 0.0, 0.0), 10.0, NOW_NS)
+    assert follower.age(11.0) == 1.0
+    follower.offer(trajectory([0.0, 1.0], [5.0, 5.0], start_s=1.0), 11.0, NOW_NS)
+    assert follower.age(11.5) == 1.5
+    # a node that looks at the age first would never sample it
+    assert follower.age(12.0) == 0.0
+    assert at(follower, 12.0)[0] == 5.0
+
+
+def test_a_trajectory_from_the_past_starts_part_way_and_ends_holding() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    follower.offer(trajectory([0.0, 2.0], [0.0, 1.0], start_s=-1.0), 10.0, NOW_NS)
+    position, rate, _ = at(follower, 10.0)
+    assert position == pytest.approx(0.5)
+    assert rate > 0.5
+    assert not follower.finished(10.5)
+    assert at(follower, 11.5) == (1.0, 0.0, 0.0)
+    assert follower.finished(11.5)
+
+
+def test_a_late_first_point_is_reached_from_what_is_followed_or_measured() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    follower.offer(trajectory([1.0], [3.0]), 10.0, NOW_NS, np.array([2.0]))
+    assert at(follower, 10.0)[0] == 2.0
+    assert at(follower, 11.0)[0] == 3.0
+    follower.offer(trajectory([1.0], [0.0]), 20.0, NOW_NS, np.array([99.0]))
+    assert at(follower, 20.0)[0] == 3.0
+    assert at(follower, 21.0)[0] == 0.0
+
+
+def both(follower: ReferenceFollower, now: float) -> tuple[list[float], list[float]]:
+    q, qd, qdd = np.zeros((3, 2))
+    assert follower.sample(now, q, qd, qdd)
+    return q.tolist(), qd.tolist()
+
+
+def of_the_second(times: list[float], positions: list[float]) -> TrajectoryMessage:
+    """Return a message that does not name the first of two joints."""
+    rows = np.column_stack((np.zeros(len(times)), positions))
+    return TrajectoryMessage(0, np.array(times), rows, None, None, held=(0,))
+
+
+def test_joints_that_a_trajectory_does_not_name_stay_where_they_are_wanted() -> None:
+    follower = ReferenceFollower(2, 0.2)
+    moving = TrajectoryMessage(
+        0, np.array([0.0, 2.0]), np.array([[0.0, 5.0], [1.0, 5.0]]), *2 * (None,)
+    )
+    follower.offer(moving, 10.0, NOW_NS)
+    follower.offer(of_the_second([1.0], [7.0]), 11.0, NOW_NS, np.array([99.0, 99.0]))
+    for now in (11.0, 11.4, 12.0):
+        q, qd = both(follower, now)
+        assert q[0] == pytest.approx(0.5)
+        assert qd[0] == pytest.approx(0.0)
+    assert q[1] == 7.0
+    follower.offer(of_the_second([0.0], [6.0]), 20.0, NOW_NS)  # a streamed point
+    assert both(follower, 20.0)[0] == [pytest.approx(0.5), 6.0]
+
+
+def test_joints_that_nobody_wanted_anywhere_stay_where_they_stand() -> None:
+    follower = ReferenceFollower(2, 0.2)
+    admitted: list[int] = []
+    message = of_the_second([0.0, 1.0], [0.0, 1.0])
+    with pytest.raises(InputError, match='reference must name all joints') as caught:
+        follower.offer(message, 10.0, NOW_NS, None, lambda: admitted.append(1))
+    assert caught.value.cause == 'missing_joint'
+    assert not admitted
+    assert not follower.given
+    follower.offer(message, 10.0, NOW_NS, np.array([3.0, 4.0]), lambda: admitted.append(1))
+    assert both(follower, 11.0)[0] == [3.0, 1.0]
+    assert admitted == [1]
+
+
+def test_a_trajectory_without_points_ends_the_motion_where_it_is() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    none = TrajectoryMessage(0, np.zeros(0), np.zeros((0, 1)), None, None)
+    follower.offer(none, 9.0, NOW_NS)
+    assert not follower.given
+    follower.offer(trajectory([0.0, 2.0], [0.0, 1.0]), 10.0, NOW_NS)
+    follower.offer(trajectory([0.0, 1.0], [5.0, 5.0], start_s=2.0), 10.0, NOW_NS)
+    there = at(follower, 11.0)[0]
+    follower.offer(none, 11.0, NOW_NS)
+    for now in (11.0, 12.5, 20.0):
+        assert at(follower, now) == pytest.approx((there, 0.0, 0.0))
+
+
+def test_a_streamed_point_goes_on_for_one_interval_of_the_stream() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    follower.offer(point(1.0, 2.0, 4.0), 10.0, NOW_NS)
+    assert at(follower, 10.005) == (1.0, 2.0, 4.0)  # the interval is not known yet
+    follower.offer(point(1.0, 2.0, 4.0), 10.01, NOW_NS)
+    position, rate, _ = at(follower, 10.015)
+    assert position == pytest.approx(1.0 + 2.0 * 0.005 + 2.0 * 0.005**2)
+    assert rate == pytest.approx(2.0 + 4.0 * 0.005)
+    assert at(follower, 10.5) == pytest.approx(at(follower, 10.02))
+    assert follower.age(10.5) == pytest.approx(0.49)
+
+
+def test_clear_leaves_nothing() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    assert not follower.given
+    follower.offer(point(1.0, 0.0, 0.0), 10.0, NOW_NS)
+    assert follower.given
+    assert follower.streamed
+    follower.clear()
+    assert not follower.given
+    assert not follower.sample(10.0, *np.zeros((3, 1)))
+
+
+def test_missing_rates_are_differenced_and_gaps_are_not() -> None:
+    stream = DifferencedStream(1, gap=0.1)
+    for k in range(4):
+        t = 0.01 * k
+        _, qd, qdd = stream.complete(t, np.array([3.0 * t * t]), None, None)
+    # backward differences of 3 t^2, half an interval behind
+    assert qd[0] == pytest.approx(6.0 * (t - 0.005))
+    assert qdd[0] == pytest.approx(6.0)
+    _, qd, qdd = stream.complete(1.0, np.array([50.0]), None, None)
+    assert (qd[0], qdd[0]) == (0.0, 0.0)
+
+
+def test_differenced_accelerations_pass_the_low_pass() -> None:
+    stream = DifferencedStream(1, gap=0.1, cutoff=5.0)
+    values = [
+        float(stream.complete(0.001 * k, np.zeros(1), np.array([float(k > 0)]), None)[2][0])
+        for k in range(3)
+    ]
+    assert values[0] == 0.0
+    assert 0.0 < values[1] < 50.0  # of the unfiltered 1000
+    assert 0.0 < values[2] < values[1]

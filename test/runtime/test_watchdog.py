@@ -1,0 +1,43 @@
+"""The watchdog ends what hangs, and not what was stopped."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+# an executor that turns, or hangs, for a while
+CODE = """
+import sys, time
+from denoc_ros.runtime.watchdog import Watchdog
+
+watchdog = Watchdog(1.0)
+watchdog.begin('node', lambda: print('saved', flush=True))
+print('begun', flush=True)
+for _ in range(60 if sys.argv[1] == 'turns' else 400):
+    if sys.argv[1] == 'turns':
+        watchdog.beat()
+    time.sleep(0.05)
+watchdog.stop()
+"""
+
+
+@pytest.mark.parametrize(('does', 'status', 'said'), [('turns', 0, ''), ('hangs', 1, 'saved\n')])
+def test_a_process_that_was_stopped_does_not_count_as_hung(
+    does: str, status: int, said: str
+) -> None:
+    command = [sys.executable, '-c', CODE, does]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as it:
+        assert it.stdout is not None
+        assert it.stdout.readline() == 'begun\n'
+        if does == 'turns':
+            it.send_signal(signal.SIGSTOP)
+            time.sleep(1.7)  # more than the patience, less than twice
+            it.send_signal(signal.SIGCONT)
+        assert it.wait(20.0) == status
+        assert it.stdout.read() == said
