@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from denoc_ros.errors import SolverError as SolverError
     from denoc_ros.errors import StateError as StateError
     from denoc_ros.identification.fit import identify_modes as identify_modes
-    from denoc_ros.model.suggestion import suggest_flexibility as suggest_flexibility
+    from denoc_ros.model.suggest.suggestion import suggest_flexibility as suggest_flexibility
     from denoc_ros.replay.bag import replay_bag as replay_bag
     from denoc_ros.simulation.simulate import simulate as simulate
 
@@ -33,7 +33,7 @@ _HOME = {
     'shape_motion': 'control.shape',
     'simulate': 'simulation.simulate',
     'identify_modes': 'identification.fit',
-    'suggest_flexibility': 'model.suggestion',
+    'suggest_flexibility': 'model.suggest.suggestion',
     'BagError': 'errors',
     'ConfigError': 'errors',
     'DenocError': 'errors',

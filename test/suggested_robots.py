@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.model.materials import MATERIALS
 from denoc_ros.model.poses import number_text, rpy_of
+from denoc_ros.model.suggest.materials import MATERIALS
 
 Array = NDArray[np.float64]
 

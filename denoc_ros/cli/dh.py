@@ -41,8 +41,8 @@ def run(args: argparse.Namespace) -> int:
         If the table's robot is not possible.
     """
     from denoc_ros.errors import ConfigError
-    from denoc_ros.model.dh import load_system
-    from denoc_ros.model.dh_urdf import urdf_text
+    from denoc_ros.model.dh.system import load_system
+    from denoc_ros.model.dh.urdf import urdf_text
     from denoc_ros.model.urdf import load_tree
 
     system = load_system(args.table, args.system, args.kinds)

@@ -13,8 +13,8 @@ from denoc_ros.cli.text_table import Row, cell_text, text_table
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.model.suggested_beam import BeamSuggestion
-    from denoc_ros.model.suggestion import Suggestion
+    from denoc_ros.model.suggest.beam import BeamSuggestion
+    from denoc_ros.model.suggest.suggestion import Suggestion
 
 DOUBTFUL = 2
 OPTIONS = ('material', 'link', 'bandwidth', 'output')
@@ -78,7 +78,7 @@ def check_options(args: argparse.Namespace) -> None:
 def run_suggestion(args: argparse.Namespace, file: Path | str) -> int:
     """Propose, print and write; return 0, or 2 where no link is worth it."""
     from denoc_ros.dynamics.robot import load_robot
-    from denoc_ros.model.suggestion import suggest_flexibility
+    from denoc_ros.model.suggest.suggestion import suggest_flexibility
 
     wishes: dict[str, Any] = {'links': args.link, 'gravity': math.hypot(*args.gravity)}
     wishes |= {

@@ -16,7 +16,7 @@ from suggested_robots import tube_arm
 from denoc_ros.cli.main import main
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import DenocError, ModelError
-from denoc_ros.model.suggestion import suggest_flexibility
+from denoc_ros.model.suggest.suggestion import suggest_flexibility
 from denoc_ros.model.urdf import load_tree
 
 ROBOTS = sorted((Path(__file__).resolve().parents[2] / 'config' / 'robots').glob('*.urdf'))

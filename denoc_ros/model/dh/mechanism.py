@@ -6,8 +6,8 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
-from denoc_ros.model.dh_links import CHAIN_KEYS, DHLink, read_links
-from denoc_ros.model.dh_table import Table
+from denoc_ros.model.dh.links import CHAIN_KEYS, DHLink, read_links
+from denoc_ros.model.dh.table import Table
 
 MECHANISM_KEYS = frozenset(('chains', 'loops', 'tool'))
 # A loop joins two links by a joint about Z, by a ball or rigidly.

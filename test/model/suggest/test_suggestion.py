@@ -14,12 +14,12 @@ from suggested_robots import ALUMINIUM, EI, GJ, LENGTH, MASS, Array, inertial, t
 
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.inertia import moved, total
-from denoc_ros.model.outline import Outline
 from denoc_ros.model.poses import number_text, rotation_rpy
 from denoc_ros.model.remainder import beam_inertia
-from denoc_ros.model.slender import BeamLine, stiffness
-from denoc_ros.model.suggested_beam import BeamSuggestion
-from denoc_ros.model.suggestion import suggest_flexibility
+from denoc_ros.model.suggest.beam import BeamSuggestion
+from denoc_ros.model.suggest.outline import Outline
+from denoc_ros.model.suggest.slender import BeamLine, stiffness
+from denoc_ros.model.suggest.suggestion import suggest_flexibility
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.model.urdf import load_tree
 

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from denoc_ros.errors import ConfigError, ModelError
-from denoc_ros.model.carried import LinkLoad, link_loads
 from denoc_ros.model.findings import Element, Findings
-from denoc_ros.model.materials import MATERIALS, Material
 from denoc_ros.model.plain import read_plain
 from denoc_ros.model.source import TEXT_NAME, parse_xml, read_source
-from denoc_ros.model.suggested_beam import BeamSuggestion, Wish, suggested_beam
-from denoc_ros.model.suggested_block import with_beams
+from denoc_ros.model.suggest.beam import BeamSuggestion, Wish, suggested_beam
+from denoc_ros.model.suggest.block import with_beams
+from denoc_ros.model.suggest.materials import MATERIALS, Material
+from denoc_ros.model.suggest.subtree import LinkLoad, link_loads
 from denoc_ros.model.urdf import tree_of
 
 
@@ -55,7 +55,7 @@ def suggest_flexibility(
     source : str or path
         A URDF, or its text; links that have a `<beam>` keep it.
     material : str
-        One of `denoc_ros.model.materials.MATERIALS`.
+        One of `denoc_ros.model.suggest.materials.MATERIALS`.
     links : sequence of str, optional
         Make these flexible, worth it or not; default: those that are worth it.
     bandwidth : float

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass, replace
 from typing import Any
 
-from denoc_ros.model.dh_table import Table, as_finite
+from denoc_ros.model.dh.table import Table, as_finite
 from denoc_ros.model.sections import round_section
 
 CHAIN_KEYS = frozenset(('links', 'dh', 'joints', 'm', 'flexible_m', 'hub_izz', 'EI'))

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from denoc_ros.model.carried import LinkLoad
 from denoc_ros.model.findings import SMALLEST, Element
 from denoc_ros.model.inertia import inverse_transform, moved
-from denoc_ros.model.materials import ASSUMED_DAMPING, Material
-from denoc_ros.model.outline import lost_mesh, outline
 from denoc_ros.model.remainder import largest_mass_per_length, largest_polar_inertia
-from denoc_ros.model.slender import BeamLine, Stiffness, beam_line, stiffness
+from denoc_ros.model.suggest.materials import ASSUMED_DAMPING, Material
+from denoc_ros.model.suggest.outline import lost_mesh, outline
+from denoc_ros.model.suggest.slender import BeamLine, Stiffness, beam_line, stiffness
+from denoc_ros.model.suggest.subtree import LinkLoad
 from denoc_ros.model.tree import JointKind, RigidInertia
 
 ROOTS = (1.8751041, 4.6940911, 7.8547574)  # of a cantilever's bending modes

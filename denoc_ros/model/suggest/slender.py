@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.model.inertia import pseudo_inertia
-from denoc_ros.model.materials import Material
-from denoc_ros.model.outline import Outline
 from denoc_ros.model.sections import (
     Section,
     rectangle_section,
@@ -19,6 +17,8 @@ from denoc_ros.model.sections import (
     round_section,
     tube_section,
 )
+from denoc_ros.model.suggest.materials import Material
+from denoc_ros.model.suggest.outline import Outline
 from denoc_ros.model.tree import RigidInertia
 
 Array = NDArray[np.float64]

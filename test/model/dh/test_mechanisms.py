@@ -13,8 +13,8 @@ from mechanisms import CONFIG, DOWN, SHIPPED, START, mechanism
 
 from denoc_ros.cli.main import main
 from denoc_ros.errors import ConfigError
-from denoc_ros.model.dh import load_system, read_system
-from denoc_ros.model.dh_urdf import urdf_text
+from denoc_ros.model.dh.system import load_system, read_system
+from denoc_ros.model.dh.urdf import urdf_text
 from denoc_ros.model.urdf import load_tree
 
 ROD: dict[str, Any] = {'a': 1.0, 'm': 2.0, 'EI': 100.0}

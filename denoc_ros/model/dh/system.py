@@ -20,8 +20,8 @@ from typing import Any
 import yaml
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.model.dh_links import CHAIN_KEYS, DHLink, section_rigidity
-from denoc_ros.model.dh_mechanism import (
+from denoc_ros.model.dh.links import CHAIN_KEYS, DHLink, section_rigidity
+from denoc_ros.model.dh.mechanism import (
     MECHANISM_KEYS,
     DHChain,
     DHLoop,
@@ -31,7 +31,7 @@ from denoc_ros.model.dh_mechanism import (
     read_loops,
     read_tool,
 )
-from denoc_ros.model.dh_table import Table
+from denoc_ros.model.dh.table import Table
 from denoc_ros.model.findings import Findings
 from denoc_ros.model.flexibility import MOST_MODES
 from denoc_ros.model.shapes import SHAPES

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from lxml import etree
 
 from denoc_ros.model.findings import Element
-from denoc_ros.model.materials import Material
 from denoc_ros.model.poses import number_text, rpy_of
 from denoc_ros.model.source import written
-from denoc_ros.model.suggested_beam import BeamSuggestion
+from denoc_ros.model.suggest.beam import BeamSuggestion
+from denoc_ros.model.suggest.materials import Material
 
 INDENT = '  '
 

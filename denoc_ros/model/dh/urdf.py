@@ -8,9 +8,9 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
-from denoc_ros.model.dh import DHSystem
-from denoc_ros.model.dh_links import DHLink
-from denoc_ros.model.dh_mechanism import DHPoint
+from denoc_ros.model.dh.links import DHLink
+from denoc_ros.model.dh.mechanism import DHPoint
+from denoc_ros.model.dh.system import DHSystem
 from denoc_ros.model.findings import Element
 from denoc_ros.model.poses import number_text, rpy_of
 

@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 
 from denoc_ros.cli import dh as command
 from denoc_ros.errors import ConfigError, ModelError
-from denoc_ros.model.dh import DHSystem, load_system, read_system
-from denoc_ros.model.dh_links import DHLink
-from denoc_ros.model.dh_urdf import rod_inertia, urdf_text
+from denoc_ros.model.dh.links import DHLink
+from denoc_ros.model.dh.system import DHSystem, load_system, read_system
+from denoc_ros.model.dh.urdf import rod_inertia, urdf_text
 from denoc_ros.model.inertia import inverse_transform
 from denoc_ros.model.tree import Joint, JointKind, Tree
 from denoc_ros.model.urdf import load_tree
 
 Array = NDArray[np.float64]
 
-CONFIG = Path(__file__).resolve().parents[2] / 'config'
+CONFIG = Path(__file__).resolve().parents[3] / 'config'
 # Committed robot, table, kinds.
 ROBOTS = [
     ('single_link', 'single_link', None),

@@ -1,0 +1,1 @@
+"""Denavit-Hartenberg tables: read, checked, and written as URDF + `<flexibility>`."""

@@ -1,0 +1,1 @@
+"""A `<flexibility>` block proposed for a plain URDF."""
