@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.workspace import Workspace
 from denoc_ros.kernels import handle
-from denoc_ros.model.lowering import Lowered
+from denoc_ros.model.arrays import ModelArrays
 
 Array = NDArray[np.float64]
 ROOM = 64  # elements on each side
@@ -48,8 +48,8 @@ def guarded_workspace(canaries: Canaries) -> type[Workspace]:
     """Return a workspace whose arrays stand between guards."""
 
     class Guarded(Workspace):
-        def __init__(self, lowered: Lowered, reals: Array) -> None:
-            super().__init__(lowered, reals)
+        def __init__(self, arrays: ModelArrays, reals: Array) -> None:
+            super().__init__(arrays, reals)
             self.work = canaries.of('workspace', self.work)
             self._diagonals = canaries.of('diagonals', self._diagonals)
             self._record[handle.WORK_ADDRESS] = self.work.ctypes.data

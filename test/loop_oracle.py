@@ -184,8 +184,8 @@ class LoopOracle(Oracle):
         rows, select = self.rows(q, qd), np.eye(self.n)[list(actuated)]
         J = np.vstack([rows.jacobian, select])
         qdd = _constrained(M, -h, J, np.concatenate([-rows.bias, qdd_actuated]))
-        torque, wrenches, ties = self.constrained_inverse_dynamics(q, qd, qdd, actuated)
-        return torque, qdd, wrenches, ties
+        torque, wrenches, constraints = self.constrained_inverse_dynamics(q, qd, qdd, actuated)
+        return torque, qdd, wrenches, constraints
 
     def assemble(self, q: Array, fixed: Sequence[int] = ()) -> Array:
         """A closed configuration near a guess, by Gauss-Newton steps of minimum norm."""

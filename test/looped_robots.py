@@ -93,8 +93,8 @@ def with_mimic(text: str, tree: Robot, q: Array) -> str:
     offset = float(q[places[-1]] - 0.7 * q[places[0]])
     start = text.index(f'<joint name="{follower}"')
     end = text.index('</joint>', start)
-    tie = f'<mimic joint="{leader}" multiplier="0.7" offset="{offset!r}"/>'
-    return text[:end] + tie + text[end:]
+    constraint = f'<mimic joint="{leader}" multiplier="0.7" offset="{offset!r}"/>'
+    return text[:end] + constraint + text[end:]
 
 
 # lengths [m] of crank, coupler and rocker, and the distance of the pivots on the ground

@@ -242,15 +242,15 @@ class CountingKernels:
 
     def _arrays(self, robot: Robot) -> tuple[Any, ...]:
         """Return what `model_arrays` does, counted, flat where that has pointers."""
-        lowered = robot.lowered
-        diagonals = np.zeros((DIAGONALS, lowered.n))
-        diagonals[: len(lowered.diagonals)] = lowered.diagonals
+        arrays = robot.arrays
+        diagonals = np.zeros((DIAGONALS, arrays.n))
+        diagonals[: len(arrays.diagonals)] = arrays.diagonals
         return (
-            lowered.ints.ravel(),
-            self.counted(robot.reals),
+            arrays.topology.ravel(),
+            self.counted(robot.constants),
             self.counted(robot.work),
             self.counted(diagonals),
-            lowered.bodies,
+            arrays.bodies,
         )
 
 

@@ -120,23 +120,23 @@ def _mechanism(robot: Robot) -> Row:
     """Return the loops and mimic joints, and what they leave to move."""
     from denoc_ros.dynamics.mobility import mobility
 
-    if not robot.lowered.tie_names:
+    if not robot.constraint_names:
         return {'loops': [], 'mechanism': []}
     found = mobility(robot)
     described = {loop.name: loop for loop in robot.tree.loops}
     loops = []
-    for tie in found.ties:
-        loop = described.get(tie.name)
+    for constraint in found.constraints:
+        loop = described.get(constraint.name)
         loops.append(
             {
-                'loop': tie.name,
+                'loop': constraint.name,
                 'type': 'mimic' if loop is None else loop.type,
                 'parent': '' if loop is None else loop.parent.link,
                 'child': '' if loop is None else loop.child.link,
-                'error_at_zero': tie.error,
-                'rows': tie.rows,
-                'rank': tie.rank,
-                'redundant_rows': tie.redundant,
+                'error_at_zero': constraint.error,
+                'rows': constraint.rows,
+                'rank': constraint.rank,
+                'redundant_rows': constraint.redundant,
             }
         )
     mechanism = {

@@ -73,7 +73,7 @@ def posture(robot: Robot, joints: Sequence[float]) -> Posture:
 
     q = np.zeros(robot.n)
     q[robot.joint_indices] = joints
-    if robot.lowered.tie_names:
+    if robot.constraint_names:
         q = robot.assemble(q)
         held = robot.indices(independent_joints(robot, q))
         Equilibrium(robot, np.setdiff1d(np.arange(robot.n), held)).find(q)

@@ -140,7 +140,7 @@ class _Judge:
         times: Array = np.linspace(self._first, self._last, ROWS)
         q = np.zeros((ROWS, robot.n))
         q[:, robot.joint_indices] = self._spline(times)
-        if robot.lowered.tie_names:
+        if robot.constraint_names:
             fixed = list(self._plan.joint_names)
             for row in range(ROWS):
                 if row:

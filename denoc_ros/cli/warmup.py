@@ -33,8 +33,8 @@ def run(args: argparse.Namespace) -> int:
     int
         0; a bad robot is raised.
     """
-    from denoc_ros.dynamics.held_model import KERNELS, TIE_KERNELS
     from denoc_ros.dynamics.robot import load_robot
+    from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
     from denoc_ros.kernels import cache_folder
     from denoc_ros.kernels.compiled import ready
     from denoc_ros.kernels.correction import take_values
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     began = time.perf_counter()
     ready(*KERNELS, take_values)
     if args.robot is None:
-        ready(*TIE_KERNELS, explicit_steps)
+        ready(*CONSTRAINT_KERNELS, explicit_steps)
     else:
         load_robot(args.robot)
     took = time.perf_counter() - began

@@ -78,7 +78,7 @@ def carry_out(
     def at_rest(time: float, guess: Array) -> Array:
         q: Array = guess.copy()
         q[driven] = motion(np.array([time]))[0][0]
-        if own.lowered.tie_names:
+        if own.constraint_names:
             q = np.asarray(own.assemble(q, fixed=list(joints)))
         if len(undriven):
             Equilibrium(own, undriven).find(q)

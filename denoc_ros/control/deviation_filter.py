@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.trail import Trail
+from denoc_ros.dynamics.state_history import StateHistory
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ class DeviationFilter:
         self._new = np.zeros(seen, dtype=np.bool_)
         self._innovation = np.zeros(seen)
         self._good_at = np.zeros(seen)
-        self._plan, self._own = Trail(HISTORY, seen), Trail(HISTORY, seen)
+        self._plan, self._own = StateHistory(HISTORY, seen), StateHistory(HISTORY, seen)
         self._slot = {int(place): 2 * self._k + at for at, place in enumerate(self._sensors)}
         self.reset()
 

@@ -13,7 +13,6 @@ from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.linear_model import DiscreteModel, LinearModel
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
-from denoc_ros.kernels.handle import STIFFNESS
 
 Array = NDArray[np.float64]
 
@@ -118,7 +117,7 @@ def deviation_model(
     rows = [*range(2 * k), *(2 * k + place for place in sensors)]
     names = linear.state_names[:m]
     index = [robot.coordinate_names.index(name) for name in names]
-    stiff = robot.lowered.diagonals[STIFFNESS][index]
+    stiff = robot.stiffness[index]
     return DeviationModel(linear, k, linear.c[rows], linear.c[-6:, :m], np.asarray(stiff))
 
 

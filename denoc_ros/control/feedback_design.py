@@ -12,8 +12,7 @@ from denoc_ros.control.deviation_model import DeviationModel, PlannedState
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
-from denoc_ros.kernels.handle import STIFFNESS
-from denoc_ros.model.lowering import is_flexible
+from denoc_ros.model.arrays import is_flexible
 
 Array = NDArray[np.float64]
 
@@ -236,7 +235,7 @@ def noise_of(
             first[begin : begin + count] = begin
             length[begin : begin + count] = span
             begin += count
-    stiff = robot.lowered.diagonals[STIFFNESS][flexible]
+    stiff = robot.stiffness[flexible]
     least = LEAST_DEFLECTION * (stiff * length)[first]
     alone = np.where(first == np.arange(len(first)), length, 0.0)
     return Noise(measured, np.concatenate([LEAST_TORQUE * limits, least]), first, alone)

@@ -29,7 +29,6 @@ from denoc_ros.control.feedback_design import (
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
-from denoc_ros.kernels.handle import STIFFNESS
 
 Array = NDArray[np.float64]
 Int = NDArray[np.intp]
@@ -135,7 +134,7 @@ def design(
         models.append(deviation_model(robot, joints, sensors.tolist(), settings.tip, state))
     require_same_coordinates(models)
     noise = noise_of(robot, len(joints), sensors.tolist(), limits, settings)
-    stiff = robot.lowered.diagonals[STIFFNESS][robot.flexible_indices]
+    stiff = robot.stiffness[robot.flexible_indices]
     cost: Array | None = None
     gains: list[PostureGains] = []
     for model, state in zip(reversed(models), reversed(states), strict=True):

@@ -32,7 +32,7 @@ class LoopForces:
     def __init__(self, robot: Robot, postures: Array) -> None:
         self._robot = robot
         self._rows = np.zeros(0, dtype=np.int64)
-        if robot.lowered.tie_names:
+        if robot.constraint_names:
             beside = np.concatenate(list(robot.closure_jacobian(postures)), axis=1)
             _, r, order = scipy.linalg.qr(beside.T, mode='economic', pivoting=True)
             size = np.abs(np.diag(r))

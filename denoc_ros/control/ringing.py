@@ -30,10 +30,10 @@ def require_tree(robot: Robot, what: str) -> None:
     StateError
         It has loops or mimic joints.
     """
-    if robot.lowered.tie_names:
+    if robot.constraint_names:
         raise StateError(
             f'{robot.tree.name}: {what} needs a robot without loops and mimic joints, got '
-            f'{len(robot.lowered.tie_names)} constraint rows'
+            f'{len(robot.constraint_names)} constraint rows'
         )
 
 

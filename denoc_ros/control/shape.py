@@ -133,7 +133,7 @@ def _motion(robot: Robot, times: ArrayLike, q_joints: ArrayLike) -> tuple[Array,
 
 def tip_frames(robot: Robot, tip: str | Sequence[str] | None) -> tuple[str, ...]:
     """Return the names of the frames that matter, all known."""
-    known = tuple(robot.lowered.frame_rows)
+    known = tuple(robot.frame_names)
     if tip is None:
         return (_last_frame(robot),)
     frames = (tip,) if isinstance(tip, str) else tuple(tip)
@@ -147,7 +147,7 @@ def tip_frames(robot: Robot, tip: str | Sequence[str] | None) -> tuple[str, ...]
 
 def _last_frame(robot: Robot) -> str:
     """Return ``tool``, or the last link of the file that a joint moves."""
-    links = [name for name in robot.lowered.frame_rows if '/' not in name]
+    links = [name for name in robot.frame_names if '/' not in name]
     if 'tool' in links:
         return 'tool'
     still = np.zeros(robot.n)

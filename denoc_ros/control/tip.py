@@ -165,7 +165,7 @@ def _require_rest(robot: Robot, times: Array, joints: Array) -> None:
 
 def _start(robot: Robot, asked: Array) -> Array:
     """Return a posture (n,) near the equilibrium at the asked joints."""
-    if robot.lowered.tie_names:
+    if robot.constraint_names:
         return asked
     return robot.static_deflection(asked[robot.joint_indices])
 
@@ -220,7 +220,7 @@ def _closed(robot: Robot, driven: Int, joints: Array) -> Array:
 
     Driven joints stay; the others start from where they are given.
     """
-    if not robot.lowered.tie_names:
+    if not robot.constraint_names:
         return joints
     q = np.zeros((len(joints), robot.n))
     q[:, robot.joint_indices] = joints

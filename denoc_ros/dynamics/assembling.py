@@ -13,7 +13,7 @@ from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
 from denoc_ros.errors import SolverError, StateError
 
 if TYPE_CHECKING:
-    from denoc_ros.dynamics.held_model import HeldModel
+    from denoc_ros.dynamics.robot_model import RobotModel
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -24,7 +24,7 @@ NUDGES = (0.05, 0.2, 0.5)  # rad or m
 POLISH = 3  # Gauss-Newton steps at the end: each squares the error
 
 
-def assemble(robot: HeldModel, guess: Array, fixed: Sequence[str]) -> Array:
+def assemble(robot: RobotModel, guess: Array, fixed: Sequence[str]) -> Array:
     """Return closed coordinates (n,) near a guess (see ConstrainedModel)."""
     worst = np.full(1, np.inf)
     for free in _choices(robot, fixed):
@@ -50,7 +50,7 @@ def _starts(guess: Array, free: Int) -> Iterator[Array]:
         yield start
 
 
-def assemble_rates(robot: HeldModel, q: Array, guess: Array, fixed: Sequence[str]) -> Array:
+def assemble_rates(robot: RobotModel, q: Array, guess: Array, fixed: Sequence[str]) -> Array:
     """Return rates (n,) near a guess that keep the loops closed."""
     rows, _ = jacobian(robot, q)
     for free in _choices(robot, fixed):
@@ -62,7 +62,7 @@ def assemble_rates(robot: HeldModel, q: Array, guess: Array, fixed: Sequence[str
     raise _failure(robot, rows @ qd, 'm/s or rad/s')
 
 
-def _choices(robot: HeldModel, fixed: Sequence[str]) -> list[Int]:
+def _choices(robot: RobotModel, fixed: Sequence[str]) -> list[Int]:
     """Return which coordinates may move: the joints, and if these cannot do it, all."""
     unknown = [name for name in fixed if name not in robot.coordinate_names]
     if unknown:
@@ -73,7 +73,7 @@ def _choices(robot: HeldModel, fixed: Sequence[str]) -> list[Int]:
     return [joints, everything] if len(everything) > len(joints) else [joints]
 
 
-def _closed(robot: HeldModel, guess: Array, free: Int) -> Array:
+def _closed(robot: RobotModel, guess: Array, free: Int) -> Array:
     """Return the coordinates of least closure error that a search from the guess finds."""
     q: Array = guess.copy()
     zero = np.zeros(robot.n)
@@ -86,7 +86,7 @@ def _closed(robot: HeldModel, guess: Array, free: Int) -> Array:
         q[free] = x
         return np.asarray(jacobian(robot, q)[0][:, free])
 
-    if not len(free) or not len(robot.lowered.tie_names):
+    if not len(free) or not len(robot.constraint_names):
         return q
     found = least_squares(errors, guess[free], slopes, xtol=1e-14, ftol=1e-14, gtol=1e-14)
     q[free] = found.x
@@ -99,11 +99,11 @@ def _least_step(matrix: Array, error: Array) -> Array:
     return np.asarray(np.linalg.lstsq(matrix, error, rcond=RANK)[0])
 
 
-def _failure(robot: HeldModel, error: Array, unit: str) -> SolverError:
+def _failure(robot: RobotModel, error: Array, unit: str) -> SolverError:
     worst = int(np.argmax(np.abs(error)))
     size = abs(error[worst])
     hint = '; are origins and axes given with enough digits?' if size < PRINTED else ''
     return SolverError(
-        f'{robot.tree.name}: loop {robot.lowered.tie_names[worst]!r} must close to {CLOSED:g} '
+        f'{robot.tree.name}: loop {robot.constraint_names[worst]!r} must close to {CLOSED:g} '
         f'{unit}, got {size:.3g} at best{hint}'
     )

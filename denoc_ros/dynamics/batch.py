@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.borders import same_rows
+from denoc_ros.dynamics.validation import same_rows
 from denoc_ros.kernels.compiled import ready
 
 if TYPE_CHECKING:
-    from denoc_ros.dynamics.held_model import HeldModel
+    from denoc_ros.dynamics.robot_model import RobotModel
 
 Array = NDArray[np.float64]
 ROWS_PER_THREAD = 64  # below that a thread costs more than it saves
@@ -34,7 +34,7 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def run_rows(
-    robot: HeldModel,
+    robot: RobotModel,
     kernel: Any,
     count: int,
     inputs: Sequence[Any],

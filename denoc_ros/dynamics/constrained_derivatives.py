@@ -10,14 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import constraints
 from denoc_ros.dynamics.batch import each_row
-from denoc_ros.dynamics.borders import as_outputs, as_states
 from denoc_ros.dynamics.constraint_derivatives import (
     applied_change,
     row_derivatives,
     transposed_change,
 )
 from denoc_ros.dynamics.derivatives import DifferentiableModel
-from denoc_ros.kernels.layout import SLIP_RATE
+from denoc_ros.dynamics.validation import as_outputs, as_states
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -235,7 +234,7 @@ def _resistance(robot: Robot, axes: Array, qd: Array, friction: bool) -> tuple[A
     """Return force and slope (axes,) of damping and friction along the loops' free axes."""
     loops = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
     damping, dry = np.array([(x.damping, x.friction) for x in loops]).reshape(-1, 2).T
-    rates, scale = axes @ qd, robot.lowered.reals[SLIP_RATE]
+    rates, scale = axes @ qd, robot.slip_rate
     slip = np.tanh(rates / scale)
     slope = damping + dry / scale * (1.0 - slip**2) if friction else damping
     return damping * rates + dry * slip, slope

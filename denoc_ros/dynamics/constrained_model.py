@@ -9,18 +9,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import assembling, constraints
 from denoc_ros.dynamics.batch import each_row
-from denoc_ros.dynamics.borders import as_states, same_rows
-from denoc_ros.dynamics.held_model import HeldModel
+from denoc_ros.dynamics.robot_model import RobotModel
+from denoc_ros.dynamics.validation import as_states, same_rows
 from denoc_ros.kernels import constrained
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.handle import GOOD, MISFIT
-from denoc_ros.model.lowering import Lowered
+from denoc_ros.model.arrays import ModelArrays
 
 Array = NDArray[np.float64]
 _empty = np.empty  # a global name is found more quickly than a module's
 
 
-class ConstrainedModel(HeldModel):
+class ConstrainedModel(RobotModel):
     """What a robot does with its loops closed and its mimic joints on their leaders.
 
     Rows are loops in file order, then mimic joints in that of their coordinates. A loop's rows are
@@ -29,9 +29,9 @@ class ConstrainedModel(HeldModel):
     child's frame, in the parent's axes (docs/loops.md).
     """
 
-    def _adopt(self, lowered: Lowered) -> None:
-        super()._adopt(lowered)
-        self._rows = len(lowered.tie_names)
+    def _adopt(self, arrays: ModelArrays) -> None:
+        super()._adopt(arrays)
+        self._rows = len(arrays.constraint_names)
         # without rows the kernel is not ready, and not needed
         self._constrained: Callable[..., int] = lambda *_: MISFIT
         if self._rows:

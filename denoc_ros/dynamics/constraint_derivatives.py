@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.kernels import tie_layout
+from denoc_ros.kernels import constraint_layout
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -118,7 +118,7 @@ def _angular(
 
 
 class _Tie(NamedTuple):
-    """What a loop ties: directions in its parent's frame, and where its rows stand."""
+    """What a loop constraints: directions in its parent's frame, and where its rows stand."""
 
     kind: int
     linear: Array  # (rows, 3)
@@ -133,24 +133,36 @@ class _Tie(NamedTuple):
     @property
     def rows(self) -> int:
         """Return the number of rows."""
-        crossed = self.kind == tie_layout.CROSSED
-        angular = 0 if self.kind == tie_layout.POINT else 1 if crossed else len(self.angular)
+        crossed = self.kind == constraint_layout.UNIVERSAL
+        angular = (
+            0 if self.kind == constraint_layout.POINT else 1 if crossed else len(self.angular)
+        )
         return len(self.linear) + angular
 
 
 def _tie(robot: Robot, number: int) -> _Tie:
     """Return what the model's arrays say of a loop."""
-    ints = robot.lowered.ints[int(robot.lowered.ints[0, tie_layout.FIRST_TIE]) + number]
-    tie = ints.astype(int)
-    constants = robot.reals[tie[tie_layout.CONSTANTS] :]
-    counts = [tie[k] for k in (tie_layout.LINEAR, tie_layout.ANGULAR, tie_layout.REFERENCES)]
-    edges = tie_layout.DIRECTIONS + 3 * np.cumsum([0, *counts])
+    topology = robot.arrays.topology[
+        int(robot.arrays.topology[0, constraint_layout.FIRST_CONSTRAINT]) + number
+    ]
+    constraint = topology.astype(int)
+    constants = robot.constants[constraint[constraint_layout.CONSTANTS] :]
+    counts = [
+        constraint[k]
+        for k in (
+            constraint_layout.LINEAR,
+            constraint_layout.ANGULAR,
+            constraint_layout.REFERENCES,
+        )
+    ]
+    edges = constraint_layout.DIRECTIONS + 3 * np.cumsum([0, *counts])
     linear, angular, references = (constants[a:b].reshape(-1, 3) for a, b in pairwise(edges))
     return _Tie(
-        int(tie[tie_layout.KIND]), linear, angular, references,
-        constants[tie_layout.FREE_AXIS :][:3], constants[tie_layout.SECOND_AXIS :][:3],
-        bool(constants[tie_layout.SLIDES] == 1.0), int(tie[tie_layout.ROW]),
-        int(tie[tie_layout.AXIS_ROW]),
+        int(constraint[constraint_layout.KIND]), linear, angular, references,
+        constants[constraint_layout.FREE_AXIS :][:3],
+        constants[constraint_layout.SECOND_AXIS :][:3],
+        bool(constants[constraint_layout.SLIDES] == 1.0), int(constraint[constraint_layout.ROW]),
+        int(constraint[constraint_layout.AXIS_ROW]),
     )  # fmt: skip
 
 
@@ -158,25 +170,25 @@ def _loop_rows(
     robot: Robot, number: int, q: Array, qd: Array, qdd: Array
 ) -> tuple[Complex, Complex]:
     """Return g'' (rows, 2 n) of a loop and the rate (1, 2 n) of its free axis, or none."""
-    loop, tie = robot.tree.loops[number], _tie(robot, number)
+    loop, constraint = robot.tree.loops[number], _tie(robot, number)
     child, parent = (_moved(robot, s.frame, q, qd, qdd) for s in (loop.child, loop.parent))
     rotation, slip, slip_up, spin, spin_up = _relative(child, parent)
-    rows = [tie.linear @ slip_up]
-    if tie.kind == tie_layout.CROSSED:
-        there = np.einsum('ijc,j->ic', rotation, tie.second)
+    rows = [constraint.linear @ slip_up]
+    if constraint.kind == constraint_layout.UNIVERSAL:
+        there = np.einsum('ijc,j->ic', rotation, constraint.second)
         up = _cross(spin_up, there) + _cross(spin, _cross(spin, there))
-        rows.append(-(tie.axis @ up)[None])
-    elif tie.kind != tie_layout.POINT:
-        rows.append(_angular(rotation, spin, spin_up, tie.references, tie.angular))
-    rate = (tie.axis @ (slip if tie.slides else spin))[None]
-    return np.concatenate(rows), np.asarray(rate[: tie.axis_row > 0], dtype=complex)
+        rows.append(-(constraint.axis @ up)[None])
+    elif constraint.kind != constraint_layout.POINT:
+        rows.append(_angular(rotation, spin, spin_up, constraint.references, constraint.angular))
+    rate = (constraint.axis @ (slip if constraint.slides else spin))[None]
+    return np.concatenate(rows), np.asarray(rate[: constraint.axis_row > 0], dtype=complex)
 
 
 def row_derivatives(robot: Robot, q: Array, qd: Array, qdd: Array) -> RowDerivatives:
     """Return how the rows' accelerations g'' = J q'' + J' q' change with a closed state."""
     n, found = robot.n, [_loop_rows(robot, k, q, qd, qdd) for k in range(len(robot.tree.loops))]
     none = np.zeros((0, 2 * n))
-    followers = np.zeros((len(robot.lowered.tie_names) - sum(len(x[0]) for x in found), 2 * n))
+    followers = np.zeros((len(robot.constraint_names) - sum(len(x[0]) for x in found), 2 * n))
     rows = np.concatenate([none, *(one[0].imag / STEP for one in found), followers])
     axes = np.concatenate([none, *(one[1].imag / STEP for one in found)])
     return RowDerivatives(rows[:, :n], rows[:, n:], axes[:, :n])
@@ -187,18 +199,18 @@ def applied_change(robot: Robot, q: Array, v: Array) -> Array:
     return row_derivatives(robot, q, np.zeros(robot.n), v).by_q
 
 
-def _loop_torque(tie: _Tie, rotation: Complex, weights: Array) -> Complex:
+def _loop_torque(constraint: _Tie, rotation: Complex, weights: Array) -> Complex:
     """Return the torque (3, c) on a loop's child, its parent's axes, of its angular rows."""
-    if tie.kind == tie_layout.POINT:
+    if constraint.kind == constraint_layout.POINT:
         return np.zeros(rotation.shape[1:], dtype=complex)
-    if tie.kind == tie_layout.CROSSED:
-        there = np.einsum('ijc,j->ic', rotation, tie.second)
-        return _cross(weights[0] * tie.axis[:, None], there)
+    if constraint.kind == constraint_layout.UNIVERSAL:
+        there = np.einsum('ijc,j->ic', rotation, constraint.second)
+        return _cross(weights[0] * constraint.axis[:, None], there)
     # adjoint of e' = (2 w' - c' e) / c with the terms of _angular
-    along = (weights @ tie.angular)[:, None]
-    h = 0.5 if len(tie.references) == 3 else 1.0
-    there = [np.einsum('ijc,j->ic', rotation, each) for each in tie.references]
-    here = [each[:, None] for each in tie.references]
+    along = (weights @ constraint.angular)[:, None]
+    h = 0.5 if len(constraint.references) == 3 else 1.0
+    there = [np.einsum('ijc,j->ic', rotation, each) for each in constraint.references]
+    here = [each[:, None] for each in constraint.references]
     c = (1.0 if h == 1.0 else 0.5) + h * sum(
         (a * b).sum(axis=0) for a, b in zip(here, there, strict=True)
     )
@@ -219,16 +231,16 @@ def transposed_change(robot: Robot, q: Array, weights: Array, axis_weights: Arra
     change = np.zeros((robot.n, robot.n))
     left = iter(axis_weights)
     for number, loop in enumerate(robot.tree.loops):
-        tie = _tie(robot, number)
-        own = weights[tie.row : tie.row + tie.rows]
+        constraint = _tie(robot, number)
+        own = weights[constraint.row : constraint.row + constraint.rows]
         turn_c, place_c, jacobian_c = _posed(robot, loop.child.frame, q)
         turn_p, place_p, jacobian_p = _posed(robot, loop.parent.frame, q)
         rotation = np.einsum('jic,jkc->ikc', turn_p, turn_c)
-        force = (own[: len(tie.linear)] @ tie.linear)[:, None].astype(complex)
-        torque = _loop_torque(tie, rotation, own[len(tie.linear) :])
-        if tie.axis_row > 0 and len(axis_weights):
-            pull = next(left) * tie.axis[:, None]
-            force, torque = (force + pull, torque) if tie.slides else (force, torque + pull)
+        force = (own[: len(constraint.linear)] @ constraint.linear)[:, None].astype(complex)
+        torque = _loop_torque(constraint, rotation, own[len(constraint.linear) :])
+        if constraint.axis_row > 0 and len(axis_weights):
+            pull = next(left) * constraint.axis[:, None]
+            force, torque = (force + pull, torque) if constraint.slides else (force, torque + pull)
         force = _turned(turn_p, np.broadcast_to(force, torque.shape))
         torque = _turned(turn_p, torque)
         on_parent = np.concatenate([-force, -torque - _cross(place_c - place_p, force)])

@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.batch import each_row, run_rows
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels import articulated, closure, constrained, inverse, tie_layout
+from denoc_ros.kernels import articulated, closure, constrained, constraint_layout, inverse
 from denoc_ros.kernels.closing import OPEN, OPENED
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.constrained import CONTRADICTED
-from denoc_ros.kernels.handle import ARMATURE, GOOD, MISFIT
-from denoc_ros.kernels.layout import SLIP_RATE
+from denoc_ros.kernels.handle import GOOD, MISFIT
 
 if TYPE_CHECKING:
-    from denoc_ros.dynamics.held_model import HeldModel
+    from denoc_ros.dynamics.robot_model import RobotModel
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -34,40 +33,40 @@ RANK = 1e-6
 AGREEMENT = 1e-6
 
 
-def closure_rows(robot: HeldModel, q: Array, qd: Array) -> Array:
+def closure_rows(robot: RobotModel, q: Array, qd: Array) -> Array:
     """Return errors, rates and acceleration biases (3, rows) of the loops and mimic joints."""
-    out = np.empty((3, len(robot.lowered.tie_names)))
-    if not out.size:  # a robot without ties has not got their kernels ready
+    out = np.empty((3, len(robot.constraint_names)))
+    if not out.size:  # a robot without constraints has not got their kernels ready
         return out
-    robot.judge(closure.closure(robot.handle, q, qd, out), q=q, qd=qd)
+    robot.raise_for_status(closure.closure(robot.handle, q, qd, out), q=q, qd=qd)
     return out
 
 
-def jacobian(robot: HeldModel, q: Array) -> tuple[Array, Array]:
+def jacobian(robot: RobotModel, q: Array) -> tuple[Array, Array]:
     """Return J (rows, n) and the rows (axes, n) of free axes with damping or friction."""
-    rows = len(robot.lowered.tie_names)
-    out = np.empty((rows + int(robot.lowered.ints[0, tie_layout.AXIS_ROWS]), robot.n))
+    rows = len(robot.constraint_names)
+    out = np.empty((rows + int(robot.arrays.topology[0, constraint_layout.AXIS_ROWS]), robot.n))
     if not rows:
         return out, out
-    robot.judge(closure.closure_jacobian(robot.handle, q, out), q=q)
+    robot.raise_for_status(closure.closure_jacobian(robot.handle, q, out), q=q)
     return out[:rows], out[rows:]
 
 
-def required_force(robot: HeldModel, q: Array, qd: Array, qdd: Array, axes: Array) -> Array:
+def required_force(robot: RobotModel, q: Array, qd: Array, qdd: Array, axes: Array) -> Array:
     """Return I q'' + h (n,) with the damping and friction of the loops' own joints."""
     force = np.empty(robot.n)
     kernel = entry(inverse.inverse_dynamics)
-    robot.judge(kernel(robot.handle, q, qd, qdd, force), q=q, qd=qd, qdd=qdd)
+    robot.raise_for_status(kernel(robot.handle, q, qd, qdd, force), q=q, qd=qd, qdd=qdd)
     add_loop_friction(robot, qd, axes, force)
     return force
 
 
-def add_loop_friction(robot: HeldModel, qd: Array, axes: Array, force: Array) -> None:
+def add_loop_friction(robot: RobotModel, qd: Array, axes: Array, force: Array) -> None:
     """Add damping and friction of the loops' own joints to a force (n,) in place."""
     resisting = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
     for loop, axis in zip(resisting, axes, strict=True):
         rate = float(axis @ qd)
-        slip = np.tanh(rate / robot.lowered.reals[SLIP_RATE])
+        slip = np.tanh(rate / robot.slip_rate)
         force += axis * (loop.damping * rate + loop.friction * slip)
 
 
@@ -80,7 +79,7 @@ def least_solution(matrix: Array, wanted: Array) -> tuple[Array, Array]:
 
 
 def accelerations(
-    robot: HeldModel, q: Array, qd: Array, tau: Array, held: Int, given: Array
+    robot: RobotModel, q: Array, qd: Array, tau: Array, held: Int, given: Array
 ) -> tuple[Array, Array]:
     """Return accelerations (n,) and multipliers (rows,) with those of some coordinates given.
 
@@ -93,11 +92,11 @@ def accelerations(
     """
     start, qdd, scratch = np.zeros((3, robot.n))
     start[held] = given
-    flags, multipliers = robot.held(held), np.zeros(len(robot.lowered.tie_names))
+    flags, multipliers = robot.held(held), np.zeros(len(robot.constraint_names))
     if len(multipliers):
         status = constrained_dynamics(robot, flags, q, qd, start, tau, qdd, multipliers)
     else:
-        shift = robot.lowered.diagonals[ARMATURE]
+        shift = robot.armature
         status = articulated.articulated_dynamics(
             robot.handle, shift, flags, q, qd, start, tau, qdd, scratch
         )
@@ -105,7 +104,7 @@ def accelerations(
     return qdd, multipliers
 
 
-def constrained_dynamics(robot: HeldModel, *arrays: Array) -> int:
+def constrained_dynamics(robot: RobotModel, *arrays: Array) -> int:
     """Run the kernel of that name on arrays, whatever the interpreter; return its status."""
     status = int(entry(constrained.constrained_dynamics)(robot.handle, *arrays))
     if status == MISFIT:
@@ -117,14 +116,14 @@ def constrained_dynamics(robot: HeldModel, *arrays: Array) -> int:
     return status
 
 
-def forward(robot: HeldModel, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
+def forward(robot: RobotModel, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
     """Return accelerations (n,) and multipliers (rows,)."""
     return accelerations(robot, q, qd, tau, np.zeros(0, dtype=np.int64), np.zeros(0))
 
 
-def forward_rows(robot: HeldModel, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
+def forward_rows(robot: RobotModel, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
     """Return accelerations (k, n) and multipliers (k, rows) of many states in one call."""
-    qdd, multipliers = np.empty_like(q), np.zeros((len(q), len(robot.lowered.tie_names)))
+    qdd, multipliers = np.empty_like(q), np.zeros((len(q), len(robot.constraint_names)))
     inputs = (np.zeros(robot.n), q, qd, np.zeros_like(q), tau)
     if multipliers.size:
         kernel, outputs = constrained.constrained_dynamics_rows, (qdd, multipliers)
@@ -137,7 +136,7 @@ def forward_rows(robot: HeldModel, q: Array, qd: Array, tau: Array) -> tuple[Arr
 
 
 def inverse_torques(
-    robot: HeldModel, q: Array, qd: Array, qdd: Array, actuated: Int, tau: Array | None = None
+    robot: RobotModel, q: Array, qd: Array, qdd: Array, actuated: Int, tau: Array | None = None
 ) -> tuple[Array, Array]:
     """Return torques of the actuated coordinates and multipliers, both of least norm.
 
@@ -170,7 +169,7 @@ def inverse_torques(
 
 
 def hybrid(
-    robot: HeldModel, q: Array, qd: Array, qdd_actuated: Array, actuated: Int, tau: Array
+    robot: RobotModel, q: Array, qd: Array, qdd_actuated: Array, actuated: Int, tau: Array
 ) -> tuple[Array, Array, Array]:
     """Return torques of the actuated coordinates, all accelerations and multipliers."""
     loads = tau.copy()
@@ -180,7 +179,7 @@ def hybrid(
     return torque, qdd, multipliers
 
 
-def require_closed_accelerations(robot: HeldModel, rows: Array, bias: Array, qdd: Array) -> None:
+def require_closed_accelerations(robot: RobotModel, rows: Array, bias: Array, qdd: Array) -> None:
     """Raise StateError where J q'' + J' q' is not zero."""
     if not len(rows):
         return
@@ -189,25 +188,25 @@ def require_closed_accelerations(robot: HeldModel, rows: Array, bias: Array, qdd
     worst = int(np.argmax(np.abs(residual)))
     if abs(residual[worst]) > AGREEMENT * size:
         raise StateError(
-            f'{robot.tree.name}: qdd must keep {robot.lowered.tie_names[worst]!r} closed, got '
+            f'{robot.tree.name}: qdd must keep {robot.constraint_names[worst]!r} closed, got '
             f'{residual[worst]:.3g} m/s^2 (or rad/s^2) of its row {worst}'
         )
 
 
-def raise_status(robot: HeldModel, status: int, **arguments: Array) -> None:
-    """Raise what the status of a kernel with ties says."""
+def raise_status(robot: RobotModel, status: int, **arguments: Array) -> None:
+    """Raise what the status of a kernel with constraints says."""
     if status not in (CONTRADICTED, OPENED):
-        robot.judge(status, **arguments)
+        robot.raise_for_status(status, **arguments)
         return
-    found = robot.work[int(robot.lowered.ints[0, tie_layout.TIES_WORK]) :]
-    name = robot.lowered.tie_names[int(found[tie_layout.WORST])]
-    left = f'{found[tie_layout.EXCESS]:.3g}'
+    found = robot.work[int(robot.arrays.topology[0, constraint_layout.CONSTRAINTS_WORK]) :]
+    name = robot.constraint_names[int(found[constraint_layout.WORST])]
+    left = f'{found[constraint_layout.RESIDUAL]:.3g}'
     if status == OPENED:
         raise SolverError(
             f'{robot.tree.name}: {name!r} must stay closed to {OPEN:g} m (or rad) in a step, got '
             f'{left}: the state before it is not closed, or the step is too long'
         )
-    rank = f'{int(found[tie_layout.RANK])} of {len(robot.lowered.tie_names)} rows'
+    rank = f'{int(found[constraint_layout.RANK])} of {len(robot.constraint_names)} rows'
     raise SolverError(
         f'{robot.tree.name}: the rows of {name!r} must not contradict the others, got a singular '
         f'configuration: rank {rank}, {left} m/s^2 (or rad/s^2) left'

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.model.lowering import is_flexible
+from denoc_ros.model.arrays import is_flexible
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.borders import (
+from denoc_ros.dynamics.constrained_model import ConstrainedModel
+from denoc_ros.dynamics.validation import (
     as_output,
     as_outputs,
     as_rows,
@@ -18,7 +19,6 @@ from denoc_ros.dynamics.borders import (
     require_finite,
     same_rows,
 )
-from denoc_ros.dynamics.constrained_model import ConstrainedModel
 from denoc_ros.errors import StateError
 from denoc_ros.kernels import (
     forward_derivatives,
@@ -225,7 +225,7 @@ class DifferentiableModel(ConstrainedModel):
         states[:, 2, index] = rows[2]
         kernel = forward_derivatives.hybrid_dynamics_derivatives_rows
         status = run_rows(self, kernel, k, (split.flags, states), (found,))
-        self._judge(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
+        self._raise_for_status(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
         if wrenches:
             by_q, _, driven, _ = found[:, : 4 * n * n].reshape(k, 4, n, n).swapaxes(0, 1)
             load, free = self.load_derivative(rows[0], wrenches), split.free
@@ -278,7 +278,7 @@ class DifferentiableModel(ConstrainedModel):
             result = (a, b, c)
             flat = [one.reshape(k, n, n) for one in result]
             status = run_rows(self, rows_kernel, k, rows, flat)
-        self._judge(status, check, **arrays)
+        self._raise_for_status(status, check, **arrays)
         return result
 
     def _subtract_loads(self, q: Array, wrenches: Wrenches, out: Array) -> None:
@@ -289,7 +289,7 @@ class DifferentiableModel(ConstrainedModel):
             inputs = (rows, self._row(frame), as_vector('wrench', wrench, (6,)))
             flat = out.reshape(count, self.n, self.n)
             kernel = load_derivatives.subtract_load_rows
-            self.judge(run_rows(self, kernel, count, inputs, (flat,)), q=q)
+            self.raise_for_status(run_rows(self, kernel, count, inputs, (flat,)), q=q)
 
 
 def _three(out: Sequence[Array]) -> Derivatives:

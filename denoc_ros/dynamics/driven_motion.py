@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.constraints import RANK, add_loop_friction, closure_rows, jacobian
-from denoc_ros.dynamics.joint_ties import joint_ties
+from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.mobility import rank_of
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.model.tree import JointKind, Tree
@@ -64,7 +64,7 @@ class DrivenMotion:
         held: Mapping[str, float] | None = None,
     ) -> None:
         self.robot = robot
-        self._ties, self._offsets, self.joints = joint_ties(robot, joints, held or {})
+        self._ties, self._offsets, self.joints = mimic_ties(robot, joints, held or {})
         self._all = robot.joint_indices
         identity = np.array_equal(self._ties, np.eye(len(self._ties)))
         self._plain = identity and not self._offsets.any()
@@ -164,7 +164,7 @@ class LoopedMotion(DrivenMotion):
         if rank_of(rows[:, np.union1d(free, self.index)]) > rank:
             raise StateError(
                 f'{robot.tree.name}: the driven joints must move independently of each other, '
-                f'got {list(self.joints)}, which the loops tie together'
+                f'got {list(self.joints)}, which the loops constraint together'
             )
         everything = np.union1d(free, robot.flexible_indices)
         return everything if flexible and rank_of(rows[:, everything]) > rank else free

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics.borders import as_vector
 from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
 from denoc_ros.dynamics.linearization import stiffness
+from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import SolverError
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class Equilibrium:
         self._wrenches = wrenches
         self.free = np.ascontiguousarray(free)
         self._force, self._zero = np.zeros((2, robot.n))
-        self._multipliers = np.zeros(len(robot.lowered.tie_names) if closed else 0)
+        self._multipliers = np.zeros(len(robot.constraint_names) if closed else 0)
         size = len(free) + len(self._multipliers)
         self._inverse: Array = np.zeros((size, size))
         self._found = self._unsettled = False

@@ -41,9 +41,9 @@ def with_joint_feedback(
     if not np.isfinite(gains).all() or (gains < 0.0).any():
         raise StateError(f'gains kp, kd must be finite and >= 0, got {gains.tolist()}')
     held = robot.copy()
-    diagonals = held.lowered.diagonals.copy()
+    diagonals = held.arrays.diagonals.copy()
     diagonals[STIFFNESS, index] += gains[0]
     diagonals[DAMPING, index] += gains[1]
-    held.lowered = replace(held.lowered, diagonals=diagonals)
-    # a copy makes its workspace from what is lowered
+    held.arrays = replace(held.arrays, diagonals=diagonals)
+    # a copy makes its workspace from what is arrays
     return held.copy()

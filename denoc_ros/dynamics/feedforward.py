@@ -14,7 +14,7 @@ from denoc_ros.dynamics.equilibrium import Equilibrium, UnsettledError
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.handle import DAMPING, FRICTION
-from denoc_ros.model.lowering import SLIP_RATE
+from denoc_ros.model.arrays import SLIP_RATE
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -129,7 +129,7 @@ class TorqueFeedforward:
         self._zero = np.zeros(n)
         self._state, self._full, self._part = np.zeros((3, n))
         self._result = np.zeros(len(self.joints))
-        diagonals = robot.lowered.diagonals
+        diagonals = robot.arrays.diagonals
         self._damping = diagonals[DAMPING][self._index].copy()
         self._friction = diagonals[FRICTION][self._index].copy()
         self._given = np.zeros(len(self.motion.given))

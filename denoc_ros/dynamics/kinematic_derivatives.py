@@ -10,16 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.borders import as_output, as_states, same_rows
-from denoc_ros.dynamics.held_model import HeldModel
+from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.section import Section
+from denoc_ros.dynamics.validation import as_output, as_states, same_rows
 from denoc_ros.kernels import frame_motion
 from denoc_ros.kernels.compiled import ready
 
 Array = NDArray[np.float64]
 
 
-class _Verb(NamedTuple):
+class KernelOperation(NamedTuple):
     """A kernel, the same over rows, and the shape of its result for n coordinates."""
 
     kernel: Callable[..., int]
@@ -27,23 +27,25 @@ class _Verb(NamedTuple):
     shape: Callable[[int], tuple[int, ...]]
 
 
-MOTION = _Verb(frame_motion.frame_motion, frame_motion.frame_motion_rows, lambda n: (2, 6))
-JACOBIAN_RATE = _Verb(
+MOTION = KernelOperation(
+    frame_motion.frame_motion, frame_motion.frame_motion_rows, lambda n: (2, 6)
+)
+JACOBIAN_RATE = KernelOperation(
     frame_motion.frame_jacobian_rate, frame_motion.frame_jacobian_rate_rows, lambda n: (6, n)
 )
-VELOCITY = _Verb(
+VELOCITY = KernelOperation(
     frame_motion.frame_velocity_derivatives,
     frame_motion.frame_velocity_derivatives_rows,
     lambda n: (2, 6, n),
 )
-ACCELERATION = _Verb(
+ACCELERATION = KernelOperation(
     frame_motion.frame_acceleration_derivatives,
     frame_motion.frame_acceleration_derivatives_rows,
     lambda n: (3, 6, n),
 )
 
 
-class KinematicDerivatives(HeldModel):
+class KinematicDerivatives(RobotModel):
     """What frames, beams and sensors do as the state changes; exact, by recursion.
 
     Of a frame: linear first, base axes, at its origin. The derivative of a pose by q is the
@@ -176,7 +178,7 @@ class KinematicDerivatives(HeldModel):
 
     def _of_motion(
         self,
-        verb: _Verb,
+        verb: KernelOperation,
         frame: str,
         q: ArrayLike,
         qd: ArrayLike,

@@ -10,7 +10,6 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.kernels import inverse_derivatives, load_derivatives
-from denoc_ros.kernels.handle import DAMPING, STIFFNESS
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -70,7 +69,7 @@ def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None =
     if derivatives_are_ready(bool(wrenches)):
         exact: Array = robot.inverse_dynamics_derivatives(q, zero, zero, wrenches)[0]
         return np.asarray(0.5 * (exact + exact.T))
-    elastic: Array = robot.lowered.diagonals[STIFFNESS]
+    elastic: Array = robot.stiffness
 
     def load(state: Array) -> Array:
         return robot.inverse_dynamics(state, zero, zero, wrenches) - elastic * state
@@ -92,7 +91,7 @@ def natural_modes(robot: Robot, q: Array, held: bool) -> NaturalModes:
     rounding = max(1e-8, 1e-13 * float(np.abs(squares).max()))
     squares = np.where(np.abs(squares) < rounding, 0.0, squares)
     frequencies = np.sign(squares) * np.sqrt(np.abs(squares)) / (2.0 * np.pi)
-    damping = robot.lowered.diagonals[DAMPING][index]
+    damping = robot.damping[index]
     modal = np.einsum('ij,i,ij->j', vectors, damping, vectors)
     omega = 2.0 * np.pi * np.abs(frequencies)
     ratios = np.divide(modal, 2.0 * omega, out=np.zeros_like(modal), where=omega > 0.0)

@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import constraints
-from denoc_ros.dynamics.borders import as_vector
 from denoc_ros.dynamics.constrained_derivatives import tied_derivatives
-from denoc_ros.dynamics.held_model import HeldModel
 from denoc_ros.dynamics.linear_model import LinearModel
 from denoc_ros.dynamics.linear_signals import read_inputs, read_outputs
 from denoc_ros.dynamics.mechanism_modes import independent_joints
 from denoc_ros.dynamics.minimal_coordinates import minimal_coordinates
-from denoc_ros.kernels.handle import FRICTION
-from denoc_ros.kernels.layout import SLIP_RATE
+from denoc_ros.dynamics.robot_model import RobotModel
+from denoc_ros.dynamics.validation import as_vector
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -27,7 +25,7 @@ Int = NDArray[np.int64]
 State = tuple[Array, Array, Array]
 
 
-class Linearizable(HeldModel):
+class Linearizable(RobotModel):
     """What a robot does in small about a state."""
 
     def linearize(
@@ -156,7 +154,7 @@ def _forces(
     return tied.by_q, by_qd, tied.inertia
 
 
-def friction_slope(robot: HeldModel, qd: Array) -> Array:
+def friction_slope(robot: RobotModel, qd: Array) -> Array:
     """Return the slope (n,) of the coordinates' Coulomb friction at rates qd."""
-    slip = robot.lowered.reals[SLIP_RATE]
-    return np.asarray(robot.lowered.diagonals[FRICTION] / slip * (1.0 - np.tanh(qd / slip) ** 2))
+    slip = robot.slip_rate
+    return np.asarray(robot.friction / slip * (1.0 - np.tanh(qd / slip) ** 2))

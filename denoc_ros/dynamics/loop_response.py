@@ -22,7 +22,7 @@ Complex = NDArray[np.complex128]
 
 RINGS = 0.05  # damping ratio below which a swing is seen: five swings to 20 %
 DECAYED = 3.0  # time constants to 5 %
-REAL = 1e-3  # of its size: imaginary part of what does not swing
+BODY_CONSTANTS = 1e-3  # of its size: imaginary part of what does not swing
 UNSEEN = 1e-6  # of the largest: modes that the input does not move, or the output does not see
 POINTS = 500
 
@@ -110,7 +110,7 @@ def swings(values: Complex) -> list[Swing]:
 
 
 def _swinging(values: Complex) -> NDArray[np.bool_]:
-    return np.asarray(np.abs(values.imag) > REAL * np.abs(values))
+    return np.asarray(np.abs(values.imag) > BODY_CONSTANTS * np.abs(values))
 
 
 def _collocated(way: LoopResponse) -> str:

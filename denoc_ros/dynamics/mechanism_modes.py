@@ -18,7 +18,6 @@ from denoc_ros.dynamics.linearization import (
     stiffness,
 )
 from denoc_ros.dynamics.mobility import rank_of
-from denoc_ros.kernels.handle import DAMPING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -100,7 +99,7 @@ def mechanism_modes(robot: Robot, q: Array, held: Sequence[str]) -> NaturalModes
     )
     shapes = basis @ vectors
     omega = np.sqrt(np.abs(squares))
-    modal = np.einsum('ij,i,ij->j', shapes, robot.lowered.diagonals[DAMPING], shapes)
+    modal = np.einsum('ij,i,ij->j', shapes, robot.damping, shapes)
     ratios = np.divide(modal, 2.0 * omega, out=np.zeros_like(modal), where=omega > 0.0)
     return NaturalModes(np.sign(squares) * omega / (2.0 * np.pi), shapes, ratios)
 

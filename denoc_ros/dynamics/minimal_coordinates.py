@@ -91,7 +91,7 @@ def _require_closed(robot: Robot, q: Array, qd: Array) -> None:
         worst = int(np.argmax(np.abs(values)))
         if abs(values[worst]) > CLOSED:
             raise StateError(
-                f'{robot.tree.name}: {what} must keep {robot.lowered.tie_names[worst]!r} closed '
+                f'{robot.tree.name}: {what} must keep {robot.constraint_names[worst]!r} closed '
                 f'to {CLOSED:g} {unit} (see {verb}), got {values[worst]:.3g}'
             )
 

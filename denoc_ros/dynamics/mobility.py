@@ -13,7 +13,7 @@ from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
 from denoc_ros.errors import SolverError
 
 if TYPE_CHECKING:
-    from denoc_ros.dynamics.held_model import HeldModel
+    from denoc_ros.dynamics.robot_model import RobotModel
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ SPREAD = 0.3  # rad or m, how far from the first
 
 
 @dataclass(frozen=True)
-class TieMobility:
+class ConstraintMobility:
     """One loop or mimic joint."""
 
     name: str
@@ -42,7 +42,7 @@ class Mobility:
 
     q: Array  # (n,) the configuration
     failure: str  # why it is not closed, '' if it is
-    ties: tuple[TieMobility, ...]
+    constraints: tuple[ConstraintMobility, ...]
     rows: int
     rank: int  # of all rows together
     usual_rank: int  # in other configurations: more means that this one is singular
@@ -55,10 +55,10 @@ def rank_of(rows: Array) -> int:
     return int(np.sum(values > RANK * values.max(initial=1e-300)))
 
 
-def mobility(robot: HeldModel) -> Mobility:
+def mobility(robot: RobotModel) -> Mobility:
     """Return what loops and mimic joints leave a robot to move."""
     zero = np.zeros(robot.n)
-    names = np.array(robot.lowered.tie_names)
+    names = np.array(robot.constraint_names)
     errors = np.abs(closure_rows(robot, zero, zero)[0])
     q, failure = zero, ''
     try:
@@ -66,17 +66,19 @@ def mobility(robot: HeldModel) -> Mobility:
     except SolverError as error:
         failure = str(error)
     rows, _ = jacobian(robot, q)
-    ties = []
-    for name in dict.fromkeys(robot.lowered.tie_names):
+    constraints = []
+    for name in dict.fromkeys(robot.constraint_names):
         mine = names == name
         own = rows[mine]
-        ties.append(TieMobility(name, float(errors[mine].max()), len(own), rank_of(own)))
+        constraints.append(
+            ConstraintMobility(name, float(errors[mine].max()), len(own), rank_of(own))
+        )
     usual = rows if failure else _usual_rows(robot, q, rows)
     joints = robot.joint_indices
     return Mobility(
         q,
         failure,
-        tuple(ties),
+        tuple(constraints),
         len(rows),
         rank_of(rows),
         rank_of(usual),
@@ -84,7 +86,7 @@ def mobility(robot: HeldModel) -> Mobility:
     )
 
 
-def _usual_rows(robot: HeldModel, q: Array, rows: Array) -> Array:
+def _usual_rows(robot: RobotModel, q: Array, rows: Array) -> Array:
     """Return the Jacobian of greatest rank among that at q and some configurations near it."""
     rng = np.random.default_rng(0)
     for _ in range(TRIALS):

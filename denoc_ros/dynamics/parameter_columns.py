@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.kernels import layout
+from denoc_ros.model.arrays import inertia_row, is_flexible
 from denoc_ros.model.inertia import from_centre, moved
-from denoc_ros.model.lowering import inertia_row, is_flexible
 from denoc_ros.model.overrides import carrying_links, damping_names
 from denoc_ros.model.tree import Beam, Deformation, RigidInertia
 
 if TYPE_CHECKING:
-    from denoc_ros.dynamics.held_model import HeldModel
+    from denoc_ros.dynamics.robot_model import RobotModel
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -43,7 +43,7 @@ class Column:
     """What one unit of a parameter adds.
 
     To a term along the coordinates: values (n,). To the inertia: values of the constants, which
-    are indices of `reals`, all other masses being zero.
+    are indices of `constants`, all other masses being zero.
     """
 
     term: str  # one of DIAGONAL_TERMS, else 'inertia'
@@ -55,7 +55,7 @@ class _Unfit(Exception):  # noqa: N818
     """A path that gives no column: what it must be, and what it is."""
 
 
-def find_columns(robot: HeldModel, paths: Sequence[str]) -> list[Column]:
+def find_columns(robot: RobotModel, paths: Sequence[str]) -> list[Column]:
     """Return the columns of dotted paths, in their order.
 
     Raises
@@ -80,7 +80,7 @@ def find_columns(robot: HeldModel, paths: Sequence[str]) -> list[Column]:
 
 
 def beam_constants(row: Int) -> slice:
-    """Return where the constants of a body's beam stand in `reals`, by its row of `ints`."""
+    """Return where a body's beam stands in `constants`, by its row of `topology`."""
     ny, nz, nt = (int(row[k]) for k in (layout.NY, layout.NZ, layout.NT))
     size = 1 + nt + nt * nt + int(row[layout.POINTS]) * (2 + ny + nz + ny * ny + nz * nz)
     start = int(row[layout.BEAM])
@@ -92,7 +92,7 @@ def _known(exist: Sequence[str]) -> _Unfit:
     return _Unfit(f'be one that the robot has ({listed}), got another')
 
 
-def _diagonal(robot: HeldModel, term: str, index: int | slice, values: Array | float) -> Column:
+def _diagonal(robot: RobotModel, term: str, index: int | slice, values: Array | float) -> Column:
     column = np.zeros(robot.n)
     column[index] = values
     return Column(term, column, np.zeros(0, dtype=np.int64))
@@ -101,7 +101,7 @@ def _diagonal(robot: HeldModel, term: str, index: int | slice, values: Array | f
 # joints -----------------------------------------------------------------------------------------
 
 
-def _joint(robot: HeldModel, rest: str) -> Column:
+def _joint(robot: RobotModel, rest: str) -> Column:
     name, _, field = rest.rpartition('.')
     if name not in robot.joint_names or field not in DIAGONAL_TERMS[1:]:
         fields = '|'.join(DIAGONAL_TERMS[1:])
@@ -113,7 +113,7 @@ def _joint(robot: HeldModel, rest: str) -> Column:
 # beams ------------------------------------------------------------------------------------------
 
 
-def _beam(robot: HeldModel, rest: str) -> Column:
+def _beam(robot: RobotModel, rest: str) -> Column:
     """Return the column of `<link>.<y|z|torsion>.<field>[.<mode>]` or `<link>.mass_per_length`."""
     for i, body in enumerate(robot.tree.bodies):
         if not is_flexible(body) or not rest.startswith(f'{body.name}.'):
@@ -129,7 +129,7 @@ def _beam(robot: HeldModel, rest: str) -> Column:
     raise _known(_beam_paths(robot))
 
 
-def _beam_paths(robot: HeldModel) -> list[str]:
+def _beam_paths(robot: RobotModel) -> list[str]:
     known = []
     for body in robot.tree.bodies:
         if is_flexible(body) and body.beam is not None:
@@ -142,14 +142,14 @@ def _beam_paths(robot: HeldModel) -> list[str]:
 
 
 def _deformation(
-    robot: HeldModel, i: int, beam: Beam, part: Deformation, parts: Sequence[str]
+    robot: RobotModel, i: int, beam: Beam, part: Deformation, parts: Sequence[str]
 ) -> Column:
     name, field = parts[0], parts[1]
     if field == 'modes':
         raise _Unfit(f'{NOT_LINEAR}, got the number of modes')
     if name == 'torsion' and field == 'polar_inertia' and len(parts) == 2:
         return _polar_inertia(robot, i, beam)
-    row = robot.lowered.ints[1 + i].astype(int)
+    row = robot.arrays.topology[1 + i].astype(int)
     before = sum(beam.modes[: PARTS.index(name)])
     first = int(row[layout.COORDINATE] + row[layout.JOINT]) + before
     per_unit = part.modal_stiffness / part.stiffness
@@ -174,38 +174,38 @@ def _mode(text: str, modes: int) -> Array:
     return np.asarray(np.arange(1, modes + 1) == int(text), dtype=np.float64)
 
 
-def _mass_per_length(robot: HeldModel, i: int, beam: Beam) -> Column:
+def _mass_per_length(robot: RobotModel, i: int, beam: Beam) -> Column:
     """Return the column of a beam's own mass: its points are in proportion to its root."""
-    row = robot.lowered.ints[1 + i].astype(int)
+    row = robot.arrays.topology[1 + i].astype(int)
     where = beam_constants(row)
     nt = int(row[layout.NT])
-    values = robot.lowered.reals[where] / np.sqrt(beam.mass_per_length)
+    values = robot.arrays.constants[where] / np.sqrt(beam.mass_per_length)
     values[: 1 + nt + nt * nt] = 0.0
     return Column('inertia', values, np.arange(where.start, where.stop))
 
 
-def _polar_inertia(robot: HeldModel, i: int, beam: Beam) -> Column:
+def _polar_inertia(robot: RobotModel, i: int, beam: Beam) -> Column:
     """Return the column of a beam's inertia about its axis, which the rest of the link loses."""
-    row = robot.lowered.ints[1 + i].astype(int)
+    row = robot.arrays.topology[1 + i].astype(int)
     nt, start = int(row[layout.NT]), int(row[layout.BEAM])
     polar = np.arange(start, start + 1 + nt + nt * nt)
     rest = RigidInertia(inertia=np.diag([-beam.length, 0.0, 0.0]))
-    body = inertia_row(rest, robot.lowered.axes[i])
-    at = int(row[layout.REAL]) + layout.MASS
-    values = np.concatenate([robot.lowered.reals[polar] / beam.polar_inertia, body])
+    body = inertia_row(rest, robot.arrays.axes[i])
+    at = int(row[layout.BODY_CONSTANTS]) + layout.MASS
+    values = np.concatenate([robot.arrays.constants[polar] / beam.polar_inertia, body])
     return Column('inertia', values, np.concatenate([polar, np.arange(at, at + 10)]))
 
 
 # rigid bodies -----------------------------------------------------------------------------------
 
 
-def _rigid(robot: HeldModel, link: str, inertia: RigidInertia) -> Column:
+def _rigid(robot: RobotModel, link: str, inertia: RigidInertia) -> Column:
     """Return the column of an inertia about a link frame's origin."""
     attachment = robot.tree.frames[link]
     seen = moved(inertia, attachment.placement)
-    row = robot.lowered.ints[1 + attachment.body].astype(int)
-    at = int(row[layout.REAL]) + layout.MASS
-    values = inertia_row(seen, robot.lowered.axes[attachment.body])
+    row = robot.arrays.topology[1 + attachment.body].astype(int)
+    at = int(row[layout.BODY_CONSTANTS]) + layout.MASS
+    values = inertia_row(seen, robot.arrays.axes[attachment.body])
     return Column('inertia', values, np.arange(at, at + 10))
 
 
@@ -217,7 +217,9 @@ def _moment(name: str) -> RigidInertia:
     return RigidInertia(inertia=matrix)
 
 
-def _split(robot: HeldModel, rest: str, kind: str, fields: Sequence[str]) -> tuple[str, list[str]]:
+def _split(
+    robot: RobotModel, rest: str, kind: str, fields: Sequence[str]
+) -> tuple[str, list[str]]:
     """Return the link and the field's parts of a path."""
     links = carrying_links(robot.tree)
     for link in sorted(links, key=len, reverse=True):
@@ -226,7 +228,7 @@ def _split(robot: HeldModel, rest: str, kind: str, fields: Sequence[str]) -> tup
     raise _known([f'{kind}.{link}.<{"|".join(fields)}>' for link in sorted(links)])
 
 
-def _payload(robot: HeldModel, rest: str) -> Column:
+def _payload(robot: RobotModel, rest: str) -> Column:
     fields = ('mass', *(f'inertia.{name}' for name in MOMENTS))
     link, parts = _split(robot, rest, 'payload', fields)
     if parts == ['com']:
@@ -241,7 +243,7 @@ def _payload(robot: HeldModel, rest: str) -> Column:
     raise _known([f'payload.{link}.<{"|".join(fields)}>'])
 
 
-def _centre(robot: HeldModel, link: str) -> Array:
+def _centre(robot: RobotModel, link: str) -> Array:
     """Return the centre of mass of a link's payload in the link's frame, 0 without one."""
     held = robot.payload_centre(link)
     if held is not None:
@@ -250,7 +252,7 @@ def _centre(robot: HeldModel, link: str) -> Array:
     return np.zeros(3) if given is None else np.ravel(np.asarray(given, dtype=np.float64))
 
 
-def _link(robot: HeldModel, rest: str) -> Column:
+def _link(robot: RobotModel, rest: str) -> Column:
     moments = [f'first_moment.{axis}' for axis in AXES]
     fields = ('mass', *moments, *(f'inertia.{name}' for name in MOMENTS))
     link, parts = _split(robot, rest, 'link', fields)

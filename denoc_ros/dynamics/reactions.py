@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.kernels import tie_layout, world
+from denoc_ros.kernels import constraint_layout, world
 from denoc_ros.kernels.layout import (
     FORCE,
     PARENT,
@@ -16,7 +16,7 @@ from denoc_ros.kernels.layout import (
     WORLD_POSITION,
     WORLD_ROTATION,
 )
-from denoc_ros.model.ties import directions
+from denoc_ros.model.constraints import directions
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -61,7 +61,7 @@ def reactions(
     (book, section 3.2). What loops give on the way is taken off.
     """
     robot.inverse_dynamics(q, qd, qdd)
-    starts = robot.lowered.ints[1 : robot.lowered.bodies + 1, WORK].astype(int)
+    starts = robot.arrays.topology[1 : robot.arrays.bodies + 1, WORK].astype(int)
     work = robot.work
     needed = np.array(
         [
@@ -76,12 +76,12 @@ def reactions(
     pins, loops = _loop_wrenches(robot, q, multipliers)
     for loop, pin, wrench in zip(robot.tree.loops, pins, loops, strict=True):
         for frame, sign in ((loop.child.frame, 1.0), (loop.parent.frame, -1.0)):
-            row = int(robot.lowered.ints[robot.lowered.frame_rows[frame], PARENT])
+            row = int(robot.arrays.topology[robot.arrays.frame_rows[frame], PARENT])
             while row > 0:
                 arm = pin - origins[row - 1]
                 moment = wrench[3:] + np.cross(arm, wrench[:3])
                 joints[row - 1] -= sign * np.concatenate([wrench[:3], moment])
-                row = int(robot.lowered.ints[row, PARENT])
+                row = int(robot.arrays.topology[row, PARENT])
     return Reactions(origins, joints, pins, loops)
 
 
@@ -94,7 +94,7 @@ def _loop_wrenches(robot: Robot, q: Array, multipliers: Array | None) -> tuple[A
         parent, child = (robot.frame_pose(end.frame, q) for end in (loop.parent, loop.child))
         kind, linear, angular, _ = directions(loop)
         force, moment = linear.T, parent[:3, :3] @ angular.T
-        if kind == tie_layout.CROSSED:
+        if kind == constraint_layout.UNIVERSAL:
             assert loop.axis is not None
             assert loop.axis2 is not None
             across = np.cross(parent[:3, :3] @ loop.axis, child[:3, :3] @ loop.axis2)

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics.borders import as_output, as_states, same_rows
-from denoc_ros.dynamics.held_model import HeldModel
 from denoc_ros.dynamics.parameter_columns import (
     DIAGONAL_TERMS,
     Column,
     beam_constants,
     find_columns,
 )
+from denoc_ros.dynamics.robot_model import RobotModel
+from denoc_ros.dynamics.validation import as_output, as_states, same_rows
 from denoc_ros.kernels import layout
-from denoc_ros.model.lowering import is_flexible
+from denoc_ros.model.arrays import is_flexible
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-class TorqueRegressor(HeldModel):
+class TorqueRegressor(RobotModel):
     """What inverse dynamics make of parameters in which they are linear."""
 
     def torque_regressor(
@@ -86,7 +86,7 @@ class TorqueRegressor(HeldModel):
 def _write(robot: Robot, columns: Iterable[Column], rows: Sequence[Array], out: Array) -> None:
     """Write columns (k, n, parameters) at states (k, n)."""
     q, qd, qdd = rows
-    slip = np.tanh(qd / robot.lowered.reals[layout.SLIP_RATE])
+    slip = np.tanh(qd / robot.slip_rate)
     factors = dict(zip(DIAGONAL_TERMS, (q, qd, slip, qdd), strict=True))
     bare: Robot | None = None
     for index, column in enumerate(columns):
@@ -95,10 +95,10 @@ def _write(robot: Robot, columns: Iterable[Column], rows: Sequence[Array], out: 
             continue
         if bare is None:
             bare = _massless(robot)
-        constants = bare.reals[column.constants]
-        bare.reals[column.constants] = column.values
+        constants = bare.constants[column.constants]
+        bare.constants[column.constants] = column.values
         out[:, :, index] = bare.inverse_dynamics(q, qd, qdd)
-        bare.reals[column.constants] = constants
+        bare.constants[column.constants] = constants
 
 
 def _massless(robot: Robot) -> Robot:
@@ -107,11 +107,11 @@ def _massless(robot: Robot) -> Robot:
     Its inverse dynamics are those of the masses that are then put in.
     """
     bare = robot.copy()
-    lowered = robot.lowered
-    bare._adopt(replace(lowered, diagonals=np.zeros_like(lowered.diagonals)))
-    for row, body in zip(lowered.ints[1:].astype(int), robot.tree.bodies, strict=False):
-        mass = row[layout.REAL] + layout.MASS
-        bare.reals[mass : mass + 10] = 0.0
+    arrays = robot.arrays
+    bare._adopt(replace(arrays, diagonals=np.zeros_like(arrays.diagonals)))
+    for row, body in zip(arrays.topology[1:].astype(int), robot.tree.bodies, strict=False):
+        mass = row[layout.BODY_CONSTANTS] + layout.MASS
+        bare.constants[mass : mass + 10] = 0.0
         if is_flexible(body):
-            bare.reals[beam_constants(row)] = 0.0
+            bare.constants[beam_constants(row)] = 0.0
     return bare

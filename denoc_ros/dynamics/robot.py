@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import equilibrium, linearization, structure
 from denoc_ros.dynamics.batch import each_row, run_rows
-from denoc_ros.dynamics.borders import as_output, as_rows, as_states, same_rows
 from denoc_ros.dynamics.constrained_derivatives import DifferentiableMechanism
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
-from denoc_ros.dynamics.held_model import Source
 from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
 from denoc_ros.dynamics.linearize import Linearizable
 from denoc_ros.dynamics.regressor import TorqueRegressor
+from denoc_ros.dynamics.robot_model import Source
+from denoc_ros.dynamics.validation import as_output, as_rows, as_states, same_rows
 from denoc_ros.kernels import articulated, composite, inverse, world
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.handle import GOOD, MISFIT
@@ -30,7 +30,7 @@ Wrenches = Mapping[str, ArrayLike]
 _empty = np.empty  # a global name is found more quickly than a module's
 
 
-class Verb(NamedTuple):
+class KernelOperation(NamedTuple):
     """A kernel, the same over rows, and the shape of its result for n coordinates."""
 
     kernel: Callable[..., int]
@@ -38,12 +38,16 @@ class Verb(NamedTuple):
     shape: Callable[[int], tuple[int, ...]]
 
 
-INVERSE = Verb(inverse.inverse_dynamics, inverse.inverse_dynamics_rows, lambda n: (n,))
-FORWARD = Verb(articulated.forward_dynamics, articulated.forward_dynamics_rows, lambda n: (n,))
-INERTIA = Verb(composite.inertia_matrix, composite.inertia_matrix_rows, lambda n: (n, n))
-ENERGY = Verb(composite.energies, composite.energies_rows, lambda n: (2,))
-FRAME_POSE = Verb(world.frame_pose, world.frame_pose_rows, lambda n: (4, 4))
-FRAME_JACOBIAN = Verb(world.frame_jacobian, world.frame_jacobian_rows, lambda n: (6, n))
+INVERSE = KernelOperation(inverse.inverse_dynamics, inverse.inverse_dynamics_rows, lambda n: (n,))
+FORWARD = KernelOperation(
+    articulated.forward_dynamics, articulated.forward_dynamics_rows, lambda n: (n,)
+)
+INERTIA = KernelOperation(
+    composite.inertia_matrix, composite.inertia_matrix_rows, lambda n: (n, n)
+)
+ENERGY = KernelOperation(composite.energies, composite.energies_rows, lambda n: (2,))
+FRAME_POSE = KernelOperation(world.frame_pose, world.frame_pose_rows, lambda n: (4, 4))
+FRAME_JACOBIAN = KernelOperation(world.frame_jacobian, world.frame_jacobian_rows, lambda n: (6, n))
 
 
 class Robot(
@@ -63,7 +67,7 @@ class Robot(
     Loops and mimic joints: :class:`ConstrainedModel`. Derivatives of the dynamics:
     :class:`DifferentiableModel`, with loops :class:`DifferentiableMechanism`; of kinematics:
     :class:`KinematicDerivatives`; by parameters: :class:`TorqueRegressor`. Linear models:
-    :class:`Linearizable`. Attributes as in :class:`HeldModel`.
+    :class:`Linearizable`. Attributes as in :class:`RobotModel`.
     """
 
     def __init__(
@@ -181,7 +185,7 @@ class Robot(
         qdd, torque = np.empty(q.shape), np.empty(q.shape)
         rows = (self.held(index), q, qd, given, force)
         status = run_rows(self, articulated.articulated_dynamics_rows, len(q), rows, (qdd, torque))
-        self._judge(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
+        self._raise_for_status(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
         free = np.setdiff1d(np.arange(n), index)
         torque, qdd = np.ascontiguousarray(torque[:, index]), np.ascontiguousarray(qdd[:, free])
         return (torque[0], qdd[0]) if single else (torque, qdd)
@@ -295,7 +299,9 @@ class Robot(
         modes = each_row(lambda row: tuple(linearization.natural_modes(self, row, held)), q)
         return linearization.NaturalModes(*modes)
 
-    def _of_frame(self, verb: Verb, frame: str, q: ArrayLike, out: Array | None) -> Array:
+    def _of_frame(
+        self, verb: KernelOperation, frame: str, q: ArrayLike, out: Array | None
+    ) -> Array:
         """Return a pose or Jacobian of a frame, at one state or many."""
         row, shape = self._row(frame), verb.shape(self.n)
         q = as_states('q', q, self.n)
@@ -310,7 +316,7 @@ class Robot(
     def _settle(
         self,
         status: int,
-        verb: Verb,
+        verb: KernelOperation,
         arguments: dict[str, ArrayLike],
         out: Array | None,
         result: Array,
@@ -331,7 +337,7 @@ class Robot(
             k = len(rows[0])
             result = as_output(out, shape if single else (k, *shape))
             status = run_rows(self, verb.rows, k, rows, (result.reshape(k, *shape),))
-        self._judge(status, check, **arrays)
+        self._raise_for_status(status, check, **arrays)
         return result
 
 

@@ -12,7 +12,7 @@ from denoc_ros.dynamics.constraints import constrained_dynamics, raise_status
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.articulated import articulated_dynamics
 from denoc_ros.kernels.closing import advance_tied
-from denoc_ros.kernels.handle import ARMATURE, GOOD, MISFIT, NOT_FINITE
+from denoc_ros.kernels.handle import GOOD, MISFIT, NOT_FINITE
 from denoc_ros.kernels.step import STEP_ROWS, advance
 
 if TYPE_CHECKING:
@@ -43,14 +43,14 @@ class Stepper:
             raise StateError(f'step must be > 0 s, got {step}')
         self.robot = robot
         self.step = float(step)
-        self._tied = bool(robot.lowered.tie_names)
+        self._tied = bool(robot.constraint_names)
         self._kernel = advance_tied if self._tied else advance
         self._steps = np.zeros((STEP_ROWS, robot.n))
         self._zero, self._given, self._torque = np.zeros((3, robot.n))
-        self._multipliers = np.zeros(len(robot.lowered.tie_names))
+        self._multipliers = np.zeros(len(robot.constraint_names))
         self._driven = robot.indices(robot.joint_names if driven is None else driven)
         self._held = robot.held(self._driven)
-        self._armature = robot.lowered.diagonals[ARMATURE].copy()
+        self._armature = robot.armature.copy()
 
     def free(self, q: Array, qd: Array, tau: Array) -> None:
         """Advance q and qd (n,) in place under generalized forces tau (n,), held over the step.
@@ -96,7 +96,7 @@ class Stepper:
                 robot.handle, self._armature, self._held, q, qd, given, self._zero, out,
                 self._torque,
             )  # fmt: skip
-        self._judge(status, q, qd, out)
+        self._raise_for_status(status, q, qd, out)
         out[self._driven] = qdd_driven
 
     def _advance(self, held: Array, q: Array, qd: Array, given: Array, tau: Array) -> None:
@@ -106,9 +106,9 @@ class Stepper:
             )
         except TypeError:
             status = MISFIT
-        self._judge(status, q, qd, tau)
+        self._raise_for_status(status, q, qd, tau)
 
-    def _judge(self, status: int, *arrays: Array) -> None:
+    def _raise_for_status(self, status: int, *arrays: Array) -> None:
         if status == GOOD:
             return
         if status == MISFIT:

@@ -128,7 +128,7 @@ class StrainDamping:
     def closed_loop(self, robot: Robot, q: Array) -> Array:
         """Return A (2 n + 2 k, 2 n + 2 k) of [q, q', f, x]' = A [q, q', f, x] at coordinates q."""
         n, k = robot.n, len(self._used)
-        diagonals = robot.lowered.diagonals
+        diagonals = robot.arrays.diagonals
         mobility = np.linalg.inv(robot.inertia_matrix(q))
         bent = mobility @ self._force(n)
         rate, late = self._rate, 2.0 / self._delay
@@ -177,9 +177,9 @@ class StrainDamping:
         position, rate = vectors[:n], vectors[n : 2 * n]
         torque = self._force(n) @ (self._law(n) @ vectors)
         fed = np.real(np.sum(np.conj(rate) * torque, axis=0))
-        taken = robot.lowered.diagonals[DAMPING] @ np.abs(rate) ** 2
+        taken = robot.damping @ np.abs(rate) ** 2
         kinetic = np.real(np.sum(np.conj(rate) * (robot.inertia_matrix(q) @ rate), axis=0))
-        elastic = robot.lowered.diagonals[STIFFNESS] @ np.abs(position) ** 2
+        elastic = robot.stiffness @ np.abs(position) ** 2
         energy = kinetic + elastic
         speed = np.maximum(np.abs(values), 2.0 * np.pi * self._slowest)
         # joints at rest anywhere are no vibration: rounding is all the energy they have

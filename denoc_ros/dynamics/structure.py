@@ -8,20 +8,20 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics.borders import as_vector
 from denoc_ros.dynamics.section import Section
+from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import StateError
 from denoc_ros.kernels import layout, world
-from denoc_ros.model.lowering import cross_matrix, is_flexible
+from denoc_ros.model.arrays import cross_matrix, is_flexible
 from denoc_ros.model.tree import RigidInertia
 
 if TYPE_CHECKING:
-    from denoc_ros.dynamics.held_model import HeldModel
+    from denoc_ros.dynamics.robot_model import RobotModel
 
 Array = NDArray[np.float64]
 
 
-def _row(robot: HeldModel, link: str) -> int:
+def _row(robot: RobotModel, link: str) -> int:
     for index, body in enumerate(robot.tree.bodies):
         if body.name == link and is_flexible(body):
             return index + 1
@@ -29,14 +29,14 @@ def _row(robot: HeldModel, link: str) -> int:
     raise StateError(f'link must be a flexible one of {flexible}, got {link!r}')
 
 
-def amplitudes(robot: HeldModel, link: str) -> slice:
+def amplitudes(robot: RobotModel, link: str) -> slice:
     """Return where the amplitudes of a flexible link stand among the coordinates."""
-    row = robot.lowered.ints[_row(robot, link)].astype(int)
+    row = robot.arrays.topology[_row(robot, link)].astype(int)
     first = int(row[layout.COORDINATE] + row[layout.JOINT])
     return slice(first, first + int(row[layout.MODES]))
 
 
-def find_section(robot: HeldModel, link: str, station: float | None) -> tuple[Section, slice]:
+def find_section(robot: RobotModel, link: str, station: float | None) -> tuple[Section, slice]:
     """Return a section of a link's beam (default its tip) and its amplitudes' slice."""
     beam = robot.tree.bodies[_row(robot, link) - 1].beam
     assert beam is not None
@@ -73,21 +73,21 @@ def payload_inertia(
     return RigidInertia(float(mass), mass * centre, total)
 
 
-def _blocks(robot: HeldModel, i: int) -> tuple[Array | None, Array]:
+def _blocks(robot: RobotModel, i: int) -> tuple[Array | None, Array]:
     """Return twist propagation A (6 + m_i, 6 + m_parent) and P (6 + m_i, k_i) of row i."""
-    row = robot.lowered.ints[i].astype(int)
-    reals, work = robot.reals, robot.work
+    row = robot.arrays.topology[i].astype(int)
+    constants, work = robot.constants, robot.work
     modes = int(row[layout.MODES])
     joint = int(row[layout.JOINT])
     p = np.zeros((6 + modes, joint + modes))
     if joint:
-        at = int(row[layout.REAL]) + layout.AXIS
-        p[:6, 0] = reals[at : at + 6]
+        at = int(row[layout.BODY_CONSTANTS]) + layout.AXIS
+        p[:6, 0] = constants[at : at + 6]
     p[6:, joint:] = np.eye(modes)
     parent = int(row[layout.PARENT])
     if parent == 0:
         return None, p
-    columns = int(robot.lowered.ints[parent, layout.MODES])
+    columns = int(robot.arrays.topology[parent, layout.MODES])
     six = np.eye(6, 6 + columns)  # twist of the section from that of its body
     if row[layout.SECTION] > 0:
         at = int(row[layout.SECTION_WORK])
@@ -103,18 +103,18 @@ def _blocks(robot: HeldModel, i: int) -> tuple[Array | None, Array]:
     return a, p
 
 
-def _public_axes(robot: HeldModel, i: int) -> Array:
+def _public_axes(robot: RobotModel, i: int) -> Array:
     """Return the turn (6 + m, 6 + m) of row i's twist from the kernels' axes to the body frame."""
-    turn: Array = np.eye(6 + int(robot.lowered.ints[i, layout.MODES]))
-    turn[:3, :3] = turn[3:6, 3:6] = robot.lowered.axes[i - 1]
+    turn: Array = np.eye(6 + int(robot.arrays.topology[i, layout.MODES]))
+    turn[:3, :3] = turn[3:6, 3:6] = robot.arrays.axes[i - 1]
     return turn
 
 
-def denoc_matrices(robot: HeldModel, q: Array) -> tuple[Array, Array]:
+def denoc_matrices(robot: RobotModel, q: Array) -> tuple[Array, Array]:
     """Return the dense N_l (twists of all bodies by bodies) and N_d (block diagonal)."""
-    ints, bodies = robot.lowered.ints, robot.lowered.bodies
+    topology, bodies = robot.arrays.topology, robot.arrays.bodies
     world.place_bodies(robot.handle, q)
-    sizes = 6 + ints[1 : bodies + 1, layout.MODES].astype(int)
+    sizes = 6 + topology[1 : bodies + 1, layout.MODES].astype(int)
     edges = np.concatenate([[0, 0], np.cumsum(sizes)])
     n_l = np.eye(int(edges[-1]))
     diagonal = []
@@ -124,8 +124,8 @@ def denoc_matrices(robot: HeldModel, q: Array) -> tuple[Array, Array]:
         diagonal.append(turn @ p)
         if a is None:
             continue
-        a = turn @ a @ _public_axes(robot, int(ints[i, layout.PARENT])).T
-        parent = int(ints[i, layout.PARENT])
+        a = turn @ a @ _public_axes(robot, int(topology[i, layout.PARENT])).T
+        parent = int(topology[i, layout.PARENT])
         rows = slice(edges[i], edges[i + 1])
         above = slice(edges[parent], edges[parent + 1])
         n_l[rows, : edges[parent + 1]] = a @ n_l[above, : edges[parent + 1]]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.kernels import handle, layout
 from denoc_ros.kernels.array_object import FLOAT64, array_type
-from denoc_ros.model.lowering import Lowered
+from denoc_ros.model.arrays import ModelArrays
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -17,12 +17,12 @@ ARRAY_TYPE = array_type()
 
 
 class Workspace:
-    """One caller's workspace over a lowered model.
+    """One caller's workspace over a arrays model.
 
     Parameters
     ----------
-    lowered : Lowered
-    reals : (reals,)
+    arrays : ModelArrays
+    constants : (constants,)
         The model's constants; shared, so that a payload set live is seen by all.
 
     Attributes
@@ -32,23 +32,23 @@ class Workspace:
     work : (work_size,)
     """
 
-    def __init__(self, lowered: Lowered, reals: Array) -> None:
-        self.work: Array = np.zeros(lowered.work_size)
-        gravity = reals[layout.GRAVITY : layout.GRAVITY + 3]
+    def __init__(self, arrays: ModelArrays, constants: Array) -> None:
+        self.work: Array = np.zeros(arrays.work_size)
+        gravity = constants[layout.GRAVITY : layout.GRAVITY + 3]
         self.work[layout.ACCELERATION : layout.ACCELERATION + 3] = -gravity
         self.work[layout.WORLD_ROTATION : layout.WORLD_ROTATION + 9] = np.eye(3).ravel()
-        self._diagonals = np.zeros((handle.DIAGONALS, lowered.n))
-        self._diagonals[: len(lowered.diagonals)] = lowered.diagonals
-        self._alive = (lowered.ints, reals)
+        self._diagonals = np.zeros((handle.DIAGONALS, arrays.n))
+        self._diagonals[: len(arrays.diagonals)] = arrays.diagonals
+        self._alive = (arrays.topology, constants)
         record = np.zeros(handle.RECORD, dtype=np.int64)
-        record[handle.INTS_ADDRESS] = lowered.ints.ctypes.data
-        record[handle.REALS_ADDRESS] = reals.ctypes.data
+        record[handle.TOPOLOGY_ADDRESS] = arrays.topology.ctypes.data
+        record[handle.CONSTANTS_ADDRESS] = constants.ctypes.data
         record[handle.WORK_ADDRESS] = self.work.ctypes.data
         record[handle.DIAGONALS_ADDRESS] = self._diagonals.ctypes.data
-        record[handle.COORDINATES] = lowered.n
-        record[handle.BODIES] = lowered.bodies
-        record[handle.INTS_LENGTH] = lowered.ints.size
-        record[handle.REALS_LENGTH] = reals.size
+        record[handle.COORDINATES] = arrays.n
+        record[handle.BODIES] = arrays.bodies
+        record[handle.TOPOLOGY_LENGTH] = arrays.topology.size
+        record[handle.CONSTANTS_LENGTH] = constants.size
         record[handle.WORK_LENGTH] = self.work.size
         record[handle.ARRAY_TYPE] = ARRAY_TYPE
         record[handle.ELEMENT_TYPE] = id(FLOAT64)

@@ -15,9 +15,8 @@ from denoc_ros.dynamics.response import response
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.correction import take_values
-from denoc_ros.kernels.handle import DAMPING, STIFFNESS
 from denoc_ros.kernels.step import GAMMA
-from denoc_ros.model.lowering import is_flexible
+from denoc_ros.model.arrays import is_flexible
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -83,9 +82,8 @@ class AmplitudeFilter:
         self._flexible = robot.flexible_indices
         self._free = self._flexible if free is None else free
         self._among_free = np.searchsorted(self._free, self._flexible)
-        diagonals = robot.lowered.diagonals
-        self.stiffness: Array = diagonals[STIFFNESS][self._flexible]
-        self._damping = diagonals[DAMPING][self._flexible]
+        self.stiffness: Array = robot.stiffness[self._flexible]
+        self._damping = robot.damping[self._flexible]
         self._m = m = len(self._flexible)
         self._shape, self._first, lengths = _loads(robot)
         force = self.stiffness[self._first] * initial_deflection * lengths

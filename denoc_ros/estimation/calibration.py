@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics.borders import as_vector
+from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import IdentificationError, StateError
-from denoc_ros.kernels.handle import STIFFNESS
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -289,7 +288,7 @@ def sensor_values(robot: Robot, sensor: str, reference: ArrayLike, kind: str = '
     section, own = robot.section(known[sensor].link)
     uy, uz = section.linear[1], section.linear[2]
     tip = uy if np.any(row[uy != 0.0]) else uz
-    bent = tip / robot.lowered.diagonals[STIFFNESS][own]
+    bent = tip / robot.stiffness[own]
     shown, moved = float(row @ bent), float(tip @ bent)
     if not moved > 0.0 or shown == 0.0:
         raise StateError(f'sensor {sensor!r} must see a load at the tip, got one that does not')

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.trail import Trail
+from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.amplitude_filter import AmplitudeFilter
 
@@ -125,7 +125,7 @@ class StrainFusion:
             free,
         )
         self.filter.set_floor(self._rows, self._noise)
-        self._trail = Trail(math.ceil(max_age / step) + 2, 2 * m)
+        self._trail = StateHistory(math.ceil(max_age / step) + 2, 2 * m)
         self._max_age = max_age
         self._waiting: list[Value] = []
         self.loads = np.zeros(m)

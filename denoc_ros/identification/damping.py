@@ -13,7 +13,6 @@ from scipy.optimize import least_squares, linear_sum_assignment, nnls
 from denoc_ros.dynamics.linearization import stiffness
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
-from denoc_ros.kernels.handle import DAMPING, STIFFNESS
 from denoc_ros.model.override_values import critical_damping, override_values
 
 Floats = NDArray[np.float64]
@@ -121,7 +120,7 @@ def assign_damping(
     of, matched = list(pairs), list(pairs.values())
     measured, ratios = measured[of], ratios[of]
     amplitudes = _amplitudes(robot)
-    energy = robot.lowered.diagonals[STIFFNESS][[a.index for a in amplitudes], None]
+    energy = robot.stiffness[[a.index for a in amplitudes], None]
     shares = energy * modes.shapes[np.ix_([a.index for a in amplitudes], matched)] ** 2
     shares = shares / np.maximum(shares.sum(axis=0), 1e-300)
     chosen = linear_sum_assignment(-shares.T)[1]
@@ -212,7 +211,7 @@ class _Linearized:
         block = np.ix_(self._moving, self._moving)
         self._mass = robot.inertia_matrix(q)[block]
         self._stiffness = stiffness(robot, q)[block]
-        self._damping = robot.lowered.diagonals[DAMPING].copy()
+        self._damping = robot.damping.copy()
 
     def solve(
         self,

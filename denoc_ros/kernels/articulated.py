@@ -31,8 +31,8 @@ from denoc_ros.kernels.handle import (
 from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.inverse import joint_force, outward_motion
 from denoc_ros.kernels.layout import (
-    CHANGE,
     COORDINATE,
+    FREE_ACCELERATION,
     INERTIA_WORK,
     JOINT,
     MODES,
@@ -43,82 +43,86 @@ from denoc_ros.kernels.vector import add, all_finite, load, scale
 
 
 @inlined
-def free_joint(ints, held, i):
+def free_joint(topology, held, i):
     """Return 1 where body i has a joint that is not held, else 0."""
-    if at(ints, i, JOINT) == 0 or held[at(ints, i, COORDINATE)] != 0.0:
+    if at(topology, i, JOINT) == 0 or held[at(topology, i, COORDINATE)] != 0.0:
         return 0
     return 1
 
 
 @inlined
-def inward_articulated(ints, reals, work, shift, held, bodies, drive):
+def inward_articulated(topology, constants, work, shift, held, bodies, drive):
     """Eliminate every body's free coordinates, from the tips to the base."""
     for i in range(1, bodies + 1):
-        body_inertia(ints, reals, work, i)
+        body_inertia(topology, constants, work, i)
     for i in range(bodies, 0, -1):
-        free = free_joint(ints, held, i)
-        m = at(ints, i, MODES)
+        free = free_joint(topology, held, i)
+        m = at(topology, i, MODES)
         if m == 0:
-            good = inward_rigid(ints, reals, work, shift, drive, i, free)
+            good = inward_rigid(topology, constants, work, shift, drive, i, free)
         else:
-            good = inward_flexible(ints, reals, work, shift, drive, i, free, m)
+            good = inward_flexible(topology, constants, work, shift, drive, i, free, m)
         if not good:
             return False
     return True
 
 
 @inlined
-def outward_accelerations(ints, reals, work, held, bodies, given, qdd):
+def outward_accelerations(topology, constants, work, held, bodies, given, qdd):
     """Write the accelerations of all coordinates, from the base to the tips."""
     for i in range(1, bodies + 1):
-        free = free_joint(ints, held, i)
-        m = at(ints, i, MODES)
+        free = free_joint(topology, held, i)
+        m = at(topology, i, MODES)
         if m == 0:
-            outward_rigid(ints, reals, work, given, qdd, i, free)
+            outward_rigid(topology, constants, work, given, qdd, i, free)
         else:
-            outward_flexible(ints, reals, work, given, qdd, i, free, m)
+            outward_flexible(topology, constants, work, given, qdd, i, free, m)
 
 
 @inlined
-def held_force(ints, reals, work, qdd, i):
+def held_force(topology, constants, work, qdd, i):
     """Return S^T of the wrench on body i when every acceleration is known."""
-    o = at(ints, i, WORK)
-    m = at(ints, i, MODES)
-    inertia = at(ints, i, INERTIA_WORK)
-    change, turn = load(work, o + CHANGE), load(work, o + CHANGE + 3)
+    o = at(topology, i, WORK)
+    m = at(topology, i, MODES)
+    inertia = at(topology, i, INERTIA_WORK)
+    change, turn = load(work, o + FREE_ACCELERATION), load(work, o + FREE_ACCELERATION + 3)
     if m == 0:
         f, n = wrench_of(block_at(work, inertia), change, turn)
-        return joint_force(ints, reals, work, i) + along_joint(ints, reals, i, f, n)
+        return joint_force(topology, constants, work, i) + along_joint(
+            topology, constants, i, f, n
+        )
     size = 6 + m
     f, n = wrench_of(flexible_block(work, inertia, size), change, turn)
-    j = at(ints, i, COORDINATE) + 1
+    j = at(topology, i, COORDINATE) + 1
     for k in range(m):
         c = inertia + 6 + k
         f = add(f, scale(qdd[j + k], (work[c], work[c + size], work[c + 2 * size])))
         c += 3 * size
         n = add(n, scale(qdd[j + k], (work[c], work[c + size], work[c + 2 * size])))
-    return joint_force(ints, reals, work, i) + along_joint(ints, reals, i, f, n)
+    return joint_force(topology, constants, work, i) + along_joint(topology, constants, i, f, n)
 
 
 @inlined
-def solve(n, ints, reals, work, diagonals, bodies, shift, held, q, qd, given, tau, qdd, torque):
+def solve(
+    n, topology, constants, work, diagonals, bodies, shift, held, q, qd, given, tau, qdd, torque
+):
     """Write accelerations and torques as :func:`articulated_dynamics` does; return its status."""
     for j in range(n):
-        torque[j] = tau[j] - internal_force(reals, diagonals, q, qd, j)
-    outward_motion(n, ints, reals, work, diagonals, bodies, q, qd, given)
-    if not inward_articulated(ints, reals, work, shift, held, bodies, torque):
+        torque[j] = tau[j] - internal_force(constants, diagonals, q, qd, j)
+    outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, given)
+    if not inward_articulated(topology, constants, work, shift, held, bodies, torque):
         return SINGULAR
-    outward_accelerations(ints, reals, work, held, bodies, given, qdd)
+    outward_accelerations(topology, constants, work, held, bodies, given, qdd)
     return GOOD if all_finite(qdd, n) else NOT_FINITE
 
 
 @shared
 def find_acceleration(handle, q, qd, tau, qdd):
     """Write the accelerations (n) under generalized forces tau (n)."""
-    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    topology, constants, work, diagonals, bodies = model_arrays(handle)
     zero = diagonals[ZERO]
     return solve(
-        coordinates(handle), ints, reals, work, diagonals, bodies, diagonals[ARMATURE],
+        coordinates(handle), topology, constants, work, diagonals, bodies, diagonals[ARMATURE],
         zero, q, qd, zero, tau, qdd, diagonals[SCRATCH],
     )  # fmt: skip
 
@@ -160,20 +164,33 @@ def find_articulated(handle, shift, held, q, qd, given, tau, qdd, torque):
     held[j] != 0: joint j has the acceleration given; given is zero elsewhere. shift is what stands
     on the diagonal beside the bodies' inertia: the armature, and more in a time step.
     """
-    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
     status = solve(
-        n, ints, reals, work, diagonals, bodies, shift, held, q, qd, given, tau, qdd, torque
+        n,
+        topology,
+        constants,
+        work,
+        diagonals,
+        bodies,
+        shift,
+        held,
+        q,
+        qd,
+        given,
+        tau,
+        qdd,
+        torque,
     )
     if status != GOOD:
         return status
     for i in range(1, bodies + 1):
-        j = at(ints, i, COORDINATE)
-        if at(ints, i, JOINT) == 1 and held[j] != 0.0:
+        j = at(topology, i, COORDINATE)
+        if at(topology, i, JOINT) == 1 and held[j] != 0.0:
             torque[j] = (
-                held_force(ints, reals, work, qdd, i)
+                held_force(topology, constants, work, qdd, i)
                 + diagonals[ARMATURE][j] * given[j]
-                + internal_force(reals, diagonals, q, qd, j)
+                + internal_force(constants, diagonals, q, qd, j)
             )
     return GOOD if all_finite(torque, n) else NOT_FINITE
 

@@ -20,7 +20,10 @@ from denoc_ros.kernels.derivative_layout import (
 )
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
+    ANGULAR_ACCELERATION,
+    ANGULAR_VELOCITY,
     BEAM,
+    BODY_CONSTANTS,
     COMPOSITE,
     COORDINATE,
     DERIVED,
@@ -32,9 +35,6 @@ from denoc_ros.kernels.layout import (
     NY,
     NZ,
     OWN,
-    REAL,
-    SPEED,
-    SPIN_UP,
     TORQUE,
     WORK,
 )
@@ -124,15 +124,15 @@ def bending_mode(work, u, g, length, in_y, by_q, by_rate):
 
 
 @inlined
-def modal_forces(ints, work, i, by_q, by_rate):
+def modal_forces(topology, work, i, by_q, by_rate):
     """Write how the forces of body i's bending modes change with their amplitudes."""
-    ny, m = at(ints, i, NY), at(ints, i, MODES)
-    count = ny + at(ints, i, NZ)
-    _, _, length = sums_of(ints, i)
+    ny, m = at(topology, i, NY), at(topology, i, MODES)
+    count = ny + at(topology, i, NZ)
+    _, _, length = sums_of(topology, i)
     row = 4 * length
-    pairs = mode_sums(ints, i) + COLUMN_SUMS * row
+    pairs = mode_sums(topology, i) + COLUMN_SUMS * row
     shortening = pairs + 2 * count * row
-    forces = at(ints, i, OWN) + OWN_SIZE * m
+    forces = at(topology, i, OWN) + OWN_SIZE * m
     for n in range(count):
         a = 1 if n < ny else 2
         of_h, of_s = pairs + 2 * row * n, pairs + 2 * row * n + row
@@ -157,21 +157,25 @@ def modal_forces(ints, work, i, by_q, by_rate):
 
 
 @inlined
-def beam_body(ints, reals, work, i):
+def beam_body(topology, constants, work, i):
     """Write COMPOSITE of body i alone, what its beam adds to FORCE, TORQUE, MOMENTUM, TURNING."""
-    _, sums, _ = sums_of(ints, i)
+    _, sums, _ = sums_of(topology, i)
     g = sums + BODY_SUMS
-    o, e, c = at(ints, i, WORK), at(ints, i, DERIVED), at(ints, i, REAL) + MASS
+    o, e, c = (
+        at(topology, i, WORK),
+        at(topology, i, DERIVED),
+        at(topology, i, BODY_CONSTANTS) + MASS,
+    )
     xx, yy, zz = work[g + 13], work[g + 26], work[g + 39]
     k = o + COMPOSITE
-    work[k] = reals[c] + work[g]
-    store(work, k + 1, add(load(reals, c + 1), load(work, g + 1)))
-    work[k + 4] = reals[c + 4] + yy + zz
-    work[k + 5] = reals[c + 5] - work[g + 14]
-    work[k + 6] = reals[c + 6] - work[g + 15]
-    work[k + 7] = reals[c + 7] + xx + zz
-    work[k + 8] = reals[c + 8] - work[g + 27]
-    work[k + 9] = reals[c + 9] + xx + yy
+    work[k] = constants[c] + work[g]
+    store(work, k + 1, add(load(constants, c + 1), load(work, g + 1)))
+    work[k + 4] = constants[c + 4] + yy + zz
+    work[k + 5] = constants[c + 5] - work[g + 14]
+    work[k + 6] = constants[c + 6] - work[g + 15]
+    work[k + 7] = constants[c + 7] + xx + zz
+    work[k + 8] = constants[c + 8] - work[g + 27]
+    work[k + 9] = constants[c + 9] + xx + yy
     store(work, e + MOMENTUM, load(work, g + 4))
     outward = 2.0 * (work[g + 16] + work[g + 29] + work[g + 42])
     for r in range(3):
@@ -184,22 +188,22 @@ def beam_body(ints, reals, work, i):
 
 
 @inlined
-def torsion_derivatives(ints, reals, work, qd, qdd, i):
+def torsion_derivatives(topology, constants, work, qd, qdd, i):
     """Add the share of body i's twisting sections: torque e_x L' + w x e_x L, L = int rho J y."""
-    m, nt = at(ints, i, MODES), at(ints, i, NT)
-    own = at(ints, i, OWN)
-    o, e = at(ints, i, WORK), at(ints, i, DERIVED)
+    m, nt = at(topology, i, MODES), at(topology, i, NT)
+    own = at(topology, i, OWN)
+    o, e = at(topology, i, WORK), at(topology, i, DERIVED)
     forces = own + OWN_SIZE * m
     first = m - nt
-    d = at(ints, i, COORDINATE) + at(ints, i, JOINT) + first
-    w = load(work, o + SPEED)
-    b = at(ints, i, BEAM)
-    work[o + COMPOSITE + 4] += reals[b]
+    d = at(topology, i, COORDINATE) + at(topology, i, JOINT) + first
+    w = load(work, o + ANGULAR_VELOCITY)
+    b = at(topology, i, BEAM)
+    work[o + COMPOSITE + 4] += constants[b]
     for k in range(OWN_SIZE * first, OWN_SIZE * m):
         work[own + k] = 0.0
     spin, spin_up = 0.0, 0.0
     for j in range(nt):
-        s = reals[b + 1 + j]
+        s = constants[b + 1 + j]
         spin += s * qd[d + j]
         spin_up += s * qdd[d + j]
         u = own + OWN_SIZE * (first + j)
@@ -212,7 +216,7 @@ def torsion_derivatives(ints, reals, work, qd, qdd, i):
                 work[forces + m * (m * part + k) + first + j] = 0.0
     for j in range(nt):
         for k in range(nt):
-            both = reals[b + 1 + nt + nt * j + k]
+            both = constants[b + 1 + nt + nt * j + k]
             work[forces + m * (2 * m + first + j) + first + k] = both
     work[e + TURNING + 5] += spin
     work[e + TURNING + 7] -= spin
@@ -222,22 +226,25 @@ def torsion_derivatives(ints, reals, work, qd, qdd, i):
 
 
 @shared
-def beam_derivatives(ints, reals, work, qd, qdd, i):
+def beam_derivatives(topology, constants, work, qd, qdd, i):
     """Write what stands at OWN and COMPOSITE of body i, and MOMENTUM and TURNING of its beam.
 
     FORCE and TORQUE take what is due to motion along the modes. All in body axes about the body's
     origin, whose motion stands at WORK.
     """
-    beam_sums(ints, reals, work, qd, qdd, i)
-    beam_body(ints, reals, work, i)
-    w, al = load(work, at(ints, i, WORK) + SPEED), load(work, at(ints, i, WORK) + SPIN_UP)
+    beam_sums(topology, constants, work, qd, qdd, i)
+    beam_body(topology, constants, work, i)
+    w, al = (
+        load(work, at(topology, i, WORK) + ANGULAR_VELOCITY),
+        load(work, at(topology, i, WORK) + ANGULAR_ACCELERATION),
+    )
     by_q, by_rate = acceleration_matrix(w, al), twice_turning(w)
-    _, _, length = sums_of(ints, i)
-    g = mode_sums(ints, i)
-    u = at(ints, i, OWN)
-    for j in range(at(ints, i, NY) + at(ints, i, NZ)):
-        in_y = 1.0 if j < at(ints, i, NY) else 0.0
+    _, _, length = sums_of(topology, i)
+    g = mode_sums(topology, i)
+    u = at(topology, i, OWN)
+    for j in range(at(topology, i, NY) + at(topology, i, NZ)):
+        in_y = 1.0 if j < at(topology, i, NY) else 0.0
         bending_mode(work, u + OWN_SIZE * j, g + j, length, in_y, by_q, by_rate)
-    modal_forces(ints, work, i, by_q, by_rate)
-    if at(ints, i, NT) > 0:
-        torsion_derivatives(ints, reals, work, qd, qdd, i)
+    modal_forces(topology, work, i, by_q, by_rate)
+    if at(topology, i, NT) > 0:
+        torsion_derivatives(topology, constants, work, qd, qdd, i)

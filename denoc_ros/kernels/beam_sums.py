@@ -17,6 +17,8 @@ from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.lanes import plus_product, put_all, spread, take, take_some
 from denoc_ros.kernels.layout import (
     ACCELERATION,
+    ANGULAR_ACCELERATION,
+    ANGULAR_VELOCITY,
     BEAM,
     BEAM_WORK,
     COORDINATE,
@@ -26,8 +28,6 @@ from denoc_ros.kernels.layout import (
     NY,
     NZ,
     POINTS,
-    SPEED,
-    SPIN_UP,
     VELOCITY,
     WORK,
 )
@@ -35,22 +35,22 @@ from denoc_ros.kernels.vector import add, cross, load, scale, store
 
 
 @inlined
-def sums_of(ints, i):
+def sums_of(topology, i):
     """Return where the records and the sums of body i's beam begin, and their rows' length."""
-    record = at(ints, 0, BEAM_SCRATCH)
-    length = (at(ints, i, NY) + at(ints, i, NZ) + LANES - 1) // LANES * LANES
-    return record, record + (POINT_MODES + 4 * length) * at(ints, i, POINTS), length
+    record = at(topology, 0, BEAM_SCRATCH)
+    length = (at(topology, i, NY) + at(topology, i, NZ) + LANES - 1) // LANES * LANES
+    return record, record + (POINT_MODES + 4 * length) * at(topology, i, POINTS), length
 
 
 @inlined
-def mode_sums(ints, i):
+def mode_sums(topology, i):
     """Return where the sums begin that have a row of four times the lanes for each factor."""
-    _, sums, _ = sums_of(ints, i)
+    _, sums, _ = sums_of(topology, i)
     return sums + BODY_SUMS_SIZE
 
 
 @inlined
-def write_plane(reals, work, qd, qdd, first, count, places, k, row, length):
+def write_plane(constants, work, qd, qdd, first, count, places, k, row, length):
     """Write one plane's modes of a record; return what they make of B d' and B d'' + B' d'.
 
     first: index of the plane's first amplitude, places: offsets of its shapes and of H, k: of H d.
@@ -60,9 +60,9 @@ def write_plane(reals, work, qd, qdd, first, count, places, k, row, length):
     for j in range(count):
         bend, lift = 0.0, 0.0
         for n in range(count):
-            bend += reals[h + count * j + n] * qd[first + n]
-            lift += reals[h + count * j + n] * qdd[first + n]
-        hd, shape = work[k + j], reals[s + j]
+            bend += constants[h + count * j + n] * qd[first + n]
+            lift += constants[h + count * j + n] * qdd[first + n]
+        hd, shape = work[k + j], constants[s + j]
         rate, up = qd[first + j], qdd[first + j]
         slip -= hd * rate
         slip_up -= hd * up + bend * rate
@@ -76,29 +76,31 @@ def write_plane(reals, work, qd, qdd, first, count, places, k, row, length):
 
 
 @inlined
-def write_points(ints, reals, work, qd, qdd, i):
+def write_points(topology, constants, work, qd, qdd, i):
     """Write the records of body i's beam."""
-    ny, nz, nt = at(ints, i, NY), at(ints, i, NZ), at(ints, i, NT)
-    o = at(ints, i, WORK)
-    d = at(ints, i, COORDINATE) + at(ints, i, JOINT)
-    w, al = load(work, o + SPEED), load(work, o + SPIN_UP)
+    ny, nz, nt = at(topology, i, NY), at(topology, i, NZ), at(topology, i, NT)
+    o = at(topology, i, WORK)
+    d = at(topology, i, COORDINATE) + at(topology, i, JOINT)
+    w, al = load(work, o + ANGULAR_VELOCITY), load(work, o + ANGULAR_ACCELERATION)
     v, a = load(work, o + VELOCITY), load(work, o + ACCELERATION)
-    record, _, length = sums_of(ints, i)
-    c = at(ints, i, BEAM) + 1 + nt + nt * nt
-    k = at(ints, i, BEAM_WORK) + at(ints, i, MODES)
-    for _ in range(at(ints, i, POINTS)):
+    record, _, length = sums_of(topology, i)
+    c = at(topology, i, BEAM) + 1 + nt + nt * nt
+    k = at(topology, i, BEAM_WORK) + at(topology, i, MODES)
+    for _ in range(at(topology, i, POINTS)):
         row = record + POINT_MODES
         for n in range(4):  # lanes beyond the last mode
             put_all(work, row + length * (n + 1) - LANES, spread(0.0))
         s = c + 2
         h = s + ny + nz
-        x, x_up, y, y_up = write_plane(reals, work, qd, qdd, d, ny, (s, h), k + 3, row, length)
+        x, x_up, y, y_up = write_plane(constants, work, qd, qdd, d, ny, (s, h), k + 3, row, length)
         h += ny * ny
         places = (s + ny, h)
-        other = write_plane(reals, work, qd, qdd, d + ny, nz, places, k + 3 + ny, row + ny, length)
+        other = write_plane(
+            constants, work, qd, qdd, d + ny, nz, places, k + 3 + ny, row + ny, length
+        )
         slip = (x + other[0], y, other[2])
         along = (x_up + other[1], y_up, other[3])
-        one, p = reals[c], load(work, k)
+        one, p = constants[c], load(work, k)
         along = add(along, scale(2.0, cross(w, slip)))
         turning = cross(w, p)
         acc = add(add(scale(one, a), cross(al, p)), add(cross(w, turning), along))
@@ -204,32 +206,34 @@ def pair_sums(work, record, stride, points, length, count, out):
 
 
 @inlined
-def shortening_sums(ints, reals, work, i, record, stride, out):
+def shortening_sums(topology, constants, work, i, record, stride, out):
     """Write the sums of H times the axial acceleration: H_y, then H_z."""
-    ny, nz, nt = at(ints, i, NY), at(ints, i, NZ), at(ints, i, NT)
+    ny, nz, nt = at(topology, i, NY), at(topology, i, NZ), at(topology, i, NT)
     entries = ny * ny + nz * nz
     step = 2 + ny + nz + entries
     for j in range(0, entries, LANES):
         total = spread(0.0)
-        c = at(ints, i, BEAM) + 3 + nt + nt * nt + ny + nz + j
+        c = at(topology, i, BEAM) + 3 + nt + nt * nt + ny + nz + j
         o = record
-        for _ in range(at(ints, i, POINTS)):
-            total = plus_product(total, spread(work[o + 16]), take_some(reals, c, entries - j))
+        for _ in range(at(topology, i, POINTS)):
+            total = plus_product(total, spread(work[o + 16]), take_some(constants, c, entries - j))
             c += step
             o += stride
         put_all(work, out + j, total)
 
 
 @shared
-def beam_sums(ints, reals, work, qd, qdd, i):
+def beam_sums(topology, constants, work, qd, qdd, i):
     """Write all sums over the points of body i's beam; the body's motion stands at WORK."""
-    record, sums, length = sums_of(ints, i)
-    points = at(ints, i, POINTS)
-    count = at(ints, i, NY) + at(ints, i, NZ)
+    record, sums, length = sums_of(topology, i)
+    points = at(topology, i, POINTS)
+    count = at(topology, i, NY) + at(topology, i, NZ)
     stride = POINT_MODES + 4 * length
-    write_points(ints, reals, work, qd, qdd, i)
+    write_points(topology, constants, work, qd, qdd, i)
     body_sums(work, record, stride, points, sums + BODY_SUMS)
     modes = sums + BODY_SUMS_SIZE
     column_sums(work, record, stride, points, length, modes)
     pair_sums(work, record, stride, points, length, count, modes + 40 * length)
-    shortening_sums(ints, reals, work, i, record, stride, modes + (40 + 8 * count) * length)
+    shortening_sums(
+        topology, constants, work, i, record, stride, modes + (40 + 8 * count) * length
+    )

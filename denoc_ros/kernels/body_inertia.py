@@ -11,21 +11,21 @@ from denoc_ros.kernels.layout import (
     ARM,
     BEAM,
     BEAM_WORK,
+    BODY_CONSTANTS,
     COLUMNS,
+    FIRST_MOMENT,
     INERTIA_WORK,
     MASS,
     MODES,
-    MOMENT,
     NT,
     NY,
     NZ,
     PARENT,
-    PLACE,
     POINTS,
-    REAL,
+    ROTATIONAL_INERTIA,
     SECTION,
+    SECTION_POSITION,
     SECTION_WORK,
-    SPIN,
     WORK,
 )
 from denoc_ros.kernels.vector import accumulate, add, cross, dot, load
@@ -57,35 +57,35 @@ def add_spin(work, o, size, spin):
 
 
 @inlined
-def rigid_part(ints, reals, work, i, size):
+def rigid_part(topology, constants, work, i, size):
     """Write the inertia of the rigid part of flexible body i, with zeros for its modes."""
-    c = at(ints, i, REAL)
-    o = at(ints, i, INERTIA_WORK)
+    c = at(topology, i, BODY_CONSTANTS)
+    o = at(topology, i, INERTIA_WORK)
     for k in range(size * size):
         work[o + k] = 0.0
-    mass = reals[c + MASS]
+    mass = constants[c + MASS]
     for k in range(3):
         work[o + (size + 1) * k] = mass
-    add_moment(work, o, size, load(reals, c + MOMENT))
-    add_spin(work, o, size, six(reals, c + SPIN))
+    add_moment(work, o, size, load(constants, c + FIRST_MOMENT))
+    add_spin(work, o, size, six(constants, c + ROTATIONAL_INERTIA))
 
 
 @inlined
-def beam_inertia(ints, reals, work, i):
+def beam_inertia(topology, constants, work, i):
     """Add int rho C^T C with C = [1, -p x, B] of body i's beam."""
-    ny = at(ints, i, NY)
-    nz = at(ints, i, NZ)
-    nt = at(ints, i, NT)
+    ny = at(topology, i, NY)
+    nz = at(topology, i, NZ)
+    nt = at(topology, i, NT)
     bending = ny + nz
-    size = 6 + at(ints, i, MODES)
-    o = at(ints, i, INERTIA_WORK)
-    c = at(ints, i, BEAM) + 1 + nt + nt * nt
-    k = at(ints, i, BEAM_WORK) + at(ints, i, MODES)
+    size = 6 + at(topology, i, MODES)
+    o = at(topology, i, INERTIA_WORK)
+    c = at(topology, i, BEAM) + 1 + nt + nt * nt
+    k = at(topology, i, BEAM_WORK) + at(topology, i, MODES)
     mass = 0.0
     mx = my = mz = 0.0
     xx = xy = xz = yy = yz = zz = 0.0
-    for _ in range(at(ints, i, POINTS)):
-        e = reals[c]
+    for _ in range(at(topology, i, POINTS)):
+        e = constants[c]
         x, y, z = load(work, k)
         mass += e * e
         mx += e * x
@@ -99,7 +99,7 @@ def beam_inertia(ints, reals, work, i):
         yz -= y * z
         for j in range(bending):
             b = -work[k + 3 + j]
-            s = reals[c + 2 + j]
+            s = constants[c + 2 + j]
             u = o + 6 + j
             work[u] += e * b
             if j < ny:
@@ -115,7 +115,7 @@ def beam_inertia(ints, reals, work, i):
             for n in range(j + 1):
                 both = -b * work[k + 3 + n]
                 if (n < ny) == (j < ny):
-                    both += s * reals[c + 2 + n]
+                    both += s * constants[c + 2 + n]
                 work[o + (6 + n) * size + 6 + j] += both
         c += 2 + bending + ny * ny + nz * nz
         k += 3 + bending
@@ -126,42 +126,46 @@ def beam_inertia(ints, reals, work, i):
 
 
 @inlined
-def torsion_inertia(ints, reals, work, i):
+def torsion_inertia(topology, constants, work, i):
     """Add int rho J (omega_x + beta')^2 of body i's beam."""
-    nt = at(ints, i, NT)
-    size = 6 + at(ints, i, MODES)
-    o = at(ints, i, INERTIA_WORK)
-    b = at(ints, i, BEAM)
-    work[o + 3 * size + 3] += reals[b]
-    first = 6 + at(ints, i, NY) + at(ints, i, NZ)
+    nt = at(topology, i, NT)
+    size = 6 + at(topology, i, MODES)
+    o = at(topology, i, INERTIA_WORK)
+    b = at(topology, i, BEAM)
+    work[o + 3 * size + 3] += constants[b]
+    first = 6 + at(topology, i, NY) + at(topology, i, NZ)
     for j in range(nt):
-        s = reals[b + 1 + j]
+        s = constants[b + 1 + j]
         work[o + 3 * size + first + j] += s
         for k in range(j, nt):
-            work[o + (first + j) * size + first + k] += reals[b + 1 + nt + nt * j + k]
+            work[o + (first + j) * size + first + k] += constants[b + 1 + nt + nt * j + k]
 
 
 @inlined
-def flexible_inertia(ints, reals, work, i):
+def flexible_inertia(topology, constants, work, i):
     """Write the (6 + m) inertia of flexible body i."""
-    rigid_part(ints, reals, work, i, 6 + at(ints, i, MODES))
-    beam_inertia(ints, reals, work, i)
-    if at(ints, i, NT) > 0:
-        torsion_inertia(ints, reals, work, i)
+    rigid_part(topology, constants, work, i, 6 + at(topology, i, MODES))
+    beam_inertia(topology, constants, work, i)
+    if at(topology, i, NT) > 0:
+        torsion_inertia(topology, constants, work, i)
 
 
 @inlined
-def body_inertia(ints, reals, work, i):
+def body_inertia(topology, constants, work, i):
     """Write the inertia of body i: its upper half where flexible, else a block."""
-    if at(ints, i, MODES) > 0:
-        flexible_inertia(ints, reals, work, i)
+    if at(topology, i, MODES) > 0:
+        flexible_inertia(topology, constants, work, i)
         return
-    c = at(ints, i, REAL)
-    o = at(ints, i, INERTIA_WORK)
-    mass = reals[c + MASS]
-    x, y, z = load(reals, c + MOMENT)
+    c = at(topology, i, BODY_CONSTANTS)
+    o = at(topology, i, INERTIA_WORK)
+    mass = constants[c + MASS]
+    x, y, z = load(constants, c + FIRST_MOMENT)
     across = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))
-    write_block(work, o, ((mass, 0.0, 0.0, mass, 0.0, mass), across, six(reals, c + SPIN)))
+    write_block(
+        work,
+        o,
+        ((mass, 0.0, 0.0, mass, 0.0, mass), across, six(constants, c + ROTATIONAL_INERTIA)),
+    )
 
 
 @inlined
@@ -198,14 +202,14 @@ def add_block(work, o, size, block):
 
 
 @inlined
-def transmit_to_modes(ints, work, i, block):
+def transmit_to_modes(topology, work, i, block):
     """Add to the modes of row i's carrier the block on its section, in the carrier's axes."""
-    p = at(ints, i, PARENT)
-    modes = at(ints, p, MODES)
+    p = at(topology, i, PARENT)
+    modes = at(topology, p, MODES)
     size = 6 + modes
-    m = at(ints, p, INERTIA_WORK)
-    place = load(work, at(ints, i, SECTION_WORK) + PLACE)
-    columns = at(ints, i, SECTION_WORK) + COLUMNS
+    m = at(topology, p, INERTIA_WORK)
+    place = load(work, at(topology, i, SECTION_WORK) + SECTION_POSITION)
+    columns = at(topology, i, SECTION_WORK) + COLUMNS
     for j in range(modes):
         u = columns + 6 * j
         f, n = wrench_of(block, load(work, u), load(work, u + 3))
@@ -220,16 +224,16 @@ def transmit_to_modes(ints, work, i, block):
 
 
 @inlined
-def transmit_inertia(ints, work, i, block):
+def transmit_inertia(topology, work, i, block):
     """Add row i's block (body axes, at its origin) to its carrier's inertia."""
-    p = at(ints, i, PARENT)
-    o = at(ints, i, WORK)
-    m = at(ints, p, INERTIA_WORK)
+    p = at(topology, i, PARENT)
+    o = at(topology, i, WORK)
+    m = at(topology, p, INERTIA_WORK)
     block = shifted(rotated(block, work, o), load(work, o + ARM))
-    if at(ints, i, SECTION) > 0:
-        transmit_to_modes(ints, work, i, block)
-        block = shifted(block, load(work, at(ints, i, SECTION_WORK) + PLACE))
-    if at(ints, p, MODES) == 0:
+    if at(topology, i, SECTION) > 0:
+        transmit_to_modes(topology, work, i, block)
+        block = shifted(block, load(work, at(topology, i, SECTION_WORK) + SECTION_POSITION))
+    if at(topology, p, MODES) == 0:
         accumulate_block(work, m, block)
     else:
-        add_block(work, m, 6 + at(ints, p, MODES), block)
+        add_block(work, m, 6 + at(topology, p, MODES), block)

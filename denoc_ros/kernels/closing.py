@@ -6,9 +6,26 @@ of a state that is off by dt^2, so every pass makes the error smaller by as much
 """
 
 from denoc_ros.kernels.articulated import outward_accelerations
-from denoc_ros.kernels.closure import all_rows, move_bodies, tie_rows, ties
+from denoc_ros.kernels.closure import all_rows, constraint_rows, constraints, move_bodies
 from denoc_ros.kernels.compiled import inlined, kernel
 from denoc_ros.kernels.constrained import add_rows, find_constrained, give_loads
+from denoc_ros.kernels.constraint_layout import (
+    CHILD,
+    CONSTANTS,
+    CONSTRAINTS,
+    CONSTRAINTS_WORK,
+    ERROR,
+    KIND,
+    MIMIC,
+    MULTIPLIER,
+    OFFSET,
+    OTHER,
+    RATE,
+    RESIDUAL,
+    ROWS,
+    WANTED,
+    WORST,
+)
 from denoc_ros.kernels.handle import (
     GOOD,
     MISFIT,
@@ -33,23 +50,6 @@ from denoc_ros.kernels.step import (
     copy,
     take_step,
 )
-from denoc_ros.kernels.tie_layout import (
-    CHILD,
-    CONSTANTS,
-    ERROR,
-    EXCESS,
-    KIND,
-    MIMIC,
-    MULTIPLIER,
-    OFFSET,
-    OTHER,
-    RATE,
-    ROWS,
-    TIES,
-    TIES_WORK,
-    WANTED,
-    WORST,
-)
 from denoc_ros.kernels.vector import all_finite
 
 OPENED = 5  # a status: the loops cannot be brought together again
@@ -59,22 +59,24 @@ OPEN = 1e-6  # m, rad: what is no closed loop
 
 
 @inlined
-def follow(ints, reals, values, shifted):
+def follow(topology, constants, values, shifted):
     """Put mimic joints on their leaders; shifted is 1 for positions, 0 for their rates."""
-    # as often as there are ties: a leader may itself be a mimic joint that stands later
-    for _ in range(at(ints, 0, TIES)):
-        for tie in ties(ints):
-            if at(ints, tie, KIND) == MIMIC:
-                j = at(ints, at(ints, tie, CHILD), COORDINATE)
-                leader = at(ints, at(ints, tie, OTHER), COORDINATE)
-                c = at(ints, tie, CONSTANTS)
-                values[j] = reals[c + MULTIPLIER] * values[leader] + shifted * reals[c + OFFSET]
+    # as often as there are constraints: a leader may itself be a mimic joint that stands later
+    for _ in range(at(topology, 0, CONSTRAINTS)):
+        for constraint in constraints(topology):
+            if at(topology, constraint, KIND) == MIMIC:
+                j = at(topology, at(topology, constraint, CHILD), COORDINATE)
+                leader = at(topology, at(topology, constraint, OTHER), COORDINATE)
+                c = at(topology, constraint, CONSTANTS)
+                values[j] = (
+                    constants[c + MULTIPLIER] * values[leader] + shifted * constants[c + OFFSET]
+                )
 
 
 @inlined
-def correct(ints, reals, work, held, bodies, t, rows, n, which, values, zero, change):
+def correct(topology, constants, work, held, bodies, t, rows, n, which, values, zero, change):
     """Take the least change from values that undoes a vector of errors over the rows."""
-    hard = at(ints, 0, ROWS)
+    hard = at(topology, 0, ROWS)
     y = columns_of(t, rows, n) - 2 * n
     for k in range(rows):
         error = work[vector(t, rows, which) + k]
@@ -83,8 +85,8 @@ def correct(ints, reals, work, held, bodies, t, rows, n, which, values, zero, ch
     for j in range(n):
         work[y + j] = 0.0
     add_rows(work, t, rows, 0, rows, n, y)
-    give_loads(ints, work, held, bodies, y)
-    outward_accelerations(ints, reals, work, held, bodies, zero, change)
+    give_loads(topology, work, held, bodies, y)
+    outward_accelerations(topology, constants, work, held, bodies, zero, change)
     for j in range(n):
         values[j] += change[j]
 
@@ -98,61 +100,63 @@ def worst_of(work, t, rows, hard, which):
         if not error <= worst:
             worst = error
             work[t + WORST] = k
-    work[t + EXCESS] = worst
+    work[t + RESIDUAL] = worst
     return worst
 
 
 @inlined
-def close_ties(handle, held, q, qd, change):
-    """Bring q and q' (n) back onto the ties with the factors of the last stage."""
-    ints, reals, work, diagonals, bodies = model_arrays(handle)
+def close_constraints(handle, held, q, qd, change):
+    """Bring q and q' (n) back onto the constraints with the factors of the last stage."""
+    topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
     zero = diagonals[ZERO]
-    t = at(ints, 0, TIES_WORK)
-    rows = all_rows(ints)
-    hard = at(ints, 0, ROWS)
+    t = at(topology, 0, CONSTRAINTS_WORK)
+    rows = all_rows(topology)
+    hard = at(topology, 0, ROWS)
     for _ in range(PASSES):
-        move_bodies(ints, reals, work, bodies, q, qd, zero)
-        for tie in ties(ints):
-            tie_rows(ints, reals, work, q, qd, zero, zero, tie, t, rows)
+        move_bodies(topology, constants, work, bodies, q, qd, zero)
+        for constraint in constraints(topology):
+            constraint_rows(topology, constants, work, q, qd, zero, zero, constraint, t, rows)
         rate = worst_of(work, t, rows, hard, RATE)
         error = worst_of(work, t, rows, hard, ERROR)
         if error <= CLOSED and rate <= CLOSED:
             return GOOD
         for which in range(ERROR, RATE + 1):
             values = q if which == ERROR else qd
-            correct(ints, reals, work, held, bodies, t, rows, n, which, values, zero, change)
+            correct(
+                topology, constants, work, held, bodies, t, rows, n, which, values, zero, change
+            )
     return GOOD if error <= OPEN and all_finite(q, n) and all_finite(qd, n) else OPENED
 
 
 @kernel(ADVANCE)
 def advance_tied(handle, steps, held, dt, q, qd, given, tau):
-    """Do what step.advance does, on the ties of a robot that has some.
+    """Do what step.advance does, on the constraints of a robot that has some.
 
     Mimic joints are placed by their leaders, whatever q, q' and given say of them.
     """
     n = coordinates(handle)
     if q.shape[0] != n or qd.shape[0] != n or given.shape[0] != n or tau.shape[0] != n:
         return MISFIT
-    ints, reals, _work, _diagonals, _bodies = model_arrays(handle)
+    topology, constants, _work, _diagonals, _bodies = model_arrays(handle)
     rows, flags = elements(steps), elements(held)
     start_q, start_qd = beyond(rows, START_Q * n), beyond(rows, START_QD * n)
     start_given = beyond(rows, START_GIVEN * n)
     copy(n, elements(q), start_q)
     copy(n, elements(qd), start_qd)
     copy(n, elements(given), start_given)
-    follow(ints, reals, start_q, 1.0)
-    follow(ints, reals, start_qd, 0.0)
-    follow(ints, reals, start_given, 0.0)
+    follow(topology, constants, start_q, 1.0)
+    follow(topology, constants, start_qd, 0.0)
+    follow(topology, constants, start_given, 0.0)
     status = take_step(
         find_constrained, handle, rows, flags, dt, start_q, start_qd, start_given, elements(tau)
     )
     if status != GOOD:
         return status
     new_q, new_qd = beyond(rows, STAGE_Q * n), beyond(rows, STAGE_QD * n)
-    status = close_ties(handle, flags, new_q, new_qd, beyond(rows, DRIVE * n))
+    status = close_constraints(handle, flags, new_q, new_qd, beyond(rows, DRIVE * n))
     if status == GOOD:
-        follow(ints, reals, new_q, 1.0)
-        follow(ints, reals, new_qd, 0.0)
+        follow(topology, constants, new_q, 1.0)
+        follow(topology, constants, new_qd, 0.0)
         adopt(n, rows, elements(q), elements(qd))
     return status

@@ -30,9 +30,11 @@ from denoc_ros.kernels.handle import (
 )
 from denoc_ros.kernels.inverse import outward_motion
 from denoc_ros.kernels.layout import (
+    ANGULAR_VELOCITY,
     ARM,
     AXIS,
     BLOCK,
+    BODY_CONSTANTS,
     COLUMNS,
     COMPOSITE,
     COORDINATE,
@@ -43,13 +45,11 @@ from denoc_ros.kernels.layout import (
     MODES,
     MOTION,
     PARENT,
-    PLACE,
     POINTS,
-    REAL,
+    REVOLUTE_Z,
     SECTION,
+    SECTION_POSITION,
     SECTION_WORK,
-    SPEED,
-    TURN,
     VELOCITY,
     WORK,
     WORLD_POSITION,
@@ -75,17 +75,17 @@ from denoc_ros.kernels.world import world_pose
 
 
 @inlined
-def own_composite(ints, reals, work, i):
+def own_composite(topology, constants, work, i):
     """Write mass, moment and spin of body i alone, and its (6 + m) inertia where flexible."""
-    k = at(ints, i, WORK) + COMPOSITE
-    if at(ints, i, MODES) == 0:
-        c = at(ints, i, REAL) + MASS
+    k = at(topology, i, WORK) + COMPOSITE
+    if at(topology, i, MODES) == 0:
+        c = at(topology, i, BODY_CONSTANTS) + MASS
         for n in range(10):
-            work[k + n] = reals[c + n]
+            work[k + n] = constants[c + n]
         return
-    flexible_inertia(ints, reals, work, i)
-    size = 6 + at(ints, i, MODES)
-    o = at(ints, i, INERTIA_WORK)
+    flexible_inertia(topology, constants, work, i)
+    size = 6 + at(topology, i, MODES)
+    o = at(topology, i, INERTIA_WORK)
     work[k] = work[o]
     store(work, k + 1, (work[o + size + 5], work[o + 2 * size + 3], work[o + 4]))
     o += 3 * size + 3
@@ -118,17 +118,17 @@ def shifted_spin(spin, mass, moment, r):
 
 
 @inlined
-def modal_entries(ints, work, i, block):
+def modal_entries(topology, work, i, block):
     """Add to the modes of row i's carrier the composite at offset block, about the section."""
-    p = at(ints, i, PARENT)
-    size = 6 + at(ints, p, MODES)
-    o = at(ints, p, INERTIA_WORK)
-    place = load(work, at(ints, i, SECTION_WORK) + PLACE)
-    columns = at(ints, i, SECTION_WORK) + COLUMNS
-    for j in range(at(ints, p, MODES)):
+    p = at(topology, i, PARENT)
+    size = 6 + at(topology, p, MODES)
+    o = at(topology, p, INERTIA_WORK)
+    place = load(work, at(topology, i, SECTION_WORK) + SECTION_POSITION)
+    columns = at(topology, i, SECTION_WORK) + COLUMNS
+    for j in range(at(topology, p, MODES)):
         u = columns + 6 * j
         f, n = rigid_wrench(work, block, load(work, u), load(work, u + 3))
-        for k in range(j, at(ints, p, MODES)):
+        for k in range(j, at(topology, p, MODES)):
             u = columns + 6 * k
             both = dot(load(work, u), f) + dot(load(work, u + 3), n)
             work[o + (6 + j) * size + 6 + k] += both
@@ -139,9 +139,9 @@ def modal_entries(ints, work, i, block):
 
 
 @inlined
-def transmit_composite(ints, work, i):
+def transmit_composite(topology, work, i):
     """Add row i's composite body to its carrier's."""
-    o = at(ints, i, WORK)
+    o = at(topology, i, WORK)
     k = o + COMPOSITE
     mass = work[k]
     r = load(work, o + ARM)
@@ -153,16 +153,16 @@ def transmit_composite(ints, work, i):
         r,
     )
     moment = add(moment, scale(mass, r))
-    if at(ints, i, SECTION) > 0:
+    if at(topology, i, SECTION) > 0:
         work[BLOCK] = mass
         store(work, BLOCK + 1, moment)
         store(work, BLOCK + 4, (spin[0], spin[1], spin[2]))
         store(work, BLOCK + 7, (spin[3], spin[4], spin[5]))
-        modal_entries(ints, work, i, BLOCK)
-        r = load(work, at(ints, i, SECTION_WORK) + PLACE)
+        modal_entries(topology, work, i, BLOCK)
+        r = load(work, at(topology, i, SECTION_WORK) + SECTION_POSITION)
         spin = shifted_spin(spin, mass, moment, r)
         moment = add(moment, scale(mass, r))
-    k = at(ints, at(ints, i, PARENT), WORK) + COMPOSITE
+    k = at(topology, at(topology, i, PARENT), WORK) + COMPOSITE
     work[k] += mass
     accumulate(work, k + 1, moment)
     accumulate(work, k + 4, (spin[0], spin[1], spin[2]))
@@ -170,100 +170,100 @@ def transmit_composite(ints, work, i):
 
 
 @inlined
-def carrier_entries(ints, reals, work, i, f, n, c, size, out):
+def carrier_entries(topology, constants, work, i, f, n, c, size, out):
     """Write the entries between coordinate c and those of all bodies that carry body i.
 
     out is the (size, size) matrix, row by row.
     """
-    p = at(ints, i, PARENT)
+    p = at(topology, i, PARENT)
     while p > 0:
-        o = at(ints, i, WORK)
+        o = at(topology, i, WORK)
         f = rotate(work, o, f)
         n = add(rotate(work, o, n), cross(load(work, o + ARM), f))
-        j = at(ints, p, COORDINATE)
-        if at(ints, i, SECTION) > 0:
-            s = at(ints, i, SECTION_WORK)
+        j = at(topology, p, COORDINATE)
+        if at(topology, i, SECTION) > 0:
+            s = at(topology, i, SECTION_WORK)
             u = s + COLUMNS
-            d = j + at(ints, p, JOINT)
-            for k in range(d, d + at(ints, p, MODES)):
+            d = j + at(topology, p, JOINT)
+            for k in range(d, d + at(topology, p, MODES)):
                 x = dot(load(work, u), f) + dot(load(work, u + 3), n)
                 out[size * k + c] = x
                 out[size * c + k] = x
                 u += 6
-            n = add(n, cross(load(work, s + PLACE), f))
-        if at(ints, p, MOTION) == TURN:
+            n = add(n, cross(load(work, s + SECTION_POSITION), f))
+        if at(topology, p, MOTION) == REVOLUTE_Z:
             out[size * j + c] = n[2]
             out[size * c + j] = n[2]
-        elif at(ints, p, JOINT) == 1:
-            s = at(ints, p, REAL) + AXIS
-            x = dot(load(reals, s), f) + dot(load(reals, s + 3), n)
+        elif at(topology, p, JOINT) == 1:
+            s = at(topology, p, BODY_CONSTANTS) + AXIS
+            x = dot(load(constants, s), f) + dot(load(constants, s + 3), n)
             out[size * j + c] = x
             out[size * c + j] = x
         i = p
-        p = at(ints, i, PARENT)
+        p = at(topology, i, PARENT)
 
 
 @inlined
-def joint_column(ints, reals, work, i, size, out):
+def joint_column(topology, constants, work, i, size, out):
     """Write the column of body i's joint."""
-    k = at(ints, i, WORK) + COMPOSITE
-    j = at(ints, i, COORDINATE)
-    if at(ints, i, MOTION) == TURN:
+    k = at(topology, i, WORK) + COMPOSITE
+    j = at(topology, i, COORDINATE)
+    if at(topology, i, MOTION) == REVOLUTE_Z:
         f = (-work[k + 2], work[k + 1], 0.0)
         n = (work[k + 6], work[k + 8], work[k + 9])
         out[(size + 1) * j] = n[2]
     else:
-        s = at(ints, i, REAL) + AXIS
-        slide = load(reals, s)
-        turn = load(reals, s + 3)
+        s = at(topology, i, BODY_CONSTANTS) + AXIS
+        slide = load(constants, s)
+        turn = load(constants, s + 3)
         f, n = rigid_wrench(work, k, slide, turn)
         out[(size + 1) * j] = dot(slide, f) + dot(turn, n)
-    carrier_entries(ints, reals, work, i, f, n, j, size, out)
+    carrier_entries(topology, constants, work, i, f, n, j, size, out)
 
 
 @inlined
-def modal_column(ints, reals, work, i, column, size, out):
+def modal_column(topology, constants, work, i, column, size, out):
     """Write the column of one of body i's modes."""
-    own = 6 + at(ints, i, MODES)
-    o = at(ints, i, INERTIA_WORK)
-    j = at(ints, i, COORDINATE) + at(ints, i, JOINT)
+    own = 6 + at(topology, i, MODES)
+    o = at(topology, i, INERTIA_WORK)
+    j = at(topology, i, COORDINATE) + at(topology, i, JOINT)
     c = j + column
     u = o + 6 + column
     f = (work[u], work[u + own], work[u + 2 * own])
     n = (work[u + 3 * own], work[u + 4 * own], work[u + 5 * own])
-    if at(ints, i, JOINT) == 1:
-        s = at(ints, i, REAL) + AXIS
-        x = dot(load(reals, s), f) + dot(load(reals, s + 3), n)
+    if at(topology, i, JOINT) == 1:
+        s = at(topology, i, BODY_CONSTANTS) + AXIS
+        x = dot(load(constants, s), f) + dot(load(constants, s + 3), n)
         out[size * (j - 1) + c] = x
         out[size * c + j - 1] = x
     for k in range(column + 1):
         x = work[o + own * (6 + k) + 6 + column]
         out[size * (j + k) + c] = x
         out[size * c + j + k] = x
-    carrier_entries(ints, reals, work, i, f, n, c, size, out)
+    carrier_entries(topology, constants, work, i, f, n, c, size, out)
 
 
 @shared
 def find_inertia(handle, q, out):
     """Write the (n, n) generalized inertia matrix."""
-    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
     sines, cosines = diagonals[SINE], diagonals[COSINE]
     write_sines(q, n, sines, cosines)
     for i in range(1, bodies + 1):
-        place_by_sines(ints, reals, work, q, sines, cosines, i)
-        if at(ints, i, POINTS) > 0:
-            place_beam(ints, reals, work, q, i)
-        own_composite(ints, reals, work, i)
+        place_by_sines(topology, constants, work, q, sines, cosines, i)
+        if at(topology, i, POINTS) > 0:
+            place_beam(topology, constants, work, q, i)
+        own_composite(topology, constants, work, i)
     for j in range(n * n):
         out[j] = 0.0
     for i in range(bodies, 0, -1):
-        if at(ints, i, JOINT) == 1:
-            joint_column(ints, reals, work, i, n, out)
-        for column in range(at(ints, i, MODES)):
-            modal_column(ints, reals, work, i, column, n, out)
-        if at(ints, i, PARENT) > 0:
-            transmit_composite(ints, work, i)
+        if at(topology, i, JOINT) == 1:
+            joint_column(topology, constants, work, i, n, out)
+        for column in range(at(topology, i, MODES)):
+            modal_column(topology, constants, work, i, column, n, out)
+        if at(topology, i, PARENT) > 0:
+            transmit_composite(topology, work, i)
     for j in range(n):
         out[(n + 1) * j] += diagonals[ARMATURE][j]
     return GOOD if all_finite(out, n * n) else NOT_FINITE
@@ -290,18 +290,18 @@ def inertia_matrix_rows(handle, q, first, last, out):
 
 
 @inlined
-def body_kinetic(ints, work, qd, i):
+def body_kinetic(topology, work, qd, i):
     """Return the kinetic energy of body i alone."""
-    u = at(ints, i, WORK)
+    u = at(topology, i, WORK)
     k = u + COMPOSITE
     v = load(work, u + VELOCITY)
-    w = load(work, u + SPEED)
+    w = load(work, u + ANGULAR_VELOCITY)
     f, n = rigid_wrench(work, k, v, w)
     energy = 0.5 * (dot(v, f) + dot(w, n))
-    m = at(ints, i, MODES)
+    m = at(topology, i, MODES)
     size = 6 + m
-    o = at(ints, i, INERTIA_WORK)
-    d = at(ints, i, COORDINATE) + at(ints, i, JOINT)
+    o = at(topology, i, INERTIA_WORK)
+    d = at(topology, i, COORDINATE) + at(topology, i, JOINT)
     for r in range(m):
         momentum = 0.0
         for c in range(3):
@@ -315,11 +315,11 @@ def body_kinetic(ints, work, qd, i):
 
 
 @inlined
-def body_gravity(ints, reals, work, i):
+def body_gravity(topology, constants, work, i):
     """Return the gravity potential of body i alone, zero at the base origin."""
-    u = at(ints, i, WORK)
+    u = at(topology, i, WORK)
     k = u + COMPOSITE
-    g = load(reals, GRAVITY)
+    g = load(constants, GRAVITY)
     position = load(work, u + WORLD_POSITION)
     moment = rotate(work, u + WORLD_ROTATION, load(work, k + 1))
     return -work[k] * dot(g, position) - dot(g, moment)
@@ -328,17 +328,17 @@ def body_gravity(ints, reals, work, i):
 @shared
 def find_energies(handle, q, qd, out):
     """Write kinetic and potential energy (gravity and strain)."""
-    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    outward_motion(n, ints, reals, work, diagonals, bodies, q, qd, diagonals[ZERO])
+    outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, diagonals[ZERO])
     kinetic = 0.0
     potential = 0.0
     for i in range(1, bodies + 1):
-        own_composite(ints, reals, work, i)
-        linear_velocity(ints, reals, work, qd, i)
-        world_pose(ints, work, i)
-        kinetic += body_kinetic(ints, work, qd, i)
-        potential += body_gravity(ints, reals, work, i)
+        own_composite(topology, constants, work, i)
+        linear_velocity(topology, constants, work, qd, i)
+        world_pose(topology, work, i)
+        kinetic += body_kinetic(topology, work, qd, i)
+        potential += body_gravity(topology, constants, work, i)
     for j in range(n):
         kinetic += 0.5 * diagonals[ARMATURE][j] * qd[j] * qd[j]
         potential += 0.5 * diagonals[STIFFNESS][j] * q[j] * q[j]

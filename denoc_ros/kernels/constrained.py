@@ -14,8 +14,25 @@ from denoc_ros.kernels.articulated import (
     inward_articulated,
     outward_accelerations,
 )
-from denoc_ros.kernels.closure import all_rows, tie_rows, ties
+from denoc_ros.kernels.closure import all_rows, constraint_rows, constraints
 from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.constraint_columns import constraint_columns
+from denoc_ros.kernels.constraint_layout import (
+    AXIS_FORCE,
+    AXIS_ROW,
+    BIAS,
+    CONSTANTS,
+    CONSTRAINTS_WORK,
+    DAMPING,
+    FRICTION,
+    KIND,
+    MIMIC,
+    MULTIPLIERS,
+    RATE,
+    ROWS,
+    SLOPE,
+    WANTED,
+)
 from denoc_ros.kernels.handle import (
     ARMATURE,
     GOOD,
@@ -43,23 +60,6 @@ from denoc_ros.kernels.multipliers import (
     write_products,
 )
 from denoc_ros.kernels.step import FIRST_STAGE, SECOND_STAGE
-from denoc_ros.kernels.tie_columns import tie_columns
-from denoc_ros.kernels.tie_layout import (
-    AXIS_ROW,
-    BIAS,
-    CONSTANTS,
-    DAMPING,
-    FRICTION,
-    KIND,
-    MIMIC,
-    MULTIPLIERS,
-    PUSH,
-    RATE,
-    ROWS,
-    SLOPE,
-    TIES_WORK,
-    WANTED,
-)
 from denoc_ros.kernels.vector import all_finite
 
 CONTRADICTED = 4  # a status: no accelerations obey all rows
@@ -70,17 +70,17 @@ EXPLICIT = 0
 
 
 @inlined
-def take_loads(ints, work, held, bodies, y, weight):
+def take_loads(topology, work, held, bodies, y, weight):
     """Copy what the inward pass left of the loads to y (n), and D^-1 to weight (n).
 
     A held joint has none.
     """
     for i in range(1, bodies + 1):
-        free = free_joint(ints, held, i)
-        m = at(ints, i, MODES)
-        j = at(ints, i, COORDINATE)
-        w = at(ints, i, ELIMINATED)
-        if at(ints, i, JOINT) > free:
+        free = free_joint(topology, held, i)
+        m = at(topology, i, MODES)
+        j = at(topology, i, COORDINATE)
+        w = at(topology, i, ELIMINATED)
+        if at(topology, i, JOINT) > free:
             work[y + j] = 0.0
             work[weight + j] = 0.0
             j += 1
@@ -96,13 +96,13 @@ def take_loads(ints, work, held, bodies, y, weight):
 
 
 @inlined
-def give_loads(ints, work, held, bodies, y):
+def give_loads(topology, work, held, bodies, y):
     """Copy y (n) to where the outward pass looks for it."""
     for i in range(1, bodies + 1):
-        free = free_joint(ints, held, i)
-        m = at(ints, i, MODES)
-        j = y + at(ints, i, COORDINATE) + at(ints, i, JOINT) - free
-        w = at(ints, i, ELIMINATED)
+        free = free_joint(topology, held, i)
+        m = at(topology, i, MODES)
+        j = y + at(topology, i, COORDINATE) + at(topology, i, JOINT) - free
+        w = at(topology, i, ELIMINATED)
         if m > 0:
             size = free + m
             for k in range(size):
@@ -122,34 +122,34 @@ def add_rows(work, t, rows, first, last, n, y):
 
 
 @inlined
-def resist(ints, reals, work, t, rows, stage):
+def resist(topology, constants, work, t, rows, stage):
     """Write the forces of damping and friction along free axes as multipliers, and their slope."""
-    for tie in ties(ints):
-        k = at(ints, tie, AXIS_ROW)
-        if at(ints, tie, KIND) == MIMIC or k == 0:
+    for constraint in constraints(topology):
+        k = at(topology, constraint, AXIS_ROW)
+        if at(topology, constraint, KIND) == MIMIC or k == 0:
             continue
-        c = at(ints, tie, CONSTANTS)
+        c = at(topology, constraint, CONSTANTS)
         rate = work[vector(t, rows, RATE) + k]
-        slip = np.tanh(rate / reals[SLIP_RATE])
-        force = reals[c + DAMPING] * rate + reals[c + FRICTION] * slip
-        push = work[vector(t, rows, PUSH) + k] if stage == SECOND_STAGE else 0.0
+        slip = np.tanh(rate / constants[SLIP_RATE])
+        force = constants[c + DAMPING] * rate + constants[c + FRICTION] * slip
+        push = work[vector(t, rows, AXIS_FORCE) + k] if stage == SECOND_STAGE else 0.0
         work[vector(t, rows, MULTIPLIERS) + k] = push - force
         if stage == FIRST_STAGE:
-            slope = reals[c + FRICTION] / reals[SLIP_RATE] * (1.0 - slip * slip)
-            work[vector(t, rows, SLOPE) + k] = reals[c + DAMPING] + slope
+            slope = constants[c + FRICTION] / constants[SLIP_RATE] * (1.0 - slip * slip)
+            work[vector(t, rows, SLOPE) + k] = constants[c + DAMPING] + slope
 
 
 @inlined
-def write_columns(ints, reals, work, held, bodies, q, qd, given, zero, t, rows, n):
+def write_columns(topology, constants, work, held, bodies, q, qd, given, zero, t, rows, n):
     """Write all rows and their columns after an inward pass at this state."""
     columns = columns_of(t, rows, n)
     for k in range(rows * n):
         work[columns + k] = 0.0
     for i in range(1, bodies + 1):
-        linear_velocity(ints, reals, work, qd, i)
-    for tie in ties(ints):
-        tie_rows(ints, reals, work, q, qd, given, zero, tie, t, rows)
-        tie_columns(ints, reals, work, held, tie, t, rows, columns, n)
+        linear_velocity(topology, constants, work, qd, i)
+    for constraint in constraints(topology):
+        constraint_rows(topology, constants, work, q, qd, given, zero, constraint, t, rows)
+        constraint_columns(topology, constants, work, held, constraint, t, rows, columns, n)
 
 
 @inlined
@@ -163,12 +163,12 @@ def soften(work, t, rows, hard, n, g):
 
 
 @inlined
-def find_multipliers(ints, reals, work, t, rows, n, y, stage, g):
+def find_multipliers(topology, constants, work, t, rows, n, y, stage, g):
     """Write the multipliers for loads y, and add to y what they do; say whether rows agree."""
-    hard = at(ints, 0, ROWS)
+    hard = at(topology, 0, ROWS)
     count = hard if stage == EXPLICIT else rows
     columns = columns_of(t, rows, n)
-    resist(ints, reals, work, t, rows, stage)
+    resist(topology, constants, work, t, rows, stage)
     add_rows(work, t, rows, hard, rows, n, y)
     write_products(work, t, rows, count, n)
     if stage != EXPLICIT:
@@ -183,32 +183,34 @@ def find_multipliers(ints, reals, work, t, rows, n, y, stage, g):
     if stage == FIRST_STAGE:
         for k in range(hard, rows):
             multiplier = work[vector(t, rows, MULTIPLIERS) + k]
-            work[vector(t, rows, PUSH) + k] = -2.0 * multiplier
+            work[vector(t, rows, AXIS_FORCE) + k] = -2.0 * multiplier
     return good
 
 
 @shared
 def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd, drive):
-    """Write q'' (n) with all ties kept; their multipliers stay in the workspace.
+    """Write q'' (n) with all constraints kept; their multipliers stay in the workspace.
 
     As articulated.find_articulated, without torques; drive (n) is scratch. In a time step's stages
     g times the damping of free axes stands beside the inertia, as shift does.
     """
-    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
     for j in range(n):
-        drive[j] = tau[j] - internal_force(reals, diagonals, q, qd, j)
-    outward_motion(n, ints, reals, work, diagonals, bodies, q, qd, given)
-    if not inward_articulated(ints, reals, work, shift, held, bodies, drive):
+        drive[j] = tau[j] - internal_force(constants, diagonals, q, qd, j)
+    outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, given)
+    if not inward_articulated(topology, constants, work, shift, held, bodies, drive):
         return SINGULAR
-    t = at(ints, 0, TIES_WORK)
-    rows = all_rows(ints)
+    t = at(topology, 0, CONSTRAINTS_WORK)
+    rows = all_rows(topology)
     y = columns_of(t, rows, n) - 2 * n
-    write_columns(ints, reals, work, held, bodies, q, qd, given, diagonals[ZERO], t, rows, n)
-    take_loads(ints, work, held, bodies, y, y + n)
-    good = find_multipliers(ints, reals, work, t, rows, n, y, stage, g)
-    give_loads(ints, work, held, bodies, y)
-    outward_accelerations(ints, reals, work, held, bodies, given, qdd)
+    write_columns(
+        topology, constants, work, held, bodies, q, qd, given, diagonals[ZERO], t, rows, n
+    )
+    take_loads(topology, work, held, bodies, y, y + n)
+    good = find_multipliers(topology, constants, work, t, rows, n, y, stage, g)
+    give_loads(topology, work, held, bodies, y)
+    outward_accelerations(topology, constants, work, held, bodies, given, qdd)
     if not all_finite(qdd, n):
         return NOT_FINITE
     return GOOD if good else CONTRADICTED
@@ -217,16 +219,16 @@ def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd, driv
 @inlined
 def copy_multipliers(handle, out):
     """Write the multipliers (rows) that the last solve found."""
-    ints, _reals, work, _diagonals, _bodies = model_arrays(handle)
-    found = vector(at(ints, 0, TIES_WORK), all_rows(ints), MULTIPLIERS)
-    for k in range(at(ints, 0, ROWS)):
+    topology, _reals, work, _diagonals, _bodies = model_arrays(handle)
+    found = vector(at(topology, 0, CONSTRAINTS_WORK), all_rows(topology), MULTIPLIERS)
+    for k in range(at(topology, 0, ROWS)):
         out[k] = work[found + k]
 
 
 @kernel(types.int64(types.int64, *([array_object] * 7)))
 def constrained_dynamics(handle, held, q, qd, given, tau, qdd, multipliers):
     """Write q'' (n) and multipliers (rows) under forces tau (n), some joints' q'' given."""
-    ints, _reals, _work, diagonals, _bodies = model_arrays(handle)
+    topology, _reals, _work, diagonals, _bodies = model_arrays(handle)
     n = coordinates(handle)
     if not (
         is_vector(handle, held, n, READABLE)
@@ -235,7 +237,7 @@ def constrained_dynamics(handle, held, q, qd, given, tau, qdd, multipliers):
         and is_vector(handle, given, n, READABLE)
         and is_vector(handle, tau, n, READABLE)
         and is_vector(handle, qdd, n, WRITABLE)
-        and is_vector(handle, multipliers, at(ints, 0, ROWS), WRITABLE)
+        and is_vector(handle, multipliers, at(topology, 0, ROWS), WRITABLE)
     ):
         return MISFIT
     status = find_constrained(
@@ -252,7 +254,7 @@ def constrained_dynamics(handle, held, q, qd, given, tau, qdd, multipliers):
 )
 def constrained_dynamics_rows(handle, held, q, qd, given, tau, first, last, qdd, multipliers):
     """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
-    ints, _reals, _work, diagonals, _bodies = model_arrays(handle)
+    topology, _reals, _work, diagonals, _bodies = model_arrays(handle)
     n = coordinates(handle)
     a, b, c, d = elements(q), elements(qd), elements(given), elements(tau)
     e, f, flags = elements(qdd), elements(multipliers), elements(held)
@@ -263,7 +265,7 @@ def constrained_dynamics_rows(handle, held, q, qd, given, tau, first, last, qdd,
             handle, EXPLICIT, 0.0, diagonals[ARMATURE], flags, beyond(a, k), beyond(b, k),
             beyond(c, k), beyond(d, k), beyond(e, k), diagonals[SCRATCH],
         )  # fmt: skip
-        copy_multipliers(handle, beyond(f, at(ints, 0, ROWS) * row))
+        copy_multipliers(handle, beyond(f, at(topology, 0, ROWS) * row))
         worst = max(worst, status)
         if worst != GOOD:
             return worst

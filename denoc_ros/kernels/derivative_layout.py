@@ -5,7 +5,7 @@ body unchanged. What is seen of a coordinate from bodies that it moves is its co
 twist, and the column's first and second time derivative.
 """
 
-# ints, row 0, in a column that means nothing to the base
+# topology, row 0, in a column that means nothing to the base
 ROW_LENGTH = 18  # of a row over the coordinates
 BEAM_SCRATCH = 14  # offset of what sums over a beam's points take, one beam at a time
 
@@ -13,8 +13,8 @@ BEAM_SCRATCH = 14  # offset of what sums over a beam's points take, one beam at 
 TWIST = 0  # (6) linear first
 ACCELERATED = 6  # (6) its time derivative, with -g at the base
 BODY_MASS = 12  # of the body, or of it and all it carries, as all down to WRENCH
-BODY_MOMENT = 13  # (3) first moment
-BODY_SPIN = 16  # (6) rotational inertia: xx xy xz yy yz zz
+BODY_FIRST_MOMENT = 13  # (3) first moment
+BODY_ROTATIONAL_INERTIA = 16  # (6) rotational inertia: xx xy xz yy yz zz
 MOMENTUM = 22  # (3) linear
 TURNING = 25  # (9) torque by an added angular velocity: 2 int (v . p - v p^T) dm, and spin
 WRENCH = 34  # (6) force and torque

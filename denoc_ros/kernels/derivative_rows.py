@@ -30,9 +30,9 @@ from denoc_ros.kernels.vector import add, cross, load, rotate, scale, unrotate
 
 
 @inlined
-def columns_of(ints):
+def columns_of(topology):
     """Return where the rows over the coordinates begin in work, and how long they are."""
-    return at(ints, 0, DERIVED) + COLUMNS, at(ints, 0, ROW_LENGTH)
+    return at(topology, 0, DERIVED) + COLUMNS, at(topology, 0, ROW_LENGTH)
 
 
 @inlined
@@ -138,35 +138,37 @@ def zero_span(first, last, o, by_q, by_rate, inertia):
 
 
 @shared
-def inboard_entries(ints, work, n, i, row, last, share, by_q, by_rate, inertia):
+def inboard_entries(topology, work, n, i, row, last, share, by_q, by_rate, inertia):
     """Write the entries of a row of body i in all columns before `last`.
 
     share: the row's wrench per acceleration, and half that per angular velocity. A joint's own
     column counts as inboard of it, and so it is of the modes of the same body.
     """
-    c, length = columns_of(ints)
+    c, length = columns_of(topology)
     force = spread_pair(share[0])
     half = (spread(share[1][0]), spread(share[1][1]), spread(share[1][2]))
     o = n * row
-    run = at(ints, i, RUN)
+    run = at(topology, i, RUN)
     while True:
-        start = at(ints, run, COORDINATE)
+        start = at(topology, run, COORDINATE)
         inboard_span(work, c, length, start, last, force, half, o, (by_q, by_rate, inertia))
-        run = at(ints, run, PARENT)
+        run = at(topology, run, PARENT)
         end = 0
         if run > 0:
-            end = at(ints, run, COORDINATE) + at(ints, run, JOINT) + at(ints, run, MODES)
+            end = (
+                at(topology, run, COORDINATE) + at(topology, run, JOINT) + at(topology, run, MODES)
+            )
         zero_span(end, start, o, by_q, by_rate, inertia)
         if run == 0:
             return
         last = end
-        run = at(ints, run, RUN)
+        run = at(topology, run, RUN)
 
 
 @shared
-def outboard_entries(ints, work, n, row, first, last, column, by_q, by_rate, inertia):
+def outboard_entries(topology, work, n, row, first, last, column, by_q, by_rate, inertia):
     """Write a row's entries in columns first .. last - 1, all outboard of it."""
-    c, length = columns_of(ints)
+    c, length = columns_of(topology)
     x = spread_pair(column)
     for j in range(first, last, LANES):
         k = c + j

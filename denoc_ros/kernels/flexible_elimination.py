@@ -9,14 +9,14 @@ from denoc_ros.kernels.inverse import joint_force
 from denoc_ros.kernels.layout import (
     AXIS,
     BEAM_WORK,
-    CHANGE,
+    BODY_CONSTANTS,
     COORDINATE,
     ELIMINATED,
     FORCE,
+    FREE_ACCELERATION,
     INERTIA_WORK,
     JOINT,
     PARENT,
-    REAL,
     TORQUE,
     WORK,
 )
@@ -25,14 +25,14 @@ from denoc_ros.kernels.wrench import transmit_wrench
 
 
 @inlined
-def project_inertia(ints, reals, work, shift, i, free, m):
+def project_inertia(topology, constants, work, shift, i, free, m):
     """Write M P (six rows) and the lower half of D = P^T M P + shift of body i."""
     size = 6 + m
     k = free + m
-    o = at(ints, i, INERTIA_WORK)
-    w = at(ints, i, ELIMINATED)
+    o = at(topology, i, INERTIA_WORK)
+    w = at(topology, i, ELIMINATED)
     d = w + 6 * k
-    j = at(ints, i, COORDINATE) + at(ints, i, JOINT)
+    j = at(topology, i, COORDINATE) + at(topology, i, JOINT)
     for n in range(m):
         c = o + 6 + n
         for r in range(6):
@@ -41,8 +41,8 @@ def project_inertia(ints, reals, work, shift, i, free, m):
             work[d + k * (free + n) + free + r] = work[c + size * (6 + r)]
         work[d + (k + 1) * (free + n)] += shift[j + n]
     if free == 1:
-        s = at(ints, i, REAL) + AXIS
-        slide, turn = load(reals, s), load(reals, s + 3)
+        s = at(topology, i, BODY_CONSTANTS) + AXIS
+        slide, turn = load(constants, s), load(constants, s + 3)
         f, t = wrench_of(flexible_block(work, o, size), slide, turn)
         store(work, w, f)
         store(work, w + 3, t)
@@ -77,26 +77,26 @@ def factor(work, d, k):
 
 
 @inlined
-def eliminate(ints, reals, work, shift, drive, i, free, m):
+def eliminate(topology, constants, work, shift, drive, i, free, m):
     """Eliminate body i's free coordinates; return if it was possible, and what is left.
 
     drive[j] is the generalized force less elasticity, damping and friction. Left are the block,
     the force and the torque that the carrier sees.
     """
     k = free + m
-    o = at(ints, i, WORK)
-    w = at(ints, i, ELIMINATED)
+    o = at(topology, i, WORK)
+    w = at(topology, i, ELIMINATED)
     d = w + 6 * k
     y = d + k * k
-    j = at(ints, i, COORDINATE) + at(ints, i, JOINT)
-    modal = at(ints, i, BEAM_WORK)
-    project_inertia(ints, reals, work, shift, i, free, m)
+    j = at(topology, i, COORDINATE) + at(topology, i, JOINT)
+    modal = at(topology, i, BEAM_WORK)
+    project_inertia(topology, constants, work, shift, i, free, m)
     good = factor(work, d, k)
     if free == 1:
-        work[y] = drive[j - 1] - joint_force(ints, reals, work, i)
+        work[y] = drive[j - 1] - joint_force(topology, constants, work, i)
     for n in range(m):
         work[y + free + n] = drive[j + n] - work[modal + n]
-    block = flexible_block(work, at(ints, i, INERTIA_WORK), 6 + m)
+    block = flexible_block(work, at(topology, i, INERTIA_WORK), 6 + m)
     force = load(work, o + FORCE)
     torque = load(work, o + TORQUE)
     for n in range(k):
@@ -118,22 +118,22 @@ def eliminate(ints, reals, work, shift, drive, i, free, m):
 
 
 @inlined
-def inward_flexible(ints, reals, work, shift, drive, i, free, m):
+def inward_flexible(topology, constants, work, shift, drive, i, free, m):
     """Eliminate flexible body i and pass on what is left; say whether it was possible."""
-    good, block, force, torque = eliminate(ints, reals, work, shift, drive, i, free, m)
-    if good and at(ints, i, PARENT) > 0:
-        transmit_wrench(ints, work, i, force, torque)
-        transmit_inertia(ints, work, i, block)
+    good, block, force, torque = eliminate(topology, constants, work, shift, drive, i, free, m)
+    if good and at(topology, i, PARENT) > 0:
+        transmit_wrench(topology, work, i, force, torque)
+        transmit_inertia(topology, work, i, block)
     return good
 
 
 @inlined
-def outward_flexible(ints, reals, work, given, qdd, i, free, m):
+def outward_flexible(topology, constants, work, given, qdd, i, free, m):
     """Write the accelerations of flexible body i's coordinates."""
-    o = at(ints, i, WORK)
-    a, al = carried_change(ints, work, qdd, i)
+    o = at(topology, i, WORK)
+    a, al = carried_change(topology, work, qdd, i)
     k = free + m
-    w = at(ints, i, ELIMINATED)
+    w = at(topology, i, ELIMINATED)
     d = w + 6 * k
     y = d + k * k
     for r in range(k - 1, -1, -1):
@@ -143,16 +143,16 @@ def outward_flexible(ints, reals, work, given, qdd, i, free, m):
         for n in range(r + 1, k):
             u -= work[d + k * n + r] * work[y + n]
         work[y + r] = u
-    j = at(ints, i, COORDINATE)
+    j = at(topology, i, COORDINATE)
     if free == 1:
-        s = at(ints, i, REAL) + AXIS
+        s = at(topology, i, BODY_CONSTANTS) + AXIS
         qdd[j] = work[y]
-        a = add(a, scale(work[y], load(reals, s)))
-        al = add(al, scale(work[y], load(reals, s + 3)))
-    elif at(ints, i, JOINT) == 1:
+        a = add(a, scale(work[y], load(constants, s)))
+        al = add(al, scale(work[y], load(constants, s + 3)))
+    elif at(topology, i, JOINT) == 1:
         qdd[j] = given[j]
-    j += at(ints, i, JOINT)
+    j += at(topology, i, JOINT)
     for n in range(m):
         qdd[j + n] = work[y + free + n]
-    store(work, o + CHANGE, a)
-    store(work, o + CHANGE + 3, al)
+    store(work, o + FREE_ACCELERATION, a)
+    store(work, o + FREE_ACCELERATION + 3, al)

@@ -26,7 +26,7 @@ from denoc_ros.kernels.right_hand_sides import factors_to_base, solve_columns
 @merged
 def find_forward_derivatives(handle, q, qd, tau, by_q, by_rate, inverse):
     """Write d q'' / dq, d q'' / dq' and I^-1 (n, n each)."""
-    ints, _reals, work, diagonals, bodies = model_arrays(handle)
+    topology, _reals, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
     # the accelerations stand in the result's first row until the derivatives there take its place
     status = find_acceleration(handle, q, qd, tau, inverse)
@@ -35,14 +35,14 @@ def find_forward_derivatives(handle, q, qd, tau, by_q, by_rate, inverse):
     if status != GOOD:
         return status
     held = diagonals[ZERO]
-    factors_to_base(ints, work, held, bodies)
+    factors_to_base(topology, work, held, bodies)
     for k in range(n * n):
         by_q[k] = -by_q[k]
         by_rate[k] = -by_rate[k]
         inverse[k] = 0.0
     for j in range(n):
         inverse[(n + 1) * j] = 1.0
-    solve_columns(n, ints, work, bodies, held, (by_q, by_rate, inverse))
+    solve_columns(n, topology, work, bodies, held, (by_q, by_rate, inverse))
     for r in range(n):  # symmetric to the last bit
         for j in range(r):
             inverse[n * r + j] = inverse[n * j + r]
@@ -113,7 +113,7 @@ def find_hybrid_derivatives(handle, held, states, found):
     states: q, q', given q'' and tau, (4, n). found: by q, by q' and by what drives, q'' of held
     joints and tau of the others, then the inertia, (n, n) each, and last q'' (n).
     """
-    ints, _reals, work, diagonals, bodies = model_arrays(handle)
+    topology, _reals, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
     m = n * n
     q, qd, given, tau = states, beyond(states, n), beyond(states, 2 * n), beyond(states, 3 * n)
@@ -125,11 +125,11 @@ def find_hybrid_derivatives(handle, held, states, found):
         status = find_derivatives(handle, q, qd, qdd, found, by_rate, inertia)
     if status != GOOD:
         return status
-    factors_to_base(ints, work, held, bodies)
+    factors_to_base(topology, work, held, bodies)
     for k in range(2 * m):
         found[k] = -found[k]
     drive_columns(n, held, inertia, by_drive)
-    solve_columns(n, ints, work, bodies, held, (found, by_rate, by_drive))
+    solve_columns(n, topology, work, bodies, held, (found, by_rate, by_drive))
     for x in (found, by_rate, by_drive):
         held_rows(n, held, inertia, x)
     return GOOD

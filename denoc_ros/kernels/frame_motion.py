@@ -12,7 +12,10 @@ from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.handle import GOOD, at, beyond, coordinates, elements, model_arrays
 from denoc_ros.kernels.layout import (
     ACCELERATION,
+    ANGULAR_ACCELERATION,
+    ANGULAR_VELOCITY,
     AXIS,
+    BODY_CONSTANTS,
     COEFFICIENTS,
     COLUMNS,
     COORDINATE,
@@ -20,13 +23,10 @@ from denoc_ros.kernels.layout import (
     JOINT,
     MODES,
     PARENT,
-    PLACE,
-    REAL,
+    ROTATION_VECTOR,
     SECTION,
+    SECTION_POSITION,
     SECTION_WORK,
-    SPEED,
-    SPIN_UP,
-    VECTOR,
     VELOCITY,
     WORK,
     WORLD_POSITION,
@@ -68,66 +68,77 @@ def body_state(work, o):
         load(work, o + WORLD_POSITION),
         rotate(work, r, load(work, o + VELOCITY)),
         rotate(work, r, load(work, o + ACCELERATION)),
-        rotate(work, r, load(work, o + SPEED)),
-        rotate(work, r, load(work, o + SPIN_UP)),
+        rotate(work, r, load(work, o + ANGULAR_VELOCITY)),
+        rotate(work, r, load(work, o + ANGULAR_ACCELERATION)),
     )
 
 
 @inlined
-def section_state(ints, reals, work, qd, qdd, i):
+def section_state(topology, constants, work, qd, qdd, i):
     """Return position, velocity and acceleration of the section that carries row i, base axes."""
-    p = at(ints, i, PARENT)
-    u = at(ints, p, WORK)
-    k = at(ints, i, SECTION_WORK)
-    w = load(work, u + SPEED)
-    v = add(load(work, u + VELOCITY), cross(w, load(work, k + PLACE)))
+    p = at(topology, i, PARENT)
+    u = at(topology, p, WORK)
+    k = at(topology, i, SECTION_WORK)
+    w = load(work, u + ANGULAR_VELOCITY)
+    v = add(load(work, u + VELOCITY), cross(w, load(work, k + SECTION_POSITION)))
     _w, a, _al = section_motion(
-        ints, reals, work, qd, qdd, i, w, load(work, u + ACCELERATION), load(work, u + SPIN_UP)
+        topology,
+        constants,
+        work,
+        qd,
+        qdd,
+        i,
+        w,
+        load(work, u + ACCELERATION),
+        load(work, u + ANGULAR_ACCELERATION),
     )
     c = k + COLUMNS
-    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
-    for j in range(d, d + at(ints, p, MODES)):
+    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+    for j in range(d, d + at(topology, p, MODES)):
         v = add(v, scale(qd[j], load(work, c)))
         c += 6
     r = u + WORLD_ROTATION
-    return section_place(ints, work, i), rotate(work, r, v), rotate(work, r, a)
+    return section_place(topology, work, i), rotate(work, r, v), rotate(work, r, a)
 
 
 @inlined
-def joint_columns(write, ints, reals, work, i, frame, out, n):
+def joint_columns(write, topology, constants, work, i, frame, out, n):
     """Write what the joint of body i does to a frame."""
-    o = at(ints, i, WORK)
+    o = at(topology, i, WORK)
     position, v, a, w, al = body_state(work, o)
     arm = (subtract(frame[0], position), subtract(frame[1], v), subtract(frame[2], a))
-    s = at(ints, i, REAL) + AXIS
+    s = at(topology, i, BODY_CONSTANTS) + AXIS
     r = o + WORLD_ROTATION
-    slide = seen(work, r, load(reals, s), ZERO, ZERO, w, al)
-    turn = seen(work, r, load(reals, s + 3), ZERO, ZERO, w, al)
-    write(out, n, at(ints, i, COORDINATE), carried(slide, turn, arm), turn, frame[3], frame[4])
+    slide = seen(work, r, load(constants, s), ZERO, ZERO, w, al)
+    turn = seen(work, r, load(constants, s + 3), ZERO, ZERO, w, al)
+    write(out, n, at(topology, i, COORDINATE), carried(slide, turn, arm), turn, frame[3], frame[4])
 
 
 @inlined
-def section_columns(write, ints, reals, work, qd, qdd, i, frame, out, n):
+def section_columns(write, topology, constants, work, qd, qdd, i, frame, out, n):
     """Write what the amplitudes of the beam that carries row i do to a frame."""
-    p = at(ints, i, PARENT)
-    u = at(ints, p, WORK)
-    position, v, a = section_state(ints, reals, work, qd, qdd, i)
+    p = at(topology, i, PARENT)
+    u = at(topology, p, WORK)
+    position, v, a = section_state(topology, constants, work, qd, qdd, i)
     arm = (subtract(frame[0], position), subtract(frame[1], v), subtract(frame[2], a))
     _position, _v, _a, w, al = body_state(work, u)
-    rate, _axial = section_rates(ints, reals, qd, i)
-    rate_up, _axial = section_rates(ints, reals, qdd, i)
-    o = at(ints, i, SECTION_WORK)
-    k, phi = o + COEFFICIENTS, load(work, o + VECTOR)
+    rate, _axial = section_rates(topology, constants, qd, i)
+    rate_up, _axial = section_rates(topology, constants, qdd, i)
+    o = at(topology, i, SECTION_WORK)
+    k, phi = o + COEFFICIENTS, load(work, o + ROTATION_VECTOR)
     turn_x = turning_rates(work, k, phi, rate, rate_up, unit(0))
     turn_y = turning_rates(work, k, phi, rate, rate_up, unit(1))
     turn_z = turning_rates(work, k, phi, rate, rate_up, unit(2))
-    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
     c = o + COLUMNS
     r = u + WORLD_ROTATION
-    for j in range(at(ints, p, MODES)):
-        factor, about = mode_slope(ints, reals, i, j)
+    for j in range(at(topology, p, MODES)):
+        factor, about = mode_slope(topology, constants, i, j)
         axis = turn_z if about == 2 else turn_y if about == 1 else turn_x
-        x1, x2 = shortening_rate(ints, reals, i, j, qd), shortening_rate(ints, reals, i, j, qdd)
+        x1, x2 = (
+            shortening_rate(topology, constants, i, j, qd),
+            shortening_rate(topology, constants, i, j, qdd),
+        )
         slide = seen(work, r, load(work, c), (-x1, 0.0, 0.0), (-x2, 0.0, 0.0), w, al)
         turn = seen(
             work, r, scale(factor, axis[0]), scale(factor, axis[1]), scale(factor, axis[2]), w, al
@@ -137,35 +148,35 @@ def section_columns(write, ints, reals, work, qd, qdd, i, frame, out, n):
 
 
 @inlined
-def move_world(ints, reals, work, bodies, q, qd, qdd, i):
+def move_world(topology, constants, work, bodies, q, qd, qdd, i):
     """Place and move every body, and row i if it is a frame; return the motion of row i."""
     for k in range(1, bodies + 1):
-        place_body(ints, reals, work, q, k)
-        world_pose(ints, work, k)
-        move_body(ints, reals, work, qd, qdd, k)
-        linear_velocity(ints, reals, work, qd, k)
+        place_body(topology, constants, work, q, k)
+        world_pose(topology, work, k)
+        move_body(topology, constants, work, qd, qdd, k)
+        linear_velocity(topology, constants, work, qd, k)
     if i > bodies:
-        place_body(ints, reals, work, q, i)
-        world_pose(ints, work, i)
-        move_body(ints, reals, work, qd, qdd, i)
-        linear_velocity(ints, reals, work, qd, i)
-    return body_state(work, at(ints, i, WORK))
+        place_body(topology, constants, work, q, i)
+        world_pose(topology, work, i)
+        move_body(topology, constants, work, qd, qdd, i)
+        linear_velocity(topology, constants, work, qd, i)
+    return body_state(work, at(topology, i, WORK))
 
 
 @inlined
 def walk(write, blocks, handle, q, qd, qdd, i, out):
     """Write the blocks (6, n) that `write` makes of every column of row i's Jacobian."""
-    ints, reals, work, _diagonals, bodies = model_arrays(handle)
+    topology, constants, work, _diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    frame = move_world(ints, reals, work, bodies, q, qd, qdd, i)
+    frame = move_world(topology, constants, work, bodies, q, qd, qdd, i)
     for k in range(6 * n * blocks):
         out[k] = 0.0
     while i > 0:
-        if at(ints, i, JOINT) == 1:
-            joint_columns(write, ints, reals, work, i, frame, out, n)
-        if at(ints, i, SECTION) > 0:
-            section_columns(write, ints, reals, work, qd, qdd, i, frame, out, n)
-        i = at(ints, i, PARENT)
+        if at(topology, i, JOINT) == 1:
+            joint_columns(write, topology, constants, work, i, frame, out, n)
+        if at(topology, i, SECTION) > 0:
+            section_columns(write, topology, constants, work, qd, qdd, i, frame, out, n)
+        i = at(topology, i, PARENT)
 
 
 @inlined
@@ -207,9 +218,9 @@ ROWS = 'int64, float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64, 
 @shared
 def find_motion(handle, q, qd, qdd, i, out):
     """Write twist and classical acceleration (2, 6) of row i: linear first, base axes."""
-    ints, reals, work, _diagonals, bodies = model_arrays(handle)
-    _position, v, a, w, al = move_world(ints, reals, work, bodies, q, qd, qdd, i)
-    a = add(a, load(reals, GRAVITY))
+    topology, constants, work, _diagonals, bodies = model_arrays(handle)
+    _position, v, a, w, al = move_world(topology, constants, work, bodies, q, qd, qdd, i)
+    a = add(a, load(constants, GRAVITY))
     for k in range(3):
         out[k], out[3 + k], out[6 + k], out[9 + k] = v[k], w[k], a[k], al[k]
 

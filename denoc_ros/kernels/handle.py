@@ -8,22 +8,22 @@ names are kept alive by who made it.
 import numpy as np
 
 from denoc_ros.kernels.compiled import inlined
-from denoc_ros.kernels.layout import INTS
+from denoc_ros.kernels.layout import TOPOLOGY_COLUMNS
 from denoc_ros.kernels.pointers import beyond, part, pointer, span
 
 __all__ = ['beyond', 'pointer']  # kernels import what they need of pointers from here
 
 # elements of the record
-INTS_ADDRESS = 0
-REALS_ADDRESS = 1
+TOPOLOGY_ADDRESS = 0
+CONSTANTS_ADDRESS = 1
 WORK_ADDRESS = 2
 DIAGONALS_ADDRESS = 3
 COORDINATES = 4
 BODIES = 5
 ARRAY_TYPE = 6  # addresses of numpy's array type and of its float64 (see array_object)
 ELEMENT_TYPE = 7
-INTS_LENGTH = 8  # numbers of elements, for pointers that check offsets (see pointers)
-REALS_LENGTH = 9
+TOPOLOGY_LENGTH = 8  # numbers of elements, for pointers that check offsets (see pointers)
+CONSTANTS_LENGTH = 9
 WORK_LENGTH = 10
 RECORD = 11
 
@@ -65,13 +65,13 @@ def coordinates(handle):
 
 @inlined
 def model_arrays(handle):
-    """Return ints, reals, work, the rows of the diagonals and the number of bodies of a model."""
+    """Return topology, constants, work, the rows of the diagonals and the number of bodies."""
     record = record_of(handle)
     n = record[COORDINATES]
     rows = span(record[DIAGONALS_ADDRESS], DIAGONALS * n, np.float64)
     return (
-        span(record[INTS_ADDRESS], record[INTS_LENGTH], np.uint32),
-        span(record[REALS_ADDRESS], record[REALS_LENGTH], np.float64),
+        span(record[TOPOLOGY_ADDRESS], record[TOPOLOGY_LENGTH], np.uint32),
+        span(record[CONSTANTS_ADDRESS], record[CONSTANTS_LENGTH], np.float64),
         span(record[WORK_ADDRESS], record[WORK_LENGTH], np.float64),
         (
             part(rows, STIFFNESS * n, n),
@@ -88,6 +88,6 @@ def model_arrays(handle):
 
 
 @inlined
-def at(ints, row, column):
+def at(topology, row, column):
     """Return an element of the unsigned table as a number the compiler knows is not negative."""
-    return np.int64(ints[INTS * row + column])
+    return np.int64(topology[TOPOLOGY_COLUMNS * row + column])

@@ -8,19 +8,19 @@ from denoc_ros.kernels.layout import SLIP_RATE
 
 
 @inlined
-def internal_force(reals, diagonals, q, qd, j):
+def internal_force(constants, diagonals, q, qd, j):
     """Return k q + c q' + f tanh(q' / v_s) of coordinate j."""
     force = diagonals[STIFFNESS][j] * q[j] + diagonals[DAMPING][j] * qd[j]
     if diagonals[FRICTION][j] != 0.0:
-        force += diagonals[FRICTION][j] * np.tanh(qd[j] / reals[SLIP_RATE])
+        force += diagonals[FRICTION][j] * np.tanh(qd[j] / constants[SLIP_RATE])
     return force
 
 
 @inlined
-def internal_slope(reals, diagonals, q, qd, j):
+def internal_slope(constants, diagonals, q, qd, j):
     """Return the derivatives by q_j and q'_j of :func:`internal_force`."""
     damping = diagonals[DAMPING][j]
     if diagonals[FRICTION][j] != 0.0:
-        slip = np.tanh(qd[j] / reals[SLIP_RATE])
-        damping += diagonals[FRICTION][j] / reals[SLIP_RATE] * (1.0 - slip * slip)
+        slip = np.tanh(qd[j] / constants[SLIP_RATE])
+        damping += diagonals[FRICTION][j] / constants[SLIP_RATE] * (1.0 - slip * slip)
     return diagonals[STIFFNESS][j], damping

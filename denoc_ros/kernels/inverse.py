@@ -21,15 +21,15 @@ from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.layout import (
     AXIS,
     BEAM_WORK,
+    BODY_CONSTANTS,
     COORDINATE,
     FORCE,
     JOINT,
     MODES,
     MOTION,
     POINTS,
-    REAL,
+    REVOLUTE_Z,
     TORQUE,
-    TURN,
     WORK,
 )
 from denoc_ros.kernels.motion import move_body
@@ -40,54 +40,54 @@ from denoc_ros.kernels.wrench import body_wrench, transmit_wrench
 
 
 @inlined
-def outward_motion(n, ints, reals, work, diagonals, bodies, q, qd, qdd):
+def outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, qdd):
     """Place and move every body and write the wrench it needs for its own motion."""
     sines, cosines = diagonals[SINE], diagonals[COSINE]
     write_sines(q, n, sines, cosines)
     for i in range(1, bodies + 1):
-        place_by_sines(ints, reals, work, q, sines, cosines, i)
-        if at(ints, i, POINTS) > 0:
-            place_beam(ints, reals, work, q, i)
-        move_body(ints, reals, work, qd, qdd, i)
-        body_wrench(ints, reals, work, qd, qdd, i)
+        place_by_sines(topology, constants, work, q, sines, cosines, i)
+        if at(topology, i, POINTS) > 0:
+            place_beam(topology, constants, work, q, i)
+        move_body(topology, constants, work, qd, qdd, i)
+        body_wrench(topology, constants, work, qd, qdd, i)
 
 
 @inlined
-def joint_force(ints, reals, work, i):
+def joint_force(topology, constants, work, i):
     """Return S^T of the wrench on body i."""
-    o = at(ints, i, WORK)
-    if at(ints, i, MOTION) == TURN:
+    o = at(topology, i, WORK)
+    if at(topology, i, MOTION) == REVOLUTE_Z:
         return work[o + TORQUE + 2]
-    c = at(ints, i, REAL)
-    return dot(load(reals, c + AXIS), load(work, o + FORCE)) + dot(
-        load(reals, c + AXIS + 3), load(work, o + TORQUE)
+    c = at(topology, i, BODY_CONSTANTS)
+    return dot(load(constants, c + AXIS), load(work, o + FORCE)) + dot(
+        load(constants, c + AXIS + 3), load(work, o + TORQUE)
     )
 
 
 @inlined
-def inward_wrenches(ints, reals, work, bodies, out):
+def inward_wrenches(topology, constants, work, bodies, out):
     """Sum wrenches towards the base and add their share along every coordinate to out."""
     for i in range(bodies, 0, -1):
-        j = at(ints, i, COORDINATE)
-        if at(ints, i, JOINT) == 1:
-            out[j] += joint_force(ints, reals, work, i)
+        j = at(topology, i, COORDINATE)
+        if at(topology, i, JOINT) == 1:
+            out[j] += joint_force(topology, constants, work, i)
             j += 1
-        for k in range(at(ints, i, MODES)):
-            out[j + k] += work[at(ints, i, BEAM_WORK) + k]
-        o = at(ints, i, WORK)
-        transmit_wrench(ints, work, i, load(work, o + FORCE), load(work, o + TORQUE))
+        for k in range(at(topology, i, MODES)):
+            out[j + k] += work[at(topology, i, BEAM_WORK) + k]
+        o = at(topology, i, WORK)
+        transmit_wrench(topology, work, i, load(work, o + FORCE), load(work, o + TORQUE))
 
 
 @shared
 def find_torque(handle, q, qd, qdd, out):
     """Write I q'' + h(q, q') (n)."""
-    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    outward_motion(n, ints, reals, work, diagonals, bodies, q, qd, qdd)
+    outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, qdd)
     # element by element before out is summed up: out may be one of the arguments
     for j in range(n):
-        out[j] = diagonals[ARMATURE][j] * qdd[j] + internal_force(reals, diagonals, q, qd, j)
-    inward_wrenches(ints, reals, work, bodies, out)
+        out[j] = diagonals[ARMATURE][j] * qdd[j] + internal_force(constants, diagonals, q, qd, j)
+    inward_wrenches(topology, constants, work, bodies, out)
     return GOOD if all_finite(out, n) else NOT_FINITE
 
 

@@ -93,31 +93,31 @@ from denoc_ros.kernels.world_motion import move_world, own_share
 
 
 @merged
-def outward_derivatives(n, ints, reals, work, diagonals, bodies, q, qd, qdd):
+def outward_derivatives(n, topology, constants, work, diagonals, bodies, q, qd, qdd):
     """Place and move every body in base axes and write its own share."""
     sines, cosines = diagonals[SINE], diagonals[COSINE]
     write_sines(q, n, sines, cosines)
-    base = at(ints, 0, DERIVED)
+    base = at(topology, 0, DERIVED)
     for k in range(6):
         work[base + TWIST + k] = 0.0
     # spatial acceleration of a base at rest: the classical one of its origin
-    store(work, base + ACCELERATED, load(work, at(ints, 0, WORK) + ACCELERATION))
+    store(work, base + ACCELERATED, load(work, at(topology, 0, WORK) + ACCELERATION))
     store(work, base + ACCELERATED + 3, (0.0, 0.0, 0.0))
     for i in range(1, bodies + 1):
-        place_by_sines(ints, reals, work, q, sines, cosines, i)
-        if at(ints, i, POINTS) > 0:
-            place_beam(ints, reals, work, q, i)
-        world_pose(ints, work, i)
-        move_world(ints, reals, work, qd, qdd, i)
-        own_share(ints, reals, work, qd, qdd, i)
+        place_by_sines(topology, constants, work, q, sines, cosines, i)
+        if at(topology, i, POINTS) > 0:
+            place_beam(topology, constants, work, q, i)
+        world_pose(topology, work, i)
+        move_world(topology, constants, work, qd, qdd, i)
+        own_share(topology, constants, work, qd, qdd, i)
 
 
 @inlined
-def joint_entries(ints, work, n, i, by_q, by_rate, inertia):
+def joint_entries(topology, work, n, i, by_q, by_rate, inertia):
     """Write the row of body i's joint, and the wrenches that it sends inward."""
-    j = at(ints, i, COORDINATE)
-    e = at(ints, i, DERIVED)
-    c, length = columns_of(ints)
+    j = at(topology, i, COORDINATE)
+    e = at(topology, i, DERIVED)
+    c, length = columns_of(topology)
     column = strided(work, c + length * COLUMN + j, length)
     rate = strided(work, c + length * COLUMN_RATE + j, length)
     bend = strided(work, c + length * COLUMN_BEND + j, length)
@@ -126,23 +126,23 @@ def joint_entries(ints, work, n, i, by_q, by_rate, inertia):
     store_wrenches(work, c, length, j, carried, wrenches[1], wrenches[2])
     half = half_turning(work, e, column)
     # its own column among those inboard: nothing of a joint's column changes by its own angle
-    inboard_entries(ints, work, n, i, j, j + 1, (wrenches[2], half), by_q, by_rate, inertia)
+    inboard_entries(topology, work, n, i, j, j + 1, (wrenches[2], half), by_q, by_rate, inertia)
     outboard_entries(
-        ints, work, n, j, j + 1, at(ints, i, BRANCH_END), column, by_q, by_rate, inertia
+        topology, work, n, j, j + 1, at(topology, i, BRANCH_END), column, by_q, by_rate, inertia
     )
-    end = at(ints, i, BRANCH_END)
+    end = at(topology, i, BRANCH_END)
     zero_span(end, n, n * j, by_q, by_rate, inertia)
 
 
 @inlined
-def modal_entries(ints, work, n, i, by_q, by_rate, inertia):
+def modal_entries(topology, work, n, i, by_q, by_rate, inertia):
     """Write the rows of body i's modes, inboard and among themselves, and their wrenches."""
-    m = at(ints, i, MODES)
-    j = at(ints, i, COORDINATE) + at(ints, i, JOINT)
-    own = at(ints, i, OWN)
+    m = at(topology, i, MODES)
+    j = at(topology, i, COORDINATE) + at(topology, i, JOINT)
+    own = at(topology, i, OWN)
     forces = own + OWN_SIZE * m
-    c, length = columns_of(ints)
-    end = at(ints, i, BRANCH_END)
+    c, length = columns_of(topology)
+    end = at(topology, i, BRANCH_END)
     for k in range(m):
         u = own + OWN_SIZE * k
         by_acceleration = pair(work, u + BY_ACCELERATION)
@@ -152,7 +152,7 @@ def modal_entries(ints, work, n, i, by_q, by_rate, inertia):
         )  # fmt: skip
         half = load(work, u + BY_TURNING)
         share = (by_acceleration, half)
-        inboard_entries(ints, work, n, i, j + k, j, share, by_q, by_rate, inertia)
+        inboard_entries(topology, work, n, i, j + k, j, share, by_q, by_rate, inertia)
         o = n * (j + k) + j
         for r in range(m):
             by_q[o + r] = work[forces + m * k + r]
@@ -162,13 +162,13 @@ def modal_entries(ints, work, n, i, by_q, by_rate, inertia):
 
 
 @inlined
-def own_to_base(ints, work, i):
+def own_to_base(topology, work, i):
     """Turn what stands at OWN of body i from body axes to base axes."""
-    o = at(ints, i, WORK)
+    o = at(topology, i, WORK)
     turn = o + WORLD_ROTATION
     x = load(work, o + WORLD_POSITION)
-    for k in range(at(ints, i, MODES)):
-        u = at(ints, i, OWN) + OWN_SIZE * k
+    for k in range(at(topology, i, MODES)):
+        u = at(topology, i, OWN) + OWN_SIZE * k
         store(work, u + BY_TURNING, rotate(work, turn, load(work, u + BY_TURNING)))
         for part in (BY_ACCELERATION, BY_POSITION, BY_RATE):
             f, t = pair(work, u + part)
@@ -176,12 +176,12 @@ def own_to_base(ints, work, i):
 
 
 @shared
-def transmit_to_own(ints, reals, work, i):
+def transmit_to_own(topology, constants, work, i):
     """Add what body i and all it carries take part in their carrier's modal forces."""
-    p = at(ints, i, PARENT)
-    m = at(ints, p, MODES)
-    e = at(ints, i, DERIVED)
-    own = at(ints, p, OWN)
+    p = at(topology, i, PARENT)
+    m = at(topology, p, MODES)
+    e = at(topology, i, DERIVED)
+    own = at(topology, p, OWN)
     forces = own + OWN_SIZE * m
     for j in range(m):
         s = e + SEEN + SEEN_SIZE * j
@@ -200,66 +200,68 @@ def transmit_to_own(ints, reals, work, i):
             work[forces + m * k + j] += dot_pair(by_q, other)
             work[forces + m * (m + k) + j] += dot_pair(by_rate, other)
             work[forces + m * (2 * m + k) + j] += dot_pair(by_acceleration, other)
-    turn = at(ints, p, WORK) + WORLD_ROTATION
+    turn = at(topology, p, WORK) + WORLD_ROTATION
     f, t = pair(work, e + WRENCH)
-    t = add(t, cross(f, section_place(ints, work, i)))
-    geometric_terms(ints, reals, work, i, unrotate(work, turn, f), unrotate(work, turn, t), forces)
+    t = add(t, cross(f, section_place(topology, work, i)))
+    geometric_terms(
+        topology, constants, work, i, unrotate(work, turn, f), unrotate(work, turn, t), forces
+    )
 
 
 @inlined
-def carrier_entries(ints, reals, work, n, i, by_q, by_rate, inertia):
+def carrier_entries(topology, constants, work, n, i, by_q, by_rate, inertia):
     """Write the entries of the modes of body i's carrier in the columns of body i's branch."""
-    p = at(ints, i, PARENT)
-    j = at(ints, p, COORDINATE) + at(ints, p, JOINT)
-    first, last = at(ints, i, COORDINATE), at(ints, i, BRANCH_END)
-    for k in range(at(ints, p, MODES)):
-        if at(ints, i, SECTION) > 0:
-            column = pair(work, at(ints, i, DERIVED) + SEEN + SEEN_SIZE * k)
-            outboard_entries(ints, work, n, j + k, first, last, column, by_q, by_rate, inertia)
+    p = at(topology, i, PARENT)
+    j = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+    first, last = at(topology, i, COORDINATE), at(topology, i, BRANCH_END)
+    for k in range(at(topology, p, MODES)):
+        if at(topology, i, SECTION) > 0:
+            column = pair(work, at(topology, i, DERIVED) + SEEN + SEEN_SIZE * k)
+            outboard_entries(topology, work, n, j + k, first, last, column, by_q, by_rate, inertia)
         else:
             zero_span(first, last, n * (j + k), by_q, by_rate, inertia)
-    if at(ints, i, SECTION) > 0:
-        transmit_to_own(ints, reals, work, i)
-    if at(ints, i, SIBLING) > 0:
-        show_columns(ints, work, at(ints, i, SIBLING))
+    if at(topology, i, SECTION) > 0:
+        transmit_to_own(topology, constants, work, i)
+    if at(topology, i, SIBLING) > 0:
+        show_columns(topology, work, at(topology, i, SIBLING))
 
 
 @inlined
-def transmit_share(ints, work, i):
+def transmit_share(topology, work, i):
     """Add body i's composite to its carrier's."""
-    e = at(ints, i, DERIVED) + BODY_MASS
-    u = at(ints, at(ints, i, PARENT), DERIVED) + BODY_MASS
+    e = at(topology, i, DERIVED) + BODY_MASS
+    u = at(topology, at(topology, i, PARENT), DERIVED) + BODY_MASS
     for k in range(COMPOSITE_SIZE):
         work[u + k] += work[e + k]
 
 
 @merged
-def inward_derivatives(n, ints, reals, work, bodies, by_q, by_rate, inertia):
+def inward_derivatives(n, topology, constants, work, bodies, by_q, by_rate, inertia):
     """Write all entries, from the tips to the base."""
     for i in range(bodies, 0, -1):
-        if at(ints, i, MODES) > 0:
-            modal_entries(ints, work, n, i, by_q, by_rate, inertia)
-        if at(ints, i, JOINT) == 1:
-            joint_entries(ints, work, n, i, by_q, by_rate, inertia)
-        p = at(ints, i, PARENT)
-        if at(ints, p, MODES) > 0:
-            carrier_entries(ints, reals, work, n, i, by_q, by_rate, inertia)
+        if at(topology, i, MODES) > 0:
+            modal_entries(topology, work, n, i, by_q, by_rate, inertia)
+        if at(topology, i, JOINT) == 1:
+            joint_entries(topology, work, n, i, by_q, by_rate, inertia)
+        p = at(topology, i, PARENT)
+        if at(topology, p, MODES) > 0:
+            carrier_entries(topology, constants, work, n, i, by_q, by_rate, inertia)
         if p > 0:
-            transmit_share(ints, work, i)
+            transmit_share(topology, work, i)
 
 
 @merged
 def find_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia):
     """Write d tau / dq, d tau / dq' and I (n, n each)."""
-    ints, reals, work, diagonals, bodies = model_arrays(handle)
+    topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    outward_derivatives(n, ints, reals, work, diagonals, bodies, q, qd, qdd)
+    outward_derivatives(n, topology, constants, work, diagonals, bodies, q, qd, qdd)
     for i in range(1, bodies + 1):
-        if at(ints, i, MODES) > 0:
-            own_to_base(ints, work, i)
-    inward_derivatives(n, ints, reals, work, bodies, by_q, by_rate, inertia)
+        if at(topology, i, MODES) > 0:
+            own_to_base(topology, work, i)
+    inward_derivatives(n, topology, constants, work, bodies, by_q, by_rate, inertia)
     for j in range(n):
-        stiffness, damping = internal_slope(reals, diagonals, q, qd, j)
+        stiffness, damping = internal_slope(constants, diagonals, q, qd, j)
         by_q[(n + 1) * j] += stiffness
         by_rate[(n + 1) * j] += damping
         inertia[(n + 1) * j] += diagonals[ARMATURE][j]

@@ -1,14 +1,15 @@
-"""Where things stand in the flat arrays that a model is lowered to.
+"""Where things stand in the flat arrays that a model is written to.
 
-Three arrays are a model: `ints` (rows, INTS), unsigned: row 0 the base, a row per body, a row per
-frame; `reals`, all constants; `work`, the caller's workspace. A body's constants start at
-`ints[i, REAL]`, its workspace at `ints[i, WORK]`; the offsets below count from there. Rotations
-are row-major and take body axes to the axes of what carries the body.
+Three arrays are a model: `topology` (rows, TOPOLOGY_COLUMNS), unsigned: row 0 the base, a row per
+body, a row per frame; `constants`, all real constants; `work`, the caller's workspace. A body's
+constants start at `topology[i, BODY_CONSTANTS]`, its workspace at `topology[i, WORK]`; the offsets
+below count from there. Rotations are row-major and take body axes to the axes of what carries the
+body.
 """
 
-# columns of ints
+# columns of topology
 PARENT = 0  # row of the body that carries this one, 0: the base
-MOTION = 1  # FIXED, REVOLUTE, PRISMATIC or TURN
+MOTION = 1  # FIXED, REVOLUTE, PRISMATIC or REVOLUTE_Z
 COORDINATE = 2  # index of the first coordinate
 JOINT = 3  # number of joint coordinates: 0 or 1
 NY = 4  # numbers of modes
@@ -16,9 +17,9 @@ NZ = 5
 NT = 6
 MODES = 7  # NY + NZ + NT
 POINTS = 8  # number of integration points of the beam
-REAL = 9  # offset of the body's constants in reals
-BEAM = 10  # offset of the beam's constants in reals
-SECTION = 11  # offset of the attachment's section constants in reals, 0: rigid attachment
+BODY_CONSTANTS = 9  # offset of the body's constants in constants
+BEAM = 10  # offset of the beam's constants in constants
+SECTION = 11  # offset of the attachment's section constants in constants, 0: rigid attachment
 WORK = 12  # offset of the body's workspace in work
 BEAM_WORK = 13  # offset of the beam's workspace
 SECTION_WORK = 14  # offset of the section's workspace
@@ -30,45 +31,45 @@ BRANCH_END = 19  # index after the last coordinate of the body and all it carrie
 RUN = 20  # row of the body from which on each carries the next, down to this one
 SIBLING = 21  # row of the body before this one on the same carrier, 0: none
 SLOT = 22  # where right-hand sides pass through this body (see right_hand_sides)
-INTS = 23
+TOPOLOGY_COLUMNS = 23
 
 FIXED = 0
 REVOLUTE = 1
 PRISMATIC = 2
-TURN = 3  # revolute about the z axis of the body frame, whose origin lies on it
+REVOLUTE_Z = 3  # revolute about the z axis of the body frame, whose origin lies on it
 
-# reals: the model
+# constants: the model
 GRAVITY = 0  # (3) in the base frame
 SLIP_RATE = 3  # of Coulomb friction [rad/s or m/s]
 HEADER = 4
 
-# reals: a body, from REAL
-STILL = 0  # (12) rotation and translation of the body on its carrier: the constant part,
-FIRST = 12  # (12) the part that goes with sin q (revolute) or q (prismatic),
-SECOND = 24  # (12) and the part that goes with 1 - cos q
+# constants: a body, from BODY_CONSTANTS
+POSE_CONSTANT = 0  # (12) rotation and translation of the body on its carrier: the constant part,
+POSE_SINE = 12  # (12) the part that goes with sin q (revolute) or q (prismatic),
+POSE_VERSINE = 24  # (12) and the part that goes with 1 - cos q
 AXIS = 36  # (6) motion subspace in the body frame, linear first
 MASS = 42  # mass, first moment (3), inertia about the origin (6: xx xy xz yy yz zz)
-MOMENT = 43
-SPIN = 46
-BODY_REALS = 52
+FIRST_MOMENT = 43
+ROTATIONAL_INERTIA = 46
+BODY_CONSTANTS_SIZE = 52
 
-# reals: a beam, from BEAM:
+# constants: a beam, from BEAM:
 # polar (1) = int rho J, polar_j (NT), polar_jk (NT NT), then per point:
 # weight, station, s_y (NY), s_z (NZ), H_y (NY NY), H_z (NZ NZ)
 
-# reals: a section, from SECTION:
+# constants: a section, from SECTION:
 # station, s_y (NY), s_z (NZ), s_y' (NY), s_z' (NZ), s_t (NT), H_y (NY NY), H_z (NZ NZ)
 
 # work: a body, from WORK
 ROTATION = 0  # (9) body axes to carrier axes
 ARM = 9  # (3) section (or carrier origin, where rigid) to body origin, carrier axes
 VELOCITY = 12  # (3) of the body origin, body axes (only where energies ask for it)
-SPEED = 15  # (3) angular
+ANGULAR_VELOCITY = 15  # (3) angular
 ACCELERATION = 18  # (3) classical, of the body origin, with -g at the base
-SPIN_UP = 21  # (3) angular acceleration
+ANGULAR_ACCELERATION = 21  # (3) angular acceleration
 FORCE = 24  # (3)
 TORQUE = 27  # (3) about the body origin
-CHANGE = 30  # (6) acceleration owed to the free coordinates, linear first
+FREE_ACCELERATION = 30  # (6) acceleration owed to the free coordinates, linear first
 WORLD_ROTATION = 36  # (9) body axes to base axes
 WORLD_POSITION = 45  # (3)
 COMPOSITE = 48  # mass, moment (3), spin (6) of the body, or of it and all it carries
@@ -82,8 +83,8 @@ BLOCK_SIZE = 21
 # modal force (MODES), then per point: position (3), H_y d_y (NY), H_z d_z (NZ)
 
 # work: a section, from SECTION_WORK
-PLACE = 0  # (3) position of the section in the carrier's body frame
-ATTITUDE = 3  # (9) rotation of the section
-VECTOR = 12  # (3) rotation vector phi
+SECTION_POSITION = 0  # (3) position of the section in the carrier's body frame
+SECTION_ROTATION = 3  # (9) rotation of the section
+ROTATION_VECTOR = 12  # (3) rotation vector phi
 COEFFICIENTS = 15  # (4) b, c of the left Jacobian and their rates per phi . phi'
 COLUMNS = 19  # per mode of the carrier: linear column (3), angular column (3)

@@ -19,12 +19,12 @@ from denoc_ros.kernels.handle import (
 )
 from denoc_ros.kernels.layout import (
     AXIS,
+    BODY_CONSTANTS,
     COORDINATE,
     JOINT,
     MODES,
     OWN,
     PARENT,
-    REAL,
     SECTION,
     SECTION_WORK,
     WORK,
@@ -47,54 +47,56 @@ from denoc_ros.kernels.world import place_world, section_place, world_pose
 
 
 @inlined
-def write_path(ints, reals, work, n, i):
+def write_path(topology, constants, work, n, i):
     """Write the columns of all coordinates that move row i, and which of them move each.
 
-    REACH, in the row WRENCH_Q, is the index after the last column that moves a row's own; 0 for a
-    coordinate that does not move row i.
+    COLUMNS_END, in the row WRENCH_Q, is the index after the last column that moves a row's own;
+    0 for a coordinate that does not move row i.
     """
-    c, length = columns_of(ints)
+    c, length = columns_of(topology)
     reach = c + length * WRENCH_Q
     for j in range(n):
         work[reach + j] = 0.0
     while i > 0:
-        j = at(ints, i, COORDINATE)
-        if at(ints, i, JOINT) == 1:
-            s = at(ints, i, REAL) + AXIS
-            o = at(ints, i, WORK)
+        j = at(topology, i, COORDINATE)
+        if at(topology, i, JOINT) == 1:
+            s = at(topology, i, BODY_CONSTANTS) + AXIS
+            o = at(topology, i, WORK)
             x = load(work, o + WORLD_POSITION)
             turn = o + WORLD_ROTATION
-            column = twist_about_origin(work, turn, x, load(reals, s), load(reals, s + 3))
+            column = twist_about_origin(work, turn, x, load(constants, s), load(constants, s + 3))
             store_strided(work, c + length * COLUMN + j, length, column)
             work[reach + j] = j + 1
-        p = at(ints, i, PARENT)
-        if at(ints, i, SECTION) > 0:
-            turn = at(ints, p, WORK) + WORLD_ROTATION
-            place = section_place(ints, work, i)
-            j = at(ints, p, COORDINATE) + at(ints, p, JOINT)
-            for k in range(at(ints, p, MODES)):
-                linear, angular = pair(work, at(ints, i, SECTION_WORK) + SECTION_COLUMNS + 6 * k)
+        p = at(topology, i, PARENT)
+        if at(topology, i, SECTION) > 0:
+            turn = at(topology, p, WORK) + WORLD_ROTATION
+            place = section_place(topology, work, i)
+            j = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+            for k in range(at(topology, p, MODES)):
+                linear, angular = pair(
+                    work, at(topology, i, SECTION_WORK) + SECTION_COLUMNS + 6 * k
+                )
                 column = twist_about_origin(work, turn, place, linear, angular)
                 store_strided(work, c + length * COLUMN + j + k, length, column)
-                work[reach + j + k] = j + at(ints, p, MODES)
+                work[reach + j + k] = j + at(topology, p, MODES)
         i = p
 
 
 @inlined
-def subtract_geometric(ints, reals, work, n, i, wrench, out):
+def subtract_geometric(topology, constants, work, n, i, wrench, out):
     """Subtract what sections that turn, from row i to the base, do to their modal forces."""
     while i > 0:
-        p = at(ints, i, PARENT)
-        if at(ints, i, SECTION) > 0:
-            m = at(ints, p, MODES)
-            block = at(ints, p, OWN)  # has room for m x m
-            j = at(ints, p, COORDINATE) + at(ints, p, JOINT)
-            turn = at(ints, p, WORK) + WORLD_ROTATION
-            torque = add(wrench[1], cross(wrench[0], section_place(ints, work, i)))
+        p = at(topology, i, PARENT)
+        if at(topology, i, SECTION) > 0:
+            m = at(topology, p, MODES)
+            block = at(topology, p, OWN)  # has room for m x m
+            j = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+            turn = at(topology, p, WORK) + WORLD_ROTATION
+            torque = add(wrench[1], cross(wrench[0], section_place(topology, work, i)))
             f, t = unrotate(work, turn, wrench[0]), unrotate(work, turn, torque)
             for k in range(m * m):
                 work[block + k] = 0.0
-            geometric_terms(ints, reals, work, i, f, t, block)
+            geometric_terms(topology, constants, work, i, f, t, block)
             for k in range(m):
                 for r in range(m):
                     out[n * (j + k) + j + r] -= work[block + m * k + r]
@@ -104,15 +106,15 @@ def subtract_geometric(ints, reals, work, n, i, wrench, out):
 @merged
 def subtract_load(handle, q, i, wrench, out):
     """Subtract from out (n, n) the derivative by q of the generalized forces of a wrench (6)."""
-    ints, reals, work, _diagonals, bodies = model_arrays(handle)
+    topology, constants, work, _diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    place_world(ints, reals, work, bodies, q)
+    place_world(topology, constants, work, bodies, q)
     if i > bodies:
-        place_body(ints, reals, work, q, i)
-        world_pose(ints, work, i)
-    write_path(ints, reals, work, n, i)
-    c, length = columns_of(ints)
-    x = load(work, at(ints, i, WORK) + WORLD_POSITION)
+        place_body(topology, constants, work, q, i)
+        world_pose(topology, work, i)
+    write_path(topology, constants, work, n, i)
+    c, length = columns_of(topology)
+    x = load(work, at(topology, i, WORK) + WORLD_POSITION)
     force = load(wrench, 0)
     about = force, add(load(wrench, 3), cross(x, force))
     for row in range(n):
@@ -128,7 +130,7 @@ def subtract_load(handle, q, i, wrench, out):
             if j < reach:
                 change += dot_pair(carried(column, own), about)
             out[n * row + j] -= change
-    subtract_geometric(ints, reals, work, n, i, about, out)
+    subtract_geometric(topology, constants, work, n, i, about, out)
     return GOOD if all_finite(out, n * n) else NOT_FINITE
 
 

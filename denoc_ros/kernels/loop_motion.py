@@ -9,87 +9,87 @@ only, and its derivatives follow from (1 + c) e = 2 w.
 """
 
 from denoc_ros.kernels.compiled import inlined
-from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.layout import (
-    ACCELERATION,
-    ARM,
-    PARENT,
-    PLACE,
-    SECTION,
-    SECTION_WORK,
-    SPEED,
-    SPIN_UP,
-    VELOCITY,
-    WORK,
-)
-from denoc_ros.kernels.tie_layout import (
+from denoc_ros.kernels.constraint_layout import (
     ANGULAR,
     AXIS_ROW,
     BIAS,
     CHILD,
+    COMMON_ANCESTOR,
     CONSTANTS,
-    CROSSED,
+    CONSTRAINT_VECTORS,
     DIRECTIONS,
     ERROR,
     FREE_AXIS,
     KIND,
     LINEAR,
-    MEETING,
     ORIENTED,
     OTHER,
     POINT,
     RATE,
-    REACH,
     REFERENCES,
     RELATIVE,
+    RELATIVE_POSITION,
     ROW,
     SECOND_AXIS,
     SIDES,
     SLIDES,
-    TIE_VECTORS,
+    UNIVERSAL,
     VECTORS,
+)
+from denoc_ros.kernels.handle import at
+from denoc_ros.kernels.layout import (
+    ACCELERATION,
+    ANGULAR_ACCELERATION,
+    ANGULAR_VELOCITY,
+    ARM,
+    PARENT,
+    SECTION,
+    SECTION_POSITION,
+    SECTION_WORK,
+    VELOCITY,
+    WORK,
 )
 from denoc_ros.kernels.vector import add, cross, dot, load, rotate, scale, store, unrotate
 
 
 @inlined
-def arm_of(ints, work, i):
+def arm_of(topology, work, i):
     """Return the position of row i's origin on its carrier, carrier axes."""
-    arm = load(work, at(ints, i, WORK) + ARM)
-    if at(ints, i, SECTION) > 0:
-        arm = add(arm, load(work, at(ints, i, SECTION_WORK) + PLACE))
+    arm = load(work, at(topology, i, WORK) + ARM)
+    if at(topology, i, SECTION) > 0:
+        arm = add(arm, load(work, at(topology, i, SECTION_WORK) + SECTION_POSITION))
     return arm
 
 
 @inlined
-def place_side(ints, work, i, meeting, o):
+def place_side(topology, work, i, meeting, o):
     """Write rotation and position (12) of frame i on the body where the loop's sides meet."""
     for k in range(9):
-        work[o + k] = work[at(ints, i, WORK) + k]
-    position = arm_of(ints, work, i)
-    p = at(ints, i, PARENT)
+        work[o + k] = work[at(topology, i, WORK) + k]
+    position = arm_of(topology, work, i)
+    p = at(topology, i, PARENT)
     while p != meeting:
-        turn = at(ints, p, WORK)
+        turn = at(topology, p, WORK)
         for k in range(o, o + 3):
             column = rotate(work, turn, (work[k], work[k + 3], work[k + 6]))
             work[k] = column[0]
             work[k + 3] = column[1]
             work[k + 6] = column[2]
-        position = add(rotate(work, turn, position), arm_of(ints, work, p))
-        p = at(ints, p, PARENT)
+        position = add(rotate(work, turn, position), arm_of(topology, work, p))
+        p = at(topology, p, PARENT)
     store(work, o + 9, position)
 
 
 @inlined
-def place_relative(ints, work, tie, t):
+def place_relative(topology, work, constraint, t):
     """Write rotation and way of a loop's child frame seen from its parent's."""
     child = t + SIDES
     parent = child + 12
-    meeting = at(ints, tie, MEETING)
-    place_side(ints, work, at(ints, tie, CHILD), meeting, child)
-    place_side(ints, work, at(ints, tie, OTHER), meeting, parent)
+    meeting = at(topology, constraint, COMMON_ANCESTOR)
+    place_side(topology, work, at(topology, constraint, CHILD), meeting, child)
+    place_side(topology, work, at(topology, constraint, OTHER), meeting, parent)
     apart = add(load(work, child + 9), scale(-1.0, load(work, parent + 9)))
-    store(work, t + REACH, unrotate(work, parent, apart))
+    store(work, t + RELATIVE_POSITION, unrotate(work, parent, apart))
     for k in range(3):
         column = (work[child + k], work[child + 3 + k], work[child + 6 + k])
         column = unrotate(work, parent, column)
@@ -99,16 +99,17 @@ def place_relative(ints, work, tie, t):
 
 
 @inlined
-def move_relative(ints, work, tie, t):
+def move_relative(topology, work, constraint, t):
     """Return d', d'', omega and alpha of a loop, as the parent's frame sees them."""
-    u = at(ints, at(ints, tie, CHILD), WORK)
-    o = at(ints, at(ints, tie, OTHER), WORK)
+    u = at(topology, at(topology, constraint, CHILD), WORK)
+    o = at(topology, at(topology, constraint, OTHER), WORK)
     turn = t + RELATIVE
-    reach = load(work, t + REACH)
-    base = load(work, o + SPEED)
-    spin = add(rotate(work, turn, load(work, u + SPEED)), scale(-1.0, base))
+    reach = load(work, t + RELATIVE_POSITION)
+    base = load(work, o + ANGULAR_VELOCITY)
+    spin = add(rotate(work, turn, load(work, u + ANGULAR_VELOCITY)), scale(-1.0, base))
     spin_up = add(
-        rotate(work, turn, load(work, u + SPIN_UP)), scale(-1.0, load(work, o + SPIN_UP))
+        rotate(work, turn, load(work, u + ANGULAR_ACCELERATION)),
+        scale(-1.0, load(work, o + ANGULAR_ACCELERATION)),
     )
     spin_up = add(spin_up, cross(spin, base))
     slip = add(rotate(work, turn, load(work, u + VELOCITY)), scale(-1.0, load(work, o + VELOCITY)))
@@ -118,7 +119,7 @@ def move_relative(ints, work, tie, t):
         rotate(work, turn, load(work, u + ACCELERATION)),
         scale(-1.0, load(work, o + ACCELERATION)),
     )
-    dragged = add(cross(load(work, o + SPIN_UP), reach), cross(base, carried))
+    dragged = add(cross(load(work, o + ANGULAR_ACCELERATION), reach), cross(base, carried))
     slip_up = add(slip_up, scale(-1.0, add(dragged, scale(2.0, cross(base, slip)))))
     return slip, slip_up, spin, spin_up
 
@@ -130,22 +131,24 @@ def write_row(work, t, rows, k, error, rate, bias, force, torque):
     work[vectors + ERROR * rows] = error
     work[vectors + RATE * rows] = rate
     work[vectors + BIAS * rows] = bias
-    wrench = t + VECTORS + TIE_VECTORS * rows + 6 * k
+    wrench = t + VECTORS + CONSTRAINT_VECTORS * rows + 6 * k
     store(work, wrench, force)
     store(work, wrench + 3, torque)
 
 
 @inlined
-def angular_rows(ints, reals, work, tie, t, rows, spin, spin_up):
+def angular_rows(topology, constants, work, constraint, t, rows, spin, spin_up):
     """Write the rows of directions that must be the same on both sides."""
     none = (0.0, 0.0, 0.0)
-    first = at(ints, tie, ROW) + at(ints, tie, LINEAR)
-    angular = at(ints, tie, CONSTANTS) + DIRECTIONS + 3 * at(ints, tie, LINEAR)
-    reference = angular + 3 * at(ints, tie, ANGULAR)
-    last = reference + 3 * at(ints, tie, REFERENCES)
+    first = at(topology, constraint, ROW) + at(topology, constraint, LINEAR)
+    angular = (
+        at(topology, constraint, CONSTANTS) + DIRECTIONS + 3 * at(topology, constraint, LINEAR)
+    )
+    reference = angular + 3 * at(topology, constraint, ANGULAR)
+    last = reference + 3 * at(topology, constraint, REFERENCES)
     h = 1.0
     c = 1.0  # 1 + c
-    if at(ints, tie, KIND) == ORIENTED:
+    if at(topology, constraint, KIND) == ORIENTED:
         h = 0.5
         c = 0.5
     dc = 0.0
@@ -154,7 +157,7 @@ def angular_rows(ints, reals, work, tie, t, rows, spin, spin_up):
     dw = none
     ddw = none
     for o in range(reference, last, 3):
-        here = load(reals, o)
+        here = load(constants, o)
         there = rotate(work, t + RELATIVE, here)
         rate = cross(spin, there)
         up = add(cross(spin_up, there), cross(spin, rate))
@@ -168,11 +171,11 @@ def angular_rows(ints, reals, work, tie, t, rows, spin, spin_up):
     e = scale(2.0 * s, w)
     de = scale(s, add(scale(2.0, dw), scale(-dc, e)))
     dde = scale(s, add(scale(2.0, ddw), add(scale(-2.0 * dc, de), scale(-ddc, e))))
-    for k in range(at(ints, tie, ANGULAR)):
-        along = load(reals, angular + 3 * k)
+    for k in range(at(topology, constraint, ANGULAR)):
+        along = load(constants, angular + 3 * k)
         torque = scale(dot(e, along), w)
         for o in range(reference, last, 3):
-            here = load(reals, o)
+            here = load(constants, o)
             there = rotate(work, t + RELATIVE, here)
             torque = add(torque, scale(2.0 * h, cross(there, cross(along, here))))
         write_row(
@@ -182,51 +185,54 @@ def angular_rows(ints, reals, work, tie, t, rows, spin, spin_up):
 
 
 @inlined
-def crossed_row(ints, reals, work, tie, t, rows, spin, spin_up):
+def crossed_row(topology, constants, work, constraint, t, rows, spin, spin_up):
     """Write the row -axis . axis2 of a universal joint; its wrench is about axis x axis2."""
     none = (0.0, 0.0, 0.0)
-    here = load(reals, at(ints, tie, CONSTANTS) + FREE_AXIS)
-    there = rotate(work, t + RELATIVE, load(reals, at(ints, tie, CONSTANTS) + SECOND_AXIS))
+    here = load(constants, at(topology, constraint, CONSTANTS) + FREE_AXIS)
+    there = rotate(
+        work, t + RELATIVE, load(constants, at(topology, constraint, CONSTANTS) + SECOND_AXIS)
+    )
     rate = cross(spin, there)
     up = add(cross(spin_up, there), cross(spin, rate))
     write_row(
-        work, t, rows, at(ints, tie, ROW) + at(ints, tie, LINEAR),
+        work, t, rows, at(topology, constraint, ROW) + at(topology, constraint, LINEAR),
         -dot(here, there), -dot(here, rate), -dot(here, up), none, cross(here, there),
     )  # fmt: skip
 
 
 @inlined
-def axis_row(ints, reals, work, tie, t, rows, slip, slip_up, spin, spin_up):
+def axis_row(topology, constants, work, constraint, t, rows, slip, slip_up, spin, spin_up):
     """Write the row of a free axis that has damping or friction; it has no error."""
     none = (0.0, 0.0, 0.0)
-    c = at(ints, tie, CONSTANTS)
-    k = at(ints, tie, AXIS_ROW)
-    axis = load(reals, c + FREE_AXIS)
-    if reals[c + SLIDES] == 1.0:
+    c = at(topology, constraint, CONSTANTS)
+    k = at(topology, constraint, AXIS_ROW)
+    axis = load(constants, c + FREE_AXIS)
+    if constants[c + SLIDES] == 1.0:
         write_row(work, t, rows, k, 0.0, dot(axis, slip), dot(axis, slip_up), axis, none)
     else:
         write_row(work, t, rows, k, 0.0, dot(axis, spin), dot(axis, spin_up), none, axis)
 
 
 @inlined
-def loop_rows(ints, reals, work, tie, t, rows):
+def loop_rows(topology, constants, work, constraint, t, rows):
     """Write errors, rates, biases and unit wrenches of a loop's rows.
 
-    Its frames must be placed and moved; rows counts all rows, t is the ties' workspace.
+    Its frames must be placed and moved; rows counts all rows, t is the constraints' workspace.
     """
     none = (0.0, 0.0, 0.0)
-    place_relative(ints, work, tie, t)
-    slip, slip_up, spin, spin_up = move_relative(ints, work, tie, t)
-    c = at(ints, tie, CONSTANTS) + DIRECTIONS
-    for k in range(at(ints, tie, LINEAR)):
-        along = load(reals, c + 3 * k)
+    place_relative(topology, work, constraint, t)
+    slip, slip_up, spin, spin_up = move_relative(topology, work, constraint, t)
+    c = at(topology, constraint, CONSTANTS) + DIRECTIONS
+    for k in range(at(topology, constraint, LINEAR)):
+        along = load(constants, c + 3 * k)
         write_row(
-            work, t, rows, at(ints, tie, ROW) + k, dot(along, load(work, t + REACH)),
-            dot(along, slip), dot(along, slip_up), along, none,
+            work, t, rows, at(topology, constraint, ROW) + k,
+            dot(along, load(work, t + RELATIVE_POSITION)), dot(along, slip), dot(along, slip_up),
+            along, none,
         )  # fmt: skip
-    if at(ints, tie, KIND) == CROSSED:
-        crossed_row(ints, reals, work, tie, t, rows, spin, spin_up)
-    elif at(ints, tie, KIND) != POINT:
-        angular_rows(ints, reals, work, tie, t, rows, spin, spin_up)
-    if at(ints, tie, AXIS_ROW) > 0:
-        axis_row(ints, reals, work, tie, t, rows, slip, slip_up, spin, spin_up)
+    if at(topology, constraint, KIND) == UNIVERSAL:
+        crossed_row(topology, constants, work, constraint, t, rows, spin, spin_up)
+    elif at(topology, constraint, KIND) != POINT:
+        angular_rows(topology, constants, work, constraint, t, rows, spin, spin_up)
+    if at(topology, constraint, AXIS_ROW) > 0:
+        axis_row(topology, constants, work, constraint, t, rows, slip, slip_up, spin, spin_up)

@@ -4,8 +4,11 @@ from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
     ACCELERATION,
+    ANGULAR_ACCELERATION,
+    ANGULAR_VELOCITY,
     ARM,
     AXIS,
+    BODY_CONSTANTS,
     COEFFICIENTS,
     COLUMNS,
     COORDINATE,
@@ -16,14 +19,11 @@ from denoc_ros.kernels.layout import (
     NY,
     NZ,
     PARENT,
-    PLACE,
-    REAL,
+    REVOLUTE_Z,
+    ROTATION_VECTOR,
     SECTION,
+    SECTION_POSITION,
     SECTION_WORK,
-    SPEED,
-    SPIN_UP,
-    TURN,
-    VECTOR,
     VELOCITY,
     WORK,
 )
@@ -31,14 +31,14 @@ from denoc_ros.kernels.vector import add, cross, dot, load, scale, store, unrota
 
 
 @inlined
-def section_rates(ints, reals, qd, i):
+def section_rates(topology, constants, qd, i):
     """Return phi' and the axial entry of B' d' of the section that carries row i."""
-    p = at(ints, i, PARENT)
-    ny = at(ints, p, NY)
-    nz = at(ints, p, NZ)
-    nt = at(ints, p, NT)
-    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
-    slope = at(ints, i, SECTION) + 1 + ny + nz
+    p = at(topology, i, PARENT)
+    ny = at(topology, p, NY)
+    nz = at(topology, p, NZ)
+    nt = at(topology, p, NT)
+    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+    slope = at(topology, i, SECTION) + 1 + ny + nz
     h = slope + ny + nz + nt
     turn_y = 0.0
     turn_z = 0.0
@@ -46,32 +46,32 @@ def section_rates(ints, reals, qd, i):
     shortening = 0.0
     for j in range(ny):
         x = qd[d + j]
-        turn_y += reals[slope + j] * x
+        turn_y += constants[slope + j] * x
         for k in range(ny):
-            shortening -= x * reals[h + ny * j + k] * qd[d + k]
+            shortening -= x * constants[h + ny * j + k] * qd[d + k]
     h += ny * ny
     for j in range(nz):
         x = qd[d + ny + j]
-        turn_z += reals[slope + ny + j] * x
+        turn_z += constants[slope + ny + j] * x
         for k in range(nz):
-            shortening -= x * reals[h + nz * j + k] * qd[d + ny + k]
+            shortening -= x * constants[h + nz * j + k] * qd[d + ny + k]
     for j in range(nt):
-        twist += reals[slope + ny + nz + j] * qd[d + ny + nz + j]
+        twist += constants[slope + ny + nz + j] * qd[d + ny + nz + j]
     return (twist, -turn_z, turn_y), shortening
 
 
 @inlined
-def section_motion(ints, reals, work, qd, qdd, i, w, a, al):
+def section_motion(topology, constants, work, qd, qdd, i, w, a, al):
     """Return angular velocity, acceleration and angular acceleration of a section.
 
     It carries row i; w, a, al are those of its beam's body frame.
     """
-    p = at(ints, i, PARENT)
-    o = at(ints, i, SECTION_WORK)
-    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
-    place = load(work, o + PLACE)
-    phi = load(work, o + VECTOR)
-    rate, shortening = section_rates(ints, reals, qd, i)
+    p = at(topology, i, PARENT)
+    o = at(topology, i, SECTION_WORK)
+    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+    place = load(work, o + SECTION_POSITION)
+    phi = load(work, o + ROTATION_VECTOR)
+    rate, shortening = section_rates(topology, constants, qd, i)
     slip = (0.0, 0.0, 0.0)  # B d'
     spin = (0.0, 0.0, 0.0)  # J Theta d'
     slip_up = (shortening, 0.0, 0.0)  # B d'' + B' d'
@@ -85,7 +85,7 @@ def section_motion(ints, reals, work, qd, qdd, i, w, a, al):
         scale(c, cross(rate, turned)),
     )
     k = o + COLUMNS
-    for j in range(d, d + at(ints, p, MODES)):
+    for j in range(d, d + at(topology, p, MODES)):
         linear = load(work, k)
         angular = load(work, k + 3)
         slip = add(slip, scale(qd[j], linear))
@@ -101,57 +101,57 @@ def section_motion(ints, reals, work, qd, qdd, i, w, a, al):
 
 
 @inlined
-def move_body(ints, reals, work, qd, qdd, i):
+def move_body(topology, constants, work, qd, qdd, i):
     """Write angular velocity and acceleration of body i, joint included, in body axes."""
-    o = at(ints, i, WORK)
-    u = at(ints, at(ints, i, PARENT), WORK)
-    w = load(work, u + SPEED)
+    o = at(topology, i, WORK)
+    u = at(topology, at(topology, i, PARENT), WORK)
+    w = load(work, u + ANGULAR_VELOCITY)
     a = load(work, u + ACCELERATION)
-    al = load(work, u + SPIN_UP)
-    if at(ints, i, SECTION) > 0:
-        w, a, al = section_motion(ints, reals, work, qd, qdd, i, w, a, al)
+    al = load(work, u + ANGULAR_ACCELERATION)
+    if at(topology, i, SECTION) > 0:
+        w, a, al = section_motion(topology, constants, work, qd, qdd, i, w, a, al)
     arm = load(work, o + ARM)
     a = unrotate(work, o, add(a, add(cross(al, arm), cross(w, cross(w, arm)))))
     w = unrotate(work, o, w)
     al = unrotate(work, o, al)
-    j = at(ints, i, COORDINATE)
-    if at(ints, i, MOTION) == TURN:
+    j = at(topology, i, COORDINATE)
+    if at(topology, i, MOTION) == REVOLUTE_Z:
         rate = qd[j]
         al = (al[0] + w[1] * rate, al[1] - w[0] * rate, al[2] + qdd[j])
         w = (w[0], w[1], w[2] + rate)
-    elif at(ints, i, JOINT) == 1:
-        c = at(ints, i, REAL) + AXIS
-        slide = load(reals, c)
-        turn = load(reals, c + 3)
+    elif at(topology, i, JOINT) == 1:
+        c = at(topology, i, BODY_CONSTANTS) + AXIS
+        slide = load(constants, c)
+        turn = load(constants, c + 3)
         slip = scale(qd[j], slide)
         spin = scale(qd[j], turn)
         a = add(a, add(scale(qdd[j], slide), add(scale(2.0, cross(w, slip)), cross(spin, slip))))
         al = add(al, add(scale(qdd[j], turn), cross(w, spin)))
         w = add(w, spin)
-    store(work, o + SPEED, w)
+    store(work, o + ANGULAR_VELOCITY, w)
     store(work, o + ACCELERATION, a)
-    store(work, o + SPIN_UP, al)
+    store(work, o + ANGULAR_ACCELERATION, al)
 
 
 @inlined
-def linear_velocity(ints, reals, work, qd, i):
+def linear_velocity(topology, constants, work, qd, i):
     """Write the velocity of body i's origin; its carrier's must stand there already."""
-    o = at(ints, i, WORK)
-    p = at(ints, i, PARENT)
-    u = at(ints, p, WORK)
+    o = at(topology, i, WORK)
+    p = at(topology, i, PARENT)
+    u = at(topology, p, WORK)
     v = load(work, u + VELOCITY)
-    w = load(work, u + SPEED)
-    if at(ints, i, SECTION) > 0:
-        k = at(ints, i, SECTION_WORK)
-        v = add(v, cross(w, load(work, k + PLACE)))
+    w = load(work, u + ANGULAR_VELOCITY)
+    if at(topology, i, SECTION) > 0:
+        k = at(topology, i, SECTION_WORK)
+        v = add(v, cross(w, load(work, k + SECTION_POSITION)))
         k += COLUMNS
-        d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
-        for j in range(d, d + at(ints, p, MODES)):
+        d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+        for j in range(d, d + at(topology, p, MODES)):
             v = add(v, scale(qd[j], load(work, k)))
             w = add(w, scale(qd[j], load(work, k + 3)))
             k += 6
     v = unrotate(work, o, add(v, cross(w, load(work, o + ARM))))
-    if at(ints, i, JOINT) == 1:
-        slide = load(reals, at(ints, i, REAL) + AXIS)
-        v = add(v, scale(qd[at(ints, i, COORDINATE)], slide))
+    if at(topology, i, JOINT) == 1:
+        slide = load(constants, at(topology, i, BODY_CONSTANTS) + AXIS)
+        v = add(v, scale(qd[at(topology, i, COORDINATE)], slide))
     store(work, o + VELOCITY, v)

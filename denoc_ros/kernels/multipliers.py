@@ -8,21 +8,21 @@ solution of least norm; their b must be C b_p, else the rows contradict each oth
 import numpy as np
 
 from denoc_ros.kernels.compiled import inlined, shared
-from denoc_ros.kernels.flexible_elimination import factor
-from denoc_ros.kernels.tie_layout import (
+from denoc_ros.kernels.constraint_layout import (
     BIAS,
-    EXCESS,
+    CONSTRAINT_VECTORS,
     LEFT,
     MULTIPLIERS,
     ORDER,
     PART,
     RANK,
+    RESIDUAL,
     SCALE,
-    TIE_VECTORS,
     VECTORS,
     WANTED,
     WORST,
 )
+from denoc_ros.kernels.flexible_elimination import factor
 
 # Pivots of A are squares. Rounding leaves 1e-16 of a redundant one, axes printed with seven digits
 # 1e-14: below the square of 1e-6 nothing is meant.
@@ -43,7 +43,7 @@ def vector(t, rows, which):
 @inlined
 def columns_of(t, rows, n):
     """Return the offset of the columns; before them stand y (n) of the loads and D^-1 (n)."""
-    return t + VECTORS + rows * (TIE_VECTORS + 6) + 2 * n
+    return t + VECTORS + rows * (CONSTRAINT_VECTORS + 6) + 2 * n
 
 
 @inlined
@@ -215,7 +215,7 @@ def find_excess(work, t, rows, lower, count, rank):
         if abs(u) > excess:
             excess = abs(u)
             work[t + WORST] = i
-    work[t + EXCESS] = excess
+    work[t + RESIDUAL] = excess
     return excess <= AGREEMENT * size
 
 

@@ -8,13 +8,12 @@ from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
     ARM,
-    ATTITUDE,
     BEAM,
     BEAM_WORK,
+    BODY_CONSTANTS,
     COEFFICIENTS,
     COLUMNS,
     COORDINATE,
-    FIRST,
     JOINT,
     MODES,
     MOTION,
@@ -22,17 +21,18 @@ from denoc_ros.kernels.layout import (
     NY,
     NZ,
     PARENT,
-    PLACE,
     POINTS,
+    POSE_CONSTANT,
+    POSE_SINE,
+    POSE_VERSINE,
     PRISMATIC,
-    REAL,
     REVOLUTE,
-    SECOND,
+    REVOLUTE_Z,
+    ROTATION_VECTOR,
     SECTION,
+    SECTION_POSITION,
+    SECTION_ROTATION,
     SECTION_WORK,
-    STILL,
-    TURN,
-    VECTOR,
     WORK,
 )
 from denoc_ros.kernels.sine_cosine import sine_cosine
@@ -84,74 +84,74 @@ def square_plus(a, b, phi, out, o):
 
 
 @inlined
-def place_plane(reals, s, h, slope, q, coordinate, count, work, column):
+def place_plane(constants, s, h, slope, q, coordinate, count, work, column):
     """Return deflection, slope and foreshortening of one bending plane at a section.
 
     Writes the axial entry -(H d)_j of each mode's linear column; s, h and slope are offsets of
-    the section's constants in reals, column that of the first mode's columns in work.
+    the section's constants in constants, column that of the first mode's columns in work.
     """
     deflection = 0.0
     turn = 0.0
     shortening = 0.0
     for j in range(count):
         d = q[coordinate + j]
-        deflection += reals[s + j] * d
-        turn += reals[slope + j] * d
+        deflection += constants[s + j] * d
+        turn += constants[slope + j] * d
         hd = 0.0
         for k in range(count):
-            hd += reals[h + count * j + k] * q[coordinate + k]
+            hd += constants[h + count * j + k] * q[coordinate + k]
         shortening += d * hd
         work[column + 6 * j] = -hd
     return deflection, turn, 0.5 * shortening
 
 
 @inlined
-def place_section(ints, reals, work, q, i):
+def place_section(topology, constants, work, q, i):
     """Place the section that carries row i: position, rotation and the columns [B; J Theta]."""
-    p = at(ints, i, PARENT)
-    ny = at(ints, p, NY)
-    nz = at(ints, p, NZ)
-    nt = at(ints, p, NT)
-    c = at(ints, i, SECTION)
-    o = at(ints, i, SECTION_WORK)
-    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+    p = at(topology, i, PARENT)
+    ny = at(topology, p, NY)
+    nz = at(topology, p, NZ)
+    nt = at(topology, p, NT)
+    c = at(topology, i, SECTION)
+    o = at(topology, i, SECTION_WORK)
+    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
     y = c + 1
     slope = y + ny + nz
     twist = slope + ny + nz
     h = twist + nt
     columns = o + COLUMNS
-    u, du, short_y = place_plane(reals, y, h, slope, q, d, ny, work, columns)
+    u, du, short_y = place_plane(constants, y, h, slope, q, d, ny, work, columns)
     w, dw, short_z = place_plane(
-        reals, y + ny, h + ny * ny, slope + ny, q, d + ny, nz, work, columns + 6 * ny
+        constants, y + ny, h + ny * ny, slope + ny, q, d + ny, nz, work, columns + 6 * ny
     )
     beta = 0.0
     for j in range(nt):
-        beta += reals[twist + j] * q[d + ny + nz + j]
+        beta += constants[twist + j] * q[d + ny + nz + j]
     phi = (beta, -dw, du)
     a, b, e, db, de = exponential_coefficients(beta * beta + dw * dw + du * du)
-    store(work, o + PLACE, (reals[c] - short_y - short_z, u, w))
-    store(work, o + VECTOR, phi)
+    store(work, o + SECTION_POSITION, (constants[c] - short_y - short_z, u, w))
+    store(work, o + ROTATION_VECTOR, phi)
     k = o + COEFFICIENTS
     work[k] = b
     work[k + 1] = e
     work[k + 2] = db
     work[k + 3] = de
-    turn = o + ATTITUDE
+    turn = o + SECTION_ROTATION
     square_plus(b, e, phi, work, turn)
     for j in range(ny):
-        s = reals[slope + j]
+        s = constants[slope + j]
         k = columns + 6 * j
-        work[k + 1] = reals[y + j]
+        work[k + 1] = constants[y + j]
         work[k + 2] = 0.0
         store(work, k + 3, (s * work[turn + 2], s * work[turn + 5], s * work[turn + 8]))
     for j in range(ny, ny + nz):
-        s = -reals[slope + j]
+        s = -constants[slope + j]
         k = columns + 6 * j
         work[k + 1] = 0.0
-        work[k + 2] = reals[y + j]
+        work[k + 2] = constants[y + j]
         store(work, k + 3, (s * work[turn + 1], s * work[turn + 4], s * work[turn + 7]))
     for j in range(nt):
-        s = reals[twist + j]
+        s = constants[twist + j]
         k = columns + 6 * (ny + nz + j)
         store(work, k, (0.0, 0.0, 0.0))
         store(work, k + 3, (s * work[turn], s * work[turn + 3], s * work[turn + 6]))
@@ -178,10 +178,10 @@ def turned_row(row, sine, cosine):
 
 
 @inlined
-def swept(reals, o, sine, rest):
+def swept(constants, o, sine, rest):
     """Return what goes with sin q and 1 - cos q of three elements at offset o of a pose."""
-    first, second = load(reals, o + FIRST), load(reals, o + SECOND)
-    return add(load(reals, o), add(scale(sine, first), scale(rest, second)))
+    first, second = load(constants, o + POSE_SINE), load(constants, o + POSE_VERSINE)
+    return add(load(constants, o), add(scale(sine, first), scale(rest, second)))
 
 
 @inlined
@@ -191,26 +191,26 @@ def combined(work, o, x, y, z):
 
 
 @inlined
-def place_turned(ints, reals, work, q, sine, cosine, i):
+def place_turned(topology, constants, work, q, sine, cosine, i):
     """Place row i on its carrier, given the sine and cosine of its joint."""
-    c = at(ints, i, REAL) + STILL
-    o = at(ints, i, WORK)
-    motion = at(ints, i, MOTION)
-    x, y, z = load(reals, c), load(reals, c + 3), load(reals, c + 6)
-    arm = load(reals, c + ARM)
-    if motion == TURN:
+    c = at(topology, i, BODY_CONSTANTS) + POSE_CONSTANT
+    o = at(topology, i, WORK)
+    motion = at(topology, i, MOTION)
+    x, y, z = load(constants, c), load(constants, c + 3), load(constants, c + 6)
+    arm = load(constants, c + ARM)
+    if motion == REVOLUTE_Z:
         x = turned_row(x, sine, cosine)
         y = turned_row(y, sine, cosine)
         z = turned_row(z, sine, cosine)
     elif motion == REVOLUTE:
         rest = 1.0 - cosine
-        x, y = swept(reals, c, sine, rest), swept(reals, c + 3, sine, rest)
-        z, arm = swept(reals, c + 6, sine, rest), swept(reals, c + 9, sine, rest)
+        x, y = swept(constants, c, sine, rest), swept(constants, c + 3, sine, rest)
+        z, arm = swept(constants, c + 6, sine, rest), swept(constants, c + 9, sine, rest)
     elif motion == PRISMATIC:
-        arm = add(arm, scale(q[at(ints, i, COORDINATE)], load(reals, c + FIRST + ARM)))
-    if at(ints, i, SECTION) > 0:
-        place_section(ints, reals, work, q, i)
-        turn = at(ints, i, SECTION_WORK) + ATTITUDE
+        arm = add(arm, scale(q[at(topology, i, COORDINATE)], load(constants, c + POSE_SINE + ARM)))
+    if at(topology, i, SECTION) > 0:
+        place_section(topology, constants, work, q, i)
+        turn = at(topology, i, SECTION_WORK) + SECTION_ROTATION
         x, y, z = (
             combined(work, turn, x, y, z),
             combined(work, turn + 3, x, y, z),
@@ -224,58 +224,58 @@ def place_turned(ints, reals, work, q, sine, cosine, i):
 
 
 @inlined
-def turns(ints, i):
+def turns(topology, i):
     """Say whether row i turns about an axis."""
-    return at(ints, i, MOTION) == TURN or at(ints, i, MOTION) == REVOLUTE
+    return at(topology, i, MOTION) == REVOLUTE_Z or at(topology, i, MOTION) == REVOLUTE
 
 
 @inlined
-def place_body(ints, reals, work, q, i):
+def place_body(topology, constants, work, q, i):
     """Place row i on its carrier: rotation, and arm from the section to the body origin."""
     sine, cosine = 0.0, 1.0
-    if turns(ints, i):
-        sine, cosine = sine_cosine(q[at(ints, i, COORDINATE)])
-    place_turned(ints, reals, work, q, sine, cosine, i)
+    if turns(topology, i):
+        sine, cosine = sine_cosine(q[at(topology, i, COORDINATE)])
+    place_turned(topology, constants, work, q, sine, cosine, i)
 
 
 @inlined
-def place_by_sines(ints, reals, work, q, sines, cosines, i):
+def place_by_sines(topology, constants, work, q, sines, cosines, i):
     """Place row i as :func:`place_body` does, given the sines and cosines of all coordinates."""
     sine, cosine = 0.0, 1.0
-    if turns(ints, i):
-        sine, cosine = sines[at(ints, i, COORDINATE)], cosines[at(ints, i, COORDINATE)]
-    place_turned(ints, reals, work, q, sine, cosine, i)
+    if turns(topology, i):
+        sine, cosine = sines[at(topology, i, COORDINATE)], cosines[at(topology, i, COORDINATE)]
+    place_turned(topology, constants, work, q, sine, cosine, i)
 
 
 @inlined
-def place_beam(ints, reals, work, q, i):
+def place_beam(topology, constants, work, q, i):
     """Place the integration points of body i's beam and their products H d."""
-    ny = at(ints, i, NY)
-    nz = at(ints, i, NZ)
-    nt = at(ints, i, NT)
-    d = at(ints, i, COORDINATE) + at(ints, i, JOINT)
-    c = at(ints, i, BEAM) + 1 + nt + nt * nt
-    o = at(ints, i, BEAM_WORK) + at(ints, i, MODES)
-    for _ in range(at(ints, i, POINTS)):
-        x = reals[c + 1]
+    ny = at(topology, i, NY)
+    nz = at(topology, i, NZ)
+    nt = at(topology, i, NT)
+    d = at(topology, i, COORDINATE) + at(topology, i, JOINT)
+    c = at(topology, i, BEAM) + 1 + nt + nt * nt
+    o = at(topology, i, BEAM_WORK) + at(topology, i, MODES)
+    for _ in range(at(topology, i, POINTS)):
+        x = constants[c + 1]
         y = 0.0
         z = 0.0
         s = c + 2
         h = s + ny + nz
         for j in range(ny):
-            y += reals[s + j] * q[d + j]
+            y += constants[s + j] * q[d + j]
             hd = 0.0
             for k in range(ny):
-                hd += reals[h + ny * j + k] * q[d + k]
+                hd += constants[h + ny * j + k] * q[d + k]
             work[o + 3 + j] = hd
             x -= 0.5 * hd * q[d + j]
         s += ny
         h += ny * ny
         for j in range(nz):
-            z += reals[s + j] * q[d + ny + j]
+            z += constants[s + j] * q[d + ny + j]
             hd = 0.0
             for k in range(nz):
-                hd += reals[h + nz * j + k] * q[d + ny + k]
+                hd += constants[h + nz * j + k] * q[d + ny + k]
             work[o + 3 + ny + j] = hd
             x -= 0.5 * hd * q[d + ny + j]
         store(work, o, (x, y, z))

@@ -48,27 +48,27 @@ from denoc_ros.kernels.vector import load
 
 
 @inlined
-def factor_place(ints, held, i):
+def factor_place(topology, held, i):
     """Return the number of free coordinates of body i and where W and L of it stand."""
-    k = free_joint(ints, held, i) + at(ints, i, MODES)
-    w = at(ints, i, ELIMINATED)
+    k = free_joint(topology, held, i) + at(topology, i, MODES)
+    w = at(topology, i, ELIMINATED)
     return k, w, w + 6 * k
 
 
 @inlined
-def pivot_inverse(ints, work, i, k, factor, r):
+def pivot_inverse(topology, work, i, k, factor, r):
     """Return the inverse of pivot r of body i."""
-    if at(ints, i, MODES) == 0:
+    if at(topology, i, MODES) == 0:
         return work[factor + 1]  # a rigid body keeps y before it
     return work[factor + (k + 1) * r]
 
 
 @shared
-def factors_to_base(ints, work, held, bodies):
+def factors_to_base(topology, work, held, bodies):
     """Turn every body's W from body axes to base axes about the base's origin."""
     for i in range(1, bodies + 1):
-        k, w, _ = factor_place(ints, held, i)
-        o = at(ints, i, WORK)
+        k, w, _ = factor_place(topology, held, i)
+        o = at(topology, i, WORK)
         x = load(work, o + WORLD_POSITION)
         for r in range(k):
             f, t = pair(work, w + 6 * r)
@@ -112,10 +112,10 @@ def put_three(x, o, values, count):
 
 
 @inlined
-def passing_place(ints, i):
+def passing_place(topology, i):
     """Return where what passes through body i begins; the second and third matrix come after."""
-    c, length = columns_of(ints)
-    return c + length * (PASSING + PASSING_ROWS * at(ints, i, SLOT))
+    c, length = columns_of(topology)
+    return c + length * (PASSING + PASSING_ROWS * at(topology, i, SLOT))
 
 
 @shared
@@ -183,86 +183,86 @@ def combine(own, factor, n, x, target, source):
 
 
 @inlined
-def row_of(ints, n, i, free, r):
+def row_of(topology, n, i, free, r):
     """Return where the row of X of body i's r-th free coordinate begins."""
-    return n * (at(ints, i, COORDINATE) + at(ints, i, JOINT) - free + r)
+    return n * (at(topology, i, COORDINATE) + at(topology, i, JOINT) - free + r)
 
 
 @inlined
-def inward_body(ints, work, held, n, i, x):
+def inward_body(topology, work, held, n, i, x):
     """Eliminate body i's free coordinates from each X."""
-    c, length = columns_of(ints)
-    passing = passing_place(ints, i)
-    free = free_joint(ints, held, i)
-    k, w, factor = factor_place(ints, held, i)
+    c, length = columns_of(topology)
+    passing = passing_place(topology, i)
+    free = free_joint(topology, held, i)
+    k, w, factor = factor_place(topology, held, i)
     for r in range(k):
-        row = row_of(ints, n, i, free, r)
+        row = row_of(topology, n, i, free, r)
         if r < free:
-            column = strided(work, c + length * COLUMN + at(ints, i, COORDINATE), length)
+            column = strided(work, c + length * COLUMN + at(topology, i, COORDINATE), length)
             take_power(work, passing, length, column, n, x, row)
         for s in range(r):
             entry = work[factor + k * r + s]
-            combine(1.0, -entry, n, x, row, row_of(ints, n, i, free, s))
+            combine(1.0, -entry, n, x, row, row_of(topology, n, i, free, s))
     for r in range(k):
-        inverse = pivot_inverse(ints, work, i, k, factor, r)
-        row = row_of(ints, n, i, free, r)
+        inverse = pivot_inverse(topology, work, i, k, factor, r)
+        row = row_of(topology, n, i, free, r)
         pass_on(work, passing, length, pair(work, w + 6 * r), inverse, n, x, row)
 
 
 @inlined
-def inward_carrier(ints, work, n, i, x):
+def inward_carrier(topology, work, n, i, x):
     """Take what body i passes on from its carrier's modal rows, and hand it on."""
-    _, length = columns_of(ints)
-    p = at(ints, i, PARENT)
-    passing, target = passing_place(ints, i), passing_place(ints, p)
-    if at(ints, i, SECTION) > 0:
-        j = at(ints, p, COORDINATE) + at(ints, p, JOINT)
-        for k in range(at(ints, p, MODES)):
-            column = pair(work, at(ints, i, DERIVED) + SEEN + SEEN_SIZE * k)
+    _, length = columns_of(topology)
+    p = at(topology, i, PARENT)
+    passing, target = passing_place(topology, i), passing_place(topology, p)
+    if at(topology, i, SECTION) > 0:
+        j = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+        for k in range(at(topology, p, MODES)):
+            column = pair(work, at(topology, i, DERIVED) + SEEN + SEEN_SIZE * k)
             take_power(work, passing, length, column, n, x, n * (j + k))
     if p > 0 and target != passing:
         add_passing(work, target, passing, length, n)
 
 
 @inlined
-def outward_body(ints, work, held, n, i, x):
+def outward_body(topology, work, held, n, i, x):
     """Write each solution's rows of body i, and the acceleration that it hands on."""
-    c, length = columns_of(ints)
-    p = at(ints, i, PARENT)
-    passing, source = passing_place(ints, i), passing_place(ints, p)
+    c, length = columns_of(topology)
+    p = at(topology, i, PARENT)
+    passing, source = passing_place(topology, i), passing_place(topology, p)
     if p == 0:
         clear(work, passing, length, n)
     elif source != passing:
         copy_passing(work, passing, source, length, n)
-    if at(ints, i, SECTION) > 0:
-        j = at(ints, p, COORDINATE) + at(ints, p, JOINT)
-        for k in range(at(ints, p, MODES)):
-            column = pair(work, at(ints, i, DERIVED) + SEEN + SEEN_SIZE * k)
+    if at(topology, i, SECTION) > 0:
+        j = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+        for k in range(at(topology, p, MODES)):
+            column = pair(work, at(topology, i, DERIVED) + SEEN + SEEN_SIZE * k)
             pass_on(work, passing, length, column, 1.0, n, x, n * (j + k))
-    free = free_joint(ints, held, i)
-    k, w, factor = factor_place(ints, held, i)
+    free = free_joint(topology, held, i)
+    k, w, factor = factor_place(topology, held, i)
     for r in range(k - 1, -1, -1):
-        row = row_of(ints, n, i, free, r)
-        inverse = pivot_inverse(ints, work, i, k, factor, r)
+        row = row_of(topology, n, i, free, r)
+        inverse = pivot_inverse(topology, work, i, k, factor, r)
         turned = scale_pair(inverse, pair(work, w + 6 * r))
         combine(inverse, 0.0, n, x, row, row)
         take_power(work, passing, length, turned, n, x, row)
         for s in range(r + 1, k):
             entry = work[factor + k * s + r]
-            combine(1.0, -entry, n, x, row, row_of(ints, n, i, free, s))
+            combine(1.0, -entry, n, x, row, row_of(topology, n, i, free, s))
     if free == 1:
-        column = strided(work, c + length * COLUMN + at(ints, i, COORDINATE), length)
-        pass_on(work, passing, length, column, 1.0, n, x, row_of(ints, n, i, free, 0))
+        column = strided(work, c + length * COLUMN + at(topology, i, COORDINATE), length)
+        pass_on(work, passing, length, column, 1.0, n, x, row_of(topology, n, i, free, 0))
 
 
 @shared
-def solve_columns(n, ints, work, bodies, held, x):
+def solve_columns(n, topology, work, bodies, held, x):
     """Replace each of three X (n, n) by I_ff^-1 X in the rows of free coordinates."""
-    _, length = columns_of(ints)
+    _, length = columns_of(topology)
     for i in range(bodies, 0, -1):
-        if i == bodies or at(ints, i + 1, PARENT) != i:
-            clear(work, passing_place(ints, i), length, n)
-        inward_body(ints, work, held, n, i, x)
-        inward_carrier(ints, work, n, i, x)
+        if i == bodies or at(topology, i + 1, PARENT) != i:
+            clear(work, passing_place(topology, i), length, n)
+        inward_body(topology, work, held, n, i, x)
+        inward_carrier(topology, work, n, i, x)
     for i in range(1, bodies + 1):
-        outward_body(ints, work, held, n, i, x)
+        outward_body(topology, work, held, n, i, x)

@@ -7,17 +7,17 @@ from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.inherited import carried_change
 from denoc_ros.kernels.layout import (
     AXIS,
-    CHANGE,
+    BODY_CONSTANTS,
     COORDINATE,
     ELIMINATED,
     FORCE,
+    FREE_ACCELERATION,
     INERTIA_WORK,
     JOINT,
     MOTION,
     PARENT,
-    REAL,
+    REVOLUTE_Z,
     TORQUE,
-    TURN,
     WORK,
 )
 from denoc_ros.kernels.vector import add, dot, load, scale, store
@@ -25,40 +25,40 @@ from denoc_ros.kernels.wrench import transmit_wrench
 
 
 @inlined
-def projected(ints, reals, block, i):
+def projected(topology, constants, block, i):
     """Return force and torque of rigid body i's block for a unit acceleration of its joint."""
-    if at(ints, i, MOTION) == TURN:
+    if at(topology, i, MOTION) == REVOLUTE_Z:
         _, b, d = block
         return (b[0][2], b[1][2], b[2][2]), (d[2], d[4], d[5])
-    s = at(ints, i, REAL) + AXIS
-    return wrench_of(block, load(reals, s), load(reals, s + 3))
+    s = at(topology, i, BODY_CONSTANTS) + AXIS
+    return wrench_of(block, load(constants, s), load(constants, s + 3))
 
 
 @inlined
-def along_joint(ints, reals, i, f, n):
+def along_joint(topology, constants, i, f, n):
     """Return S^T of a wrench on body i."""
-    if at(ints, i, MOTION) == TURN:
+    if at(topology, i, MOTION) == REVOLUTE_Z:
         return n[2]
-    s = at(ints, i, REAL) + AXIS
-    return dot(load(reals, s), f) + dot(load(reals, s + 3), n)
+    s = at(topology, i, BODY_CONSTANTS) + AXIS
+    return dot(load(constants, s), f) + dot(load(constants, s + 3), n)
 
 
 @inlined
-def inward_rigid(ints, reals, work, shift, drive, i, free):
+def inward_rigid(topology, constants, work, shift, drive, i, free):
     """Eliminate rigid body i and pass on what is left; say whether it was possible."""
-    o = at(ints, i, WORK)
-    block = block_at(work, at(ints, i, INERTIA_WORK))
+    o = at(topology, i, WORK)
+    block = block_at(work, at(topology, i, INERTIA_WORK))
     force = load(work, o + FORCE)
     torque = load(work, o + TORQUE)
     if free == 1:
-        j = at(ints, i, COORDINATE)
-        w = at(ints, i, ELIMINATED)
-        f, n = projected(ints, reals, block, i)
-        pivot = along_joint(ints, reals, i, f, n) + shift[j]
+        j = at(topology, i, COORDINATE)
+        w = at(topology, i, ELIMINATED)
+        f, n = projected(topology, constants, block, i)
+        pivot = along_joint(topology, constants, i, f, n) + shift[j]
         if not pivot > 0.0:
             return False
         inverse = 1.0 / pivot
-        u = (drive[j] - along_joint(ints, reals, i, force, torque)) * inverse
+        u = (drive[j] - along_joint(topology, constants, i, force, torque)) * inverse
         store(work, w, f)
         store(work, w + 3, n)
         work[w + 6] = u
@@ -66,29 +66,29 @@ def inward_rigid(ints, reals, work, shift, drive, i, free):
         block = reduced(block, f, n, inverse)
         force = add(force, scale(u, f))
         torque = add(torque, scale(u, n))
-    if at(ints, i, PARENT) > 0:
-        transmit_wrench(ints, work, i, force, torque)
-        transmit_inertia(ints, work, i, block)
+    if at(topology, i, PARENT) > 0:
+        transmit_wrench(topology, work, i, force, torque)
+        transmit_inertia(topology, work, i, block)
     return True
 
 
 @inlined
-def outward_rigid(ints, reals, work, given, qdd, i, free):
+def outward_rigid(topology, constants, work, given, qdd, i, free):
     """Write the acceleration of rigid body i's coordinate."""
-    o = at(ints, i, WORK)
-    a, al = carried_change(ints, work, qdd, i)
-    j = at(ints, i, COORDINATE)
+    o = at(topology, i, WORK)
+    a, al = carried_change(topology, work, qdd, i)
+    j = at(topology, i, COORDINATE)
     if free == 1:
-        w = at(ints, i, ELIMINATED)
+        w = at(topology, i, ELIMINATED)
         x = work[w + 6] - work[w + 7] * (dot(load(work, w), a) + dot(load(work, w + 3), al))
         qdd[j] = x
-        if at(ints, i, MOTION) == TURN:
+        if at(topology, i, MOTION) == REVOLUTE_Z:
             al = (al[0], al[1], al[2] + x)
         else:
-            s = at(ints, i, REAL) + AXIS
-            a = add(a, scale(x, load(reals, s)))
-            al = add(al, scale(x, load(reals, s + 3)))
-    elif at(ints, i, JOINT) == 1:
+            s = at(topology, i, BODY_CONSTANTS) + AXIS
+            a = add(a, scale(x, load(constants, s)))
+            al = add(al, scale(x, load(constants, s + 3)))
+    elif at(topology, i, JOINT) == 1:
         qdd[j] = given[j]
-    store(work, o + CHANGE, a)
-    store(work, o + CHANGE + 3, al)
+    store(work, o + FREE_ACCELERATION, a)
+    store(work, o + FREE_ACCELERATION + 3, al)

@@ -8,9 +8,10 @@ e3 and e5 (s + 1). With loops, every new state is brought back onto them.
 import numpy as np
 
 from denoc_ros.kernels.articulated import find_acceleration
-from denoc_ros.kernels.closing import close_ties
+from denoc_ros.kernels.closing import close_constraints
 from denoc_ros.kernels.compiled import inlined, kernel
 from denoc_ros.kernels.constrained import EXPLICIT, find_constrained
+from denoc_ros.kernels.constraint_layout import CONSTRAINTS
 from denoc_ros.kernels.handle import (
     ARMATURE,
     GOOD,
@@ -24,7 +25,6 @@ from denoc_ros.kernels.handle import (
     elements,
     model_arrays,
 )
-from denoc_ros.kernels.tie_layout import TIES
 
 # elements of `control`
 TIME = 0  # s
@@ -47,11 +47,11 @@ ROUNDING = 10.0 * 2.2e-16  # of the time: no step is shorter
 @inlined
 def find_rate(handle, y, tau, out):
     """Write d(y)/dt (2 n) at a state y (2 n) under forces tau (n); return the status."""
-    ints, _reals, _work, diagonals, _bodies = model_arrays(handle)
+    topology, _reals, _work, diagonals, _bodies = model_arrays(handle)
     n = coordinates(handle)
     for j in range(n):
         out[j] = y[n + j]
-    if at(ints, 0, TIES) == 0:
+    if at(topology, 0, CONSTRAINTS) == 0:
         return find_acceleration(handle, y, beyond(y, n), tau, beyond(out, n))
     zero = diagonals[ZERO]
     return find_constrained(
@@ -119,7 +119,7 @@ def explicit_steps(handle, a, b, e3, e5, control, tau, state, before, k, new):
     diagonals = model_arrays(handle)[3]
     y, old, trial, loads = elements(state), elements(before), elements(new), elements(tau)
     rates, weights, table = elements(k), elements(b), elements(a)
-    ties = at(model_arrays(handle)[0], 0, TIES)
+    constraints = at(model_arrays(handle)[0], 0, CONSTRAINTS)
     while control[TIME] < control[UNTIL]:
         for j in range(size):
             rates[j] = rates[size * stages + j]
@@ -142,8 +142,8 @@ def explicit_steps(handle, a, b, e3, e5, control, tau, state, before, k, new):
             factor = SAFETY * error**EXPONENT if error < np.inf else 0.0
             control[STEP] = h * max(LEAST_FACTOR, factor)
             rejected = True
-        if ties > 0:
-            status = close_ties(
+        if constraints > 0:
+            status = close_constraints(
                 handle, diagonals[ZERO], trial, beyond(trial, n), diagonals[SCRATCH]
             )
             if status != GOOD:

@@ -25,10 +25,10 @@ from denoc_ros.kernels.layout import (
     NY,
     NZ,
     PARENT,
-    PLACE,
+    ROTATION_VECTOR,
     SECTION,
+    SECTION_POSITION,
     SECTION_WORK,
-    VECTOR,
     WORK,
     WORLD_POSITION,
     WORLD_ROTATION,
@@ -101,11 +101,11 @@ def turning_rates(work, k, phi, rate, bend, x):
 
 
 @inlined
-def mode_slope(ints, reals, i, j):
+def mode_slope(topology, constants, i, j):
     """Return slope and axis of the turn of mode j of row i's carrier, at row i's section."""
-    p = at(ints, i, PARENT)
-    ny, nz = at(ints, p, NY), at(ints, p, NZ)
-    slope = reals[at(ints, i, SECTION) + 1 + ny + nz + j]
+    p = at(topology, i, PARENT)
+    ny, nz = at(topology, p, NY), at(topology, p, NZ)
+    slope = constants[at(topology, i, SECTION) + 1 + ny + nz + j]
     if j < ny:
         return slope, 2
     if j < ny + nz:
@@ -114,20 +114,20 @@ def mode_slope(ints, reals, i, j):
 
 
 @inlined
-def shortening_rate(ints, reals, i, j, qd):
+def shortening_rate(topology, constants, i, j, qd):
     """Return (H d')_j of mode j of row i's carrier, at row i's section: 0 for torsion."""
-    p = at(ints, i, PARENT)
-    ny, nz = at(ints, p, NY), at(ints, p, NZ)
-    h = at(ints, i, SECTION) + 1 + 2 * (ny + nz) + at(ints, p, NT)
-    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
+    p = at(topology, i, PARENT)
+    ny, nz = at(topology, p, NY), at(topology, p, NZ)
+    h = at(topology, i, SECTION) + 1 + 2 * (ny + nz) + at(topology, p, NT)
+    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
     total = 0.0
     if j < ny:
         for k in range(ny):
-            total += reals[h + ny * j + k] * qd[d + k]
+            total += constants[h + ny * j + k] * qd[d + k]
     elif j < ny + nz:
         h += ny * ny + nz * (j - ny)
         for k in range(nz):
-            total += reals[h + k] * qd[d + ny + k]
+            total += constants[h + k] * qd[d + ny + k]
     return total
 
 
@@ -155,16 +155,16 @@ def turns(work, turn, x, w, al, unturned):
 
 
 @inlined
-def section_slip(ints, reals, work, qd, qdd, i):
+def section_slip(topology, constants, work, qd, qdd, i):
     """Return B d' and B d'' + B' d' of row i's section, base axes, phi' and phi''."""
-    p = at(ints, i, PARENT)
-    columns = at(ints, i, SECTION_WORK) + SECTION_COLUMNS
-    turn = at(ints, p, WORK) + WORLD_ROTATION
-    d = at(ints, p, COORDINATE) + at(ints, p, JOINT)
-    rate, shortening = section_rates(ints, reals, qd, i)
-    bend, _ = section_rates(ints, reals, qdd, i)
+    p = at(topology, i, PARENT)
+    columns = at(topology, i, SECTION_WORK) + SECTION_COLUMNS
+    turn = at(topology, p, WORK) + WORLD_ROTATION
+    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+    rate, shortening = section_rates(topology, constants, qd, i)
+    bend, _ = section_rates(topology, constants, qdd, i)
     slip, slip_up = (0.0, 0.0, 0.0), (shortening, 0.0, 0.0)
-    for j in range(at(ints, p, MODES)):
+    for j in range(at(topology, p, MODES)):
         linear = load(work, columns + 6 * j)
         slip = add(slip, scale(qd[d + j], linear))
         slip_up = add(slip_up, scale(qdd[d + j], linear))
@@ -172,17 +172,17 @@ def section_slip(ints, reals, work, qd, qdd, i):
 
 
 @inlined
-def write_mode(ints, reals, work, qd, qdd, i, j, along, across, turning):
+def write_mode(topology, constants, work, qd, qdd, i, j, along, across, turning):
     """Write what row i shows of mode j of its carrier: a sum of slides and a turn.
 
     The column is -h e_x + s e + slope z, of which only h = (H d)_j changes beside the axes.
     """
-    place = at(ints, i, SECTION_WORK) + SECTION_COLUMNS + 6 * j
+    place = at(topology, i, SECTION_WORK) + SECTION_COLUMNS + 6 * j
     h, s = work[place], work[place + 1] + work[place + 2]
-    slope, _ = mode_slope(ints, reals, i, j)
-    up = shortening_rate(ints, reals, i, j, qd)
-    upper = shortening_rate(ints, reals, i, j, qdd)
-    k = at(ints, i, DERIVED) + SEEN + SEEN_SIZE * j
+    slope, _ = mode_slope(topology, constants, i, j)
+    up = shortening_rate(topology, constants, i, j, qd)
+    upper = shortening_rate(topology, constants, i, j, qdd)
+    k = at(topology, i, DERIVED) + SEEN + SEEN_SIZE * j
     column = add(scale(h, along[0]), scale(s, across[0]))
     first = add(scale(h, along[1]), scale(s, across[1]))
     second = add(scale(h, along[2]), scale(s, across[2]))
@@ -194,20 +194,21 @@ def write_mode(ints, reals, work, qd, qdd, i, j, along, across, turning):
 
 
 @shared
-def write_seen(ints, reals, work, qd, qdd, i):
+def write_seen(topology, constants, work, qd, qdd, i):
     """Write what row i's section shows of its carrier's amplitudes; move its twist on.
 
     The twist and its derivative at DERIVED of row i are to be the carrier's.
     """
-    p = at(ints, i, PARENT)
-    o = at(ints, i, SECTION_WORK)
-    e = at(ints, i, DERIVED)
-    turn = at(ints, p, WORK) + WORLD_ROTATION
-    phi = load(work, o + VECTOR)
+    p = at(topology, i, PARENT)
+    o = at(topology, i, SECTION_WORK)
+    e = at(topology, i, DERIVED)
+    turn = at(topology, p, WORK) + WORLD_ROTATION
+    phi = load(work, o + ROTATION_VECTOR)
     (v, w), (a, al) = pair(work, e + TWIST), pair(work, e + ACCELERATED)
-    slip, slip_up, rate, bend = section_slip(ints, reals, work, qd, qdd, i)
+    slip, slip_up, rate, bend = section_slip(topology, constants, work, qd, qdd, i)
     place = add(
-        load(work, at(ints, p, WORK) + WORLD_POSITION), rotate(work, turn, load(work, o + PLACE))
+        load(work, at(topology, p, WORK) + WORLD_POSITION),
+        rotate(work, turn, load(work, o + SECTION_POSITION)),
     )
     velocity = add(v, cross(w, place))
     accelerated = add(add(a, cross(al, place)), cross(w, add(velocity, scale(2.0, slip))))
@@ -218,13 +219,13 @@ def write_seen(ints, reals, work, qd, qdd, i):
     first = 0
     for plane in range(3):
         axis = unit(2 - plane)
-        last = first + at(ints, p, NY + plane)
+        last = first + at(topology, p, NY + plane)
         if last > first:
             unturned = turning_rates(work, o + COEFFICIENTS, phi, rate, bend, axis)
             turning = turns(work, turn, x, w, al, unturned)
             across = slides(work, turn, (plane + 1) % 3, w, al)
             for j in range(first, last):
-                write_mode(ints, reals, work, qd, qdd, i, j, along, across, turning)
+                write_mode(topology, constants, work, qd, qdd, i, j, along, across, turning)
             r, s = dot(axis, rate), dot(axis, bend)
             twist = sum_pair(twist, scale_pair(r, turning[0]))
             up = sum_pair(up, sum_pair(scale_pair(s, turning[0]), scale_pair(r, turning[1])))
@@ -234,15 +235,15 @@ def write_seen(ints, reals, work, qd, qdd, i):
 
 
 @inlined
-def show_columns(ints, work, i):
+def show_columns(topology, work, i):
     """Write among the columns what row i sees of its carrier's amplitudes."""
-    p = at(ints, i, PARENT)
-    length = at(ints, 0, ROW_LENGTH)
-    c = at(ints, 0, DERIVED) + COLUMNS + at(ints, p, COORDINATE) + at(ints, p, JOINT)
-    e = at(ints, i, DERIVED) + SEEN
-    for j in range(at(ints, p, MODES)):
+    p = at(topology, i, PARENT)
+    length = at(topology, 0, ROW_LENGTH)
+    c = at(topology, 0, DERIVED) + COLUMNS + at(topology, p, COORDINATE) + at(topology, p, JOINT)
+    e = at(topology, i, DERIVED) + SEEN
+    for j in range(at(topology, p, MODES)):
         for k in range(SEEN_SIZE):
-            seen = work[e + SEEN_SIZE * j + k] if at(ints, i, SECTION) > 0 else 0.0
+            seen = work[e + SEEN_SIZE * j + k] if at(topology, i, SECTION) > 0 else 0.0
             work[c + length * k + j] = seen
 
 
@@ -264,27 +265,27 @@ def turning_power(work, k, phi, n, o):
 
 
 @inlined
-def geometric_terms(ints, reals, work, i, force, torque, out):
+def geometric_terms(topology, constants, work, i, force, torque, out):
     """Write what the wrench on a section adds to its carrier's modal forces as these turn it.
 
     force and torque are about the section, in the carrier's axes. Added at offset out (m x m,
     row: force) is f . dB_k/dd_j + B_k . (theta_j x f) + n . dtheta_j/dd_k.
     """
-    p = at(ints, i, PARENT)
-    m, ny, nz = at(ints, p, MODES), at(ints, p, NY), at(ints, p, NZ)
-    o = at(ints, i, SECTION_WORK)
-    turning = at(ints, 0, DERIVED) + SCRATCH
-    turning_power(work, o + COEFFICIENTS, load(work, o + VECTOR), torque, turning)
-    h = at(ints, i, SECTION) + 1 + 2 * (ny + nz) + at(ints, p, NT)
+    p = at(topology, i, PARENT)
+    m, ny, nz = at(topology, p, MODES), at(topology, p, NY), at(topology, p, NZ)
+    o = at(topology, i, SECTION_WORK)
+    turning = at(topology, 0, DERIVED) + SCRATCH
+    turning_power(work, o + COEFFICIENTS, load(work, o + ROTATION_VECTOR), torque, turning)
+    h = at(topology, i, SECTION) + 1 + 2 * (ny + nz) + at(topology, p, NT)
     for j in range(m):
-        slope, axis = mode_slope(ints, reals, i, j)
+        slope, axis = mode_slope(topology, constants, i, j)
         pushed = cross(load(work, o + SECTION_COLUMNS + 6 * j + 3), force)
         for k in range(m):
-            other, about = mode_slope(ints, reals, i, k)
+            other, about = mode_slope(topology, constants, i, k)
             total = dot(load(work, o + SECTION_COLUMNS + 6 * k), pushed)
             total += slope * other * work[turning + 3 * about + axis]
             if j < ny and k < ny:
-                total -= force[0] * reals[h + ny * k + j]
+                total -= force[0] * constants[h + ny * k + j]
             elif ny <= j < ny + nz and ny <= k < ny + nz:
-                total -= force[0] * reals[h + ny * ny + nz * (k - ny) + j - ny]
+                total -= force[0] * constants[h + ny * ny + nz * (k - ny) + j - ny]
             work[out + m * k + j] += total

@@ -5,8 +5,8 @@ y = (q, v)' = (v, I^-1 (tau - h)), with the approximate Jacobian [0 1; -I^-1 K, 
 the constant diagonals (and the slope of Coulomb friction). Order 2 holds for any such matrix.
 Eliminating positions leaves, per stage, I + gamma dt C + (gamma dt)^2 K: the recursion with a
 shift on its diagonal, so a mode much faster than the step costs nothing and stays stable. With
-ties (loops, mimic joints) both stages are constrained dynamics, and the new state is brought back
-onto the ties (see closing).
+constraints (loops, mimic joints) both stages are constrained dynamics, and the new state is
+brought back onto the constraints (see closing).
 """
 
 import numpy as np
@@ -53,17 +53,17 @@ STEP_ROWS = 11
 
 
 @inlined
-def hold(ints, bodies, held, source, target):
+def hold(topology, bodies, held, source, target):
     """Copy the elements of held joints."""
     for i in range(1, bodies + 1):
-        j = at(ints, i, COORDINATE)
-        if at(ints, i, JOINT) == 1 and held[j] != 0.0:
+        j = at(topology, i, COORDINATE)
+        if at(topology, i, JOINT) == 1 and held[j] != 0.0:
             target[j] = source[j]
 
 
 @inlined
 def open_stage(handle, _stage, _g, shift, held, q, qd, given, tau, qdd, torque):
-    """Write the accelerations of a stage without ties."""
+    """Write the accelerations of a stage without constraints."""
     return find_articulated(handle, shift, held, q, qd, given, tau, qdd, torque)
 
 
@@ -73,7 +73,7 @@ def take_step(accelerate, handle, steps, held, dt, q, qd, given, tau):
 
     Held joints have the acceleration given throughout; accelerate writes those of a stage.
     """
-    ints, reals, _work, diagonals, bodies = model_arrays(handle)
+    topology, constants, _work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
     g = GAMMA * dt
     shift = beyond(steps, SHIFT * n)
@@ -87,12 +87,12 @@ def take_step(accelerate, handle, steps, held, dt, q, qd, given, tau):
     for j in range(n):
         c = diagonals[DAMPING][j]
         if diagonals[FRICTION][j] != 0.0:
-            t = np.tanh(qd[j] / reals[SLIP_RATE])
-            c += diagonals[FRICTION][j] / reals[SLIP_RATE] * (1.0 - t * t)
+            t = np.tanh(qd[j] / constants[SLIP_RATE])
+            c += diagonals[FRICTION][j] / constants[SLIP_RATE] * (1.0 - t * t)
         shift[j] = diagonals[ARMATURE][j] + g * c + g * g * diagonals[STIFFNESS][j]
         wanted[j] = 0.0
         drive[j] = tau[j] - g * diagonals[STIFFNESS][j] * qd[j]
-    hold(ints, bodies, held, given, wanted)
+    hold(topology, bodies, held, given, wanted)
     status = accelerate(handle, FIRST_STAGE, g, shift, held, q, qd, wanted, drive, k1, torque)
     if status != GOOD:
         return status

@@ -5,14 +5,14 @@ from denoc_ros.kernels.handle import GOOD, at, beyond, coordinates, elements, mo
 from denoc_ros.kernels.layout import (
     ARM,
     AXIS,
+    BODY_CONSTANTS,
     COLUMNS,
     COORDINATE,
     JOINT,
     MODES,
     PARENT,
-    PLACE,
-    REAL,
     SECTION,
+    SECTION_POSITION,
     SECTION_WORK,
     WORK,
     WORLD_POSITION,
@@ -23,45 +23,45 @@ from denoc_ros.kernels.vector import add, cross, load, rotate, scale, store
 
 
 @inlined
-def section_place(ints, work, i):
+def section_place(topology, work, i):
     """Return the position, in the base frame, of what row i hangs on."""
-    p = at(ints, i, PARENT)
-    u = at(ints, p, WORK)
+    p = at(topology, i, PARENT)
+    u = at(topology, p, WORK)
     position = load(work, u + WORLD_POSITION)
-    if at(ints, i, SECTION) > 0:
-        place = load(work, at(ints, i, SECTION_WORK) + PLACE)
+    if at(topology, i, SECTION) > 0:
+        place = load(work, at(topology, i, SECTION_WORK) + SECTION_POSITION)
         position = add(position, rotate(work, u + WORLD_ROTATION, place))
     return position
 
 
 @inlined
-def world_pose(ints, work, i):
+def world_pose(topology, work, i):
     """Write the pose of row i in the base frame; its carrier's must stand there already."""
-    o = at(ints, i, WORK)
-    p = at(ints, i, PARENT)
-    u = at(ints, p, WORK) + WORLD_ROTATION
+    o = at(topology, i, WORK)
+    p = at(topology, i, PARENT)
+    u = at(topology, p, WORK) + WORLD_ROTATION
     multiply(work, u, work, o, work, o + WORLD_ROTATION)
     arm = rotate(work, u, load(work, o + ARM))
-    store(work, o + WORLD_POSITION, add(section_place(ints, work, i), arm))
+    store(work, o + WORLD_POSITION, add(section_place(topology, work, i), arm))
 
 
 @inlined
-def place_world(ints, reals, work, bodies, q):
+def place_world(topology, constants, work, bodies, q):
     """Place every body in the base frame."""
     for i in range(1, bodies + 1):
-        place_body(ints, reals, work, q, i)
-        world_pose(ints, work, i)
+        place_body(topology, constants, work, q, i)
+        world_pose(topology, work, i)
 
 
 @shared
 def find_pose(handle, q, i, out):
     """Write the (4, 4) pose of row i in the base frame."""
-    ints, reals, work, _diagonals, bodies = model_arrays(handle)
-    place_world(ints, reals, work, bodies, q)
+    topology, constants, work, _diagonals, bodies = model_arrays(handle)
+    place_world(topology, constants, work, bodies, q)
     if i > bodies:
-        place_body(ints, reals, work, q, i)
-        world_pose(ints, work, i)
-    o = at(ints, i, WORK)
+        place_body(topology, constants, work, q, i)
+        world_pose(topology, work, i)
+    o = at(topology, i, WORK)
     for r in range(3):
         for c in range(3):
             out[4 * r + c] = work[o + WORLD_ROTATION + 3 * r + c]
@@ -89,8 +89,8 @@ def frame_pose_rows(handle, q, i, first, last, out):
 @kernel('int64(int64, float64[::1])')
 def place_bodies(handle, q):
     """Place every body in the base frame, all in the workspace."""
-    ints, reals, work, _diagonals, bodies = model_arrays(handle)
-    place_world(ints, reals, work, bodies, elements(q))
+    topology, constants, work, _diagonals, bodies = model_arrays(handle)
+    place_world(topology, constants, work, bodies, elements(q))
     return GOOD
 
 
@@ -105,31 +105,31 @@ def write_column(out, n, j, linear, angular):
 @shared
 def find_jacobian(handle, q, i, out):
     """Write the (6, n) Jacobian of row i, linear first, base axes, at its origin."""
-    ints, reals, work, _diagonals, bodies = model_arrays(handle)
-    place_world(ints, reals, work, bodies, q)
+    topology, constants, work, _diagonals, bodies = model_arrays(handle)
+    place_world(topology, constants, work, bodies, q)
     if i > bodies:
-        place_body(ints, reals, work, q, i)
-        world_pose(ints, work, i)
+        place_body(topology, constants, work, q, i)
+        world_pose(topology, work, i)
     n = coordinates(handle)
     for k in range(6 * n):
         out[k] = 0.0
-    point = load(work, at(ints, i, WORK) + WORLD_POSITION)
+    point = load(work, at(topology, i, WORK) + WORLD_POSITION)
     while i > 0:
-        o = at(ints, i, WORK)
-        j = at(ints, i, COORDINATE)
-        if at(ints, i, JOINT) == 1:
-            s = at(ints, i, REAL) + AXIS
+        o = at(topology, i, WORK)
+        j = at(topology, i, COORDINATE)
+        if at(topology, i, JOINT) == 1:
+            s = at(topology, i, BODY_CONSTANTS) + AXIS
             arm = add(point, scale(-1.0, load(work, o + WORLD_POSITION)))
-            turn = rotate(work, o + WORLD_ROTATION, load(reals, s + 3))
-            slide = rotate(work, o + WORLD_ROTATION, load(reals, s))
+            turn = rotate(work, o + WORLD_ROTATION, load(constants, s + 3))
+            slide = rotate(work, o + WORLD_ROTATION, load(constants, s))
             write_column(out, n, j, add(slide, cross(turn, arm)), turn)
-        p = at(ints, i, PARENT)
-        if at(ints, i, SECTION) > 0:
-            u = at(ints, p, WORK) + WORLD_ROTATION
-            c = at(ints, i, SECTION_WORK) + COLUMNS
-            arm = add(point, scale(-1.0, section_place(ints, work, i)))
-            j = at(ints, p, COORDINATE) + at(ints, p, JOINT)
-            for k in range(j, j + at(ints, p, MODES)):
+        p = at(topology, i, PARENT)
+        if at(topology, i, SECTION) > 0:
+            u = at(topology, p, WORK) + WORLD_ROTATION
+            c = at(topology, i, SECTION_WORK) + COLUMNS
+            arm = add(point, scale(-1.0, section_place(topology, work, i)))
+            j = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+            for k in range(j, j + at(topology, p, MODES)):
                 turn = rotate(work, u, load(work, c + 3))
                 slide = rotate(work, u, load(work, c))
                 write_column(out, n, k, add(slide, cross(turn, arm)), turn)

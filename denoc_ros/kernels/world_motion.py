@@ -6,9 +6,9 @@ from denoc_ros.kernels.compiled import inlined, shared
 from denoc_ros.kernels.composite import shifted_spin
 from denoc_ros.kernels.derivative_layout import (
     ACCELERATED,
+    BODY_FIRST_MOMENT,
     BODY_MASS,
-    BODY_MOMENT,
-    BODY_SPIN,
+    BODY_ROTATIONAL_INERTIA,
     COLUMN,
     COLUMN_BEND,
     COLUMN_RATE,
@@ -22,7 +22,10 @@ from denoc_ros.kernels.derivative_layout import (
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
     ACCELERATION,
+    ANGULAR_ACCELERATION,
+    ANGULAR_VELOCITY,
     AXIS,
+    BODY_CONSTANTS,
     COMPOSITE,
     COORDINATE,
     DERIVED,
@@ -32,12 +35,9 @@ from denoc_ros.kernels.layout import (
     MODES,
     MOTION,
     PARENT,
-    REAL,
+    REVOLUTE_Z,
     SECTION,
-    SPEED,
-    SPIN_UP,
     TORQUE,
-    TURN,
     VELOCITY,
     WORK,
     WORLD_POSITION,
@@ -69,40 +69,40 @@ from denoc_ros.kernels.vector import (
 
 
 @inlined
-def joint_column(ints, reals, work, i):
+def joint_column(topology, constants, work, i):
     """Return the column of body i's joint: its motion subspace in base axes."""
-    turn = at(ints, i, WORK) + WORLD_ROTATION
-    x = load(work, at(ints, i, WORK) + WORLD_POSITION)
-    if at(ints, i, MOTION) == TURN:
+    turn = at(topology, i, WORK) + WORLD_ROTATION
+    x = load(work, at(topology, i, WORK) + WORLD_POSITION)
+    if at(topology, i, MOTION) == REVOLUTE_Z:
         w = (work[turn + 2], work[turn + 5], work[turn + 8])
         return cross(x, w), w
-    s = at(ints, i, REAL) + AXIS
-    return twist_about_origin(work, turn, x, load(reals, s), load(reals, s + 3))
+    s = at(topology, i, BODY_CONSTANTS) + AXIS
+    return twist_about_origin(work, turn, x, load(constants, s), load(constants, s + 3))
 
 
 @inlined
-def move_world(ints, reals, work, qd, qdd, i):
+def move_world(topology, constants, work, qd, qdd, i):
     """Write body i's twist and its derivative and the columns that its motion adds."""
-    p = at(ints, i, PARENT)
-    e, u = at(ints, i, DERIVED), at(ints, p, DERIVED)
+    p = at(topology, i, PARENT)
+    e, u = at(topology, i, DERIVED), at(topology, p, DERIVED)
     for k in range(12):
         work[e + TWIST + k] = work[u + TWIST + k]
-    if at(ints, i, SECTION) > 0:
-        write_seen(ints, reals, work, qd, qdd, i)
-    if at(ints, p, MODES) > 0:
-        show_columns(ints, work, i)
-    if at(ints, i, JOINT) == 0:
+    if at(topology, i, SECTION) > 0:
+        write_seen(topology, constants, work, qd, qdd, i)
+    if at(topology, p, MODES) > 0:
+        show_columns(topology, work, i)
+    if at(topology, i, JOINT) == 0:
         return
-    j = at(ints, i, COORDINATE)
+    j = at(topology, i, COORDINATE)
     v, a = pair(work, e + TWIST), pair(work, e + ACCELERATED)
-    column = joint_column(ints, reals, work, i)
+    column = joint_column(topology, constants, work, i)
     rate = carried(v, column)
     v = sum_pair(v, scale_pair(qd[j], column))
     a = sum_pair(a, sum_pair(scale_pair(qdd[j], column), scale_pair(qd[j], rate)))
     store_pair(work, e + TWIST, v)
     store_pair(work, e + ACCELERATED, a)
-    length = at(ints, 0, ROW_LENGTH)
-    c = at(ints, 0, DERIVED) + COLUMNS + j
+    length = at(topology, 0, ROW_LENGTH)
+    c = at(topology, 0, DERIVED) + COLUMNS + j
     store_strided(work, c + length * COLUMN, length, column)
     store_strided(work, c + length * COLUMN_RATE, length, rate)
     bend = sum_pair(carried(a, column), carried(v, rate))
@@ -143,19 +143,19 @@ def turn_matrix(work, turn, o):
 
 
 @inlined
-def own_beam(ints, reals, work, qd, qdd, i):
+def own_beam(topology, constants, work, qd, qdd, i):
     """Write what body i's beam adds, in body axes; momentum and turning in base axes."""
-    o, e = at(ints, i, WORK), at(ints, i, DERIVED)
+    o, e = at(topology, i, WORK), at(topology, i, DERIVED)
     turn = o + WORLD_ROTATION
     x = load(work, o + WORLD_POSITION)
     (v, w), (a, al) = pair(work, e + TWIST), pair(work, e + ACCELERATED)
     velocity = add(v, cross(w, x))
     acceleration = add(add(a, cross(al, x)), cross(w, velocity))
     store(work, o + VELOCITY, unrotate(work, turn, velocity))
-    store(work, o + SPEED, unrotate(work, turn, w))
+    store(work, o + ANGULAR_VELOCITY, unrotate(work, turn, w))
     store(work, o + ACCELERATION, unrotate(work, turn, acceleration))
-    store(work, o + SPIN_UP, unrotate(work, turn, al))
-    beam_derivatives(ints, reals, work, qd, qdd, i)
+    store(work, o + ANGULAR_ACCELERATION, unrotate(work, turn, al))
+    beam_derivatives(topology, constants, work, qd, qdd, i)
     momentum = rotate(work, turn, load(work, e + MOMENTUM))
     store(work, e + MOMENTUM, momentum)
     turn_matrix(work, turn, e + TURNING)
@@ -167,20 +167,20 @@ def own_beam(ints, reals, work, qd, qdd, i):
 
 
 @shared
-def own_share(ints, reals, work, qd, qdd, i):
+def own_share(topology, constants, work, qd, qdd, i):
     """Write inertia, momentum, turning and wrench of body i alone, in base axes."""
-    o, e = at(ints, i, WORK), at(ints, i, DERIVED)
+    o, e = at(topology, i, WORK), at(topology, i, DERIVED)
     turn = o + WORLD_ROTATION
     x = load(work, o + WORLD_POSITION)
     f, t = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    if at(ints, i, MODES) > 0:
-        own_beam(ints, reals, work, qd, qdd, i)
+    if at(topology, i, MODES) > 0:
+        own_beam(topology, constants, work, qd, qdd, i)
         f, t = wrench_about_origin(work, turn, x, load(work, o + FORCE), load(work, o + TORQUE))
         c, source = o + COMPOSITE, work
     else:
         for k in range(MOMENTUM, TURNING + 9):
             work[e + k] = 0.0
-        c, source = at(ints, i, REAL) + MASS, reals
+        c, source = at(topology, i, BODY_CONSTANTS) + MASS, constants
     mass = source[c]
     moment = rotate(work, turn, load(source, c + 1))
     rotated = turned(
@@ -189,9 +189,9 @@ def own_share(ints, reals, work, qd, qdd, i):
     spin = shifted_spin(rotated, mass, moment, x)
     moment = add(moment, scale(mass, x))
     work[e + BODY_MASS] = mass
-    store(work, e + BODY_MOMENT, moment)
-    store(work, e + BODY_SPIN, (spin[0], spin[1], spin[2]))
-    store(work, e + BODY_SPIN + 3, (spin[3], spin[4], spin[5]))
+    store(work, e + BODY_FIRST_MOMENT, moment)
+    store(work, e + BODY_ROTATIONAL_INERTIA, (spin[0], spin[1], spin[2]))
+    store(work, e + BODY_ROTATIONAL_INERTIA + 3, (spin[3], spin[4], spin[5]))
     (v, w), (a, al) = pair(work, e + TWIST), pair(work, e + ACCELERATED)
     momentum = add(scale(mass, v), cross(w, moment))
     turning_of_rigid(dot(v, moment), v, w, moment, spin, work, e + TURNING)

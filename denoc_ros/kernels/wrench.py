@@ -4,28 +4,28 @@ from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.layout import (
     ACCELERATION,
+    ANGULAR_ACCELERATION,
+    ANGULAR_VELOCITY,
     ARM,
     BEAM,
     BEAM_WORK,
+    BODY_CONSTANTS,
     COLUMNS,
     COORDINATE,
+    FIRST_MOMENT,
     FORCE,
     JOINT,
     MASS,
     MODES,
-    MOMENT,
     NT,
     NY,
     NZ,
     PARENT,
-    PLACE,
     POINTS,
-    REAL,
+    ROTATIONAL_INERTIA,
     SECTION,
+    SECTION_POSITION,
     SECTION_WORK,
-    SPEED,
-    SPIN,
-    SPIN_UP,
     TORQUE,
     WORK,
 )
@@ -43,42 +43,42 @@ from denoc_ros.kernels.vector import (
 
 
 @inlined
-def rigid_wrench(ints, reals, work, i):
+def rigid_wrench(topology, constants, work, i):
     """Write the wrench of the rigid part of body i about the body origin."""
-    c = at(ints, i, REAL)
-    o = at(ints, i, WORK)
-    w = load(work, o + SPEED)
+    c = at(topology, i, BODY_CONSTANTS)
+    o = at(topology, i, WORK)
+    w = load(work, o + ANGULAR_VELOCITY)
     a = load(work, o + ACCELERATION)
-    al = load(work, o + SPIN_UP)
-    moment = load(reals, c + MOMENT)
-    force = add(scale(reals[c + MASS], a), add(cross(al, moment), cross(w, cross(w, moment))))
+    al = load(work, o + ANGULAR_ACCELERATION)
+    moment = load(constants, c + FIRST_MOMENT)
+    force = add(scale(constants[c + MASS], a), add(cross(al, moment), cross(w, cross(w, moment))))
     torque = add(
-        add(cross(moment, a), symmetric(reals, c + SPIN, al)),
-        cross(w, symmetric(reals, c + SPIN, w)),
+        add(cross(moment, a), symmetric(constants, c + ROTATIONAL_INERTIA, al)),
+        cross(w, symmetric(constants, c + ROTATIONAL_INERTIA, w)),
     )
     store(work, o + FORCE, force)
     store(work, o + TORQUE, torque)
 
 
 @inlined
-def bending_wrench(ints, reals, work, qd, qdd, i):
+def bending_wrench(topology, constants, work, qd, qdd, i):
     """Add the wrench of body i's beam and write its modal forces: int [1; p x; B^T] acc."""
-    ny = at(ints, i, NY)
-    nz = at(ints, i, NZ)
-    nt = at(ints, i, NT)
-    o = at(ints, i, WORK)
-    d = at(ints, i, COORDINATE) + at(ints, i, JOINT)
-    w = load(work, o + SPEED)
+    ny = at(topology, i, NY)
+    nz = at(topology, i, NZ)
+    nt = at(topology, i, NT)
+    o = at(topology, i, WORK)
+    d = at(topology, i, COORDINATE) + at(topology, i, JOINT)
+    w = load(work, o + ANGULAR_VELOCITY)
     a = load(work, o + ACCELERATION)
-    al = load(work, o + SPIN_UP)
+    al = load(work, o + ANGULAR_ACCELERATION)
     force = (0.0, 0.0, 0.0)
     torque = (0.0, 0.0, 0.0)
-    modal = at(ints, i, BEAM_WORK)
+    modal = at(topology, i, BEAM_WORK)
     for j in range(modal, modal + ny + nz):
         work[j] = 0.0
-    c = at(ints, i, BEAM) + 1 + nt + nt * nt
-    k = modal + at(ints, i, MODES)
-    for _ in range(at(ints, i, POINTS)):
+    c = at(topology, i, BEAM) + 1 + nt + nt * nt
+    k = modal + at(topology, i, MODES)
+    for _ in range(at(topology, i, POINTS)):
         p = load(work, k)
         sx = 0.0  # B d'
         sy = 0.0
@@ -93,11 +93,11 @@ def bending_wrench(ints, reals, work, qd, qdd, i):
             hd = work[k + 3 + j]
             bend = 0.0
             for n in range(ny):
-                bend += reals[h + ny * j + n] * qd[d + n]
+                bend += constants[h + ny * j + n] * qd[d + n]
             sx -= hd * rate
-            sy += reals[s + j] * rate
+            sy += constants[s + j] * rate
             ax -= hd * qdd[d + j] + bend * rate
-            ay += reals[s + j] * qdd[d + j]
+            ay += constants[s + j] * qdd[d + j]
         s += ny
         h += ny * ny
         for j in range(nz):
@@ -105,20 +105,20 @@ def bending_wrench(ints, reals, work, qd, qdd, i):
             hd = work[k + 3 + ny + j]
             bend = 0.0
             for n in range(nz):
-                bend += reals[h + nz * j + n] * qd[d + ny + n]
+                bend += constants[h + nz * j + n] * qd[d + ny + n]
             sx -= hd * rate
-            sz += reals[s + j] * rate
+            sz += constants[s + j] * rate
             ax -= hd * qdd[d + ny + j] + bend * rate
-            az += reals[s + j] * qdd[d + ny + j]
-        acc = add(add(scale(reals[c], a), cross(al, p)), (ax, ay, az))
+            az += constants[s + j] * qdd[d + ny + j]
+        acc = add(add(scale(constants[c], a), cross(al, p)), (ax, ay, az))
         acc = add(acc, cross(w, add(cross(w, p), (2.0 * sx, 2.0 * sy, 2.0 * sz))))
-        force = add(force, scale(reals[c], acc))
+        force = add(force, scale(constants[c], acc))
         torque = add(torque, cross(p, acc))
         s = c + 2
         for j in range(ny):
-            work[modal + j] += reals[s + j] * acc[1] - work[k + 3 + j] * acc[0]
+            work[modal + j] += constants[s + j] * acc[1] - work[k + 3 + j] * acc[0]
         for j in range(ny, ny + nz):
-            work[modal + j] += reals[s + j] * acc[2] - work[k + 3 + j] * acc[0]
+            work[modal + j] += constants[s + j] * acc[2] - work[k + 3 + j] * acc[0]
         c = h + nz * nz
         k += 3 + ny + nz
     accumulate(work, o + FORCE, force)
@@ -126,54 +126,59 @@ def bending_wrench(ints, reals, work, qd, qdd, i):
 
 
 @inlined
-def torsion_wrench(ints, reals, work, qd, qdd, i):
+def torsion_wrench(topology, constants, work, qd, qdd, i):
     """Add the torque of body i's twisting sections and write its torsional modal forces."""
-    nt = at(ints, i, NT)
-    o = at(ints, i, WORK)
-    d = at(ints, i, COORDINATE) + at(ints, i, JOINT) + at(ints, i, NY) + at(ints, i, NZ)
-    b = at(ints, i, BEAM)
-    modal = at(ints, i, BEAM_WORK) + at(ints, i, NY) + at(ints, i, NZ)
-    w = load(work, o + SPEED)
-    spin_up = work[o + SPIN_UP]
-    momentum = reals[b] * w[0]
-    torque = reals[b] * spin_up
+    nt = at(topology, i, NT)
+    o = at(topology, i, WORK)
+    d = (
+        at(topology, i, COORDINATE)
+        + at(topology, i, JOINT)
+        + at(topology, i, NY)
+        + at(topology, i, NZ)
+    )
+    b = at(topology, i, BEAM)
+    modal = at(topology, i, BEAM_WORK) + at(topology, i, NY) + at(topology, i, NZ)
+    w = load(work, o + ANGULAR_VELOCITY)
+    spin_up = work[o + ANGULAR_ACCELERATION]
+    momentum = constants[b] * w[0]
+    torque = constants[b] * spin_up
     for j in range(nt):
-        momentum += reals[b + 1 + j] * qd[d + j]
-        torque += reals[b + 1 + j] * qdd[d + j]
-        force = reals[b + 1 + j] * spin_up
+        momentum += constants[b + 1 + j] * qd[d + j]
+        torque += constants[b + 1 + j] * qdd[d + j]
+        force = constants[b + 1 + j] * spin_up
         for k in range(nt):
-            force += reals[b + 1 + nt + nt * j + k] * qdd[d + k]
+            force += constants[b + 1 + nt + nt * j + k] * qdd[d + k]
         work[modal + j] = force
     accumulate(work, o + TORQUE, (torque, w[2] * momentum, -w[1] * momentum))
 
 
 @inlined
-def body_wrench(ints, reals, work, qd, qdd, i):
+def body_wrench(topology, constants, work, qd, qdd, i):
     """Write the wrench and the modal forces that body i needs for its motion (no elasticity)."""
-    rigid_wrench(ints, reals, work, i)
-    if at(ints, i, POINTS) > 0:
-        bending_wrench(ints, reals, work, qd, qdd, i)
-    if at(ints, i, NT) > 0:
-        torsion_wrench(ints, reals, work, qd, qdd, i)
+    rigid_wrench(topology, constants, work, i)
+    if at(topology, i, POINTS) > 0:
+        bending_wrench(topology, constants, work, qd, qdd, i)
+    if at(topology, i, NT) > 0:
+        torsion_wrench(topology, constants, work, qd, qdd, i)
 
 
 @inlined
-def transmit_wrench(ints, work, i, force, torque):
+def transmit_wrench(topology, work, i, force, torque):
     """Add a wrench on row i (its axes, about its origin) to its carrier and that one's modes."""
-    p = at(ints, i, PARENT)
+    p = at(topology, i, PARENT)
     if p == 0:
         return
-    o = at(ints, i, WORK)
-    u = at(ints, p, WORK)
+    o = at(topology, i, WORK)
+    u = at(topology, p, WORK)
     f = rotate(work, o, force)
     n = add(rotate(work, o, torque), cross(load(work, o + ARM), f))
-    if at(ints, i, SECTION) > 0:
-        k = at(ints, i, SECTION_WORK)
-        modal = at(ints, p, BEAM_WORK)
+    if at(topology, i, SECTION) > 0:
+        k = at(topology, i, SECTION_WORK)
+        modal = at(topology, p, BEAM_WORK)
         columns = k + COLUMNS
-        for j in range(at(ints, p, MODES)):
+        for j in range(at(topology, p, MODES)):
             work[modal + j] += dot(load(work, columns), f) + dot(load(work, columns + 3), n)
             columns += 6
-        n = add(n, cross(load(work, k + PLACE), f))
+        n = add(n, cross(load(work, k + SECTION_POSITION), f))
     accumulate(work, u + FORCE, f)
     accumulate(work, u + TORQUE, n)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.model.beams import FlexibleLink
 from denoc_ros.model.inertia import inverse_transform, moved, total
-from denoc_ros.model.plain import PlainJoint, PlainRobot
+from denoc_ros.model.rigid_urdf import RigidUrdf, RigidUrdfJoint
 from denoc_ros.model.tree import Attachment, Body, Joint, JointKind, RigidInertia
 
 Array = NDArray[np.float64]
@@ -75,13 +75,13 @@ class Assembly:
 
 
 def assemble(
-    robot: PlainRobot, flexible: Mapping[str, FlexibleLink], armatures: Mapping[str, float]
+    robot: RigidUrdf, flexible: Mapping[str, FlexibleLink], armatures: Mapping[str, float]
 ) -> Assembly:
     """Return the bodies of a robot without findings.
 
     Parameters
     ----------
-    robot : PlainRobot
+    robot : RigidUrdf
         Links and joints, a tree.
     flexible : mapping of str to FlexibleLink
         The links with a beam.
@@ -93,7 +93,7 @@ def assemble(
     Assembly
         Bodies depth first, children in the order of their joints in the file.
     """
-    children: dict[str, list[PlainJoint]] = {link: [] for link in robot.links}
+    children: dict[str, list[RigidUrdfJoint]] = {link: [] for link in robot.links}
     for joint in robot.joints:
         children[joint.parent].append(joint)
     ends = {joint.child for joint in robot.joints}
@@ -108,7 +108,7 @@ def assemble(
     return assembly
 
 
-def _add_root(assembly: Assembly, root: str, robot: PlainRobot) -> None:
+def _add_root(assembly: Assembly, root: str, robot: RigidUrdf) -> None:
     at = Attachment(BASE, 0.0, np.eye(4))
     if root in assembly.flexible:
         assembly.add_body(root, at, None, RigidInertia())
@@ -118,7 +118,7 @@ def _add_root(assembly: Assembly, root: str, robot: PlainRobot) -> None:
 
 def _add_link(
     assembly: Assembly,
-    joint: PlainJoint,
+    joint: RigidUrdfJoint,
     inertia: RigidInertia | None,
     armatures: Mapping[str, float],
 ) -> None:
@@ -132,7 +132,7 @@ def _add_link(
         assembly.merge(joint.child, at, inertia)
 
 
-def _moving(joint: PlainJoint, armatures: Mapping[str, float]) -> Joint:
+def _moving(joint: RigidUrdfJoint, armatures: Mapping[str, float]) -> Joint:
     return Joint(
         joint.name,
         joint.kind,

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from denoc_ros.model.findings import SMALLEST, Findings
 from denoc_ros.model.flexibility import BeamElement, DeformationElement
 from denoc_ros.model.inertia import difference, inverse_transform, moved
-from denoc_ros.model.remainder import (
+from denoc_ros.model.residual_inertia import (
     ROUNDING,
     TOLERANCE,
     beam_inertia,
+    inertia_violation,
     largest_mass_per_length,
     largest_polar_inertia,
-    shortfall,
 )
 from denoc_ros.model.shapes import ShapeFunctions, shape_functions, torsion_shapes
 from denoc_ros.model.tree import Beam, Deformation, RigidInertia
@@ -107,7 +107,7 @@ def _possible_rest(
 ) -> bool:
     """Return whether the rest of a link is a possible body, or nearly one."""
     whose, length = f'beam {element.link!r}', element.length
-    lack = shortfall(rest, whole)
+    lack = inertia_violation(rest, whole)
     if lack <= ROUNDING:
         return True
     numbers = (
@@ -129,7 +129,7 @@ def _way_out(whole: RigidInertia, length: float, polar_inertia: float) -> str:
     largest = largest_mass_per_length(whole, length, polar_inertia)
     if largest > 0.0:
         return f'the largest admissible mass_per_length is {largest:.4g} kg/m'
-    if shortfall(whole, whole) > TOLERANCE:
+    if inertia_violation(whole, whole) > TOLERANCE:
         return "no mass_per_length will do: the link's own inertia is that of no possible body"
     if polar_inertia > 0.0 and largest_mass_per_length(whole, length, 0.0) > 0.0:
         polar = largest_polar_inertia(whole, length)

@@ -1,4 +1,4 @@
-"""What a robot is: an immutable tree of bodies, ready to be lowered to arrays.
+"""What a robot is: an immutable tree of bodies, ready to be written to arrays.
 
 Produced from URDF + `<flexibility>` by :mod:`denoc_ros.model.urdf`; nothing here knows of files.
 """
@@ -38,7 +38,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Mimic:
-    """A mimic joint's tie to its leader: q = multiplier * q_leader + offset."""
+    """A mimic joint's constraint to its leader: q = multiplier * q_leader + offset."""
 
     leader: str
     multiplier: float

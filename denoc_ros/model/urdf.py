@@ -10,7 +10,7 @@ from denoc_ros.model.beams import FlexibleLink, flexible_link
 from denoc_ros.model.findings import Element, Findings
 from denoc_ros.model.flexibility import Flexibility, read_flexibility
 from denoc_ros.model.loops import LoopElement
-from denoc_ros.model.plain import PlainRobot, read_plain
+from denoc_ros.model.rigid_urdf import RigidUrdf, read_rigid_urdf
 from denoc_ros.model.sensors import SensorElement, make_sensor
 from denoc_ros.model.source import parse_xml, read_source
 from denoc_ros.model.tree import Beam, Loop, LoopFrame, Sensor, Tree
@@ -62,7 +62,7 @@ def tree_of(root: Element, where: str, text: str) -> Tree:
         With every finding.
     """
     findings, warnings = Findings(), list[str]()
-    robot = read_plain(root, findings, warnings)
+    robot = read_rigid_urdf(root, findings, warnings)
     flexibility = read_flexibility(root, findings)
     flexible = _flexible_links(robot, flexibility, findings, warnings)
     sensors = _sensor_elements(flexibility, findings, warnings)
@@ -83,7 +83,7 @@ def tree_of(root: Element, where: str, text: str) -> Tree:
 
 
 def _flexible_links(
-    robot: PlainRobot, flexibility: Flexibility, findings: Findings, warnings: list[str]
+    robot: RigidUrdf, flexibility: Flexibility, findings: Findings, warnings: list[str]
 ) -> dict[str, FlexibleLink]:
     found: dict[str, FlexibleLink] = {}
     for link, element in flexibility.beams.items():
@@ -116,7 +116,7 @@ def _frame_names(loop: LoopElement) -> tuple[str, str]:
     return f'{loop.name}/parent', f'{loop.name}/child'
 
 
-def _check_loop_frames(robot: PlainRobot, flexibility: Flexibility, findings: Findings) -> None:
+def _check_loop_frames(robot: RigidUrdf, flexibility: Flexibility, findings: Findings) -> None:
     for loop in flexibility.loops:
         for name in _frame_names(loop):
             if name in robot.links:

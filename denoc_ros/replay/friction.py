@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.model.lowering import SLIP_RATE
+from denoc_ros.model.arrays import SLIP_RATE
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import driven_motion
-from denoc_ros.dynamics.joint_ties import joint_ties
+from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ModelError
 from denoc_ros.estimation.tracking import connecting_acceleration
-from denoc_ros.kernels.handle import DAMPING, FRICTION
 from denoc_ros.replay.friction import JointFriction
 from denoc_ros.replay.motion import Motion
 
@@ -93,13 +92,12 @@ class TorqueReplay:
             rule = f'links of a robot with loops must be rigid for a replay, got loops {loops}'
             raise ModelError(robot.tree.name, [rule])
         self._robot = robot.copy()
-        self._ties, self._offsets, self.joints = joint_ties(robot, joints, {})
+        self._ties, self._offsets, self.joints = mimic_ties(robot, joints, {})
         self._motion = driven_motion(self._robot, self.joints, None, posture, flexible=False)
         self._friction = friction
         index = robot.joint_indices
-        diagonals = robot.lowered.diagonals
         self._of_model = JointFriction(
-            diagonals[DAMPING][index], diagonals[FRICTION][index], np.zeros(len(index))
+            robot.damping[index], robot.friction[index], np.zeros(len(index))
         )
         self.deflections = TipDeflections(robot)
         self._index = index

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from denoc_ros.dynamics.borders import as_output
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.validation import as_output
 from denoc_ros.errors import SolverError
 
 Array = NDArray[np.float64]

@@ -67,7 +67,7 @@ class Motion:
         followers = [names[name] for name in self._leaders]
         held = set(self._given.tolist()) | set(followers)
         self.free = np.array([i for i in range(robot.n) if i not in held], dtype=np.intp)
-        self._tie = tie_matrix(robot, self._leaders, names)
+        self._tie = constraint_matrix(robot, self._leaders, names)
         self._followers = np.array(followers, dtype=np.intp)
         self._offset = np.zeros(robot.n)
         for name, (_, _, offset) in self._leaders.items():
@@ -266,7 +266,7 @@ def mimic_ties(robot: Robot) -> dict[str, tuple[str, float, float]]:
     return ties
 
 
-def tie_matrix(
+def constraint_matrix(
     robot: Robot, ties: Mapping[str, tuple[str, float, float]], names: Mapping[str, int]
 ) -> Array:
     """Return T (n, n) of q = T z + c; the columns of followers are zero."""

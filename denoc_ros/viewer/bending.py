@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
-from denoc_ros.model.lowering import is_flexible
+from denoc_ros.model.arrays import is_flexible
 from denoc_ros.model.tree import Body, Deformation
 from denoc_ros.viewer.cutting import cut_along
 from denoc_ros.viewer.outline import Colour, Outline, outlines

@@ -15,7 +15,7 @@ from denoc_ros.dynamics.linearization import NaturalModes
 from denoc_ros.dynamics.mechanism_modes import independent_joints, mechanism_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
-from denoc_ros.model.lowering import is_flexible
+from denoc_ros.model.arrays import is_flexible
 from denoc_ros.viewer.moment import Moment
 from denoc_ros.viewer.outline import reach
 from denoc_ros.viewer.ticker import Ticker
@@ -84,7 +84,7 @@ def settled(robot: Robot, q: Array) -> Array | None:
     if not len(robot.flexible_indices):
         return rest
     try:
-        if len(robot.lowered.tie_names):
+        if len(robot.constraint_names):
             rest = robot.assemble(rest, fixed=held)
         Equilibrium(robot, free).find(rest)
     except DenocError:
@@ -102,7 +102,7 @@ def undeflected(robot: Robot, q: Array) -> Array:
     """Return a configuration (n,) with straight links, its loops closed where they can be."""
     rest: Array = q.copy()
     rest[robot.flexible_indices] = 0.0
-    if not len(robot.lowered.tie_names):
+    if not len(robot.constraint_names):
         return rest
     try:
         return robot.assemble(rest, fixed=independent_joints(robot, q))

@@ -14,7 +14,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.model.lowering import is_flexible
+from denoc_ros.model.arrays import is_flexible
 from denoc_ros.model.mesh_files import mesh_file
 from denoc_ros.model.source import TEXT_NAME, parse_xml
 
@@ -89,7 +89,7 @@ def reach(robot: Robot) -> float:
 
 
 def _visuals(root: Any, link: Any, folder: Path | None) -> Iterator[Outline]:
-    from yourdfpy import URDF  # as in model.plain: it takes most of a second
+    from yourdfpy import URDF  # as in model.rigid_urdf: it takes most of a second
 
     bare = etree.Element('robot', name='visuals')
     bare.extend(_copies(root.findall('material')))

@@ -15,8 +15,8 @@ import numpy as np
 import rich
 import viser
 
-from denoc_ros.dynamics.borders import as_states
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.validation import as_states
 from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.viewer.access import check_values, checking_origins
 from denoc_ros.viewer.charts import Charts

@@ -29,7 +29,7 @@ def start_configuration(robot: Robot, joints: Mapping[str, float] | None = None)
     q = np.zeros(robot.n)
     given = joints or {}
     q[robot.indices(tuple(given))] = list(given.values())
-    if not len(robot.lowered.tie_names):
+    if not len(robot.constraint_names):
         return q
     try:
         q = robot.assemble(q)
@@ -101,7 +101,7 @@ class JointSliders:
         guess[robot.flexible_indices] = 0.0
         for index, (slider, size) in self._sliders.items():
             guess[index] = slider.value / size
-        if len(robot.lowered.tie_names):
+        if len(robot.constraint_names):
             guess = robot.assemble(guess, fixed=self._held)
         if not self._sag.value:
             return guess, ''

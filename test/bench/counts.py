@@ -133,7 +133,7 @@ def counts(root: Path = ROOT) -> dict[str, Any]:
         'definitions of Array': sum(
             bool(re.search(r'^Array = ', module.text, re.MULTILINE)) for module in found
         ),
-        'uses of lowered. outside model, dynamics, bench': sum(
+        'uses of arrays. outside model, dynamics, bench': sum(
             len(re.findall(r'\blowered\.', module.text)) for module in asking
         ),
         'importers of rclpy outside nodes': importers(found, 'rclpy', 'nodes'),

@@ -12,7 +12,7 @@ SOURCES = {
     'model/two.py': 'class Twin:\n    """D."""\n\n    def f(self):\n        return 1\n',
     'dynamics/three.py': 'def f():\n    from denoc_ros.dynamics.four import g\n    return g\n',
     'dynamics/four.py': 'from denoc_ros.dynamics import three\n\n\nclass Twin:\n    pass\n',
-    'cli/five.py': 'import rclpy\nArray = 1\nx = robot.lowered.ints\n',
+    'cli/five.py': 'import rclpy\nArray = 1\nx = robot.arrays.ints\n',
 }
 
 
@@ -33,7 +33,7 @@ def test_planted_faults_are_counted(package: Path) -> None:
     circle = ['denoc_ros.dynamics.four', 'denoc_ros.dynamics.three']
     assert found['modules in an import circle'] == circle
     assert found['definitions of Array'] == 1
-    assert found['uses of lowered. outside model, dynamics, bench'] == 1
+    assert found['uses of arrays. outside model, dynamics, bench'] == 1
     assert found['importers of rclpy outside nodes'] == ['denoc_ros.cli.five']
     assert found['lines']['model'] == 5
     assert found['function lines: longest'] == 3

@@ -25,9 +25,9 @@ HERE = Path(__file__).parent
 def spoiled(column: int, value: int) -> tuple[Robot, Workspace]:
     """Return a robot, and a workspace in which the last body's offset is another."""
     robot = load_robot(seeded_robot(3, 6))
-    robot.lowered.ints.setflags(write=True)
-    last = int(robot.lowered.bodies)
-    robot.lowered.ints[last, column] = value
+    robot.arrays.topology.setflags(write=True)
+    last = int(robot.arrays.bodies)
+    robot.arrays.topology[last, column] = value
     return robot, robot.new_workspace()
 
 
@@ -52,7 +52,7 @@ def test_a_planted_offset_is_found_out(column: int, value: int) -> None:
 
 
 @checked
-@pytest.mark.parametrize('element', ['INTS_LENGTH', 'REALS_LENGTH', 'WORK_LENGTH'])
+@pytest.mark.parametrize('element', ['TOPOLOGY_LENGTH', 'CONSTANTS_LENGTH', 'WORK_LENGTH'])
 def test_an_array_that_is_too_short_is_found_out(element: str) -> None:
     robot = load_robot(seeded_robot(3, 6))
     robot._workspace._record[getattr(handle, element)] = 30

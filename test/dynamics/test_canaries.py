@@ -23,7 +23,7 @@ ROWS = 70  # enough for two threads
 def canaries(monkeypatch: pytest.MonkeyPatch) -> Iterator[Canaries]:
     """Guards around the workspace of every robot that is made from here on."""
     made = Canaries()
-    monkeypatch.setattr('denoc_ros.dynamics.held_model.Workspace', guarded_workspace(made))
+    monkeypatch.setattr('denoc_ros.dynamics.robot_model.Workspace', guarded_workspace(made))
     yield made
     made.check()
 
@@ -62,7 +62,7 @@ def advance(robot: Robot, canaries: Canaries, q: Array, qd: Array) -> None:
     force = canaries.array('force', robot.n, 0.0)
     for _ in range(3):
         stepper.free(q, qd, force)
-    if not robot.lowered.tie_names:
+    if not robot.constraint_names:
         stepper.driven(q, qd, canaries.array('driven', len(robot.joint_names), 0.0))
     assert np.isfinite([q, qd]).all()
     canaries.check()

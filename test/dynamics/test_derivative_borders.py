@@ -17,11 +17,11 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import StateError
 
 Array = NDArray[np.float64]
-Verb = Callable[..., Sequence[Array]]
+KernelOperation = Callable[..., Sequence[Array]]
 VERBS = ('inverse', 'forward', 'hybrid')
 
 
-def verb(robot: Robot, name: str, rows: int = 0) -> Verb:
+def verb(robot: Robot, name: str, rows: int = 0) -> KernelOperation:
     s = random_state(robot.coordinate_names, 2)
     q, qd, qdd = (np.array([x] * rows) if rows else x.copy() for x in (s.q, s.qd, s.qdd))
     if name == 'hybrid':
@@ -31,7 +31,7 @@ def verb(robot: Robot, name: str, rows: int = 0) -> Verb:
     return lambda **more: called(q, qd, qdd, **more)
 
 
-def constrained(name: str) -> tuple[Verb, Verb]:
+def constrained(name: str) -> tuple[KernelOperation, KernelOperation]:
     """A verb of a robot with loops, on one state and on rows."""
     c = random_closed(2, 'revolute', links=8)
     robot, tau = c.robot, np.zeros(c.robot.n)
@@ -50,7 +50,7 @@ def constrained(name: str) -> tuple[Verb, Verb]:
     )
 
 
-def fills(called: Verb) -> None:
+def fills(called: KernelOperation) -> None:
     """Assert that out= takes the results and is what comes back."""
     fresh = called()
     out = [np.full_like(each, np.nan) for each in fresh]

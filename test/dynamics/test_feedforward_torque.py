@@ -14,7 +14,7 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.handle import DAMPING, FRICTION
-from denoc_ros.model.lowering import SLIP_RATE
+from denoc_ros.model.arrays import SLIP_RATE
 from denoc_ros.simulation.trajectories import BookTrajectory
 
 LINK = """
@@ -31,9 +31,9 @@ FLEXIBILITY = """<flexibility>
 
 def arm(flexible: bool = True, mimic: bool = False, ei: float = 900.0) -> Robot:
     """Two links in a vertical plane with damping and friction in their joints."""
-    tie = '<mimic joint="j1" multiplier="-2" offset="0.1"/>' if mimic else ''
+    constraint = '<mimic joint="j1" multiplier="-2" offset="0.1"/>' if mimic else ''
     links = LINK.format(link='one', joint='j1', parent='base', x=0, mimic='')
-    links += LINK.format(link='two', joint='j2', parent='one', x=2, mimic=tie)
+    links += LINK.format(link='two', joint='j2', parent='one', x=2, mimic=constraint)
     block = FLEXIBILITY.replace('900', str(ei)) if flexible else ''
     return load_robot(
         f'<robot name="arm"><link name="base"/>{links}{block}</robot>', gravity=(0, -9.81, 0)
@@ -66,7 +66,7 @@ def test_each_switch_takes_out_its_own_term(model: str) -> None:
     q, qd, qdd, zero = full.q.copy(), full.qd.copy(), full.qdd.copy(), np.zeros(robot.n)
     index = robot.joint_indices
     inverse = robot.inverse_dynamics
-    diagonals = robot.lowered.diagonals[:, index]
+    diagonals = robot.arrays.diagonals[:, index]
     friction = diagonals[DAMPING] * QD + diagonals[FRICTION] * np.tanh(QD / SLIP_RATE)
     gravity = inverse(q, zero, zero)[index]
     terms = {

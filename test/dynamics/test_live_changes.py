@@ -30,7 +30,7 @@ def test_payload_changes_at_run_time_without_compiling_or_rebuilding(close: Clos
     before = robot.inverse_dynamics(s.q, s.qd, s.qdd)
     q, qd = s.q.copy(), s.qd.copy()
     stepper.free(q, qd, before)
-    compiled, handle, model = signatures(), robot.handle, robot.reals
+    compiled, handle, model = signatures(), robot.handle, robot.constants
     for payload in (
         (2.0, (0.0, 0.0, 0.0), None),
         (2.0, (0.1, -0.2, 0.3), None),
@@ -44,7 +44,7 @@ def test_payload_changes_at_run_time_without_compiling_or_rebuilding(close: Clos
         stepper.free(q, qd, after)
     assert signatures() == compiled
     assert robot.handle is handle
-    assert robot.reals is model
+    assert robot.constants is model
 
 
 def test_stepper_follows_the_payload_of_its_robot() -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import StateError
-from denoc_ros.model.ties import directions
+from denoc_ros.model.constraints import directions
 
 Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
@@ -103,9 +103,9 @@ def test_loops_that_share_links_and_a_mimic_joint_equal_the_oracle(
     close(robot.closure_bias(c.q, c.qd), rows.bias, 1e-8)
     tau = np.random.default_rng(seed).normal(size=robot.n)
     qdd, multipliers = robot.constrained_forward_dynamics(c.q, c.qd, tau)
-    expected, wrenches, ties = oracle.constrained_forward_dynamics(c.q, c.qd, tau)
+    expected, wrenches, constraints = oracle.constrained_forward_dynamics(c.q, c.qd, tau)
     close(qdd, expected, 1e-8)
-    close(multipliers[-1:], ties, 1e-7)
+    close(multipliers[-1:], constraints, 1e-7)
     close(multipliers[:3], wrenches[0][:3], 1e-7)
     leader = robot.joint_names[:1]
     given = np.array([0.4])

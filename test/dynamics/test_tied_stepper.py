@@ -57,7 +57,7 @@ def gripper() -> dn.Robot:
 
 
 def tied(robot: dn.Robot, q: Array) -> float:
-    """Return the largest violation of the gripper's ties."""
+    """Return the largest violation of the gripper's constraints."""
     left, right, third = (
         q[robot.coordinate_names.index(f'{name}_joint')] for name in ('left', 'right', 'third')
     )

@@ -10,11 +10,11 @@ import numpy as np
 
 from denoc_ros.model.findings import SMALLEST, Element
 from denoc_ros.model.inertia import inverse_transform, moved
-from denoc_ros.model.remainder import largest_mass_per_length, largest_polar_inertia
+from denoc_ros.model.residual_inertia import largest_mass_per_length, largest_polar_inertia
 from denoc_ros.model.suggest.materials import ASSUMED_DAMPING, Material
 from denoc_ros.model.suggest.outline import lost_mesh, outline
 from denoc_ros.model.suggest.slender import BeamLine, Stiffness, beam_line, stiffness
-from denoc_ros.model.suggest.subtree import LinkLoad
+from denoc_ros.model.suggest.subtree import SubtreeInertia
 from denoc_ros.model.tree import JointKind, RigidInertia
 
 ROOTS = (1.8751041, 4.6940911, 7.8547574)  # of a cantilever's bending modes
@@ -86,7 +86,7 @@ class Wish:
 
 
 def suggested_beam(
-    link: str, load: LinkLoad, element: Element, wish: Wish, asked: bool
+    link: str, load: SubtreeInertia, element: Element, wish: Wish, asked: bool
 ) -> BeamSuggestion | str:
     """Return what a link would be as a beam, or why it cannot be one.
 
@@ -94,7 +94,7 @@ def suggested_beam(
     ----------
     link : str
         Its name.
-    load : LinkLoad
+    load : SubtreeInertia
         Its place in the robot.
     element : lxml element
         `<link>`, for its geometry.
@@ -141,7 +141,7 @@ def suggested_beam(
     )
 
 
-def _line_of(load: LinkLoad) -> BeamLine | None:
+def _line_of(load: SubtreeInertia) -> BeamLine | None:
     """Return the line to the farthest next joint, else link; a last link is twice its centre."""
     places = [place for place, _ in load.moving] or load.fixed
     places = [place for place in places if np.linalg.norm(place) > SHORTEST]
@@ -160,7 +160,7 @@ class _TipLoad:
     about_axis: float  # kg m^2, inertia about the beam's axis
 
 
-def _tip_load(load: LinkLoad, line: BeamLine) -> _TipLoad:
+def _tip_load(load: SubtreeInertia, line: BeamLine) -> _TipLoad:
     carried = moved(load.carried, inverse_transform(line.frame))
     if carried.mass <= 0.0:
         return _TipLoad(0.0, 0.0, 0.0)
@@ -223,7 +223,7 @@ def _deflections(
     line: BeamLine,
     mass_per_length: float,
     tip: _TipLoad,
-    load: LinkLoad,
+    load: SubtreeInertia,
     gravity: float,
 ) -> tuple[float, float]:
     """Return the tip's deflection by weight, held level, and by the joint's effort [m]."""

@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.model.inertia import moved, total
-from denoc_ros.model.plain import PlainJoint, PlainRobot
+from denoc_ros.model.rigid_urdf import RigidUrdf, RigidUrdfJoint
 from denoc_ros.model.tree import JointKind, RigidInertia
 
 Array = NDArray[np.float64]
 
 
 @dataclass
-class LinkLoad:
+class SubtreeInertia:
     """A link's place in its robot, all joints at zero."""
 
-    joint: PlainJoint | None  # that moves it, perhaps by way of fixed links; None: the base
+    joint: RigidUrdfJoint | None  # that moves it, perhaps by way of fixed links; None: the base
     axis: Array  # (3,) of that joint, in the link's frame; 0 without one
     own: RigidInertia  # about its frame
     carried: RigidInertia = field(default_factory=RigidInertia)  # all beyond it, in its frame
@@ -26,30 +26,30 @@ class LinkLoad:
     fixed: list[Array] = field(default_factory=list)  # (3,) places of links fixed to it
 
 
-def link_loads(robot: PlainRobot) -> dict[str, LinkLoad]:
+def link_loads(robot: RigidUrdf) -> dict[str, SubtreeInertia]:
     """Return each link's load, in file order.
 
     Parameters
     ----------
-    robot : PlainRobot
+    robot : RigidUrdf
         A tree.
 
     Returns
     -------
-    dict of str to LinkLoad
+    dict of str to SubtreeInertia
         `moving` has the next movable joints, also those of links that are fixed to the link.
     """
     above = {joint.child: joint for joint in robot.joints}
-    children: dict[str, list[PlainJoint]] = {link: [] for link in robot.links}
+    children: dict[str, list[RigidUrdfJoint]] = {link: [] for link in robot.links}
     for joint in robot.joints:
         children[joint.parent].append(joint)
     order = [link for link in robot.links if link not in above]
     for link in order:  # it grows as it is walked: parents before children
         order.extend(joint.child for joint in children[link])
-    loads: dict[str, LinkLoad] = {}
+    loads: dict[str, SubtreeInertia] = {}
     for link in order:
         mover, axis = _moved_by(above.get(link), loads)
-        loads[link] = LinkLoad(mover, axis, robot.links[link] or RigidInertia())
+        loads[link] = SubtreeInertia(mover, axis, robot.links[link] or RigidInertia())
     for link in reversed(order):
         for joint in children[link]:
             _add_child(loads[link], joint, loads[joint.child])
@@ -57,8 +57,8 @@ def link_loads(robot: PlainRobot) -> dict[str, LinkLoad]:
 
 
 def _moved_by(
-    joint: PlainJoint | None, loads: dict[str, LinkLoad]
-) -> tuple[PlainJoint | None, Array]:
+    joint: RigidUrdfJoint | None, loads: dict[str, SubtreeInertia]
+) -> tuple[RigidUrdfJoint | None, Array]:
     """Return the joint that moves the link behind a joint, and its axis in that link's frame."""
     if joint is None:
         return None, np.zeros(3)
@@ -68,7 +68,7 @@ def _moved_by(
     return carrier.joint, joint.origin[:3, :3].T @ carrier.axis
 
 
-def _add_child(load: LinkLoad, joint: PlainJoint, child: LinkLoad) -> None:
+def _add_child(load: SubtreeInertia, joint: RigidUrdfJoint, child: SubtreeInertia) -> None:
     beyond = total(child.own, child.carried)
     load.carried = total(load.carried, moved(beyond, joint.origin))
     rotation, place = joint.origin[:3, :3], joint.origin[:3, 3]

@@ -10,12 +10,12 @@ from pathlib import Path
 
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.findings import Element, Findings
-from denoc_ros.model.plain import read_plain
+from denoc_ros.model.rigid_urdf import read_rigid_urdf
 from denoc_ros.model.source import TEXT_NAME, parse_xml, read_source
 from denoc_ros.model.suggest.beam import BeamSuggestion, Wish, suggested_beam
 from denoc_ros.model.suggest.block import with_beams
 from denoc_ros.model.suggest.materials import MATERIALS, Material
-from denoc_ros.model.suggest.subtree import LinkLoad, link_loads
+from denoc_ros.model.suggest.subtree import SubtreeInertia, link_loads
 from denoc_ros.model.urdf import tree_of
 
 
@@ -81,7 +81,7 @@ def suggest_flexibility(
     where, text = read_source(source)
     root = parse_xml(where, text, whole=True)
     tree_of(parse_xml(where, text), where, text)  # a bad file is to be mended first
-    loads = link_loads(read_plain(root, Findings(), []))
+    loads = link_loads(read_rigid_urdf(root, Findings(), []))
     _check_links(where, links, loads, root)
     wish = Wish(
         MATERIALS[material],
@@ -122,7 +122,7 @@ def _check_wishes(material: str, bandwidth: float, gravity: float) -> None:
 
 
 def _check_links(
-    where: str, links: Sequence[str] | None, loads: Mapping[str, LinkLoad], root: Element
+    where: str, links: Sequence[str] | None, loads: Mapping[str, SubtreeInertia], root: Element
 ) -> None:
     known = ', '.join(loads)
     findings = [

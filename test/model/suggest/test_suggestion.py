@@ -15,7 +15,7 @@ from suggested_robots import ALUMINIUM, EI, GJ, LENGTH, MASS, Array, inertial, t
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.inertia import moved, total
 from denoc_ros.model.poses import number_text, rotation_rpy
-from denoc_ros.model.remainder import beam_inertia
+from denoc_ros.model.residual_inertia import beam_inertia
 from denoc_ros.model.suggest.beam import BeamSuggestion
 from denoc_ros.model.suggest.outline import Outline
 from denoc_ros.model.suggest.slender import BeamLine, stiffness

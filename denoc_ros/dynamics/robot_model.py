@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import structure
-from denoc_ros.dynamics.borders import as_vector, require_finite
 from denoc_ros.dynamics.section import Section
+from denoc_ros.dynamics.validation import as_vector, require_finite
 from denoc_ros.dynamics.workspace import Workspace
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels import (
@@ -25,9 +25,17 @@ from denoc_ros.kernels import (
     world,
 )
 from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.handle import GOOD, NOT_FINITE, SINGULAR
-from denoc_ros.kernels.layout import MASS, PARENT, REAL
-from denoc_ros.model.lowering import Lowered, inertia_row, lower
+from denoc_ros.kernels.handle import (
+    ARMATURE,
+    DAMPING,
+    FRICTION,
+    GOOD,
+    NOT_FINITE,
+    SINGULAR,
+    STIFFNESS,
+)
+from denoc_ros.kernels.layout import BODY_CONSTANTS, MASS, PARENT, SLIP_RATE
+from denoc_ros.model.arrays import ModelArrays, inertia_row, to_arrays
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.tree import Tree
 
@@ -44,17 +52,17 @@ KERNELS = (
     world.place_bodies,
     step.advance,
 )
-TIE_KERNELS = (
+CONSTRAINT_KERNELS = (
     closure.closure,
     closure.closure_jacobian,
     constrained.constrained_dynamics,
     closing.advance_tied,
 )
-Held = TypeVar('Held', bound='HeldModel')
+Held = TypeVar('Held', bound='RobotModel')
 
 
-class HeldModel:
-    """A lowered model with its workspace; :class:`denoc_ros.dynamics.robot.Robot` adds the verbs.
+class RobotModel:
+    """A robot and its workspace; :class:`denoc_ros.dynamics.robot.Robot` adds the verbs.
 
     Attributes
     ----------
@@ -64,6 +72,8 @@ class HeldModel:
     joint_indices, flexible_indices : int arrays, where joints and amplitudes stand
     gravity : (3,) [m/s^2] in the base frame
     geometric_stiffness : bool
+    frame_names : tuple of str, links and loop frames
+    constraint_names : tuple of str, the loop or mimic joint of each constraint row
     """
 
     def __init__(
@@ -77,20 +87,22 @@ class HeldModel:
         self.gravity = as_vector('gravity', gravity, (3,)).copy()
         self.gravity.setflags(write=False)
         self.geometric_stiffness = bool(geometric_stiffness)
-        self._adopt(lower(tree, self.gravity, self.geometric_stiffness))
+        self._adopt(to_arrays(tree, self.gravity, self.geometric_stiffness))
         self._payloads: dict[str, Array] = {}
 
-    def _adopt(self, lowered: Lowered) -> None:
-        if lowered.tie_names:
-            ready(*TIE_KERNELS)
-        self.lowered = lowered
-        self.n = lowered.n
-        self.joint_names = lowered.joint_names
-        self.coordinate_names = lowered.coordinate_names
-        self.joint_indices = lowered.joint_indices
+    def _adopt(self, arrays: ModelArrays) -> None:
+        if arrays.constraint_names:
+            ready(*CONSTRAINT_KERNELS)
+        self.arrays = arrays
+        self.n = arrays.n
+        self.joint_names = arrays.joint_names
+        self.frame_names = tuple(arrays.frame_rows)
+        self.constraint_names = arrays.constraint_names
+        self.coordinate_names = arrays.coordinate_names
+        self.joint_indices = arrays.joint_indices
         self.flexible_indices = np.setdiff1d(np.arange(self.n), self.joint_indices)
-        self._reals: Array = lowered.reals.copy()
-        self._use(Workspace(lowered, self._reals))
+        self._constants: Array = arrays.constants.copy()
+        self._use(Workspace(arrays, self._constants))
         self._zero = np.zeros(self.n)
         self._sections: dict[tuple[str, float | None], tuple[Section, slice]] = {}
 
@@ -99,9 +111,38 @@ class HeldModel:
         self.handle = workspace.handle
 
     @property
-    def reals(self) -> Array:
+    def stiffness(self) -> Array:
+        """Modal stiffness (n,) of the amplitudes [N/m or N m/rad], 0 for joints."""
+        return self._diagonal(STIFFNESS)
+
+    @property
+    def damping(self) -> Array:
+        """Viscous damping (n,) of joints and amplitudes [N s/m or N m s/rad]."""
+        return self._diagonal(DAMPING)
+
+    @property
+    def friction(self) -> Array:
+        """Coulomb friction (n,) of joints [N or N m]."""
+        return self._diagonal(FRICTION)
+
+    @property
+    def armature(self) -> Array:
+        """Rotor inertia (n,) of joints behind their gears [kg m^2 or kg]."""
+        return self._diagonal(ARMATURE)
+
+    @property
+    def slip_rate(self) -> float:
+        """Rate at which Coulomb friction has risen to tanh 1 [rad/s or m/s]."""
+        return float(self.arrays.constants[SLIP_RATE])
+
+    def _diagonal(self, row: int) -> Array:
+        diagonal: Array = self.arrays.diagonals[row]
+        return diagonal
+
+    @property
+    def constants(self) -> Array:
         """The model's constants as the kernels read them, payloads included."""
-        return self._reals
+        return self._constants
 
     @property
     def work(self) -> Array:
@@ -111,14 +152,14 @@ class HeldModel:
 
     def new_workspace(self) -> Workspace:
         """Return another workspace over this model, for another thread."""
-        return Workspace(self.lowered, self._reals)
+        return Workspace(self.arrays, self._constants)
 
     def copy(self: Held) -> Held:
         """Return a robot with the same model and payloads and a workspace of its own."""
         other = type(self).__new__(type(self))
         other.__dict__.update(self.__dict__)
-        other._adopt(self.lowered)
-        other._reals[:] = self._reals
+        other._adopt(self.arrays)
+        other._constants[:] = self._constants
         other._payloads = dict(self._payloads)
         return other
 
@@ -166,7 +207,7 @@ class HeldModel:
         if row == 0 or attachment.station != 0.0:
             raise StateError(f'frame {frame!r} must be a link that moves, got one that does not')
         payload = structure.payload_inertia(attachment.placement, mass, com, inertia)
-        self._payloads[frame] = inertia_row(payload, self.lowered.axes[row - 1])
+        self._payloads[frame] = inertia_row(payload, self.arrays.axes[row - 1])
         self._load_body(row)
 
     def with_scaled_load(self: Held, frame: str, factor: float) -> Held:
@@ -178,8 +219,8 @@ class HeldModel:
         if not (np.isfinite(factor) and factor > 0.0):
             raise StateError(f'load at {frame!r}: factor must be > 0, got {factor}')
         other = self.copy()
-        at = int(self.lowered.ints[self._carrier(frame), REAL]) + MASS
-        other._reals[at : at + 10] *= factor
+        at = int(self.arrays.topology[self._carrier(frame), BODY_CONSTANTS]) + MASS
+        other._constants[at : at + 10] *= factor
         return other
 
     def payload_centre(self, frame: str) -> Array | None:
@@ -188,17 +229,17 @@ class HeldModel:
         if row is None or row[0] == 0.0:
             return None
         at = self.tree.frames[frame]
-        centre = self.lowered.axes[at.body] @ (row[1:4] / row[0])
+        centre = self.arrays.axes[at.body] @ (row[1:4] / row[0])
         return np.asarray(at.placement[:3, :3].T @ (centre - at.placement[:3, 3]))
 
     def _carrier(self, frame: str) -> int:
-        return int(self.lowered.ints[self._row(frame), PARENT])
+        return int(self.arrays.topology[self._row(frame), PARENT])
 
     def _load_body(self, row: int) -> None:
         """Write a body's inertia with the payloads that it carries."""
-        at = int(self.lowered.ints[row, REAL]) + MASS
+        at = int(self.arrays.topology[row, BODY_CONSTANTS]) + MASS
         carried = [load for name, load in self._payloads.items() if self._carrier(name) == row]
-        self._reals[at : at + 10] = sum(carried, self.lowered.reals[at : at + 10])
+        self._constants[at : at + 10] = sum(carried, self.arrays.constants[at : at + 10])
 
     def held(self, index: NDArray[np.int64]) -> Array:
         """Return the (n,) flags by which kernels know the joints whose motion is given."""
@@ -216,17 +257,17 @@ class HeldModel:
         return self.joint_indices[[self.joint_names.index(name) for name in names]]
 
     def _row(self, frame: str) -> int:
-        row = self.lowered.frame_rows.get(frame)
+        row = self.arrays.frame_rows.get(frame)
         if row is None:
-            known = ', '.join(self.lowered.frame_rows)
+            known = ', '.join(self.frame_names)
             raise StateError(f'frame must be one of {known}, got {frame!r}')
         return row
 
-    def judge(self, status: int, **arguments: Array) -> None:
+    def raise_for_status(self, status: int, **arguments: Array) -> None:
         """Raise what a kernel's status says about its arguments."""
-        self._judge(status, True, **arguments)
+        self._raise_for_status(status, True, **arguments)
 
-    def _judge(self, status: int, check: bool, **arguments: Array) -> None:
+    def _raise_for_status(self, status: int, check: bool, **arguments: Array) -> None:
         if status == GOOD or (status == NOT_FINITE and not check):
             return
         require_finite(arguments)

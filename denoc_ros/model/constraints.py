@@ -1,4 +1,4 @@
-"""Lowering of what ties coordinates together: loops in file order, then mimic joints."""
+"""Arrays of what constrains coordinates: loops in file order, then mimic joints."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.kernels import layout, tie_layout
+from denoc_ros.kernels import constraint_layout, layout
 from denoc_ros.model.tree import Body, Loop, Tree
 
 Array = NDArray[np.float64]
@@ -19,10 +19,10 @@ ALL = np.eye(3)
 
 
 @dataclass(frozen=True)
-class TieRows:
-    """Ties as the kernels want them; see :mod:`denoc_ros.kernels.tie_layout`."""
+class ConstraintRows:
+    """Constraints as the kernels want them; see :mod:`denoc_ros.kernels.constraint_layout`."""
 
-    ints: list[Int]  # (INTS,) each
+    topology: list[Int]  # (TOPOLOGY_COLUMNS,) each
     constants: list[Array]
     rows: int  # of multipliers
     axis_rows: int  # of free axes with damping or friction
@@ -50,26 +50,26 @@ def directions(loop: Loop) -> tuple[int, Array, Array, Array]:
     the directions that must be the same on both sides.
     """
     if loop.type == 'spherical':
-        return tie_layout.POINT, ALL, NONE, NONE
+        return constraint_layout.POINT, ALL, NONE, NONE
     if loop.type == 'fixed':
-        return tie_layout.ORIENTED, ALL, ALL, ALL
+        return constraint_layout.ORIENTED, ALL, ALL, ALL
     assert loop.axis is not None
     if loop.type == 'prismatic':
-        return tie_layout.ORIENTED, across(loop.axis), ALL, ALL
+        return constraint_layout.ORIENTED, across(loop.axis), ALL, ALL
     if loop.type == 'revolute':
-        return tie_layout.ALIGNED, ALL, across(loop.axis), loop.axis[None]
+        return constraint_layout.ALIGNED, ALL, across(loop.axis), loop.axis[None]
     # the row of a universal joint is about axis x axis2, which turns: it has no fixed direction
-    return tie_layout.CROSSED, ALL, np.zeros((1, 3)), NONE
+    return constraint_layout.UNIVERSAL, ALL, np.zeros((1, 3)), NONE
 
 
-def _meeting(ints: Sequence[Int], one: int, other: int) -> int:
+def _meeting(topology: Sequence[Int], one: int, other: int) -> int:
     """Return the body, or the base, that carries two rows, itself or what hangs on it."""
     carriers = {0}
     while one > 0:
         carriers.add(one)
-        one = int(ints[one][layout.PARENT])
+        one = int(topology[one][layout.PARENT])
     while other not in carriers:
-        other = int(ints[other][layout.PARENT])
+        other = int(topology[other][layout.PARENT])
     return other
 
 
@@ -80,18 +80,22 @@ def _axis(axis: Array | None) -> Array:
 class _Ties:
     """One pass over loops and mimic joints."""
 
-    def __init__(self, ints: Sequence[Int], start: int) -> None:
-        self.ints = ints
-        self.start = start  # of the next constants in reals
+    def __init__(self, topology: Sequence[Int], start: int) -> None:
+        self.topology = topology
+        self.start = start  # of the next constants in constants
         self.made: list[Int] = []
         self.constants: list[Array] = []
         self.names: list[str] = []
 
     def _append(self, name: str, kind: int, child: int, other: int, constants: Array) -> Int:
-        row = np.zeros(layout.INTS, dtype=np.int64)
-        row[tie_layout.KIND], row[tie_layout.CHILD], row[tie_layout.OTHER] = kind, child, other
-        row[tie_layout.ROW] = len(self.names)
-        row[tie_layout.CONSTANTS] = self.start
+        row = np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)
+        row[constraint_layout.KIND], row[constraint_layout.CHILD], row[constraint_layout.OTHER] = (
+            kind,
+            child,
+            other,
+        )
+        row[constraint_layout.ROW] = len(self.names)
+        row[constraint_layout.CONSTANTS] = self.start
         self.start += len(constants)
         self.constants.append(constants)
         self.made.append(row)
@@ -105,46 +109,48 @@ class _Ties:
         constants = np.concatenate([_axis(loop.axis), _axis(loop.axis2), header, vectors])
         child, parent = frame_rows[loop.child.frame], frame_rows[loop.parent.frame]
         row = self._append(loop.name, kind, child, parent, constants)
-        row[tie_layout.LINEAR] = len(linear)
-        row[tie_layout.ANGULAR] = len(angular)
-        row[tie_layout.REFERENCES] = len(references)
-        carriers = [int(self.ints[k][layout.PARENT]) for k in (child, parent)]
-        row[tie_layout.MEETING] = _meeting(self.ints, *carriers)
+        row[constraint_layout.LINEAR] = len(linear)
+        row[constraint_layout.ANGULAR] = len(angular)
+        row[constraint_layout.REFERENCES] = len(references)
+        carriers = [int(self.topology[k][layout.PARENT]) for k in (child, parent)]
+        row[constraint_layout.COMMON_ANCESTOR] = _meeting(self.topology, *carriers)
         self.names += [loop.name] * (len(linear) + len(angular))
 
     def mimic(self, body: Body, child: int, leader: int) -> None:
-        """Add a mimic joint: rows of ints of its body and of its leader's."""
+        """Add a mimic joint: rows of topology of its body and of its leader's."""
         assert body.joint is not None
         assert body.joint.mimic is not None
         constants = np.array([body.joint.mimic.multiplier, body.joint.mimic.offset])
-        row = self._append(body.joint.name, tie_layout.MIMIC, child, leader, constants)
-        row[tie_layout.MEETING] = _meeting(self.ints, child, leader)
+        row = self._append(body.joint.name, constraint_layout.MIMIC, child, leader, constants)
+        row[constraint_layout.COMMON_ANCESTOR] = _meeting(self.topology, child, leader)
         self.names.append(body.joint.name)
 
 
-def lower_ties(
-    tree: Tree, ints: Sequence[Int], frame_rows: Mapping[str, int], start: int
-) -> TieRows:
-    """Lower a tree's loops and mimic joints.
+def constraints_to_arrays(
+    tree: Tree, topology: Sequence[Int], frame_rows: Mapping[str, int], start: int
+) -> ConstraintRows:
+    """Write a tree's loops and mimic joints to arrays.
 
     Parameters
     ----------
     tree : Tree
-    ints : rows of the bodies and frames
+    topology : rows of the bodies and frames
     frame_rows : mapping of str to int
     start : int
-        Where their constants start in reals.
+        Where their constants start in constants.
     """
-    ties = _Ties(ints, start)
+    constraints = _Ties(topology, start)
     for loop in tree.loops:
-        ties.loop(loop, frame_rows)
+        constraints.loop(loop, frame_rows)
     bodies = {body.joint.name: 1 + k for k, body in enumerate(tree.bodies) if body.joint}
     for body in tree.bodies:
         if body.joint is not None and body.joint.mimic is not None:
-            ties.mimic(body, bodies[body.joint.name], bodies[body.joint.mimic.leader])
-    rows = axis = len(ties.names)
-    for loop, row in zip(tree.loops, ties.made, strict=False):
+            constraints.mimic(body, bodies[body.joint.name], bodies[body.joint.mimic.leader])
+    rows = axis = len(constraints.names)
+    for loop, row in zip(tree.loops, constraints.made, strict=False):
         if loop.damping > 0.0 or loop.friction > 0.0:
-            row[tie_layout.AXIS_ROW] = axis
+            row[constraint_layout.AXIS_ROW] = axis
             axis += 1
-    return TieRows(ties.made, ties.constants, rows, axis - rows, tuple(ties.names))
+    return ConstraintRows(
+        constraints.made, constraints.constants, rows, axis - rows, tuple(constraints.names)
+    )

@@ -31,7 +31,7 @@ CHECKED = (*ENDS, 'axis', 'limit', 'dynamics', 'mimic')  # of a joint; the rest 
 
 
 @dataclass(frozen=True)
-class PlainJoint:
+class RigidUrdfJoint:
     """A joint as the URDF says it."""
 
     name: str
@@ -48,15 +48,15 @@ class PlainJoint:
 
 
 @dataclass(frozen=True)
-class PlainRobot:
+class RigidUrdf:
     """A plain URDF: links with their inertia, None without `<inertial>`, and joints."""
 
     name: str
     links: dict[str, RigidInertia | None]  # in file order, about the link frame's origin
-    joints: tuple[PlainJoint, ...]  # in file order
+    joints: tuple[RigidUrdfJoint, ...]  # in file order
 
 
-def read_plain(root: Element, findings: Findings, warnings: list[str]) -> PlainRobot:
+def read_rigid_urdf(root: Element, findings: Findings, warnings: list[str]) -> RigidUrdf:
     """Return the plain part of a robot.
 
     Parameters
@@ -70,7 +70,7 @@ def read_plain(root: Element, findings: Findings, warnings: list[str]) -> PlainR
 
     Returns
     -------
-    PlainRobot
+    RigidUrdf
         Links and joints in file order. With findings: the sound links, and no joints.
     """
     before = len(findings.items)
@@ -256,7 +256,7 @@ def _check_structure(root: Element, links: set[str], findings: Findings) -> None
         )
 
 
-def _load(name: str, links: list[Element], joints: list[Element]) -> PlainRobot:
+def _load(name: str, links: list[Element], joints: list[Element]) -> RigidUrdf:
     """Return what yourdfpy reads of validated elements."""
     # Imported here: it takes most of a second, and malformed files never get this far.
     from yourdfpy import URDF
@@ -273,7 +273,7 @@ def _load(name: str, links: list[Element], joints: list[Element]) -> PlainRobot:
     text = io.BytesIO(etree.tostring(copy, encoding='utf-8'))
     robot = URDF.load(text, build_scene_graph=False, load_meshes=False).robot
     inertias = {link.name: _inertia(link.inertial) for link in robot.links}
-    return PlainRobot(name, inertias, tuple(_joint(joint) for joint in robot.joints))
+    return RigidUrdf(name, inertias, tuple(_joint(joint) for joint in robot.joints))
 
 
 def _inertia(inertial: Any) -> RigidInertia | None:
@@ -284,14 +284,14 @@ def _inertia(inertial: Any) -> RigidInertia | None:
     return moved(from_centre(inertial.mass, np.zeros(3), inertial.inertia), pose)
 
 
-def _joint(joint: Any) -> PlainJoint:
+def _joint(joint: Any) -> RigidUrdfJoint:
     kind = KINDS[joint.type]
     axis = np.array([1.0, 0.0, 0.0]) if kind is JointKind.FIXED else joint.axis
     dynamics = joint.dynamics
     damping, friction = (
         float(getattr(dynamics, name, None) or 0.0) for name in ('damping', 'friction')
     )
-    return PlainJoint(
+    return RigidUrdfJoint(
         joint.name,
         kind,
         joint.parent,

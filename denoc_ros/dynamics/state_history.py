@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class Trail:
+class StateHistory:
     """The last states of a motion with their times, oldest first; allocates nothing per state.
 
     Parameters
@@ -71,7 +71,7 @@ class Trail:
         begin = int(np.searchsorted(self._times[: self._end], time))
         return self._times[begin : self._end], self._states[begin : self._end]
 
-    def adopt(self, other: Trail) -> None:
+    def adopt(self, other: StateHistory) -> None:
         """Go on from another one of states of the same size."""
         times, states = other.since(-np.inf)
         kept = min(len(times), self._length)

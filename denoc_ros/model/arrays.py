@@ -1,4 +1,4 @@
-"""Lowering of the immutable tree to the flat arrays of the kernels.
+"""The immutable tree as the flat arrays of the kernels.
 
 Beam integrals are exact to rounding without quadrature points at run time: every integrand is a
 product of two functions out of 1, x, s_j and H_jk, so these are replaced by vectors whose inner
@@ -14,10 +14,10 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from denoc_ros.kernels import derivative_layout, layout, tie_layout
+from denoc_ros.kernels import constraint_layout, derivative_layout, layout
 from denoc_ros.model.branches import mark_branches
+from denoc_ros.model.constraints import constraints_to_arrays
 from denoc_ros.model.shapes import ShapeFunctions, gauss_rule
-from denoc_ros.model.ties import lower_ties
 from denoc_ros.model.tree import (
     Array,
     Attachment,
@@ -34,11 +34,13 @@ SLIP_RATE = 1e-3  # rad/s or m/s, of Coulomb friction (design.md, section 1)
 
 
 @dataclass(frozen=True)
-class Lowered:
+class ModelArrays:
     """A robot as flat arrays; see :mod:`denoc_ros.kernels.layout` for what stands where."""
 
-    ints: NDArray[np.uint32]  # (1 + bodies + frames + ties, INTS), row 0 the base
-    reals: Array  # constants
+    topology: NDArray[
+        np.uint32
+    ]  # (1 + bodies + frames + constraints, TOPOLOGY_COLUMNS), row 0 the base
+    constants: Array  # constants
     diagonals: Array  # (4, n) stiffness, damping, friction, armature
     bodies: int
     work_size: int
@@ -47,7 +49,7 @@ class Lowered:
     coordinate_names: tuple[str, ...]
     joint_names: tuple[str, ...]
     joint_indices: NDArray[np.int64]
-    tie_names: tuple[str, ...]  # per multiplier, of its loop or mimic joint
+    constraint_names: tuple[str, ...]  # per multiplier, of its loop or mimic joint
 
     @property
     def n(self) -> int:
@@ -165,7 +167,7 @@ def _motion(body: Body, frame: Array) -> int:
         assert body.joint is not None
         about_z = np.allclose(frame[:3, :3].T @ body.joint.axis, [0.0, 0.0, 1.0], 0.0, 1e-15)
         through = np.allclose(np.cross(body.joint.axis, frame[:3, 3]), 0.0, 0.0, 1e-15)
-        return layout.TURN if about_z and through else layout.REVOLUTE
+        return layout.REVOLUTE_Z if about_z and through else layout.REVOLUTE
     return {JointKind.FIXED: layout.FIXED, JointKind.PRISMATIC: layout.PRISMATIC}[kind]
 
 
@@ -209,7 +211,7 @@ def is_flexible(body: Body) -> bool:
     return body.beam is not None and sum(body.beam.modes) > 0
 
 
-class _Lowering:
+class _ArrayBuilder:
     """One pass over the tree that fills rows, constants and workspace offsets."""
 
     def __init__(self, tree: Tree, gravity: Array, geometric: bool) -> None:
@@ -220,7 +222,7 @@ class _Lowering:
         self.work_size = layout.BLOCK + layout.BLOCK_SIZE  # the base's
         self.coordinate = 0
         self.axes: list[Array] = []
-        self.rows = [np.zeros(layout.INTS, dtype=np.int64)]
+        self.rows = [np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)]
 
     def append(self, *parts: Array) -> int:
         """Append constants and return where they start."""
@@ -256,8 +258,8 @@ class _Lowering:
         return attachment.placement
 
     def body(self, body: Body) -> None:
-        """Lower one body."""
-        row = np.zeros(layout.INTS, dtype=np.int64)
+        """Write one body."""
+        row = np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)
         placement = self.attach(row, body.attachment)
         axes = _axes(body)
         self.axes.append(axes)
@@ -269,7 +271,7 @@ class _Lowering:
         inertia = inertia_row(body.inertia, axes)
         if body.beam is not None and not is_flexible(body):
             inertia = inertia + inertia_row(_rod(body.beam), axes)
-        row[layout.REAL] = self.append(*_transforms(body, placement, frame), inertia)
+        row[layout.BODY_CONSTANTS] = self.append(*_transforms(body, placement, frame), inertia)
         row[layout.WORK] = self.reserve(layout.BODY_WORK)
         if is_flexible(body):
             self.beam(row, body)
@@ -286,7 +288,7 @@ class _Lowering:
         self.rows.append(row)
 
     def beam(self, row: NDArray[np.int64], body: Body) -> None:
-        """Lower a body's beam."""
+        """Write a body's beam."""
         assert body.beam is not None
         points = beam_points(body.beam, self.geometric)
         row[[layout.NY, layout.NZ, layout.NT]] = body.beam.modes
@@ -308,25 +310,28 @@ class _Lowering:
         base[derivative_layout.BEAM_SCRATCH] = self.reserve(scratch)
 
     def frame(self, attachment: Attachment) -> None:
-        """Lower one frame."""
-        row = np.zeros(layout.INTS, dtype=np.int64)
+        """Write one frame."""
+        row = np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)
         placement = self.attach(row, attachment)
-        row[layout.REAL] = self.append(_pose_rows(placement[:3, :3], placement[:3, 3]))
+        row[layout.BODY_CONSTANTS] = self.append(_pose_rows(placement[:3, :3], placement[:3, 3]))
         row[layout.WORK] = self.reserve(layout.BODY_WORK)
         self.rows.append(row)
 
-    def ties(self, frame_rows: dict[str, int]) -> tuple[str, ...]:
-        """Lower loops and mimic joints; return each row's name."""
-        made = lower_ties(self.tree, self.rows, frame_rows, self.real_size)
+    def constraints(self, frame_rows: dict[str, int]) -> tuple[str, ...]:
+        """Write loops and mimic joints; return each row's name."""
+        made = constraints_to_arrays(self.tree, self.rows, frame_rows, self.real_size)
         self.append(*made.constants)
         base = self.rows[0]
-        base[tie_layout.TIES], base[tie_layout.FIRST_TIE] = len(made.ints), len(self.rows)
-        base[tie_layout.ROWS] = made.rows
-        base[tie_layout.AXIS_ROWS] = made.axis_rows
-        base[tie_layout.TIES_WORK] = self.reserve(
-            tie_layout.work_size(made.rows, made.axis_rows, self.coordinate)
+        base[constraint_layout.CONSTRAINTS], base[constraint_layout.FIRST_CONSTRAINT] = (
+            len(made.topology),
+            len(self.rows),
         )
-        self.rows += made.ints
+        base[constraint_layout.ROWS] = made.rows
+        base[constraint_layout.AXIS_ROWS] = made.axis_rows
+        base[constraint_layout.CONSTRAINTS_WORK] = self.reserve(
+            constraint_layout.work_size(made.rows, made.axis_rows, self.coordinate)
+        )
+        self.rows += made.topology
         return made.names
 
 
@@ -363,8 +368,8 @@ def _names(tree: Tree) -> tuple[list[str], list[str], list[int]]:
     return coordinates, joints, indices
 
 
-def lower(tree: Tree, gravity: Array, geometric_stiffness: bool) -> Lowered:
-    """Lower a tree to flat arrays.
+def to_arrays(tree: Tree, gravity: Array, geometric_stiffness: bool) -> ModelArrays:
+    """Write a tree to flat arrays.
 
     Parameters
     ----------
@@ -373,25 +378,25 @@ def lower(tree: Tree, gravity: Array, geometric_stiffness: bool) -> Lowered:
     geometric_stiffness : bool
         False drops the foreshortening u_x (the book's slow-motion model).
     """
-    lowering = _Lowering(tree, gravity, geometric_stiffness)
+    builder = _ArrayBuilder(tree, gravity, geometric_stiffness)
     for body in tree.bodies:
-        lowering.body(body)
-    lowering.derivatives()
+        builder.body(body)
+    builder.derivatives()
     for attachment in tree.frames.values():
-        lowering.frame(attachment)
+        builder.frame(attachment)
     frame_rows = {name: 1 + len(tree.bodies) + k for k, name in enumerate(tree.frames)}
-    tie_names = lowering.ties(frame_rows)
+    constraint_names = builder.constraints(frame_rows)
     names, joints, indices = _names(tree)
-    return Lowered(
-        ints=np.array(lowering.rows, dtype=np.uint32),
-        reals=np.concatenate(lowering.constants),
+    return ModelArrays(
+        topology=np.array(builder.rows, dtype=np.uint32),
+        constants=np.concatenate(builder.constants),
         diagonals=_diagonals(tree),
         bodies=len(tree.bodies),
-        work_size=lowering.work_size,
+        work_size=builder.work_size,
         frame_rows=frame_rows,
-        axes=tuple(lowering.axes),
+        axes=tuple(builder.axes),
         coordinate_names=tuple(names),
         joint_names=tuple(joints),
         joint_indices=np.array(indices, dtype=np.int64),
-        tie_names=tie_names,
+        constraint_names=constraint_names,
     )

@@ -44,7 +44,7 @@ def beam_inertia(mass_per_length: float, length: float, polar_inertia: float) ->
     )
 
 
-def shortfall(body: RigidInertia, link: RigidInertia) -> float:
+def inertia_violation(body: RigidInertia, link: RigidInertia) -> float:
     """Return how far a body is from physically possible, as a part of the link's inertia.
 
     Parameters
@@ -102,7 +102,7 @@ def largest_mass_per_length(link: RigidInertia, length: float, polar_inertia: fl
 
     def possible(mass_per_length: float) -> bool:
         share = beam_inertia(mass_per_length, length, polar_inertia)
-        return shortfall(difference(link, share), link) <= allowed
+        return inertia_violation(difference(link, share), link) <= allowed
 
     allowed = _allowed(link)
     return _largest(possible, link.mass / length)
@@ -126,15 +126,15 @@ def largest_polar_inertia(link: RigidInertia, length: float) -> float:
 
     def possible(polar_inertia: float) -> bool:
         share = beam_inertia(0.0, length, polar_inertia)
-        return shortfall(difference(link, share), link) <= allowed
+        return inertia_violation(difference(link, share), link) <= allowed
 
     allowed = _allowed(link)
     return _largest(possible, max(float(link.inertia[0, 0]), 0.0) / length)
 
 
 def _allowed(link: RigidInertia) -> float:
-    """Return the shortfall that a rest may have: what the printed link itself has."""
-    return min(shortfall(link, link) + ROUNDING, TOLERANCE)
+    """Return the inertia_violation that a rest may have: what the printed link itself has."""
+    return min(inertia_violation(link, link) + ROUNDING, TOLERANCE)
 
 
 def _largest(possible: Callable[[float], bool], most: float) -> float:

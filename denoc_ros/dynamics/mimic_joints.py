@@ -1,4 +1,4 @@
-"""Ties of joints: mimic joints follow their leaders."""
+"""Constraints of joints: mimic joints follow their leaders."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def joint_ties(
+def mimic_ties(
     robot: Robot, joints: Sequence[str] | None, held: Mapping[str, float]
 ) -> tuple[Array, Array, tuple[str, ...]]:
     """Return T (all joints, driven) and c (all joints,) of q_all = T q + c, and the driven names.
@@ -31,7 +31,7 @@ def joint_ties(
     driven = tuple(joints) if joints is not None else tuple(free)
     if len(set(driven)) != len(driven) or not set(driven) <= set(free):
         raise StateError(f'driven joints must be different ones of {free}, got {list(driven)}')
-    ties = np.zeros((len(robot.joint_names), len(driven)))
+    constraints = np.zeros((len(robot.joint_names), len(driven)))
     offsets = np.zeros(len(robot.joint_names))
     for row, name in enumerate(robot.joint_names):
         factor, offset, leader = 1.0, 0.0, name
@@ -40,8 +40,8 @@ def joint_ties(
             factor *= mimic.multiplier
             leader = mimic.leader
         if leader in driven:
-            ties[row, driven.index(leader)] = factor
+            constraints[row, driven.index(leader)] = factor
             offsets[row] = offset
         else:
             offsets[row] = factor * held.get(leader, 0.0) + offset
-    return ties, offsets, driven
+    return constraints, offsets, driven
