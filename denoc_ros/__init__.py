@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from denoc_ros.identification.fit import identify_modes as identify_modes
     from denoc_ros.model.suggest.suggestion import suggest_flexibility as suggest_flexibility
     from denoc_ros.replay.bag import replay_bag as replay_bag
+    from denoc_ros.reports.run import report as report
     from denoc_ros.simulation.simulate import simulate as simulate
 
 _HOME = {
@@ -30,6 +31,7 @@ _HOME = {
     'load_robot': 'dynamics.robot',
     'Stepper': 'dynamics.stepper',
     'replay_bag': 'replay.bag',
+    'report': 'reports.run',
     'shape_motion': 'control.shape',
     'simulate': 'simulation.simulate',
     'identify_modes': 'identification.fit',

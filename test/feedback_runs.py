@@ -17,7 +17,7 @@ from denoc_ros.control.planned_states import states_along
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.simulation.trajectories import BookTrajectory, SplineTrajectory
+from denoc_ros.trajectories import BookTrajectory, SplineTrajectory
 
 Array = NDArray[np.float64]
 CANADARM = Path(__file__).parents[1] / 'config/robots/canadarm_gauges.urdf'

@@ -8,11 +8,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from denoc_ros.errors import ConfigError
+from denoc_ros.reports.run_files import EARTH
 
 Value = TypeVar('Value')
-
-EARTH = (0.0, 0.0, -9.81)
-FORMATS = ('.mcap', '.db3', '.csv', '.tsv', '.txt', '.dat', '.mat', '.json')
 
 
 def add_gravity(
@@ -68,15 +66,6 @@ def add_stamp(parser: Any) -> None:
         default='header',
         help="a bag's times: header stamps (default) or when it was recorded",
     )
-
-
-def recording_name(path: Path) -> str:
-    """Return what a recording is called: its name without the suffix of its format.
-
-    A dot in the name of a folder is no suffix: `run_0.55s` is not `run_0`.
-    """
-    name = path.resolve().name
-    return next((name[: -len(end)] for end in FORMATS if name.lower().endswith(end)), name)
 
 
 def unused(path: Path) -> Path:

@@ -34,11 +34,11 @@ def add_bode(parser: argparse.ArgumentParser) -> None:
 def run_bode(args: argparse.Namespace, robot: Robot) -> int:
     """Write the page and say what it says; return the exit status."""
     from denoc_ros.cli.arguments import given_file
-    from denoc_ros.cli.bode_page import page
     from denoc_ros.cli.postures import posture, read_postures
-    from denoc_ros.cli.provenance import named_file, provenance
     from denoc_ros.dynamics.loop_response import loop_response
     from denoc_ros.errors import ConfigError
+    from denoc_ros.reports.bode import page
+    from denoc_ros.reports.provenance import named_file, provenance
 
     pairs = _pairs(args.bode)
     postures = read_postures(robot, args.at) or [posture(robot, [0.0] * len(robot.joint_names))]

@@ -14,7 +14,7 @@ from denoc_ros.cli.arguments import add_gravity
 from denoc_ros.cli.bode import add_bode, run_bode
 from denoc_ros.cli.postures import add_postures, read_postures
 from denoc_ros.cli.suggestion import add_suggestion, check_options, run_suggestion
-from denoc_ros.cli.text_table import Row, cell_text, text_table
+from denoc_ros.reports.text_table import Row, cell_text, text_table
 
 if TYPE_CHECKING:
     from denoc_ros.cli.postures import Posture

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from denoc_ros.cli.batch import FAILURE, Crew, Row, RowStore, run_batch
-from denoc_ros.cli.text_table import text_table
 from denoc_ros.errors import BagError
+from denoc_ros.reports.text_table import text_table
 
 COLUMNS: dict[str, type] = {
     'file': str,

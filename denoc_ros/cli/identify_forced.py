@@ -14,13 +14,13 @@ from denoc_ros.cli.identify_inputs import (
     asked_of,
     channel_of,
 )
-from denoc_ros.cli.text_table import text_table
+from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
-    from denoc_ros.cli.pages import Page, Section
     from denoc_ros.identification.channel import Reading
     from denoc_ros.identification.forced import ForcedModes
     from denoc_ros.identification.records import Record
+    from denoc_ros.reports.pages import Page, Section
 
 Document = dict[str, Any]
 ROW = 2.3  # inches
@@ -58,10 +58,10 @@ def add_actions(actions: Any) -> None:
 def run_forced(args: argparse.Namespace) -> int:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
     from denoc_ros.cli.identify_outputs import give_result
-    from denoc_ros.cli.versions import versions
     from denoc_ros.identification.channel import read_record
     from denoc_ros.identification.forced import fit_forced
     from denoc_ros.identification.modes import strongest
+    from denoc_ros.reports.versions import versions
 
     channel, (band, count) = channel_of(args), asked_of(args)
     response = read_record(args.path, channel)
@@ -134,7 +134,7 @@ def forced_result(
 
 def as_text(document: Mapping[str, Any]) -> str:
     """Return a result's lines for a terminal."""
-    from denoc_ros.cli.identify_outputs import verdict_text
+    from denoc_ros.reports.identify_result import verdict_text
 
     source = document['source']
     lines = [
@@ -163,7 +163,7 @@ def forced_page(
     document: Mapping[str, Any], record: Record, found: ForcedModes, command: str
 ) -> Page:
     """Return the page of modes from torque and response."""
-    from denoc_ros.cli.identify_outputs import mode_cards, modes_found, result_page
+    from denoc_ros.reports.identify_result import mode_cards, modes_found, result_page
 
     explained = f'{100.0 * document["explained"]:.1f} % of the response explained'
     return result_page(
@@ -179,8 +179,8 @@ def forced_page(
 def _response(record: Record, found: ForcedModes) -> Section:
     import numpy as np
 
-    from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
-    from denoc_ros.cli.pages import Section
+    from denoc_ros.reports.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
+    from denoc_ros.reports.pages import Section
 
     inputs = found.measured.shape[1]
     panels = [

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.identify_inputs import add_channel_options, add_recording_options, channel_of
-from denoc_ros.cli.text_table import text_table
 from denoc_ros.errors import ConfigError, IdentificationError
+from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
-    from denoc_ros.cli.pages import Page
     from denoc_ros.identification.channel import Reading
     from denoc_ros.identification.joint import JointFit
     from denoc_ros.identification.records import Record
+    from denoc_ros.reports.pages import Page
 
 Document = dict[str, Any]
 
@@ -53,9 +53,9 @@ def add_actions(actions: Any) -> None:
 def run_joint(args: argparse.Namespace) -> int:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
     from denoc_ros.cli.identify_outputs import give_result
-    from denoc_ros.cli.versions import versions
     from denoc_ros.identification.channel import read_record
     from denoc_ros.identification.joint import fit_joint
+    from denoc_ros.reports.versions import versions
 
     _check(args)
     reading = read_record(args.path, channel_of(args))
@@ -63,7 +63,7 @@ def run_joint(args: argparse.Namespace) -> int:
     document = joint_result(reading, fit, args, versions())
 
     def page() -> Page:
-        from denoc_ros.cli.identify_joint_page import joint_page
+        from denoc_ros.reports.identify_joint import joint_page
 
         return joint_page(document, reading.record, fit, args.command)
 

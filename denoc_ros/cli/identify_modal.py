@@ -20,14 +20,14 @@ from denoc_ros.cli.identify_inputs import (
     joint_values,
     load_named_robot,
 )
-from denoc_ros.cli.text_table import text_table
 from denoc_ros.errors import BagError, DenocError
+from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
-    from denoc_ros.cli.pages import Page
     from denoc_ros.identification.analysis import DecayAnalysis
     from denoc_ros.identification.channel import Reading
     from denoc_ros.identification.damping import Assigned
+    from denoc_ros.reports.pages import Page
 
 Document = dict[str, Any]
 
@@ -73,7 +73,7 @@ def run_modal(args: argparse.Namespace) -> int:
     document, analysis = identify(args, paths[0])
 
     def page() -> Page:
-        from denoc_ros.cli.identify_page import decay_page
+        from denoc_ros.reports.identify_modal import decay_page
 
         return decay_page(document, analysis, args.command)
 
@@ -105,12 +105,12 @@ def identify(args: argparse.Namespace, path: Path) -> tuple[Document, DecayAnaly
     """Return the result for one recording, ready for a file, and the analysis it is from."""
     import math
 
-    from denoc_ros.cli.versions import versions
     from denoc_ros.identification.analysis import analyse_decay
     from denoc_ros.identification.channel import read_record
     from denoc_ros.identification.modes import strongest
     from denoc_ros.identification.result import modal_result
     from denoc_ros.identification.windows import standing_spans
+    from denoc_ros.reports.versions import versions
 
     channel, (band, count) = channel_of(args), asked_of(args)
     reading = read_record(path, channel)
@@ -126,7 +126,7 @@ def identify(args: argparse.Namespace, path: Path) -> tuple[Document, DecayAnaly
 
 def as_text(document: Mapping[str, Any]) -> str:
     """Return a result's lines for a terminal."""
-    from denoc_ros.cli.identify_outputs import interval_text, verdict_text
+    from denoc_ros.reports.identify_result import interval_text, verdict_text
 
     source, window, quality = document['source'], document['window'], document['quality']
     signal = ' '.join(filter(None, (source['topic'], source['field'], source['quantity'])))

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.identify_inputs import add_channel_options, channel_of
-from denoc_ros.cli.text_table import Row, text_table
 from denoc_ros.errors import BagError, DenocError
+from denoc_ros.reports.text_table import Row, text_table
 
 if TYPE_CHECKING:
     from denoc_ros.identification.channel import Channel

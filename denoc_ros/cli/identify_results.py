@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from denoc_ros.cli.identify_inputs import add_robot_options, joint_values, load_named_robot
-from denoc_ros.cli.text_table import text_table
 from denoc_ros.errors import BagError, IdentificationError
+from denoc_ros.reports.text_table import text_table
 
 Document = dict[str, Any]
 DOUBTFUL = 2

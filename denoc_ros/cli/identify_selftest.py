@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.batch import FAILURE, add_crew_options, crew_of, run_batch
-from denoc_ros.cli.text_table import text_table
 from denoc_ros.errors import IdentificationError
+from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
     from denoc_ros.identification.selftest import Job, Outcome

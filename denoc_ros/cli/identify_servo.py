@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import add_stamp
 from denoc_ros.cli.identify_inputs import add_recording_options
-from denoc_ros.cli.text_table import text_table
 from denoc_ros.errors import ConfigError, IdentificationError
+from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
     from denoc_ros.bags.series import JointSeries
-    from denoc_ros.cli.commands_in_bags import Commands
-    from denoc_ros.cli.pages import Page
+    from denoc_ros.identification.commands import Commands
     from denoc_ros.identification.records import Floats
     from denoc_ros.identification.servo import ServoFit
+    from denoc_ros.reports.pages import Page
 
 Document = dict[str, Any]
 
@@ -54,8 +54,8 @@ def add_actions(actions: Any) -> None:
 def run_servo(args: argparse.Namespace) -> int:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
     from denoc_ros.bags.series import read_joint_states
-    from denoc_ros.cli.commands_in_bags import read_commands
     from denoc_ros.cli.identify_outputs import give_result
+    from denoc_ros.identification.commands import read_commands
 
     if not args.begin < args.end:
         raise ConfigError('identify servo', [f'--begin must be < --end, got {args.begin:g}'])
@@ -73,7 +73,7 @@ def run_servo(args: argparse.Namespace) -> int:
     document = servo_result(args, fits, t)
 
     def page() -> Page:
-        from denoc_ros.cli.identify_servo_page import servo_page
+        from denoc_ros.reports.identify_servo import servo_page
 
         return servo_page(document, fits, curves, args.command)
 
@@ -139,9 +139,9 @@ def _fit(name: str, t: Floats, told: Floats, was: Floats) -> ServoFit | str:
 def servo_result(args: argparse.Namespace, fits: list[ServoFit | str], t: Floats) -> Document:
     """Return all that is kept of an identification of servos."""
     from denoc_ros.bags.digest import file_hash
-    from denoc_ros.cli.versions import versions
     from denoc_ros.identification.modes import NOT_IDENTIFIABLE, worst
     from denoc_ros.identification.result import plain
+    from denoc_ros.reports.versions import versions
 
     found = [fit for fit in fits if not isinstance(fit, str)]
     joints = {

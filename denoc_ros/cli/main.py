@@ -83,7 +83,7 @@ def _execute(arguments: list[str], is_process: bool) -> int:
         args = build_parser(arguments).parse_args(arguments)
     except SystemExit as stop:
         return int(stop.code or 0)
-    from denoc_ros.cli.provenance import command_line
+    from denoc_ros.reports.provenance import command_line
 
     args.command, args.is_process = command_line(arguments), is_process
     _show_log()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from denoc_ros.errors import ConfigError
 
 if TYPE_CHECKING:
-    from denoc_ros.simulation.trajectories import Trajectory
+    from denoc_ros.trajectories import Trajectory
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from denoc_ros.cli.arguments import EARTH
 from denoc_ros.errors import BagError, ConfigError
+from denoc_ros.reports.run_files import EARTH
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -76,8 +76,8 @@ def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
     BagError, ConfigError, ModelError
         The run cannot be read, or not with this robot.
     """
-    from denoc_ros.cli.report import find_bag, read_session
     from denoc_ros.dynamics.robot import load_robot
+    from denoc_ros.reports.run_files import find_bag, read_session
     from denoc_ros.viewer.recorded import RecordedRun
 
     if not args.start < args.end:

@@ -11,19 +11,18 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import (
-    EARTH,
     add_gravity,
     add_stamp,
     add_times,
     named_values,
-    recording_name,
     require,
     times_findings,
     unused,
 )
 from denoc_ros.cli.overrides import add_overrides, overrides_of
-from denoc_ros.cli.text_table import Row, text_table
 from denoc_ros.errors import BagError
+from denoc_ros.reports.run_files import EARTH, recording_name
+from denoc_ros.reports.text_table import Row, text_table
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -125,12 +124,12 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
     from denoc_ros.cli.progress import share_bar
-    from denoc_ros.cli.provenance import named_file, named_text, provenance
-    from denoc_ros.cli.replay_page import page
-    from denoc_ros.cli.report import find_bag, read_session
     from denoc_ros.replay.bag import replay_bag
     from denoc_ros.replay.settings import ReplaySettings
     from denoc_ros.replay.summary import summarize
+    from denoc_ros.reports.provenance import named_file, named_text, provenance
+    from denoc_ros.reports.replay import page
+    from denoc_ros.reports.run_files import find_bag, read_session
 
     settings = ReplaySettings(
         topic=args.topic,

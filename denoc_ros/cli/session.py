@@ -17,7 +17,7 @@ from denoc_ros.cli.shaped_phases import motion_of
 if TYPE_CHECKING:
     from denoc_ros.control.plan import Plan
     from denoc_ros.nodes.driver import Driver
-    from denoc_ros.simulation.trajectories import Trajectory
+    from denoc_ros.trajectories import Trajectory
 
 START_TIMEOUT = 120.0  # s until active: a cold kernel cache compiles on a slow machine
 LEAD = 0.6  # s from publishing a reference to its start

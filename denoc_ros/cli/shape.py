@@ -174,9 +174,9 @@ def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, A
 
 def _robot(args: argparse.Namespace, values: Mapping[str, Any]) -> Robot:
     """Return the robot with gravity and model of the command line, else of the motion's file."""
-    from denoc_ros.cli.arguments import EARTH
     from denoc_ros.cli.config import flatten
     from denoc_ros.dynamics.robot import load_robot
+    from denoc_ros.reports.run_files import EARTH
 
     file = given_file(args.robot, 'robot')
     robot = load_robot(file, gravity=args.gravity or values.get('gravity', EARTH))
@@ -219,11 +219,13 @@ def _page(
     tip: str | list[str] | None,
 ) -> dict[str, Any]:
     """Write the page; return what it adds to the summary."""
-    from denoc_ros.cli.provenance import named_file, provenance
-    from denoc_ros.cli.shape_page import page
-    from denoc_ros.cli.shape_runs import compare
+    from denoc_ros.cli.progress import share_bar
+    from denoc_ros.reports.provenance import named_file, provenance
+    from denoc_ros.reports.shape import page
+    from denoc_ros.reports.shape_comparison import compare
 
-    found = compare(robot, plan, motion, tip, quiet=args.json)
+    with share_bar(quiet=args.json) as bar:
+        found = compare(robot, plan, motion, tip, bar.update)
     made = provenance(
         args.command,
         {
@@ -236,7 +238,7 @@ def _page(
 
 
 def _print(summary: Mapping[str, Any]) -> None:
-    from denoc_ros.cli.pages import engineering
+    from denoc_ros.reports.pages import engineering
 
     print(
         f'{summary["output"]}: {summary["rows"]} rows from {summary["begins_s"]:.4g} to '

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from denoc_ros.cli.config import Phase, SessionConfig
     from denoc_ros.control.plan import Plan
     from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.simulation.trajectories import SplineTrajectory, Trajectory
+    from denoc_ros.trajectories import SplineTrajectory, Trajectory
 
 ASKED_STEP = 0.01  # s between the points of the motion that is asked for
 
@@ -72,7 +72,7 @@ def plans_of(
 
 def motion_of(plan: Plan, joints: Sequence[str]) -> SplineTrajectory:
     """Return what joints do in a plan, from its first row on."""
-    from denoc_ros.simulation.trajectories import SplineTrajectory
+    from denoc_ros.trajectories import SplineTrajectory
 
     columns = [plan.coordinate_names.index(joint) for joint in joints]
     return SplineTrajectory(

@@ -80,9 +80,9 @@ def run(args: argparse.Namespace) -> int:
         write_run(result, robot, args.output, description, scenario.reference, bar.update, session)
     summary = {'output': str(args.output), **summarize(robot, result)}
     if args.report:
-        from denoc_ros.cli.report import make_report
+        from denoc_ros.cli.report import write_report
 
-        args.report.write_text(make_report(args.output, args.command)[0], encoding='utf-8')
+        write_report(args.output, args.report, args.command)
         summary['report'] = str(args.report)
     if args.json:
         print(json.dumps(summary, indent=2))
@@ -95,9 +95,9 @@ def session_of(
     args: argparse.Namespace, robot: Robot, scenario: Scenario, result: Run
 ) -> dict[str, Any]:
     """Return what a run was, ready for JSON, so that its bag alone tells it."""
-    from denoc_ros.cli.provenance import named_file
-    from denoc_ros.cli.report import SIMULATED
-    from denoc_ros.cli.versions import versions
+    from denoc_ros.reports.provenance import named_file
+    from denoc_ros.reports.run_files import SIMULATED
+    from denoc_ros.reports.versions import versions
 
     return {
         'kind': SIMULATED,

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.text_table import Row, cell_text, text_table
+from denoc_ros.reports.text_table import Row, cell_text, text_table
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot

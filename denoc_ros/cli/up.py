@@ -287,7 +287,7 @@ def _require_ros() -> None:
 def _write_session(
     folder: Path, config: SessionConfig, environment: dict[str, str], command: str
 ) -> None:
-    from denoc_ros.cli.versions import versions
+    from denoc_ros.reports.versions import versions
 
     session = {
         'name': config.path.stem,
@@ -307,20 +307,19 @@ def _conclude(
     config: SessionConfig, folder: Path, shares: dict[str, float], progress: Progress
 ) -> dict[str, Any]:
     """Write summary.json and, where there is a recording, the report; return the summary."""
-    from denoc_ros.cli.report import make_report
+    from denoc_ros.cli.report import write_report
 
     summary: dict[str, Any] = {'phases': {}, 'loops': {}}
     if config.record:
         with progress.step('writing the report'):
-            page, summary = make_report(folder)
-        (folder / 'report.html').write_text(page, encoding='utf-8')
+            summary = write_report(folder, folder / 'report.html')
     summary = {'run': str(folder), **summary, 'processor_share': shares}
     (folder / 'summary.json').write_text(json.dumps(summary, indent=2, allow_nan=False))
     return summary
 
 
 def _print_summary(summary: dict[str, Any], folder: Path) -> None:
-    from denoc_ros.cli.summary import summary_lines
+    from denoc_ros.reports.summary import summary_lines
 
     for line in summary_lines(summary):
         print(line)

@@ -11,9 +11,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from denoc_ros.cli.arguments import EARTH, add_gravity
+from denoc_ros.cli.arguments import add_gravity
 from denoc_ros.cli.film import add_film_options, wants_pictures, write_pictures
 from denoc_ros.cli.recorded_run import add_run_options, open_run
+from denoc_ros.reports.run_files import EARTH
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot

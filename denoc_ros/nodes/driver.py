@@ -23,7 +23,7 @@ from denoc_ros.errors import DenocError
 from denoc_ros.nodes.base import COMMAND, LATCHED
 from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.nodes.without_events import WithoutEvents
-from denoc_ros.simulation.trajectories import Trajectory
+from denoc_ros.trajectories import Trajectory
 
 ASKED_TOPIC = '/up/asked'  # the motion that a reference was shaped from
 REFERENCE_STEP = 0.05  # s; the quintics between such points are exact to 1e-9 rad

@@ -16,7 +16,7 @@ from denoc_ros.control.planned_states import state_at, states_along
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.simulation.trajectories import SplineTrajectory
+from denoc_ros.trajectories import SplineTrajectory
 
 Array = NDArray[np.float64]
 

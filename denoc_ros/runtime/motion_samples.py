@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.runtime.conversions import InputError
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
-from denoc_ros.simulation.trajectories import SplineTrajectory
+from denoc_ros.trajectories import SplineTrajectory
 
 Array = NDArray[np.float64]
 LONGEST_STEP = 0.01  # s between samples that are planned from

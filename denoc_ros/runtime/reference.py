@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from denoc_ros.runtime.conversions import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
-from denoc_ros.simulation.trajectories import SplineTrajectory
+from denoc_ros.trajectories import SplineTrajectory
 
 Array = NDArray[np.float64]
 MOST_COMING = 64  # trajectories that wait for their start

@@ -1,1 +1,1 @@
-"""Simulation: integrators over the dynamics, trajectories, scenarios and runs."""
+"""Simulation: integrators over the dynamics, scenarios and runs."""

@@ -19,7 +19,7 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.simulation.motion import mimic_ties
 from denoc_ros.simulation.run import Run
-from denoc_ros.simulation.trajectories import Trajectory
+from denoc_ros.trajectories import Trajectory
 
 Array = NDArray[np.float64]
 

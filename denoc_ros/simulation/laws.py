@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.simulation.motion import Torque
-from denoc_ros.simulation.trajectories import Trajectory
+from denoc_ros.trajectories import Trajectory
 
 Array = NDArray[np.float64]
 

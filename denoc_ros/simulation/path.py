@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
-from denoc_ros.simulation.trajectories import SplineTrajectory
+from denoc_ros.trajectories import SplineTrajectory
 
 Array = NDArray[np.float64]
 

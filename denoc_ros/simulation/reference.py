@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.simulation.trajectories import (
+from denoc_ros.trajectories import (
     BookTrajectory,
     SineTrajectory,
     SplineTrajectory,

@@ -16,7 +16,7 @@ from denoc_ros.simulation.run import Run
 from denoc_ros.simulation.scenario_driver import Driver
 from denoc_ros.simulation.scenario_reader import ScenarioReader
 from denoc_ros.simulation.simulate import METHODS, simulate
-from denoc_ros.simulation.trajectories import Trajectory
+from denoc_ros.trajectories import Trajectory
 
 Array = NDArray[np.float64]
 

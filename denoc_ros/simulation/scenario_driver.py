@@ -21,7 +21,7 @@ from denoc_ros.simulation.laws import (
 from denoc_ros.simulation.motion import Torque, mimic_ties
 from denoc_ros.simulation.path import Circle, follow
 from denoc_ros.simulation.scenario_reader import ScenarioReader, is_number
-from denoc_ros.simulation.trajectories import Trajectory
+from denoc_ros.trajectories import Trajectory
 
 TORQUE_KINDS = ('zero', 'step', 'rigid_inverse_dynamics')
 TABLE_KINDS = ('hold', 'linear')

@@ -8,7 +8,7 @@ from typing import Any
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.simulation.reference import trajectory_from_config
-from denoc_ros.simulation.trajectories import Trajectory
+from denoc_ros.trajectories import Trajectory
 
 
 class ScenarioReader:

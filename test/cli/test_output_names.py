@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from denoc_ros.cli.arguments import recording_name, unused
+from denoc_ros.cli.arguments import unused
 from denoc_ros.cli.main import main
 from denoc_ros.cli.replay import _default_output
 from denoc_ros.cli.report import default_output
+from denoc_ros.reports.run_files import recording_name
 
 
 def test_recordings_with_dots_in_their_names_have_names_of_their_own() -> None:

@@ -12,10 +12,10 @@ import pytest
 from page_look import require_one_look
 
 from denoc_ros.bags.writer import BagWriter
-from denoc_ros.cli.figures import scale_of, thin
 from denoc_ros.cli.main import main
-from denoc_ros.cli.pages import engineering
-from denoc_ros.cli.report import make_report
+from denoc_ros.reports.figures import scale_of, thin
+from denoc_ros.reports.pages import engineering
+from denoc_ros.reports.run import report
 
 # what test/cli/conftest.py puts in, as rms of a sine
 TRACKING = {'rigid': 0.02, 'flexible': 0.001}
@@ -25,7 +25,7 @@ Maker = Callable[[], Path]
 
 
 def test_known_errors_come_out(recorded_run: Maker) -> None:
-    _, summary = make_report(recorded_run())
+    summary = report(recorded_run()).summary
     for name, amplitude in TRACKING.items():
         phase = summary['phases'][name]
         # the reference is quadratic: its spline is exact, the stamps are whole nanoseconds
@@ -77,7 +77,7 @@ def test_names_of_topics_and_joints_are_escaped(tmp_path: Path) -> None:
         for k in range(3):
             name = ['<script>alert(1)</script>']
             bag.write_message('/joint_states', 10**9 + k * 10**7, name=name, position=[0.1 * k])
-    page, _ = make_report(tmp_path / 'odd.mcap')
+    page = report(tmp_path / 'odd.mcap').html()
     assert '<script' not in page
 
 

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 import denoc_ros as dn
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.config import SessionConfig, load_config
-from denoc_ros.cli.measures import measure, summarize
-from denoc_ros.cli.recording import Recording
 from denoc_ros.cli.shaped_phases import motion_of, plans_of, started_on_the_plan
 from denoc_ros.control.plan import Plan
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
+from denoc_ros.reports.measures import measure, summarize
+from denoc_ros.reports.recording import Recording
 from denoc_ros.simulation.reference import trajectory_from_config
-from denoc_ros.simulation.trajectories import Trajectory
+from denoc_ros.trajectories import Trajectory
 
 ROOT = Path(__file__).resolve().parents[2]
 JOINTS = ['joint_1', 'joint_2']

@@ -15,7 +15,7 @@ from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.handle import DAMPING, FRICTION
 from denoc_ros.model.arrays import SLIP_RATE
-from denoc_ros.simulation.trajectories import BookTrajectory
+from denoc_ros.trajectories import BookTrajectory
 
 LINK = """
 <link name="{link}"><inertial><origin xyz="1 0 0"/><mass value="6"/>

@@ -21,7 +21,7 @@ from denoc_ros.estimation.fusion import WAITING, FusionSettings, sensor_rows
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.simulation.run import Run
-from denoc_ros.simulation.trajectories import BookTrajectory
+from denoc_ros.trajectories import BookTrajectory
 
 Array = NDArray[np.float64]
 

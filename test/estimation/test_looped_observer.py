@@ -14,7 +14,7 @@ from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
-from denoc_ros.simulation.trajectories import SineTrajectory
+from denoc_ros.trajectories import SineTrajectory
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from denoc_ros.bags.digest import file_hash
-from denoc_ros.cli.versions import versions
+from denoc_ros.reports.versions import versions
 
 MACHINE = ('system', 'processors')
 

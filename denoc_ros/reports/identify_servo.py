@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from denoc_ros.cli.figures import (
+from denoc_ros.identification.records import Floats
+from denoc_ros.identification.servo import ServoFit
+from denoc_ros.reports.figures import (
     DIFFERENCE_COLOUR,
     PHASE_COLOURS,
     TRUTH_COLOUR,
@@ -13,10 +15,8 @@ from denoc_ros.cli.figures import (
     Panel,
     line_figure,
 )
-from denoc_ros.cli.identify_outputs import SHOWN, interval_text, result_page
-from denoc_ros.cli.pages import Card, Page, Section, Table, engineering
-from denoc_ros.identification.records import Floats
-from denoc_ros.identification.servo import ServoFit
+from denoc_ros.reports.identify_result import SHOWN, interval_text, result_page
+from denoc_ros.reports.pages import Card, Page, Section, Table, engineering
 
 ROW = 2.3  # inches
 Curves = Sequence[tuple[Floats, Floats, Floats]]  # times, told, measured

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from denoc_ros.cli.pages import engineering
+from denoc_ros.reports.pages import engineering
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
@@ -14,7 +14,7 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     Parameters
     ----------
     summary : mapping
-        As `denoc_ros.cli.report.make_report` returns it.
+        Of :class:`denoc_ros.reports.run.Report`.
     """
     phases = summary['phases']
     for name, phase in phases.items():

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.cli.progress import share_bar
 from denoc_ros.control.carried_out import CarriedOut, DrivenMotion, carry_out, planned
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.shape import tip_frames
@@ -169,7 +168,7 @@ def compare(
     plan: Plan,
     motion: tuple[Array, Array],
     tip: str | Sequence[str] | None,
-    quiet: bool = True,
+    progress: Callable[[float], object] | None = None,
 ) -> Comparison:
     """Return what a plan does beside the motion that it was made of.
 
@@ -181,22 +180,22 @@ def compare(
         Times and joints that were asked for.
     tip : str or sequence of str, optional
         The frames that matter; the first is looked at.
-    quiet : bool
-        No progress bar.
+    progress : callable, optional
+        Called with each further share of the work; they add up to 1.
     """
     frame = tip_frames(robot, tip)[0]
     judge = _Judge(robot, plan, motion, frame)
     others = variations(robot)
-    with share_bar(quiet) as bar:
-        share = 1.0 / (1 + len(others))
-        plain, shaped = (judge.track(robot, which) for which in (False, True))
-        bar.update(share)
-        found = []
-        for name, changes in others.items():
-            other = robot.with_overrides(changes)
-            tracked = (judge.track(other, which) for which in (False, True))
-            found.append(Variation(name, *tracked))
-            bar.update(share)
+    done = progress or (lambda _share: None)
+    share = 1.0 / (1 + len(others))
+    plain, shaped = (judge.track(robot, which) for which in (False, True))
+    done(share)
+    found = []
+    for name, changes in others.items():
+        other = robot.with_overrides(changes)
+        tracked = (judge.track(other, which) for which in (False, True))
+        found.append(Variation(name, *tracked))
+        done(share)
     return Comparison(plan, frame, judge.asked(plan.t)[0], plain, shaped, tuple(found))
 
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from denoc_ros.cli.figures import DIFFERENCE_COLOUR, PHASE_COLOURS, Curve, Panel, line_figure
-from denoc_ros.cli.pages import Card, Page, Section, Table, Verdict, engineering
-from denoc_ros.cli.sections import Units
-from denoc_ros.cli.shape_runs import Comparison, Tracked
 from denoc_ros.model.tree import Tree
+from denoc_ros.reports.figures import DIFFERENCE_COLOUR, PHASE_COLOURS, Curve, Panel, line_figure
+from denoc_ros.reports.pages import Card, Page, Section, Table, Verdict, engineering
+from denoc_ros.reports.sections import Units
+from denoc_ros.reports.shape_comparison import Comparison, Tracked
 
 TITLES = {'tip': 'The tip goes where it should'}
 PLAIN, SHAPED = 'as it was asked for', 'as it was planned'

@@ -11,8 +11,8 @@ from page_look import VISIBLE, contrast
 from playwright.sync_api import Browser
 from playwright.sync_api import Page as Tab
 
-from denoc_ros.cli.figures import PHASE_COLOURS, Curve, Panel, line_figure
-from denoc_ros.cli.pages import Card, Page, Section, Table, Verdict
+from denoc_ros.reports.figures import PHASE_COLOURS, Curve, Panel, line_figure
+from denoc_ros.reports.pages import Card, Page, Section, Table, Verdict
 
 WIDTHS = (360, 420, 768, 1200)  # pixels: phones, a tablet, a desk
 LEGIBLE = 8.0  # pixels of type

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from denoc_ros.cli.measures import LoopMeasure
+from denoc_ros.reports.measures import LoopMeasure
 
 Array = NDArray[np.float64]
 

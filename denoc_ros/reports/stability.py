@@ -8,8 +8,15 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Figure, Panel, line_figure
-from denoc_ros.cli.pages import Card, Page, Section, Table, Verdict, engineering
+from denoc_ros.reports.figures import (
+    PHASE_COLOURS,
+    TRUTH_COLOUR,
+    Curve,
+    Figure,
+    Panel,
+    line_figure,
+)
+from denoc_ros.reports.pages import Card, Page, Section, Table, Verdict, engineering
 from denoc_ros.simulation.scenario import Scenario
 from denoc_ros.simulation.stability import (
     ACCEPTED_DEVIATION,

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
-from denoc_ros.cli.pages import UNKNOWN, Card, Page, Section, Table, Verdict, engineering
 from denoc_ros.dynamics.loop_response import LoopResponse, Swing
+from denoc_ros.reports.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
+from denoc_ros.reports.pages import UNKNOWN, Card, Page, Section, Table, Verdict, engineering
 
 Pair = tuple[str, str]
 Places = Mapping[str, LoopResponse]

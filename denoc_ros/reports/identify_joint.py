@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.cli.figures import (
+from denoc_ros.identification.joint import FrictionModel, JointFit
+from denoc_ros.identification.records import Record
+from denoc_ros.identification.swing import swing_angles
+from denoc_ros.reports.figures import (
     DIFFERENCE_COLOUR,
     PHASE_COLOURS,
     TRUTH_COLOUR,
@@ -15,12 +18,9 @@ from denoc_ros.cli.figures import (
     Panel,
     line_figure,
 )
-from denoc_ros.cli.identify_outputs import interval_text, result_page
-from denoc_ros.cli.pages import Card, Page, Section, Table, engineering
-from denoc_ros.cli.text_table import cell_text
-from denoc_ros.identification.joint import FrictionModel, JointFit
-from denoc_ros.identification.records import Record
-from denoc_ros.identification.swing import swing_angles
+from denoc_ros.reports.identify_result import interval_text, result_page
+from denoc_ros.reports.pages import Card, Page, Section, Table, engineering
+from denoc_ros.reports.text_table import cell_text
 
 ROW = 2.3  # inches
 

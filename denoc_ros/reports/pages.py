@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-    from denoc_ros.cli.figures import Figure
+    from denoc_ros.reports.figures import Figure
 
 Tone = Literal['good', 'doubtful', 'bad']
 
@@ -71,7 +71,7 @@ class Page:
     sections : sequence of Section or None
         In reading order; None is left out.
     provenance : mapping
-        What it was made from and with, as `denoc_ros.cli.provenance.provenance` says it.
+        What it was made from and with, as `denoc_ros.reports.provenance.provenance` says it.
     """
 
     title: str
@@ -86,7 +86,7 @@ class Page:
         from jinja2 import Environment, PackageLoader
 
         environment = Environment(
-            loader=PackageLoader('denoc_ros.cli', 'templates'),
+            loader=PackageLoader('denoc_ros.reports', 'templates'),
             autoescape=True,
             trim_blocks=True,
             lstrip_blocks=True,

@@ -8,17 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.cli.figures import (
-    DIFFERENCE_COLOUR,
-    PHASE_COLOURS,
-    TRUTH_COLOUR,
-    Curve,
-    Panel,
-    line_figure,
-)
-from denoc_ros.cli.identify_outputs import mode_cards, modes_found, result_page
-from denoc_ros.cli.pages import Page, Section, Table, engineering
-from denoc_ros.cli.text_table import cell_text
 from denoc_ros.identification.analysis import (
     DecayAnalysis,
     held_out,
@@ -26,6 +15,17 @@ from denoc_ros.identification.analysis import (
     residual_spectrum,
 )
 from denoc_ros.identification.spectra import SpectralDecay, waterfall
+from denoc_ros.reports.figures import (
+    DIFFERENCE_COLOUR,
+    PHASE_COLOURS,
+    TRUTH_COLOUR,
+    Curve,
+    Panel,
+    line_figure,
+)
+from denoc_ros.reports.identify_result import mode_cards, modes_found, result_page
+from denoc_ros.reports.pages import Page, Section, Table, engineering
+from denoc_ros.reports.text_table import cell_text
 
 Array = NDArray[np.float64]
 

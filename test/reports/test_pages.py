@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from page_look import contrast, require_one_look
 
 from denoc_ros.cli.main import main
-from denoc_ros.cli.pages import Card, Page, Section, Table, Verdict
-from denoc_ros.cli.provenance import command_line
-from denoc_ros.cli.report import make_report
+from denoc_ros.reports.pages import Card, Page, Section, Table, Verdict
+from denoc_ros.reports.provenance import command_line
+from denoc_ros.reports.run import report
 
 Array = NDArray[Any]
 
@@ -53,7 +53,7 @@ def test_simulation_conserves_what_its_page_says(repository: Path, tmp_path: Pat
     for heading in ('Joint motion', 'Torque', 'Energy'):
         assert f'<h2>{heading}</h2>' in page
     assert 'denoc simulate rigid_pendulum.urdf fall.yaml -o run.mcap --report run.html' in page
-    _, summary = make_report(tmp_path / 'run.mcap')
+    summary = report(tmp_path / 'run.mcap').summary
     found = summary['simulated']
     # nothing is lost by a pendulum without friction: the integrator's tolerance of 1e-8 per step;
     # with another gravity, or without the payload of the run, the total energy would change

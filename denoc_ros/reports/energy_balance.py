@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.cli.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
-from denoc_ros.cli.pages import Card, Section, Verdict, engineering
-from denoc_ros.cli.recording import Recording
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.reports.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
+from denoc_ros.reports.pages import Card, Section, Verdict, engineering
+from denoc_ros.reports.recording import Recording
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ SMALLEST = 1e-17  # what an error of zero is drawn as
 
 
 @dataclass(frozen=True)
-class Balance:
+class EnergyBalance:
     """Energies and closure of a simulated run.
 
     Attributes
@@ -67,7 +67,7 @@ class Balance:
         }
 
 
-def balance(recording: Recording, robot: Robot) -> Balance | None:
+def energy_balance(recording: Recording, robot: Robot) -> EnergyBalance | None:
     """Return the energies of a simulated run; None where it does not have the robot's states.
 
     Parameters
@@ -86,7 +86,7 @@ def balance(recording: Recording, robot: Robot) -> Balance | None:
     qd = np.ascontiguousarray(rates.select(names).values)
     kinetic, potential = robot.energy(q, qd).T
     closure = np.max(np.abs(robot.closure(q)), axis=1) if robot.tree.loops else None
-    return Balance(state.t, kinetic, potential, _work(recording), closure)
+    return EnergyBalance(state.t, kinetic, potential, _work(recording), closure)
 
 
 def _work(recording: Recording) -> Array | None:
@@ -99,12 +99,12 @@ def _work(recording: Recording) -> Array | None:
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
-def verdict(found: Balance, said: Sequence[str]) -> Verdict:
+def verdict(found: EnergyBalance, said: Sequence[str]) -> Verdict:
     """Return a simulation in one sentence; loops that open make it doubtful.
 
     Parameters
     ----------
-    found : Balance
+    found : EnergyBalance
         Of the run.
     said : sequence of str
         What else it shows, in words.
@@ -117,7 +117,7 @@ def verdict(found: Balance, said: Sequence[str]) -> Verdict:
     return Verdict(f'{"; ".join(parts)}.', 'good' if closed else 'doubtful')
 
 
-def cards(found: Balance) -> list[Card]:
+def cards(found: EnergyBalance) -> list[Card]:
     """Return the figures of merit of a simulation."""
     shown = [
         Card('Largest kinetic energy', engineering(float(np.max(found.kinetic)), 'J')),
@@ -132,7 +132,7 @@ def cards(found: Balance) -> list[Card]:
     return shown
 
 
-def sections(found: Balance) -> Sequence[Section]:
+def sections(found: EnergyBalance) -> Sequence[Section]:
     """Return the sections on energy, and on loops where there are any."""
     curves = [
         Curve('kinetic', PHASE_COLOURS[0], found.t, found.kinetic),

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from denoc_ros.cli.arguments import recording_name
-from denoc_ros.cli.figures import (
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.replay.bag import MEASURED, Replay
+from denoc_ros.replay.friction import TERMS
+from denoc_ros.reports.figures import (
     DIFFERENCE_COLOUR,
     PHASE_COLOURS,
     TRUTH_COLOUR,
@@ -14,12 +16,10 @@ from denoc_ros.cli.figures import (
     Panel,
     line_figure,
 )
-from denoc_ros.cli.pages import UNKNOWN, Card, Page, Section, Table, Verdict, engineering
-from denoc_ros.cli.sections import Units
-from denoc_ros.cli.text_table import cell_text
-from denoc_ros.dynamics.robot import Robot
-from denoc_ros.replay.bag import MEASURED, Replay
-from denoc_ros.replay.friction import TERMS
+from denoc_ros.reports.pages import UNKNOWN, Card, Page, Section, Table, Verdict, engineering
+from denoc_ros.reports.run_files import recording_name
+from denoc_ros.reports.sections import Units
+from denoc_ros.reports.text_table import cell_text
 
 Look = tuple[str, bool]  # colour, dashed
 Summary = Mapping[str, Any]

@@ -12,8 +12,8 @@ from markupsafe import Markup
 from denoc_ros.errors import DenocError
 
 if TYPE_CHECKING:
-    from denoc_ros.cli.pages import Section
     from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.reports.pages import Section
 
 SIZE = (1200, 640)  # pixels, at most
 RATE = 20.0  # Hz, of the moments that are read: few are shown
@@ -22,7 +22,7 @@ COUNT = 6
 
 def moments(bag: Path, robot: Robot | None) -> Section | None:
     """Return the section, None where the bag does not show how the robot stood."""
-    from denoc_ros.cli.pages import Section
+    from denoc_ros.reports.pages import Section
     from denoc_ros.viewer.film import Look, strip_image
     from denoc_ros.viewer.recorded import RecordedRun
 

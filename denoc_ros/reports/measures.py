@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.bags.series import Diagnostic
-from denoc_ros.cli.recording import ASKED_TOPICS, Interval, Recording, Series
 from denoc_ros.errors import SolverError
-from denoc_ros.simulation.trajectories import SplineTrajectory
+from denoc_ros.reports.recording import ASKED_TOPICS, Interval, Recording, Series
+from denoc_ros.trajectories import SplineTrajectory
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from denoc_ros.cli.figures import (
+from denoc_ros.model.tree import JointKind
+from denoc_ros.reports.figures import (
     DIFFERENCE_COLOUR,
     PHASE_COLOURS,
     TRUTH_COLOUR,
@@ -17,15 +18,14 @@ from denoc_ros.cli.figures import (
     histogram_figure,
     line_figure,
 )
-from denoc_ros.cli.measures import LoopMeasure, PhaseMeasures, deflection_error, peak, rms
-from denoc_ros.cli.pages import UNKNOWN, Card, Section, Table, Verdict, engineering
-from denoc_ros.model.tree import JointKind
+from denoc_ros.reports.measures import LoopMeasure, PhaseMeasures, deflection_error, peak, rms
+from denoc_ros.reports.pages import UNKNOWN, Card, Section, Table, Verdict, engineering
 
 if TYPE_CHECKING:
     from denoc_ros.bags.series import Diagnostic
-    from denoc_ros.cli.measures import Deflection
-    from denoc_ros.cli.recording import Recording, Series
     from denoc_ros.model.tree import Tree
+    from denoc_ros.reports.measures import Deflection
+    from denoc_ros.reports.recording import Recording, Series
 
 HIDDEN_KEYS = ('histogram_edges', 'histogram_counts')
 

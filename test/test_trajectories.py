@@ -9,7 +9,7 @@ import pytest
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.simulation.reference import trajectory_from_config
-from denoc_ros.simulation.trajectories import BookTrajectory, SplineTrajectory, Trajectory
+from denoc_ros.trajectories import BookTrajectory, SplineTrajectory, Trajectory
 
 JOINTS = ('a', 'b')
 KINDS: dict[str, dict[str, Any]] = {

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.bags.reader import BagMessage, Stamp, read_bag
 from denoc_ros.errors import BagError
-from denoc_ros.simulation.trajectories import SplineTrajectory
+from denoc_ros.trajectories import SplineTrajectory
 
 Array = NDArray[np.float64]
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'

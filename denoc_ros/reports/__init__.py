@@ -1,0 +1,1 @@
+"""Pages, figures and numbers of runs: called from Python, no command line."""

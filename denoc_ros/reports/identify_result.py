@@ -1,0 +1,114 @@
+"""What pages of `denoc identify` share: the verdict, the modes, where the record is from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from denoc_ros.reports.pages import Card, Page, Section, Table, Tone, Verdict
+from denoc_ros.reports.provenance import provenance
+from denoc_ros.reports.text_table import cell_text
+
+TONES: Mapping[str, Tone] = {'good': 'good', 'doubtful': 'doubtful', 'not identifiable': 'bad'}
+SHOWN = 4  # modes on cards
+
+
+def result_page(
+    document: Mapping[str, Any],
+    title: str,
+    found: str,
+    cards: Sequence[Card],
+    sections: Sequence[Section | None],
+    command: str,
+) -> Page:
+    """Return the page of a result.
+
+    Parameters
+    ----------
+    document : mapping
+        The result, as in result.yaml.
+    title : str
+        Of the page.
+    found : str
+        What was found, in a sentence without its full stop.
+    cards : sequence of Card
+        Figures of merit.
+    sections : sequence of Section or None
+        What it rests on; where the record is from comes behind.
+    command : str
+        The command line.
+    """
+    source = document['source']
+    file = Path(source['file']).name
+    model = document.get('model', {})
+    sources = {
+        'recording': f'{file}, SHA-256 {source["sha256"]}',
+        'robot': Path(model['file']).name if model else '',
+    }
+    return Page(
+        title=title,
+        subtitle=f'{file} · {document["method"]}',
+        verdict=_verdict(document, found),
+        cards=cards,
+        sections=[*sections, _about(document)],
+        provenance=provenance(command, sources, document['versions']),
+    )
+
+
+def mode_cards(document: Mapping[str, Any]) -> list[Card]:
+    """Return a card for each of the first modes: frequency, damping ratio, interval."""
+    cards = []
+    for mode in document['modes'][:SHOWN]:
+        note = f'{interval_text(mode["interval"])}, {mode["verdict"]}'
+        cards.append(
+            Card(f'{mode["frequency_hz"]:.4g} Hz', f'ζ {mode["damping_ratio"]:.4g}', note)
+        )
+    return cards
+
+
+def interval_text(interval: Sequence[float | None]) -> str:
+    """Return a 95 % interval in words; an end that is not finite is None."""
+    if None in interval:
+        return '95 %: not determined'
+    low, high = interval
+    return f'95 %: {low:.4g} … {high:.4g}'
+
+
+def verdict_text(document: Mapping[str, Any]) -> str:
+    """Return the verdict on a result of modes, and which of several modes it is of."""
+    asked = [f'{mode["frequency_hz"]:.4g}' for mode in document['modes'] if mode['asked']]
+    of = f' (of {", ".join(asked)} Hz)' if len(document['modes']) > len(asked) > 0 else ''
+    none = ' (no mode asked for was found)' if document['modes'] and not asked else ''
+    return f'verdict: {document["verdict"]}{of}{none}'
+
+
+def modes_found(document: Mapping[str, Any]) -> str:
+    """Return the modes of a result in words."""
+    modes = document['modes']
+    if not modes:
+        return 'No mode was found'
+    listed = ', '.join(
+        f'{mode["frequency_hz"]:.4g} Hz with ζ {mode["damping_ratio"]:.3g}' for mode in modes
+    )
+    return f'{len(modes)} mode{"s" * (len(modes) > 1)}: {listed}'
+
+
+def _verdict(document: Mapping[str, Any], found: str) -> Verdict:
+    tone = TONES[document['verdict']]
+    reasons = document['reasons'] if tone != 'good' else ()
+    said = '; '.join([found, *dict.fromkeys(reasons)])
+    return Verdict(f'{said}.', tone)
+
+
+def _about(document: Mapping[str, Any]) -> Section:
+    source = {**document['source'], **document['source']['calibration']}
+    source.pop('calibration')
+    source['file'] = Path(source['file']).name
+    both = {**source, **document['window'], **document['quality']}
+    rows = [[name.replace('_', ' '), cell_text(value)] for name, value in both.items()]
+    return Section(
+        'Record',
+        'Where it is from and what it is worth.',
+        tables=[Table(('', ''), rows, folded=True, title='source, calibration, quality')],
+    )

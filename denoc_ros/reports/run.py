@@ -1,0 +1,232 @@
+"""The page of a run: what its bag shows, as one self-contained HTML file, and its numbers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from denoc_ros.bags.reader import read_description
+from denoc_ros.bags.series import Diagnostic
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.errors import ConfigError, DenocError
+from denoc_ros.reports import energy_balance, sections
+from denoc_ros.reports.measures import (
+    LoopMeasure,
+    PhaseMeasures,
+    loop_measures,
+    measure,
+    summarize,
+    warnings,
+)
+from denoc_ros.reports.moments import moments
+from denoc_ros.reports.pages import Page
+from denoc_ros.reports.provenance import named_file, named_text, provenance
+from denoc_ros.reports.recording import Recording
+from denoc_ros.reports.run_files import (
+    EARTH,
+    SIMULATED,
+    find_bag,
+    read_session,
+    recording_name,
+)
+from denoc_ros.simulation.bag import write_run
+from denoc_ros.simulation.run import Run
+
+
+@dataclass(frozen=True)
+class Report:
+    """The page of a run and its numbers.
+
+    Attributes
+    ----------
+    page : Page
+        Verdict, figures of merit, sections, provenance.
+    summary : dict
+        Errors, deflection, torque and loop timing in SI units, ready for JSON.
+    notes : tuple of str
+        What the page leaves out, and why.
+    """
+
+    page: Page
+    summary: dict[str, Any]
+    notes: tuple[str, ...] = ()
+
+    def html(self) -> str:
+        """Return the page as one self-contained HTML file."""
+        return self.page.html()
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the page to a file, over what is there."""
+        Path(path).write_text(self.html(), encoding='utf-8')
+
+    def _repr_html_(self) -> str:
+        return self.html()
+
+
+def report(
+    run: str | os.PathLike[str] | Run, robot: Robot | None = None, command: str = ''
+) -> Report:
+    """Return the page of a run and its numbers.
+
+    Parameters
+    ----------
+    run : path or Run
+        A directory made by `denoc up`, a bag such as `denoc simulate` writes, or what
+        :func:`denoc_ros.simulate` returned.
+    robot : Robot, optional
+        The robot of a `Run`, which does not hold it; a bag brings its own.
+    command : str
+        The command line, for the page's foot.
+
+    Raises
+    ------
+    BagError
+        When there is no readable bag.
+    ConfigError
+        For a `Run` without its robot, or a path with one.
+    """
+    if isinstance(run, Run) != (robot is not None):
+        wanted = 'be given for a Run' if robot is None else 'be left out for a path'
+        raise ConfigError('report', [f'robot must {wanted}, got run of {type(run).__name__}'])
+    if robot is None:
+        assert not isinstance(run, Run)
+        return _of_path(Path(run), command)
+    assert isinstance(run, Run)
+    with TemporaryDirectory() as folder:
+        bag = Path(folder) / 'run.mcap'
+        write_run(run, robot, bag, robot.tree.source, session=_session_of(robot))
+        return _of_path(bag, command)
+
+
+def _session_of(robot: Robot) -> dict[str, Any]:
+    return {
+        'kind': SIMULATED,
+        'name': robot.tree.name,
+        'gravity': robot.gravity.tolist(),
+        'geometric_stiffness': robot.geometric_stiffness,
+        'model': dict(robot.tree.overrides),
+    }
+
+
+def _of_path(run_path: Path, command: str) -> Report:
+    bag = find_bag(run_path)
+    session = read_session(run_path)
+    recording = Recording(bag)
+    robot, notes = _robot(recording, session)
+    tip = session.get('tip') or (list(robot.tree.frames)[-1] if robot else '')
+    phases = measure(recording, robot, tip)
+    statuses = recording.diagnostics()
+    loops = loop_measures(statuses, recording.begin_ns)
+    warned = warnings(statuses, recording.begin_ns)
+    simulated = None
+    if robot is not None and session.get('kind') == SIMULATED:
+        simulated = energy_balance.energy_balance(recording, robot)
+    summary = {
+        'bag': str(bag),
+        'robot': session.get('robot', ''),
+        'duration': recording.duration,
+        'phases': summarize(phases),
+        'loops': {loop.node: loop.summary() for loop in loops},
+        'warnings': warned,
+        'messages': recording.counts,
+        'recorder': _latest(statuses).get('recorder: recording', {}),
+        **({'simulated': simulated.summary()} if simulated else {}),
+    }
+    found = _Found(recording, session, robot, phases, loops, warned, statuses, simulated)
+    return Report(_page(found, command), summary, notes)
+
+
+def _robot(
+    recording: Recording, session: Mapping[str, Any]
+) -> tuple[Robot | None, tuple[str, ...]]:
+    """Return the recorded robot as the session had it, None if unknown, and why it is left out."""
+    text = read_description(recording.path)
+    if not text:
+        return None, ()
+    gravity = tuple(session.get('gravity', EARTH))
+    try:
+        robot = load_robot(text, gravity, session.get('geometric_stiffness', True))
+        overrides = session.get('model', {})
+        return (robot.with_overrides(overrides) if overrides else robot), ()
+    except DenocError as error:
+        return None, (f'the robot is left out: {error}',)
+
+
+def _latest(statuses: Sequence[Diagnostic]) -> dict[str, dict[str, str]]:
+    return {status.name: status.values for status in statuses}
+
+
+@dataclass(frozen=True)
+class _Found:
+    """All that a report shows."""
+
+    recording: Recording
+    session: dict[str, Any]
+    robot: Robot | None
+    phases: Sequence[PhaseMeasures]
+    loops: Sequence[LoopMeasure]
+    warned: dict[str, tuple[int, str]]
+    statuses: Sequence[Diagnostic]
+    simulated: energy_balance.EnergyBalance | None
+
+
+def _page(found: _Found, command: str) -> Page:
+    from denoc_ros.reports.pages import Page
+
+    phases, duration = found.phases, found.recording.duration
+    units = sections.Units.of(found.robot.tree if found.robot else None)
+    simulated = found.simulated
+    return Page(
+        title=found.session.get('name') or recording_name(found.recording.path),
+        subtitle=' · '.join(_subtitle(found)),
+        verdict=energy_balance.verdict(simulated, sections.said(phases, units))
+        if simulated
+        else sections.verdict(phases, found.warned, duration, units),
+        cards=[
+            *(energy_balance.cards(simulated) if simulated else ()),
+            *sections.cards(phases, found.loops, units),
+        ],
+        sections=[
+            moments(found.recording.path, found.robot),
+            sections.tracking(phases, units),
+            sections.motion(phases, units),
+            sections.deflection(phases),
+            sections.torque(phases, units),
+            *(energy_balance.sections(simulated) if simulated else ()),
+            sections.loops(found.loops),
+            sections.warned(found.warned),
+            sections.nodes(found.statuses),
+            sections.topics(found.recording),
+        ],
+        provenance=_provenance(found, command),
+    )
+
+
+def _subtitle(found: _Found) -> Iterator[str]:
+    recording, session = found.recording, found.session
+    if session.get('kind') == SIMULATED:
+        yield f'{recording.duration:.4g} s simulated'
+    else:
+        begun = datetime.fromtimestamp(recording.origin_ns * 1e-9, tz=timezone.utc)
+        yield begun.strftime('%Y-%m-%d %H:%M:%S UTC')
+        yield f'{recording.duration:.1f} s recorded'
+    if robot := session.get('robot'):
+        yield Path(robot).name
+
+
+def _provenance(found: _Found, command: str) -> dict[str, str]:
+    session = found.session
+    name = Path(session.get('robot', '')).name or 'the one in the bag'
+    ran = session.get('command', '')
+    sources = {
+        'command of the run': ran if ran != command else '',
+        'bag': named_file(found.recording.path),
+        'robot': named_text(name, found.robot.tree.source) if found.robot else '',
+        'scenario': session.get('scenario', ''),
+    }
+    return provenance(command, sources, session.get('versions'))

@@ -1,0 +1,76 @@
+"""`dn.report`: the page of a run from Python, without a command line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from page_look import require_one_look
+from planar_chains import FLEXIBLE, RIGID, planar_chain
+
+import denoc_ros as dn
+from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.simulation.bag import write_run
+from denoc_ros.simulation.run import Run
+
+DOWN = (0.0, -9.81, 0.0)
+
+
+@pytest.fixture(scope='module')
+def fall() -> tuple[dn.Robot, Run]:
+    robot = dn.load_robot(planar_chain([FLEXIBLE, RIGID]), gravity=DOWN)
+    still = np.zeros(robot.n)
+    return robot, dn.simulate(robot, still, still, np.linspace(0.0, 0.2, 41))
+
+
+def test_report_of_a_simulation_is_that_of_its_bag(
+    fall: tuple[dn.Robot, Run], tmp_path: Path
+) -> None:
+    robot, run = fall
+    bag = tmp_path / 'fall.mcap'
+    session = {'kind': 'simulate', 'gravity': list(DOWN)}
+    write_run(run, robot, bag, robot.tree.source, session=session)
+    ours, theirs = dn.report(run, robot), dn.report(bag)
+    assert ours.summary['simulated'] == pytest.approx(theirs.summary['simulated'])
+    assert ours.summary['messages'] == theirs.summary['messages']
+    # it falls from rest: what it gains in kinetic energy is more than the tolerance's drift
+    assert ours.summary['simulated']['largest_kinetic_energy'] > 1.0
+    page = tmp_path / 'page.html'
+    ours.write(page)
+    require_one_look(page.read_text(encoding='utf-8'), str(tmp_path))
+    assert not ours.notes
+
+
+def test_robot_goes_with_a_run_and_with_no_path(
+    fall: tuple[dn.Robot, Run], tmp_path: Path
+) -> None:
+    robot, run = fall
+    with pytest.raises(dn.ConfigError, match='robot must be given for a Run, got run of Run'):
+        dn.report(run)
+    with pytest.raises(dn.ConfigError, match='robot must be left out for a path, got run of '):
+        dn.report(tmp_path, robot)
+
+
+def test_a_robot_that_does_not_load_is_noted(tmp_path: Path) -> None:
+    path = tmp_path / 'odd.mcap'
+    with BagWriter(path) as bag:
+        bag.attach(DESCRIPTION_ATTACHMENT, '<robot name="none"/>')
+        bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+        for k in range(3):
+            bag.write_message('/joint_states', k * 10**7, name=['a'], position=[0.1 * k])
+    made = dn.report(path)
+    assert made.summary['robot'] == ''
+    assert [note[:22] for note in made.notes] == ['the robot is left out:']
+
+
+def test_reports_need_no_command_line(tmp_path: Path) -> None:
+    script = (
+        'import sys; import denoc_ros.reports.run; '
+        'found = [name for name in sys.modules if name.startswith("denoc_ros.cli")]; '
+        'assert not found, found'
+    )
+    subprocess.run([sys.executable, '-c', script], check=True, timeout=120, cwd=tmp_path)
