@@ -134,7 +134,13 @@ def counts(root: Path = ROOT) -> dict[str, Any]:
             bool(re.search(r'^Array = ', module.text, re.MULTILINE)) for module in found
         ),
         'uses of arrays. outside model, dynamics, bench': sum(
-            len(re.findall(r'\blowered\.', module.text)) for module in asking
+            len(
+                re.findall(
+                    r'\barrays\.(?:topology|constants|diagonals|frame_rows|constraint_names|axes|bodies)\b',
+                    module.text,
+                )
+            )
+            for module in asking
         ),
         'importers of rclpy outside nodes': importers(found, 'rclpy', 'nodes'),
         'importers of argparse outside cli': importers(found, 'argparse', 'cli'),

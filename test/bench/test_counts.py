@@ -12,7 +12,7 @@ SOURCES = {
     'model/two.py': 'class Twin:\n    """D."""\n\n    def f(self):\n        return 1\n',
     'dynamics/three.py': 'def f():\n    from denoc_ros.dynamics.four import g\n    return g\n',
     'dynamics/four.py': 'from denoc_ros.dynamics import three\n\n\nclass Twin:\n    pass\n',
-    'cli/five.py': 'import rclpy\nArray = 1\nx = robot.arrays.ints\n',
+    'cli/five.py': 'import rclpy\nArray = 1\nx = robot.arrays.topology\n',
 }
 
 
