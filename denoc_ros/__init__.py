@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from denoc_ros.control.shape import shape_motion as shape_motion
+    from denoc_ros.dynamics.base_motion import BaseMotion as BaseMotion
     from denoc_ros.dynamics.robot import Robot as Robot
     from denoc_ros.dynamics.robot import load_robot as load_robot
     from denoc_ros.dynamics.stepper import Stepper as Stepper
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from denoc_ros.simulation.simulate import simulate as simulate
 
 _HOME = {
+    'BaseMotion': 'dynamics.base_motion',
     'Robot': 'dynamics.robot',
     'load_robot': 'dynamics.robot',
     'Stepper': 'dynamics.stepper',

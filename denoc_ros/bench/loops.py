@@ -67,7 +67,7 @@ def dense_solution(robot: Robot, q: Array, qd: Array, tau: Array) -> Array:
 
 
 def _accelerations(robot: Robot, states: Sequence[State]) -> list[Array]:
-    return [robot.constrained_forward_dynamics(*state)[0] for state in states]
+    return [robot.constrained_forward_dynamics(q, qd, tau)[0] for q, qd, tau in states]
 
 
 def _beside_tree(robot: Robot, effort: Effort) -> Line:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import assembling, constraints
+from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import each_row
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.validation import as_states, same_rows
@@ -86,7 +87,7 @@ class ConstrainedModel(RobotModel):
         return qd
 
     def constrained_forward_dynamics(
-        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike
+        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, base: Base | None = None
     ) -> tuple[Array, Array]:
         """Return accelerations (n,) and multipliers (rows,), or rows of them.
 
@@ -94,12 +95,16 @@ class ConstrainedModel(RobotModel):
         ----------
         q, qd, tau : (n,) or (k, n)
             A state that is closed (see :meth:`assemble`) and the generalized forces.
+        base : (twist, acceleration[, pose]), optional
+            A base that moves, as of :meth:`Robot.inverse_dynamics`.
 
         Raises
         ------
         SolverError
             A singular configuration in which no accelerations keep the loops closed.
         """
+        if base is not None:
+            return self._on_base(base, self.constrained_forward_dynamics, q, qd, tau)
         n = self.n
         qdd, multipliers = _empty(n), _empty(self._rows)
         zero = self._zero
@@ -116,6 +121,7 @@ class ConstrainedModel(RobotModel):
         qd: ArrayLike,
         qdd: ArrayLike,
         actuated: Sequence[str] | None = None,
+        base: Base | None = None,
     ) -> tuple[Array, Array]:
         """Return the torques of actuated joints and the multipliers, both of least norm.
 
@@ -126,6 +132,8 @@ class ConstrainedModel(RobotModel):
         actuated : joint names, optional
             Any joints of the tree; default all that mimic none. With more than there are degrees
             of freedom the torques are those of least norm.
+        base : (twist, acceleration[, pose]), optional
+            A base that moves, as of :meth:`Robot.inverse_dynamics`.
 
         Returns
         -------
@@ -138,6 +146,10 @@ class ConstrainedModel(RobotModel):
             The accelerations open a loop, or are none that these joints can give; with the
             residual.
         """
+        if base is not None:
+            return self._on_base(
+                base, self.constrained_inverse_dynamics, q, qd, qdd, actuated=actuated
+            )
         index, n = self._actuated(actuated), self.n
         states = (as_states('q', q, n), as_states('qd', qd, n), as_states('qdd', qdd, n))
         torque, multipliers = each_row(
@@ -152,6 +164,7 @@ class ConstrainedModel(RobotModel):
         qdd_actuated: ArrayLike,
         actuated: Sequence[str] | None = None,
         tau: ArrayLike | None = None,
+        base: Base | None = None,
     ) -> tuple[Array, Array, Array]:
         """Return torques, accelerations and multipliers for given actuated accelerations.
 
@@ -165,6 +178,8 @@ class ConstrainedModel(RobotModel):
             As in :meth:`constrained_inverse_dynamics`.
         tau : (n,) or (k, n), optional
             Generalized forces of the other coordinates; default zero.
+        base : (twist, acceleration[, pose]), optional
+            A base that moves, as of :meth:`Robot.inverse_dynamics`.
 
         Returns
         -------
@@ -177,6 +192,14 @@ class ConstrainedModel(RobotModel):
         SolverError
             The given accelerations contradict the loops.
         """
+        if base is not None:
+            return self._on_base(
+                base,
+                lambda q, qd, qdd, tau: self.constrained_hybrid_dynamics(
+                    q, qd, qdd, actuated, tau
+                ),
+                q, qd, qdd_actuated, np.zeros(self.n) if tau is None else tau,
+            )  # fmt: skip
         index, n = self._actuated(actuated), self.n
         states = (as_states('q', q, n), as_states('qd', qd, n))
         given = as_states('qdd_actuated', qdd_actuated, len(index))

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
 from denoc_ros.dynamics.validation import (
@@ -86,6 +87,7 @@ class DifferentiableModel(ConstrainedModel):
         wrenches: Wrenches | None = None,
         out: Sequence[Array] | None = None,
         check: bool = True,
+        base: Base | None = None,
     ) -> Derivatives:
         """Return the derivatives of :meth:`Robot.inverse_dynamics`.
 
@@ -97,6 +99,8 @@ class DifferentiableModel(ConstrainedModel):
             their direction as the frame moves.
         out : three arrays, optional
             Take the results.
+        base : (twist, acceleration[, pose]), optional
+            A base that moves, as of :meth:`Robot.inverse_dynamics`; its motion stays as it is.
 
         Returns
         -------
@@ -109,6 +113,9 @@ class DifferentiableModel(ConstrainedModel):
         StateError
             For a wrong shape or type, or a number that is not finite.
         """
+        if base is not None:
+            options = {'wrenches': wrenches, 'out': out, 'check': check}
+            return self._on_base(base, self.inverse_dynamics_derivatives, q, qd, qdd, **options)
         n = self.n
         if out is None:
             result = (_empty((n, n)), _empty((n, n)), _empty((n, n)))
@@ -132,6 +139,7 @@ class DifferentiableModel(ConstrainedModel):
         wrenches: Wrenches | None = None,
         out: Sequence[Array] | None = None,
         check: bool = True,
+        base: Base | None = None,
     ) -> Derivatives:
         """Return the derivatives of :meth:`Robot.forward_dynamics`.
 
@@ -149,6 +157,9 @@ class DifferentiableModel(ConstrainedModel):
         SolverError
             The inertia is singular (a massless chain).
         """
+        if base is not None:
+            options = {'wrenches': wrenches, 'out': out, 'check': check}
+            return self._on_base(base, self.forward_dynamics_derivatives, q, qd, tau, **options)
         n = self.n
         load = None
         if wrenches:
@@ -178,6 +189,7 @@ class DifferentiableModel(ConstrainedModel):
         wrenches: Wrenches | None = None,
         check: bool = True,
         out: Sequence[Array] | None = None,
+        base: Base | None = None,
     ) -> HybridDerivatives:
         """Return the derivatives of :meth:`Robot.hybrid_dynamics`.
 
@@ -192,6 +204,7 @@ class DifferentiableModel(ConstrainedModel):
         wrenches : {frame: (6,)}, optional
         out : eight arrays, optional
             Take the results, in the order of HybridDerivatives.
+        base : (twist, acceleration[, pose]), optional
 
         Returns
         -------
@@ -203,6 +216,14 @@ class DifferentiableModel(ConstrainedModel):
         StateError, SolverError
             As :meth:`forward_dynamics_derivatives`.
         """
+        if base is not None:
+            return self._on_base(
+                base,
+                lambda q, qd, qdd, tau, out=None: self.hybrid_dynamics_derivatives(
+                    q, qd, qdd, joints, tau, wrenches, check, out
+                ),
+                q, qd, qdd_joints, self._zero if tau is None else tau, out=out,
+            )  # fmt: skip
         n = self.n
         names = self.joint_names if joints is None else tuple(joints)
         index = self.indices(names)
@@ -218,21 +239,21 @@ class DifferentiableModel(ConstrainedModel):
         k = len(rows[0])
         given = _hybrid_output(out, () if single else (k,), len(index), n)
         sizes = (k, 4, n), (k, n * (4 * n + 1))
-        states, found = (
+        states, buffer = (
             self._workspace.hybrid() if k == 1 else (np.empty(sizes[0]), np.empty(sizes[1]))
         )
         states[:, 0], states[:, 1], states[:, 2], states[:, 3] = rows[0], rows[1], 0.0, rows[3]
         states[:, 2, index] = rows[2]
         kernel = forward_derivatives.hybrid_dynamics_derivatives_rows
-        status = run_rows(self, kernel, k, (split.flags, states), (found,))
+        status = run_rows(self, kernel, k, (split.flags, states), (buffer,))
         self._raise_for_status(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
         if wrenches:
-            by_q, _, driven, _ = found[:, : 4 * n * n].reshape(k, 4, n, n).swapaxes(0, 1)
+            by_q, _, driven, _ = buffer[:, : 4 * n * n].reshape(k, 4, n, n).swapaxes(0, 1)
             load, free = self.load_derivative(rows[0], wrenches), split.free
             by_q += driven[:, :, free] @ load[:, free]
             by_q[:, index] -= load[:, index]
         for part, places in zip(given, split.places, strict=True):
-            for row, matrices in enumerate(found):
+            for row, matrices in enumerate(buffer):
                 target = part.reshape(k, -1)[row] if part.size else part.reshape(0)
                 # the other modes keep the result in a buffer
                 matrices.take(places, out=target, mode='clip')

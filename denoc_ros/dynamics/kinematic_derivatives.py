@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import structure
+from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.section import Section
@@ -59,6 +60,7 @@ class KinematicDerivatives(RobotModel):
         qd: ArrayLike,
         qdd: ArrayLike | None = None,
         out: Array | None = None,
+        base: Base | None = None,
     ) -> Array:
         """Return a frame's twist and acceleration (2, 6) or (k, 2, 6).
 
@@ -69,6 +71,9 @@ class KinematicDerivatives(RobotModel):
         qdd : (n,) or (k, n), optional
             Default zero.
         out : (2, 6) or (k, 2, 6), optional
+        base : (twist, acceleration[, pose]), optional
+            Of a base that moves, as of :meth:`Robot.inverse_dynamics`: the motion is then that in
+            space, its components along the base's axes of that moment.
 
         Returns
         -------
@@ -81,6 +86,12 @@ class KinematicDerivatives(RobotModel):
         StateError
             For an unknown frame, a wrong shape or type, or a number that is not finite.
         """
+        if base is not None:
+            return self._on_base(
+                base,
+                lambda q, qd, qdd, out=None: self.frame_motion(frame, q, qd, qdd, out),
+                q, qd, self._zero if qdd is None else qdd, out=out,
+            )  # fmt: skip
         return self._of_motion(MOTION, frame, q, qd, qdd, out)
 
     def frame_jacobian_rate(

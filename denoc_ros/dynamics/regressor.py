@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.parameter_columns import (
     DIAGONAL_TERMS,
     Column,
@@ -36,6 +37,7 @@ class TorqueRegressor(RobotModel):
         qdd: ArrayLike,
         paths: Sequence[str],
         out: Array | None = None,
+        base: Base | None = None,
     ) -> Array:
         """Return the derivatives of the generalized forces by parameters: exact, for any values.
 
@@ -52,6 +54,8 @@ class TorqueRegressor(RobotModel):
             `link.<link>.<mass|first_moment.x|...|inertia.ixx|...>` about the link frame's
             origin: the ten of a rigid body.
         out : (n, parameters) or (k, n, parameters), optional
+        base : (twist, acceleration[, pose]), optional
+            A base that moves, as of :meth:`Robot.inverse_dynamics`.
 
         Returns
         -------
@@ -71,6 +75,12 @@ class TorqueRegressor(RobotModel):
         Damping enters by its coefficients [N s/m, N m s/rad]: a damping ratio is one worked out
         as the model is loaded, and the columns of stiffness and mass hold it.
         """
+        if base is not None:
+            return self._on_base(
+                base,
+                lambda q, qd, qdd, out=None: self.torque_regressor(q, qd, qdd, paths, out),
+                q, qd, qdd, out=out,
+            )  # fmt: skip
         given = zip(('q', 'qd', 'qdd'), (q, qd, qdd), strict=True)
         states = [as_states(name, value, self.n) for name, value in given]
         columns = find_columns(self, paths)
@@ -114,4 +124,5 @@ def _massless(robot: Robot) -> Robot:
         bare.constants[mass : mass + 10] = 0.0
         if is_flexible(body):
             bare.constants[beam_constants(row)] = 0.0
+    bare.move_base(robot.base_motion)
     return bare

@@ -8,14 +8,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics import equilibrium, linearization, structure
+from denoc_ros.dynamics import structure
+from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import each_row, run_rows
 from denoc_ros.dynamics.constrained_derivatives import DifferentiableMechanism
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
 from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
 from denoc_ros.dynamics.linearize import Linearizable
+from denoc_ros.dynamics.momentum import MassAndMomentum
 from denoc_ros.dynamics.regressor import TorqueRegressor
 from denoc_ros.dynamics.robot_model import Source
+from denoc_ros.dynamics.statics import StaticsAndVibration
 from denoc_ros.dynamics.validation import as_output, as_rows, as_states, same_rows
 from denoc_ros.kernels import articulated, composite, inverse, world
 from denoc_ros.kernels.compiled import entry
@@ -55,6 +58,8 @@ class Robot(
     KinematicDerivatives,
     TorqueRegressor,
     Linearizable,
+    StaticsAndVibration,
+    MassAndMomentum,
     ConstrainedModel,
 ):
     """A robot with rigid and flexible links (see :func:`load_robot`).
@@ -92,6 +97,7 @@ class Robot(
         wrenches: Wrenches | None = None,
         out: Array | None = None,
         check: bool = True,
+        base: Base | None = None,
     ) -> Array:
         """Return the generalized forces I q'' + h.
 
@@ -100,6 +106,8 @@ class Robot(
         q, qd, qdd : (n,) or (k, n)
         wrenches : {frame: (6,)}, optional
             External loads, base axes, linear first, at the frame's origin [N, N m].
+        base : (twist, acceleration) or (twist, acceleration, pose), optional
+            A base that moves, as :class:`BaseMotion` says: (6,) or a row for each state.
 
         Returns
         -------
@@ -110,6 +118,9 @@ class Robot(
         StateError
             For a wrong shape or type, or a number that is not finite.
         """
+        if base is not None:
+            options = {'wrenches': wrenches, 'out': out, 'check': check}
+            return self._on_base(base, self.inverse_dynamics, q, qd, qdd, **options)
         result = _empty(self.n) if out is None else out
         status = self._inverse(self.handle, q, qd, qdd, result)
         if status != GOOD:
@@ -127,12 +138,16 @@ class Robot(
         wrenches: Wrenches | None = None,
         out: Array | None = None,
         check: bool = True,
+        base: Base | None = None,
     ) -> Array:
         """Return the accelerations (n,) or (k, n) under generalized forces tau, by UDU^T, O(n).
 
         Parameters and errors as in :meth:`inverse_dynamics`; SolverError where the inertia is
         singular (a massless chain).
         """
+        if base is not None:
+            options = {'wrenches': wrenches, 'out': out, 'check': check}
+            return self._on_base(base, self.forward_dynamics, q, qd, tau, **options)
         if wrenches:
             tau = as_rows('tau', tau, self.n) + self._load(as_rows('q', q, self.n), wrenches)
         result = _empty(self.n) if out is None else out
@@ -151,6 +166,7 @@ class Robot(
         tau: ArrayLike | None = None,
         wrenches: Wrenches | None = None,
         check: bool = True,
+        base: Base | None = None,
     ) -> tuple[Array, Array]:
         """Return the torques of joints whose motion is given and the other accelerations.
 
@@ -163,12 +179,22 @@ class Robot(
             The prescribed joints; default all, in the order of `joint_names`.
         tau : (n,) or (k, n), optional
             Generalized forces of the free coordinates; default zero.
+        base : (twist, acceleration[, pose]), optional
+            As in :meth:`inverse_dynamics`.
 
         Returns
         -------
         tau_joints : (joints,) or (k, joints) [N m, N]
         qdd_free : (n - joints,) or (k, n - joints), the other coordinates in order
         """
+        if base is not None:
+            return self._on_base(
+                base,
+                lambda q, qd, qdd, tau: self.hybrid_dynamics(
+                    q, qd, qdd, joints, tau, wrenches, check
+                ),
+                q, qd, qdd_joints, self._zero if tau is None else tau,
+            )  # fmt: skip
         names = self.joint_names if joints is None else tuple(joints)
         index = self.indices(names)
         n = self.n
@@ -199,22 +225,41 @@ class Robot(
         return result
 
     def bias_forces(
-        self, q: ArrayLike, qd: ArrayLike, out: Array | None = None, check: bool = True
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        out: Array | None = None,
+        check: bool = True,
+        base: Base | None = None,
     ) -> Array:
-        """Return h (n,) or (k, n): velocity, gravity, elastic, damping and friction forces."""
-        return self.inverse_dynamics(q, qd, self._zero, out=out, check=check)
+        """Return h (n,) or (k, n): velocity, gravity, elastic, damping and friction forces.
+
+        On a base that moves, also what its motion alone asks for.
+        """
+        return self.inverse_dynamics(q, qd, self._zero, out=out, check=check, base=base)
 
     def energy(
-        self, q: ArrayLike, qd: ArrayLike, out: Array | None = None, check: bool = True
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        out: Array | None = None,
+        check: bool = True,
+        base: Base | None = None,
     ) -> Array:
         """Return (kinetic, potential) [J], shape (2,) or (k, 2).
 
-        Potential is gravity, with zero at the base origin, plus strain.
+        Potential is gravity, with zero at the base origin, plus strain. On a base that moves, the
+        kinetic energy is that of the motion in space; with its pose, gravity's is zero at the
+        world's origin.
         """
+        if base is not None:
+            return self._on_base(base, self.energy, q, qd, out=out, check=check)
         result = np.empty(2) if out is None else out
         status = self._energies(self.handle, q, qd, result)
         if status != GOOD:
             result = self._settle(status, ENERGY, {'q': q, 'qd': qd}, out, result, check)
+        if self._base is not None and self._base.pose is not None:
+            result[..., 1] -= self.mass * (self.gravity @ self._base.pose[:3, 3])
         return result
 
     def denoc_matrices(self, q: ArrayLike) -> tuple[Array, Array]:
@@ -259,45 +304,6 @@ class Robot(
     def amplitudes(self, link: str) -> slice:
         """Return where the amplitudes of a flexible link stand among the coordinates."""
         return structure.amplitudes(self, link)
-
-    # statics and vibration --------------------------------------------------------------------
-
-    def static_deflection(
-        self, q_joints: ArrayLike, wrenches: Wrenches | None = None, start: ArrayLike | None = None
-    ) -> Array:
-        """Return the state (n,) whose amplitudes are in equilibrium at given joint positions.
-
-        Parameters
-        ----------
-        q_joints : (joints,)
-        wrenches : {frame: (6,)}, optional
-        start : (n,), optional
-            First guess of the amplitudes (its joints are not used); default undeformed.
-
-        Raises
-        ------
-        SolverError
-            Newton's iteration found no equilibrium (a load beyond buckling).
-        """
-        joints = as_states('q_joints', q_joints, len(self.joint_indices))
-        states: Array = each_row(
-            lambda row: equilibrium.static_deflection(self, row, wrenches, start), joints
-        )
-        return states
-
-    def natural_frequencies(self, q: ArrayLike, held: bool = True) -> Array:
-        """Return the natural frequencies [Hz] at rest at q, ascending (see natural_modes)."""
-        return self.natural_modes(q, held).frequencies
-
-    def natural_modes(self, q: ArrayLike, held: bool = True) -> linearization.NaturalModes:
-        """Return frequencies [Hz], shapes (n, k) and damping ratios at rest at q.
-
-        Gravity and load stiffness are as they are at q. `held` joints stay still; else all n
-        coordinates move: rigid motions have frequency 0 and unstable ones a negative one.
-        """
-        q = as_states('q', q, self.n)
-        modes = each_row(lambda row: tuple(linearization.natural_modes(self, row, held)), q)
-        return linearization.NaturalModes(*modes)
 
     def _of_frame(
         self, verb: KernelOperation, frame: str, q: ArrayLike, out: Array | None

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import structure
+from denoc_ros.dynamics.base_motion import (
+    AT_REST,
+    Base,
+    BaseMotion,
+    Result,
+    as_base_motion,
+    on_base,
+)
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.validation import as_vector, require_finite
 from denoc_ros.dynamics.workspace import Workspace
@@ -103,6 +111,7 @@ class RobotModel:
         self.flexible_indices = np.setdiff1d(np.arange(self.n), self.joint_indices)
         self._constants: Array = arrays.constants.copy()
         self._use(Workspace(arrays, self._constants))
+        self._base: BaseMotion | None = None
         self._zero = np.zeros(self.n)
         self._sections: dict[tuple[str, float | None], tuple[Section, slice]] = {}
 
@@ -151,32 +160,64 @@ class RobotModel:
         return work
 
     def new_workspace(self) -> Workspace:
-        """Return another workspace over this model, for another thread."""
-        return Workspace(self.arrays, self._constants)
+        """Return another workspace over this model, its base moving alike, for another thread."""
+        workspace = Workspace(self.arrays, self._constants)
+        if self._base is not None:
+            workspace.move_base(*self._base.for_kernels())
+        return workspace
+
+    @property
+    def base_motion(self) -> BaseMotion | None:
+        """How the base moves now; None: it is at rest."""
+        return self._base
+
+    def move_base(self, base: Base | None) -> None:
+        """Let the base move so from now on, for every verb; live, no allocation of a model.
+
+        Parameters
+        ----------
+        base : (twist, acceleration) or (twist, acceleration, pose), or None
+            Of the base frame, as :class:`BaseMotion` says; one motion, not rows. None: at rest.
+
+        Raises
+        ------
+        StateError
+            For a wrong shape, a number that is not finite, or a pose that is no rigid one.
+        """
+        if base is None and self._base is None:
+            return
+        motion = None if base is None else as_base_motion(base)
+        if motion is not None and motion.rows is not None:
+            raise StateError(f'base must be one motion, got {motion.rows} rows')
+        self._base = motion
+        self._workspace.move_base(*(motion or AT_REST).for_kernels())
 
     def copy(self: Held) -> Held:
-        """Return a robot with the same model and payloads and a workspace of its own."""
+        """Return a robot alike, with its payloads and base motion and a workspace of its own."""
         other = type(self).__new__(type(self))
         other.__dict__.update(self.__dict__)
+        base = self._base
         other._adopt(self.arrays)
         other._constants[:] = self._constants
         other._payloads = dict(self._payloads)
+        other.move_base(base)
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a handle is an address: it must not travel to a copy or to another process
         arguments = (self.tree, self.gravity, self.geometric_stiffness)
-        return type(self), arguments, {'payloads': self._payloads}
+        return type(self), arguments, {'payloads': self._payloads, 'base': self._base}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._payloads = dict(state['payloads'])
         for frame in self._payloads:
             self._load_body(self._carrier(frame))
+        self.move_base(state['base'])
 
     def with_overrides(self: Held, overrides: Mapping[str, Any]) -> Held:
         """Return a robot with other parameters, by dotted paths such as `beam.arm.y.ei`.
 
-        Payloads that were set stay on their frames.
+        Payloads that were set stay on their frames, and the base moves as it does.
 
         Raises
         ------
@@ -188,6 +229,7 @@ class RobotModel:
         other._payloads = dict(self._payloads)
         for frame in other._payloads:
             other._load_body(other._carrier(frame))
+        other.move_base(self._base)
         return other
 
     def set_payload(
@@ -266,6 +308,12 @@ class RobotModel:
     def raise_for_status(self, status: int, **arguments: Array) -> None:
         """Raise what a kernel's status says about its arguments."""
         self._raise_for_status(status, True, **arguments)
+
+    def _on_base(
+        self, base: Base, verb: Callable[..., Result], *states: ArrayLike, **options: Any
+    ) -> Result:
+        """Return what a verb gives at states while the base moves so."""
+        return on_base(self, base, verb, *states, **options)
 
     def _raise_for_status(self, status: int, check: bool, **arguments: Array) -> None:
         if status == GOOD or (status == NOT_FINITE and not check):

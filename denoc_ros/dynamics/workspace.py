@@ -34,8 +34,9 @@ class Workspace:
 
     def __init__(self, arrays: ModelArrays, constants: Array) -> None:
         self.work: Array = np.zeros(arrays.work_size)
-        gravity = constants[layout.GRAVITY : layout.GRAVITY + 3]
-        self.work[layout.ACCELERATION : layout.ACCELERATION + 3] = -gravity
+        self._gravity = constants[layout.GRAVITY : layout.GRAVITY + 3]
+        self.work[layout.BASE_GRAVITY : layout.BASE_GRAVITY + 3] = self._gravity
+        self.work[layout.ACCELERATION : layout.ACCELERATION + 3] = -self._gravity
         self.work[layout.WORLD_ROTATION : layout.WORLD_ROTATION + 9] = np.eye(3).ravel()
         self._diagonals = np.zeros((handle.DIAGONALS, arrays.n))
         self._diagonals[: len(arrays.diagonals)] = arrays.diagonals
@@ -56,6 +57,16 @@ class Workspace:
         self.handle = int(record.ctypes.data)
         self._hybrid: tuple[Array, Array] | None = None
         self._splits: dict[tuple[int, ...], Split] = {}
+
+    def move_base(self, twist: Array, acceleration: Array, rotation: Array | None) -> None:
+        """Let the base move: twist and acceleration (6,) in its axes, rotation (3, 3) to world."""
+        work = self.work
+        gravity = self._gravity if rotation is None else self._gravity @ rotation
+        work[layout.BASE_GRAVITY : layout.BASE_GRAVITY + 3] = gravity
+        work[layout.VELOCITY : layout.VELOCITY + 3] = twist[:3]
+        work[layout.ANGULAR_VELOCITY : layout.ANGULAR_VELOCITY + 3] = twist[3:]
+        work[layout.ACCELERATION : layout.ACCELERATION + 3] = acceleration[:3] - gravity
+        work[layout.ANGULAR_ACCELERATION : layout.ANGULAR_ACCELERATION + 3] = acceleration[3:]
 
     def hybrid(self) -> tuple[Array, Array]:
         """Return where hybrid derivatives take one state (1, 4, n) and leave their matrices."""

@@ -33,12 +33,12 @@ from denoc_ros.kernels.layout import (
     ANGULAR_VELOCITY,
     ARM,
     AXIS,
+    BASE_GRAVITY,
     BLOCK,
     BODY_CONSTANTS,
     COLUMNS,
     COMPOSITE,
     COORDINATE,
-    GRAVITY,
     INERTIA_WORK,
     JOINT,
     MASS,
@@ -319,7 +319,7 @@ def body_gravity(topology, constants, work, i):
     """Return the gravity potential of body i alone, zero at the base origin."""
     u = at(topology, i, WORK)
     k = u + COMPOSITE
-    g = load(constants, GRAVITY)
+    g = load(work, BASE_GRAVITY)
     position = load(work, u + WORLD_POSITION)
     moment = rotate(work, u + WORLD_ROTATION, load(work, k + 1))
     return -work[k] * dot(g, position) - dot(g, moment)

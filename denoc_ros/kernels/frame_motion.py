@@ -15,11 +15,11 @@ from denoc_ros.kernels.layout import (
     ANGULAR_ACCELERATION,
     ANGULAR_VELOCITY,
     AXIS,
+    BASE_GRAVITY,
     BODY_CONSTANTS,
     COEFFICIENTS,
     COLUMNS,
     COORDINATE,
-    GRAVITY,
     JOINT,
     MODES,
     PARENT,
@@ -220,7 +220,7 @@ def find_motion(handle, q, qd, qdd, i, out):
     """Write twist and classical acceleration (2, 6) of row i: linear first, base axes."""
     topology, constants, work, _diagonals, bodies = model_arrays(handle)
     _position, v, a, w, al = move_world(topology, constants, work, bodies, q, qd, qdd, i)
-    a = add(a, load(constants, GRAVITY))
+    a = add(a, load(work, BASE_GRAVITY))
     for k in range(3):
         out[k], out[3 + k], out[6 + k], out[9 + k] = v[k], w[k], a[k], al[k]
 

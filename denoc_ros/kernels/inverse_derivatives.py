@@ -54,6 +54,8 @@ from denoc_ros.kernels.handle import (
 from denoc_ros.kernels.internal import internal_slope
 from denoc_ros.kernels.layout import (
     ACCELERATION,
+    ANGULAR_ACCELERATION,
+    ANGULAR_VELOCITY,
     BRANCH_END,
     COORDINATE,
     DERIVED,
@@ -98,11 +100,13 @@ def outward_derivatives(n, topology, constants, work, diagonals, bodies, q, qd, 
     sines, cosines = diagonals[SINE], diagonals[COSINE]
     write_sines(q, n, sines, cosines)
     base = at(topology, 0, DERIVED)
-    for k in range(6):
-        work[base + TWIST + k] = 0.0
-    # spatial acceleration of a base at rest: the classical one of its origin
-    store(work, base + ACCELERATED, load(work, at(topology, 0, WORK) + ACCELERATION))
-    store(work, base + ACCELERATED + 3, (0.0, 0.0, 0.0))
+    motion = at(topology, 0, WORK)
+    # seen from axes that move along with the base's origin, with a constant velocity: there its
+    # spatial acceleration is the classical one
+    store(work, base + TWIST, (0.0, 0.0, 0.0))
+    store(work, base + TWIST + 3, load(work, motion + ANGULAR_VELOCITY))
+    store(work, base + ACCELERATED, load(work, motion + ACCELERATION))
+    store(work, base + ACCELERATED + 3, load(work, motion + ANGULAR_ACCELERATION))
     for i in range(1, bodies + 1):
         place_by_sines(topology, constants, work, q, sines, cosines, i)
         if at(topology, i, POINTS) > 0:

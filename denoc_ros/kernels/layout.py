@@ -75,6 +75,10 @@ WORLD_POSITION = 45  # (3)
 COMPOSITE = 48  # mass, moment (3), spin (6) of the body, or of it and all it carries
 BODY_WORK = 58
 
+# work: the base, row 0: VELOCITY, ANGULAR_VELOCITY, ACCELERATION (less gravity) and
+# ANGULAR_ACCELERATION are its own motion, in its axes; where a body keeps its force stands
+BASE_GRAVITY = FORCE  # (3) gravity in base axes
+
 # work: after the base's, a block in passing (see block)
 BLOCK = BODY_WORK
 BLOCK_SIZE = 21

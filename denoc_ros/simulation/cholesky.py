@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.validation import as_output
 from denoc_ros.errors import SolverError
@@ -40,13 +41,16 @@ class CholeskyRobot(Robot):
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: Array | None = None,
         check: bool = True,
+        base: Base | None = None,
     ) -> Array:
         """Return the accelerations (n,) under generalized forces tau (n,).
 
         Parameters and errors as in :meth:`Robot.forward_dynamics`, single states only.
         """
         result = as_output(out, (self.n,))
-        force = np.asarray(tau) - self.inverse_dynamics(q, qd, self._zero, wrenches, check=check)
+        force = np.asarray(tau) - self.inverse_dynamics(
+            q, qd, self._zero, wrenches, check=check, base=base
+        )
         inertia = self.inertia_matrix(q, check=check)
         try:
             factor = cho_factor(inertia, lower=True, overwrite_a=True, check_finite=False)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError, StateError
 from denoc_ros.simulation.closing import Closing
@@ -36,6 +37,8 @@ class Motion:
         `(t, q, qd) -> (n,)` generalized forces [N m, N]; none: zero.
     prescribed : mapping of str to callable, optional
         Joint name to `t -> (q, qd, qdd)`.
+    base : (twist, acceleration[, pose]) or callable of time, optional
+        The motion of the base; default as the robot's is now.
 
     Attributes
     ----------
@@ -51,9 +54,16 @@ class Motion:
     """
 
     def __init__(
-        self, robot: Robot, torque: Torque | None = None, prescribed: Prescribed | None = None
+        self,
+        robot: Robot,
+        torque: Torque | None = None,
+        prescribed: Prescribed | None = None,
+        base: Base | Callable[[float], Base] | None = None,
     ) -> None:
         self._robot = robot.copy()
+        self._base = base if callable(base) else None
+        if base is not None and not callable(base):
+            self._robot.move_base(base)
         self._torque = torque
         # with loops, mimic joints are rows like theirs
         self._leaders = {} if robot.tree.loops else mimic_ties(robot)
@@ -84,6 +94,15 @@ class Motion:
         return int(self._robot.handle)
 
     @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self._robot.coordinate_names
+
+    def energy(self) -> Array:
+        """Return kinetic and potential energy (2,) [J] at the last state worked out."""
+        return self._robot.energy(self.q, self.qd, check=False)
+
+    @property
     def is_free(self) -> bool:
         """Whether compiled steps can take the motion: no forces but the model's own.
 
@@ -92,6 +111,7 @@ class Motion:
         loops = self._robot.tree.loops
         return (
             self._torque is None
+            and self._base is None
             and not self._laws
             and not self._leaders
             and not any(loop.damping > 0.0 or loop.friction > 0.0 for loop in loops)
@@ -189,6 +209,8 @@ class Motion:
     def accelerate(self, t: float, state: Array) -> None:
         """Work out `qdd` and `tau` (n,) at a time [s] and an integrator's state (2 f,)."""
         self.complete(t, state)
+        if self._base is not None:
+            self._robot.move_base(self._base(t))
         if self._torque is None:
             self.tau[:] = 0.0
         else:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 from tqdm import tqdm
 
+from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.simulation.compiled import CompiledDOP853
@@ -36,6 +37,7 @@ def simulate(
     *,
     method: str = 'DOP853',
     progress: bool = False,
+    base: Base | Callable[[float], Base] | None = None,
 ) -> Run:
     """Integrate the equations of motion.
 
@@ -58,6 +60,9 @@ def simulate(
         stiff robots LSODA, Radau or BDF; the first two and Radau with loops.
     progress : bool
         Show a progress bar on a terminal.
+    base : (twist, acceleration[, pose]) or callable, optional
+        The motion of the base, as `BaseMotion` says: steady, or `t -> (twist, acceleration)` or
+        `t -> (twist, acceleration, pose)`. Energies are then those of the motion in space.
 
     Returns
     -------
@@ -75,7 +80,7 @@ def simulate(
     methods = ONE_STEP if robot.tree.loops else tuple(METHODS)
     if method not in methods:
         raise StateError(f'simulate: method must be one of {", ".join(methods)}, got {method!r}')
-    motion = Motion(robot, torque, prescribed)
+    motion = Motion(robot, torque, prescribed, base)
     state = motion.start(
         _checked_state(q0, robot.n, 'q0'), _checked_state(qd0, robot.n, 'qd0'), times[0]
     )
@@ -91,7 +96,7 @@ def simulate(
         states, failure = integrate(motion, state, times, method, (rtol, atol), bar.update)
     if failure:
         raise SolverError(failure)
-    return _sampled(robot, motion, times, states)
+    return _sampled(motion, times, states)
 
 
 def integrate(
@@ -204,21 +209,22 @@ def _failure(solver: Any, motion: Motion, end: float, message: str | None) -> st
     )
 
 
-def _sampled(robot: Robot, motion: Motion, times: Array, states: Array) -> Run:
+def _sampled(motion: Motion, times: Array, states: Array) -> Run:
     """Return the run of the integrator's states (k, 2 f)."""
-    evaluations = motion.evaluations
-    q, qd, tau = (np.empty((len(times), robot.n)) for _ in range(3))
+    evaluations, n = motion.evaluations, len(motion.q)
+    q, qd, tau = (np.empty((len(times), n)) for _ in range(3))
+    energy = np.empty((len(times), 2))
     for index, time in enumerate(times):
         motion.accelerate(float(time), motion.close(float(time), states[index]))
         q[index], qd[index], tau[index] = motion.q, motion.qd, motion.tau
-    energy = robot.energy(q, qd, check=False)
+        energy[index] = motion.energy()
     finite = np.isfinite(energy).all(axis=1)
     if not finite.all():
         raise SolverError(
             f'simulate: the energy must stay finite, got an overflow at '
             f't = {times[int(np.argmin(finite))]:.6g} s; the motion diverges'
         )
-    names = tuple(robot.coordinate_names)
+    names = motion.coordinate_names
     return Run(times, q, qd, energy, tau, names, evaluations)
 
 

@@ -1,0 +1,75 @@
+"""Static equilibrium and natural vibration; :class:`Robot` adds the dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.dynamics import equilibrium, linearization
+from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.batch import each_row
+from denoc_ros.dynamics.robot_model import RobotModel
+from denoc_ros.dynamics.validation import as_states
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+Wrenches = Mapping[str, ArrayLike]
+
+
+class StaticsAndVibration(RobotModel):
+    """What a robot does at rest, and in small about it."""
+
+    def static_deflection(
+        self,
+        q_joints: ArrayLike,
+        wrenches: Wrenches | None = None,
+        start: ArrayLike | None = None,
+        base: Base | None = None,
+    ) -> Array:
+        """Return the state (n,) whose amplitudes are in equilibrium at given joint positions.
+
+        Parameters
+        ----------
+        q_joints : (joints,)
+        wrenches : {frame: (6,)}, optional
+        start : (n,), optional
+            First guess of the amplitudes (its joints are not used); default undeformed.
+        base : (twist, acceleration[, pose]), optional
+            A base that moves steadily: the amplitudes stand still on it.
+
+        Raises
+        ------
+        SolverError
+            Newton's iteration found no equilibrium (a load beyond buckling).
+        """
+        if base is not None:
+            return self._on_base(
+                base, lambda row: self.static_deflection(row, wrenches, start), q_joints
+            )
+        joints = as_states('q_joints', q_joints, len(self.joint_indices))
+        states: Array = each_row(
+            lambda row: equilibrium.static_deflection(cast('Robot', self), row, wrenches, start),
+            joints,
+        )
+        return states
+
+    def natural_frequencies(self, q: ArrayLike, held: bool = True) -> Array:
+        """Return the natural frequencies [Hz] at rest at q, ascending (see natural_modes)."""
+        return self.natural_modes(q, held).frequencies
+
+    def natural_modes(self, q: ArrayLike, held: bool = True) -> linearization.NaturalModes:
+        """Return frequencies [Hz], shapes (n, k) and damping ratios at rest at q.
+
+        Gravity and load stiffness are as they are at q. `held` joints stay still; else all n
+        coordinates move: rigid motions have frequency 0 and unstable ones a negative one.
+        """
+        q = as_states('q', q, self.n)
+        modes = each_row(
+            lambda row: tuple(linearization.natural_modes(cast('Robot', self), row, held)), q
+        )
+        return linearization.NaturalModes(*modes)
