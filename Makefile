@@ -70,46 +70,46 @@ bench: $(STAMP)
 
 # two minutes: the flexible five-bar beside Exudyn's finite elements; the circle of section 5.5
 mechanisms: $(STAMP)
-	PYTHONPATH=test $(BIN)/python -m bench.exudyn_five_bar
-	PYTHONPATH=test $(BIN)/python -m bench.platform_circle docs/platform_circle.png
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.exudyn_five_bar
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.platform_circle docs/platform_circle.png
 
 # seven minutes: the demo's nodes at 1000 and at 500 Hz beside bare ones
 rates: $(STAMP)
-	PYTHONPATH=test $(BIN)/python -m bench.rates
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.rates
 
 # ten minutes of faults: what must never move a robot wrongly, hang a node or need cleaning up
 soak: $(STAMP)
-	PYTHONPATH=test $(BIN)/python -m campaign.run --minutes 10
+	PYTHONPATH=test:test/support $(BIN)/python -m campaign.run --minutes 10
 
 # two hours: 500 ends of each node, from every phase of its life, by every signal
 ends: $(STAMP)
-	PYTHONPATH=test $(BIN)/python -m campaign.ends_campaign --count 500
-	PYTHONPATH=test $(BIN)/python -m campaign.session_ends --count 100
+	PYTHONPATH=test:test/support $(BIN)/python -m campaign.ends_campaign --count 500
+	PYTHONPATH=test:test/support $(BIN)/python -m campaign.session_ends --count 100
 
 # an hour of whatever can be sent to all five nodes, drawn at random; what fails is shrunk to a few steps
 siege: $(STAMP)
-	PYTHONPATH=test $(BIN)/python -m campaign.siege --minutes 60 --json runs/siege.json
+	PYTHONPATH=test:test/support $(BIN)/python -m campaign.siege --minutes 60 --json runs/siege.json
 
 # ten minutes: a bag of 1 GB, made on the spot and replayed
 longbag: $(STAMP)
-	PYTHONPATH=test $(BIN)/python -m bench.long_bag
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.long_bag
 
 # four minutes: a minute of 50 topics with 5 MB/s, all recorded; what that costs a loop beside it
 load: $(STAMP)
-	PYTHONPATH=test $(BIN)/python -m bench.recorder_load --seconds 60
-	PYTHONPATH=test $(BIN)/python -m bench.loop_lateness
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.recorder_load --seconds 60
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.loop_lateness
 
 # three minutes: what the viewer costs the loops of the SSRMS beside it
 watched: $(STAMP)
-	PYTHONPATH=test $(BIN)/python -m bench.viewer_lateness
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.viewer_lateness
 
 # twenty minutes: what ten minutes of requests cost a loop of the SSRMS
 requests: $(STAMP)
-	PYTHONPATH=test $(BIN)/python -m bench.request_lateness --minutes 10
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.request_lateness --minutes 10
 
 # ten minutes, 3 GB on the disk
 longload: $(STAMP)
-	PYTHONPATH=test $(BIN)/python -m bench.recorder_load --seconds 600
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.recorder_load --seconds 600
 
 # a quarter of an hour: all tests of the dynamics with kernels that check every offset
 bounds: $(STAMP)

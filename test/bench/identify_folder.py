@@ -1,8 +1,8 @@
 """Throughput of `denoc identify modal` over a folder: local workers against one process.
 
-Run as `PYTHONPATH=test python -m bench.identify_folder [RECORDS] [WORKERS]`. Rounds alternate, so
-that what else the machine does falls on both; processor time counts what a record costs, with
-scheduling, transport and the start of the workers.
+Run as `PYTHONPATH=test:test/support python -m bench.identify_folder [RECORDS] [WORKERS]`. Rounds
+alternate, so that what else the machine does falls on both; processor time counts what a record
+costs, with scheduling, transport and the start of the workers.
 """
 
 from __future__ import annotations

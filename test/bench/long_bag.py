@@ -1,4 +1,6 @@
-"""A long bag made on the spot and replayed: `PYTHONPATH=test python -m bench.long_bag`.
+"""A long bag made on the spot and replayed.
+
+`PYTHONPATH=test:test/support python -m bench.long_bag`
 
 An arm with two flexible links at 1 kHz beside a camera, 1 GB unless told; prints how long the
 replay takes and the most memory that its process ever had.

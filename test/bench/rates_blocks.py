@@ -341,7 +341,8 @@ class Bench:
 @contextmanager
 def domain() -> Iterator[dict[str, str]]:
     """Give a ROS domain that is free to this process and, as environment, to its children."""
-    paths = [str(Path(__file__).resolve().parents[1]), os.environ.get('PYTHONPATH', '')]
+    test = Path(__file__).resolve().parents[1]
+    paths = [str(test), str(test / 'support'), os.environ.get('PYTHONPATH', '')]
     given = {
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'ROS_DOMAIN_ID': str(free_domain()),

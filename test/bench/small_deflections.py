@@ -1,6 +1,6 @@
 """How far small deflections reach: the figure of docs/theory.md, and its table.
 
-PYTHONPATH=test .venv/bin/python -m bench.small_deflections docs/small_deflections.png
+PYTHONPATH=test:test/support .venv/bin/python -m bench.small_deflections docs/small_deflections.png
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """What tip-exact motions reach and cost: the figures of docs/control.md.
 
-PYTHONPATH=test OPENBLAS_NUM_THREADS=1 taskset -c 0 .venv/bin/python -m bench.tip_motions
+OPENBLAS_NUM_THREADS=1 PYTHONPATH=test:test/support taskset -c 0
+    .venv/bin/python -m bench.tip_motions
 """
 
 from __future__ import annotations

@@ -241,7 +241,7 @@ def test_a_minute_of_siege_breaks_no_law(tmp_path: Path) -> None:
     command = [sys.executable, '-m', 'campaign.siege', '--minutes', '1', '--scene', 'links']
     command += ['--seed', '4', '--slack', '1', '--shrink', '0', '--json', str(told)]
     command += ['--failed', str(tmp_path / 'failed.json')]
-    environment = {**os.environ, 'PYTHONPATH': str(TEST)}
+    environment = {**os.environ, 'PYTHONPATH': f'{TEST}{os.pathsep}{TEST / "support"}'}
     done = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=BOUND
     )

@@ -146,7 +146,9 @@ NUMBER = re.compile(r'\d\.\de[+-]\d\d')
 
 def test_document_is_what_the_study_gives() -> None:
     written, made = DOCUMENT.read_text(encoding='utf-8'), document()
-    assert NUMBER.sub('#', written) == NUMBER.sub('#', made), 'run: python test/shape_study.py'
+    assert NUMBER.sub('#', written) == NUMBER.sub('#', made), (
+        'run: python test/support/shape_study.py'
+    )
     values = [[float(text) for text in NUMBER.findall(page)] for page in (written, made)]
     # two digits are shown
     np.testing.assert_allclose(values[0], values[1], rtol=0.06)

@@ -20,7 +20,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.trajectories import BookTrajectory, SplineTrajectory
 
 Array = NDArray[np.float64]
-CANADARM = Path(__file__).parents[1] / 'config/robots/canadarm_gauges.urdf'
+CANADARM = Path(__file__).parents[2] / 'config/robots/canadarm_gauges.urdf'
 PERIOD = 1e-3
 DELAY = 1.5  # periods
 SUBSTEPS = 2  # per period, so that the torque changes within one

@@ -23,7 +23,7 @@ from denoc_ros.model.dh.system import load_system
 from denoc_ros.model.urdf import load_tree
 from denoc_ros.simulation.scenario import KEYS as SCENARIO_KEYS
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 OTHERS = {'source', 'rosdep', 'colcon', 'git', 'touch', 'sudo', '.', 'cd', 'apt', 'apt-get'}
 CONTROLLERS = ROOT / 'test' / 'data' / 'ros2_controllers_jazzy.yaml'
 

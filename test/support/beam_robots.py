@@ -1,4 +1,4 @@
-"""Uniform beams as robots, for comparison with test/beam_closed_forms.py."""
+"""Uniform beams as robots, for comparison with test/support/beam_closed_forms.py."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from denoc_ros.model.dh.urdf import urdf_text
 
 Array = NDArray[np.float64]
 
-CONFIG = Path(__file__).resolve().parent.parent / 'config'
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
 DOWN = (0.0, -9.81, 0.0)
 # Table, the book's kind, kinds link by link.
 SHIPPED = [

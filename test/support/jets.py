@@ -1,6 +1,6 @@
 """Truncated power series: order 2 in time, order 1 in any number of directions.
 
-The arithmetic of test/oracles.py. A `Jet` holds `c[i, 0]`, the coefficient of t^i, and
+The arithmetic of test/support/oracles.py. A `Jet` holds `c[i, 0]`, the coefficient of t^i, and
 `c[i, 1 + k]`, the coefficient of t^i e_k with e_k e_l = 0. Derivatives come out exact.
 Coefficients may be complex: a step along the imaginary axis gives one more derivative.
 """

@@ -17,7 +17,7 @@ from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_fro
 
 Array = NDArray[np.float64]
 
-CONFIG = Path(__file__).resolve().parent.parent / 'config'
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
 
 
 def shipped(

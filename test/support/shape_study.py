@@ -2,7 +2,8 @@
 
 A uniform beam on a revolute joint, bare or with a point mass of `LOAD` times its own at its tip:
 sag of the tip under gravity and first two natural frequencies, joint held (a cantilever) and joint
-free (a pinned beam), against closed forms. `python test/shape_study.py` writes docs/shapes.md.
+free (a pinned beam), against closed forms. `python test/support/shape_study.py` writes
+docs/shapes.md.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ GRAVITY = 1e-6  # so small that the sag is linear and no stiffness comes of it
 LOAD = 10.0
 MODES = (1, 2, 3, 4, 6, 8)
 TITLES = {0.0: 'Bare beam', LOAD: f'Beam with {LOAD:g} times its mass at the tip'}
-DOCUMENT = Path(__file__).resolve().parent.parent / 'docs' / 'shapes.md'
+DOCUMENT = Path(__file__).resolve().parents[2] / 'docs' / 'shapes.md'
 
 
 @cache
@@ -152,9 +153,9 @@ def _text(error: float) -> str:
 
 HEAD = """# Which shape functions
 
-Written by `python test/shape_study.py`; a test holds it to the code. Relative errors of a uniform
-beam on a revolute joint against closed forms, for each `shape` and number of `modes`. The link
-frame is tangent to the beam at its root for the clamped shapes and craig-bampton; for
+Written by `python test/support/shape_study.py`; a test holds it to the code. Relative errors of a
+uniform beam on a revolute joint against closed forms, for each `shape` and number of `modes`. The
+link frame is tangent to the beam at its root for the clamped shapes and craig-bampton; for
 pinned-pinned its X axis is the beam's chord.
 
 The eigenvalues of the book's table 3.2 come out to its three decimals. Its last two rows are

@@ -15,7 +15,7 @@ from denoc_ros.simulation.run import Run
 
 Array = NDArray[np.float64]
 Reference = Callable[[Array], Array]
-ROBOTS = Path(__file__).resolve().parents[1] / 'config' / 'robots'
+ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 
 
 def cycloid(start: Array, end: Array, duration: float) -> Reference:
