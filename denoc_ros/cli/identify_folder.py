@@ -83,7 +83,7 @@ def identify_all(
 
 def modal_row(item: tuple[argparse.Namespace, Path]) -> Row:
     """Return one recording's row."""
-    from denoc_ros.cli.identify_modal import identify
+    from denoc_ros.cli.identify_decay import identify
 
     options, path = item
     began = time.thread_time()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import glob
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,19 +13,11 @@ from denoc_ros.cli.identify_inputs import (
     add_channel_options,
     add_robot_options,
     add_verdict_options,
-    asked_of,
-    attached_robot,
-    channel_of,
-    joint_values,
-    load_named_robot,
 )
-from denoc_ros.errors import BagError, DenocError
+from denoc_ros.errors import BagError
 from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
-    from denoc_ros.identification.analysis import DecayAnalysis
-    from denoc_ros.identification.channel import Reading
-    from denoc_ros.identification.damping import Assigned
     from denoc_ros.reports.pages import Page
 
 Document = dict[str, Any]
@@ -68,6 +59,7 @@ def run_modal(args: argparse.Namespace) -> int:
         from denoc_ros.cli.identify_folder import run_folder
 
         return run_folder(args, paths, crew)
+    from denoc_ros.cli.identify_decay import identify
     from denoc_ros.cli.identify_outputs import give_result
 
     document, analysis = identify(args, paths[0])
@@ -99,29 +91,6 @@ def recordings(names: Sequence[str]) -> list[Path]:
             raise BagError(f'{name}: path must be that of a bag, or of some, got none there')
         found |= dict.fromkeys(paths)
     return list(found)
-
-
-def identify(args: argparse.Namespace, path: Path) -> tuple[Document, DecayAnalysis]:
-    """Return the result for one recording, ready for a file, and the analysis it is from."""
-    import math
-
-    from denoc_ros.identification.analysis import analyse_decay
-    from denoc_ros.identification.channel import read_record
-    from denoc_ros.identification.modes import strongest
-    from denoc_ros.identification.result import modal_result
-    from denoc_ros.identification.windows import standing_spans
-    from denoc_ros.reports.versions import versions
-
-    channel, (band, count) = channel_of(args), asked_of(args)
-    reading = read_record(path, channel)
-    given = channel.begin > 0.0 or math.isfinite(channel.end)
-    held = args.joints == 'held'
-    analysis = analyse_decay(reading.record, given, standing_spans(reading) if held else ())
-    coefficients, model = _of_model(args, reading, analysis)
-    modes = analysis.modes
-    asked = strongest(modes.frequency, modes.energy, band, count)
-    document = modal_result(reading, analysis, coefficients, versions(), model, asked)
-    return document, analysis
 
 
 def as_text(document: Mapping[str, Any]) -> str:
@@ -172,51 +141,6 @@ def as_text(document: Mapping[str, Any]) -> str:
 def _check_text(check: Mapping[str, Any]) -> str:
     found = [] if check['damping_ratio'] is None else [f'zeta {check["damping_ratio"]:.4g}']
     return ', '.join([*found, *filter(None, [check['reason']])])
-
-
-def _of_model(
-    args: argparse.Namespace, reading: Reading, analysis: DecayAnalysis
-) -> tuple[dict[int, Assigned], Document]:
-    """Return the amplitudes of the model that the good modes determine, and which model it is."""
-    from denoc_ros.identification.apply import USABLE, configuration
-    from denoc_ros.identification.channel import joint_positions
-    from denoc_ros.identification.damping import assign_damping
-
-    robot = (
-        load_named_robot(args.robot, args.gravity)
-        if args.robot
-        else attached_robot(reading.path, args.gravity)
-    )
-    if robot is None:
-        return {}, {}
-    modes = analysis.modes
-    measured = joint_positions(reading, modes.start, modes.stop)
-    joints = {name: measured[name] for name in robot.joint_names if name in measured}
-    joints |= joint_values(args.at)
-    model: Document = {
-        'robot': robot.tree.name,
-        'file': args.robot or 'attached to the bag',
-        'joints': joints,
-        'held': args.joints == 'held',
-        'gravity': list(args.gravity),
-    }
-    usable = [k for k, verdict in enumerate(modes.verdict) if verdict in USABLE]
-    if not usable:
-        return {}, model
-    try:
-        assigned = assign_damping(
-            robot,
-            configuration(robot, joints),
-            modes.frequency[usable],
-            modes.damping_ratio[usable],
-            args.joints == 'held',
-            modes.amplitude[usable],
-        )
-    except DenocError as error:
-        if args.robot:
-            print(f'denoc identify: coefficients left out: {error}', file=sys.stderr)
-        return {}, {**model, 'left_out': str(error)}
-    return {usable[one.mode]: one for one in assigned}, model
 
 
 def _is_bag_folder(folder: Path) -> bool:

@@ -23,7 +23,7 @@ NUMBERS = ('duration_s', 'energy_change')
 def run_varied(args: argparse.Namespace) -> int:
     """Run `denoc simulate` with --vary; exit status 1 when no run came to its end."""
     from denoc_ros.cli.config import read_yaml
-    from denoc_ros.cli.simulate import load
+    from denoc_ros.cli.scenario_runs import load
 
     ranges = read_ranges(args.vary)
     if args.runs < 1:
@@ -98,7 +98,7 @@ def draw(ranges: Ranges, seed: int, run: int) -> dict[str, float]:
 
 def simulate_row(item: tuple[str, Mapping[str, Any], Mapping[str, float]]) -> Row:
     """Simulate once and return the drawn values and what came out."""
-    from denoc_ros.cli.simulate import prepare, summarize
+    from denoc_ros.cli.scenario_runs import prepare, summarize
 
     text, scenario, drawn = item
     robot, made = prepare(text, scenario, 'scenario', drawn)

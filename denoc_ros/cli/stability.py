@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
     from denoc_ros.cli.arguments import given_file
     from denoc_ros.cli.progress import share_bar
-    from denoc_ros.cli.simulate import load
+    from denoc_ros.cli.scenario_runs import load
     from denoc_ros.reports.provenance import named_file, provenance
     from denoc_ros.reports.stability import page
     from denoc_ros.simulation.stability import study_stability

@@ -24,7 +24,7 @@ from denoc_ros.nodes.diagnostics import DiagnosticsPublisher, callback_status
 from denoc_ros.nodes.guarded_node import GuardedNode
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.messages import wait_until_delivered
-from denoc_ros.runtime.conversions import InputError
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.parameter_files import shared_names
 from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
 from denoc_ros.runtime.realtime import make_thread_timely, settle_garbage

@@ -18,11 +18,9 @@ from denoc_ros.nodes.model_node import driven_joints
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.torque_output import TorqueOutput
 from denoc_ros.runtime.carrying import CarryingTorque
-from denoc_ros.runtime.conversions import (
-    InputError,
-    JointStateReader,
-)
+from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.feedforward_parameters import TABLE
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.live_torque import LiveTorque
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.reference import DifferencedStream, ReferenceFollower

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile
 
-from denoc_ros.runtime.conversions import InputError
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.runtime.talkers import Talkers
 

@@ -26,9 +26,7 @@ from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_outputs import SensorOutputs
-from denoc_ros.runtime.conversions import (
-    CommandReader,
-)
+from denoc_ros.runtime.conversions import CommandReader
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.parameters import Settings, Value
 from denoc_ros.runtime.plant_parameters import TABLE

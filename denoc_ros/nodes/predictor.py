@@ -27,9 +27,7 @@ from denoc_ros.nodes.predictor_outputs import PredictorOutputs
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
-from denoc_ros.runtime.conversions import (
-    JointStateReader,
-)
+from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings, Value
 from denoc_ros.runtime.predictor_parameters import TABLE

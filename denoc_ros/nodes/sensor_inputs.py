@@ -16,7 +16,8 @@ from denoc_ros.estimation.clock import StampClock
 from denoc_ros.model.sensors import WRENCH_FIELDS, wrench_field
 from denoc_ros.model.tree import Sensor, Tree
 from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.runtime.conversions import CdrReader, InputError
+from denoc_ros.runtime.conversions import CdrReader
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.safety import InputMonitor
 
 Array = NDArray[np.float64]

@@ -22,7 +22,8 @@ from denoc_ros.nodes.model_node import is_override
 from denoc_ros.nodes.motion_messages import planned_message, unshaped_message
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.runtime.conversions import InputError, JointStateReader
+from denoc_ros.runtime.conversions import JointStateReader
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.motion_planning import MotionPlanning, given_limits, servo_columns
 from denoc_ros.runtime.motion_samples import Motion

@@ -8,33 +8,22 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from denoc_ros.runtime.motion_bounds import MotionBounds
+from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.motion_bounds import MotionBounds
 
 Array = NDArray[np.float64]
 
 LITTLE_ENDIAN = b'\x00\x01'
 LONGEST = 16384  # bytes of a message that a loop has time for
-LONGEST_TEXT = 500  # characters of a refusal: what came may be megabytes
 MOST_JOINTS = 256  # in one message: names are read one by one
 LARGEST_EFFORT = 1e9  # N m or N: more is no torque of a robot
 ENCAPSULATION = 4  # bytes before the payload; alignment counts from its end
 INTEGERS = {1: ('<', struct.Struct('<I'), struct.Struct('<i'))}
 INTEGERS[0] = ('>', struct.Struct('>I'), struct.Struct('>i'))
-
-
-class InputError(Exception):
-    """An input message is refused; `cause` is the word it is counted under."""
-
-    def __init__(self, cause: str, message: str) -> None:
-        self.cause = cause
-        short = len(message) <= LONGEST_TEXT
-        super().__init__(message if short else message[: LONGEST_TEXT - 1] + '…')
 
 
 class CdrReader:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.runtime.conversions import InputError, JointStateReader, joint_names
+from denoc_ros.runtime.conversions import JointStateReader, joint_names
+from denoc_ros.runtime.input_error import InputError
 
 Array = NDArray[np.float64]
 FARTHEST = 1e6  # rad or m: a coordinate beyond cannot be drawn

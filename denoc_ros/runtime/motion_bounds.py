@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.tree import Limits
-from denoc_ros.runtime.conversions import InputError
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.parameters import Settings
 
 Array = NDArray[np.float64]

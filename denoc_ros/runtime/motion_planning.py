@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.runtime.conversions import InputError
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_samples import Motion
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.planner import Answer, Planner

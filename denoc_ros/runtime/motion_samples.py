@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.runtime.conversions import InputError
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 from denoc_ros.trajectories import SplineTrajectory
 

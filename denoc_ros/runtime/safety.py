@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.runtime.conversions import LARGEST_EFFORT, InputError
+from denoc_ros.runtime.conversions import LARGEST_EFFORT
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.parameters import Settings
 
 Array = NDArray[np.float64]

@@ -17,10 +17,10 @@ from denoc_ros.runtime.conversions import (
     ENCAPSULATION,
     LONGEST,
     CdrReader,
-    InputError,
     joint_map,
     require_finite,
 )
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
 
 Array = NDArray[np.float64]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -136,3 +138,15 @@ def test_the_configurations_of_the_package_are_good(name: str) -> None:
 def test_every_key_is_explained_in_the_demo_s_configuration() -> None:
     explained = re.findall(r'^# {3}(\w+) ', (ROOT / 'config' / 'canadarm.yaml').read_text(), re.M)
     assert sorted(explained) == sorted(KEYS)
+
+
+def test_a_configuration_is_checked_without_ros() -> None:
+    """Tables of the nodes' parameters and validation need no middleware."""
+    script = (
+        'import sys; from denoc_ros.cli.config import NODES, load_config; '
+        'from denoc_ros.cli.node_parameters import check_parameters; '
+        'check_parameters(load_config("canadarm.yaml"), list(NODES)); '
+        'ros = {"rclpy", "rcl_interfaces", "sensor_msgs", "denoc_ros.nodes"} & set(sys.modules); '
+        'assert not ros, ros'
+    )
+    subprocess.run([sys.executable, '-c', script], check=True, timeout=120)

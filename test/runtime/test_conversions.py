@@ -24,12 +24,8 @@ from denoc_ros.nodes.messages import (
     TrajectoryPointMessage,
 )
 from denoc_ros.nodes.sensor_inputs import read_joint_state
-from denoc_ros.runtime.conversions import (
-    CdrReader,
-    CommandReader,
-    InputError,
-    JointStateReader,
-)
+from denoc_ros.runtime.conversions import CdrReader, CommandReader, JointStateReader
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 
 pytestmark = pytest.mark.ros

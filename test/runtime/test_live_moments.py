@@ -16,7 +16,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.runtime.conversions import InputError
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.live_moments import LiveMoments
 from denoc_ros.runtime.live_state import FARTHEST, LiveState
 

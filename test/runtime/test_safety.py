@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from denoc_ros.errors import SolverError
 from denoc_ros.runtime.carrying import CarryingTorque
-from denoc_ros.runtime.conversions import LARGEST_EFFORT, InputError
+from denoc_ros.runtime.conversions import LARGEST_EFFORT
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.pace import Backoff
 from denoc_ros.runtime.safety import InputMonitor, SafeCommand, TorqueLimiter, effort_limits
 
