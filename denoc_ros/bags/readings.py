@@ -29,6 +29,17 @@ def read_readings(
 ) -> tuple[Array, Array]:
     """Return times since the first reading [s] and raw readings, (k,) each.
 
+    Arguments and errors are those of `read_stamped_readings`.
+    """
+    stamp_ns, raw = read_stamped_readings(path, topic, name, field, wrench_field)
+    return elapsed(stamp_ns), raw
+
+
+def read_stamped_readings(
+    path: str | Path, topic: str, name: str, field: str = '', wrench_field: str = ''
+) -> tuple[NDArray[np.int64], Array]:
+    """Return stamps [ns] and raw readings, (k,) each.
+
     Parameters
     ----------
     path : str or Path
@@ -60,7 +71,7 @@ def read_readings(
                 f'{path}: messages on {topic} must hold sensor {name!r} '
                 f'(field {field or name!r}), got one without'
             ) from error
-    return elapsed(np.array(stamps, dtype=np.int64)), np.array(raw, dtype=np.float64)
+    return np.array(stamps, dtype=np.int64), np.array(raw, dtype=np.float64)
 
 
 def resolved(topic: str, topics: Iterable[str]) -> str:

@@ -51,7 +51,7 @@ def smoothed(values: Mapping[str, Any], cutoff: float) -> dict[str, Any]:
         [Hz]; motion that is faster is taken out by polynomials around each time, so nothing
         comes late.
     """
-    from denoc_ros.replay.motion import smooth
+    from denoc_ros.estimation.joint_motion import smooth
 
     changed: dict[str, Any] = _copied(values)
     for _, points in _point_lists(changed):

@@ -16,11 +16,11 @@ from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, read_raw
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
+from denoc_ros.estimation.torque_along import TorqueReplay, Torques
 from denoc_ros.replay.friction import FrictionFit, FrictionFitter
 from denoc_ros.replay.measures import Agreement, Comparison, Shares
 from denoc_ros.replay.settings import PREFIX, Plan, ReplaySettings, plan_replay
 from denoc_ros.replay.stream import Block, JointStream
-from denoc_ros.replay.torques import TorqueReplay, Torques
 from denoc_ros.replay.traces import Traces
 
 Array = NDArray[np.float64]

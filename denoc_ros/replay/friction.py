@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.estimation.joint_friction import JointFriction
 from denoc_ros.model.arrays import SLIP_RATE
 
 Array = NDArray[np.float64]
@@ -14,28 +15,6 @@ Array = NDArray[np.float64]
 TERMS = ('viscous', 'coulomb', 'offset')
 WINDOW = 1.0  # s that residuals are taken to hang together for
 NEGLIGIBLE = 1e-9  # share of a term that the other terms do not already explain
-
-
-@dataclass(frozen=True)
-class JointFriction:
-    """Friction of joints: viscous q' + coulomb tanh(q' / 1e-3) + offset.
-
-    Attributes
-    ----------
-    viscous : (joints,) array
-        [N m s/rad, N s/m]
-    coulomb, offset : (joints,) array
-        [N m, N]
-    """
-
-    viscous: Array
-    coulomb: Array
-    offset: Array
-
-    def torque(self, qd: Array) -> Array:
-        """Return viscous and Coulomb friction (k, joints) at rates; the offset is not in it."""
-        friction: Array = self.viscous * qd + self.coulomb * np.tanh(qd / SLIP_RATE)
-        return friction
 
 
 @dataclass(frozen=True)

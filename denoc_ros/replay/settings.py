@@ -16,7 +16,7 @@ from denoc_ros.bags.reader import BagContents, Stamp, bag_contents, read_raw
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError
-from denoc_ros.replay.motion import METHODS
+from denoc_ros.estimation.joint_motion import METHODS
 from denoc_ros.replay.stream import Source
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ class ReplaySettings:
     rename : mapping of str to str
         Beginnings of joint names in the bag and what they are in the robot.
     derivative : {'filter', 'kalman'}
-        How rates and accelerations come about, see `denoc_ros.replay.motion.smooth`.
+        How rates and accelerations come about, see `denoc_ros.estimation.joint_motion.smooth`.
     cutoff : float
         Of that [Hz].
     stamp : {'header', 'log'}

@@ -15,7 +15,7 @@ from denoc_ros.bags.columns import FIELDS, JointStateColumns
 from denoc_ros.bags.reader import Stamp, read_raw
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.errors import BagError
-from denoc_ros.replay.motion import Motion, settling, smooth
+from denoc_ros.estimation.joint_motion import Motion, settling, smooth
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -113,7 +113,7 @@ class JointStream:
     source : Source
         What is read.
     method, cutoff
-        Of the smoothing, as `denoc_ros.replay.motion.smooth`; cutoffs beyond a fifth of the
+        Of the smoothing, as `estimation.joint_motion.smooth`; cutoffs beyond a fifth of the
         sampling rate are lowered to that.
 
     Attributes

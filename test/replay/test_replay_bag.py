@@ -20,13 +20,13 @@ from denoc_ros.bags.series import read_joint_states
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import BagError, ConfigError
+from denoc_ros.estimation.joint_motion import METHODS, Motion
+from denoc_ros.estimation.torque_along import TorqueReplay
 from denoc_ros.replay import stream as stream_module
 from denoc_ros.replay.bag import replay_bag
-from denoc_ros.replay.motion import METHODS, Motion
 from denoc_ros.replay.settings import ReplaySettings, plan_replay
 from denoc_ros.replay.stream import Block, JointStream, Source, Values
 from denoc_ros.replay.summary import summarize
-from denoc_ros.replay.torques import TorqueReplay
 
 Array = NDArray[np.float64]
 UR10 = 'ur10_inverse_dynamics_solver_bagfiles_ur10_exciting_trajectory.db3'

@@ -14,12 +14,13 @@ from denoc_ros.bags.columns import JOINT_STATE
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
+from denoc_ros.estimation.joint_friction import JointFriction
+from denoc_ros.estimation.joint_motion import Motion
+from denoc_ros.estimation.torque_along import TorqueReplay, Torques
 from denoc_ros.replay.bag import replay_bag
-from denoc_ros.replay.friction import FrictionFit, JointFriction
-from denoc_ros.replay.motion import Motion
+from denoc_ros.replay.friction import FrictionFit
 from denoc_ros.replay.settings import ReplaySettings
 from denoc_ros.replay.summary import doubts
-from denoc_ros.replay.torques import TorqueReplay, Torques
 
 Array = NDArray[np.float64]
 ROWS = 30

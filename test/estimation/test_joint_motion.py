@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from denoc_ros.errors import StateError
-from denoc_ros.replay.motion import METHODS, settling, smooth
+from denoc_ros.estimation.joint_motion import METHODS, settling, smooth
 
 Array = NDArray[np.float64]
 RATE = 125.0

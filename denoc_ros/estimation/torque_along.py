@@ -15,9 +15,9 @@ from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ModelError
+from denoc_ros.estimation.joint_friction import JointFriction
+from denoc_ros.estimation.joint_motion import Motion
 from denoc_ros.estimation.tracking import connecting_acceleration
-from denoc_ros.replay.friction import JointFriction
-from denoc_ros.replay.motion import Motion
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
