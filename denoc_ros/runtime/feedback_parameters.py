@@ -9,14 +9,18 @@ STATES = ('off', 'lqr')
 DELAY = 1.5  # periods: sampling, transport and half a hold
 # rows that say how a setting of the state feedback is called, and what it is
 SETTINGS = (
-    ('tip_error', 'error of the tip that is worth `effort_share`', 'm'),
-    ('tip_turn', 'rotation of the tip that is worth as much', 'rad'),
-    ('joint_error', "error of a joint that is worth as much, beside the tip's", 'rad, m'),
-    ('effort_share', 'share of the effort limits that these errors are worth', ''),
-    ('model_error', "how far the model's torques and elastic forces may be off, as a share", ''),
+    ('tip_error', 'position error of the tip that is weighted like `effort_share`', 'm'),
+    ('tip_turn', 'rotation error of the tip with the same weight', 'rad'),
+    ('joint_error', "joint error with the same weight, in addition to the tip's", 'rad, m'),
+    ('effort_share', 'share of the effort limits with the same weight as these errors', ''),
+    ('model_error', "assumed error of the model's torques and elastic forces, as a share", ''),
     ('position_noise', 'standard deviation of measured joint positions', 'rad, m'),
-    ('velocity_noise', 'standard deviation of measured joint rates', 'rad/s, m/s'),
-    ('sensor_timeout', 'without a good value of every sensor: the plan alone', 's'),
+    ('velocity_noise', 'standard deviation of measured joint velocities', 'rad/s, m/s'),
+    (
+        'sensor_timeout',
+        'longest time without a good value of every sensor; then the plan alone',
+        's',
+    ),
 )
 
 
@@ -32,12 +36,12 @@ def _state_parameters() -> tuple[Parameter, ...]:
             'feedback.state',
             Kind.STRING,
             'off',
-            'lqr: torque against the deviation of all coordinates from the plan, by joints and '
-            'sensors; refused unless stable with stiffness and load 20 % off',
+            'lqr: torque against the deviation of all coordinates from the plan, estimated '
+            'from joints and sensors; refused unless stable with stiffness and load 20 % off',
             choices=STATES,
         ),
         Parameter(
-            'feedback.tip', Kind.STRING, '', 'frame that is to stay on the plan; empty: the last'
+            'feedback.tip', Kind.STRING, '', 'frame to keep on the plan; empty: the last'
         ),
         *(
             Parameter(
@@ -50,7 +54,8 @@ def _state_parameters() -> tuple[Parameter, ...]:
             'feedback.integral_time',
             Kind.DOUBLE,
             FeedbackSettings.integral_time,
-            'state feedback: s in which an error that stays asks for as much again; 0: never',
+            'state feedback: time after which the integral of a constant error doubles the '
+            'torque; 0: no integral',
             's',
             0.0,
         ),
@@ -58,7 +63,7 @@ def _state_parameters() -> tuple[Parameter, ...]:
             'feedback.delay',
             Kind.DOUBLE,
             DELAY,
-            'state feedback: from a measurement to the torque that answers it',
+            'state feedback: delay from a measurement to the torque that responds to it',
             'periods',
             0.0,
             50.0,
@@ -67,7 +72,7 @@ def _state_parameters() -> tuple[Parameter, ...]:
             'feedback.sensor_delay',
             Kind.DOUBLE,
             0.0,
-            "state feedback: how much later than the joints' the sensors' values come",
+            "state feedback: delay of the sensors' values after the joints'",
             's',
             0.0,
             0.05,
@@ -90,8 +95,9 @@ def _strain_parameters() -> tuple[Parameter, ...]:
             'feedback.strain_gain',
             Kind.DOUBLES,
             [],
-            'damping torque per rate of the strain on the link behind each driven joint; empty: '
-            'off. Refused unless it takes power from every mode of the model',
+            'damping torque per strain rate, for each driven joint from a gauge on the link '
+            'behind it; empty: off. Refused unless it dissipates power in every mode of the '
+            'model',
             'N m s, N s',
             0.0,
         ),
@@ -108,7 +114,7 @@ def _strain_parameters() -> tuple[Parameter, ...]:
             'feedback.cutoff',
             Kind.DOUBLE,
             50.0,
-            'bandwidth of the filter that makes the rate of strain',
+            'bandwidth of the filter that computes the strain rate',
             'Hz',
             positive=True,
         ),

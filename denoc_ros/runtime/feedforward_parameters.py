@@ -27,46 +27,51 @@ TABLE = ParameterTable(
             'joints',
             Kind.STRINGS,
             [],
-            'joints that are driven, in the order of the commands; empty: all but mimic joints',
+            'driven joints, in the order of the commands; empty: all but mimic joints',
         ),
         Parameter(
             'model',
             Kind.STRING,
             'flexible',
-            'rigid: links as rigid; flexible: amplitudes move freely; quasi_static: they stand',
+            'rigid: rigid links; flexible: amplitudes move freely; quasi_static: amplitudes at'
+            ' static equilibrium',
             choices=MODELS,
             live=True,
         ),
         *(
-            Parameter(f'terms.{name}', Kind.BOOL, True, f'torque has {text}', live=True)
+            Parameter(f'terms.{name}', Kind.BOOL, True, f'include {text}', live=True)
             for name, text in (
-                ('inertia', 'what accelerations need'),
-                ('coriolis', 'what centrifugal and Coriolis forces need'),
-                ('gravity', 'what weight needs; false where the robot compensates it itself'),
-                ('friction', "what the joints' damping and friction need"),
-                ('elastic', 'what deflection changes'),
+                ('inertia', 'the torque for accelerations'),
+                ('coriolis', 'the torque for centrifugal and Coriolis forces'),
+                (
+                    'gravity',
+                    'the torque against gravity; false if the robot compensates it itself',
+                ),
+                ('friction', "the torque against the joints' damping and friction"),
+                ('elastic', 'the change of torque due to deflection'),
             )
         ),
         Parameter(
             'trigger',
             Kind.STRING,
             'clock',
-            'clock: commands at `update_rate`; message: one `~/effort` per accepted reference '
-            'with its stamp, for recorded runs; no commands leave',
+            'clock: commands at `update_rate`; message: one `~/effort` per accepted reference,'
+            ' with its stamp, and no commands (for recorded runs)',
             choices=('clock', 'message'),
         ),
         Parameter(
             'reference_source',
             Kind.STRING,
             'topic',
-            'topic: `reference`; joint_states: the measured motion, accelerations differenced',
+            'topic: `reference`; joint_states: the measured motion, with differentiated '
+            'accelerations',
             choices=('topic', 'joint_states'),
         ),
         Parameter(
             'acceleration_cutoff',
             Kind.DOUBLE,
             20.0,
-            'low pass of the accelerations differenced from joint states',
+            'bandwidth of the low-pass filter on accelerations differentiated from joint states',
             'Hz',
             positive=True,
         ),
@@ -74,34 +79,46 @@ TABLE = ParameterTable(
             'require_joint_states',
             Kind.BOOL,
             True,
-            'torque along the reference only while joint states are fresh',
+            'follow the reference only while joint states are fresh',
         ),
         Parameter(
             'allow_extra_joints',
             Kind.BOOL,
             False,
-            'take joint states that also have joints the robot does not have',
+            'accept joint states that also name joints unknown to the robot',
         ),
         Parameter(
             'lead_time',
             Kind.DOUBLE,
             0.0,
-            'how far ahead of now the reference is taken: makes up for transport and hold delay',
+            'how far ahead of the current time the reference is evaluated: compensates '
+            'transport and hold delay',
             's',
             0.0,
             0.1,
             live=True,
         ),
-        Parameter('enabled', Kind.BOOL, True, 'follow at once; false: after `~/enable`'),
+        Parameter(
+            'enabled',
+            Kind.BOOL,
+            True,
+            'follow the reference from the start; false: after `~/enable`',
+        ),
         Parameter(
             'stale_action',
             Kind.STRING,
             'ramp_to_gravity',
-            'what to do while there is no good input',
+            'what to send while joint states or reference are stale',
             choices=STALE_ACTIONS,
         ),
         Parameter(
-            'ramp_time', Kind.DOUBLE, 0.5, 'of ramp_to_gravity', 's', maximum=30.0, positive=True
+            'ramp_time',
+            Kind.DOUBLE,
+            0.5,
+            'duration of ramp_to_gravity',
+            's',
+            maximum=30.0,
+            positive=True,
         ),
         Parameter(
             'effort_limits',
@@ -112,7 +129,7 @@ TABLE = ParameterTable(
             0.0,
         ),
         Parameter(
-            'enforce_command_limits', Kind.BOOL, True, 'hold the torque within the effort limits'
+            'enforce_command_limits', Kind.BOOL, True, 'clamp the torque to the effort limits'
         ),
         Parameter(
             'max_delta_tau',

@@ -23,7 +23,7 @@ TABLE = ParameterTable(
             'joints',
             Kind.STRINGS,
             [],
-            'joints with a drive; empty: all but mimic joints',
+            'driven joints; empty: all but mimic joints',
         ),
         Parameter('command', Kind.STRING, 'feedforward/commands', 'topic of the commanded effort'),
         Parameter(
@@ -38,10 +38,13 @@ TABLE = ParameterTable(
             'brake',
             Kind.BOOL,
             True,
-            'the joints stay where they start until the first command comes',
+            'hold the joints at their start positions until the first command',
         ),
         Parameter(
-            'enforce_effort_limits', Kind.BOOL, True, "drives saturate at the URDF's effort limits"
+            'enforce_effort_limits',
+            Kind.BOOL,
+            True,
+            ("saturate the drives at the URDF's effort limits"),
         ),
         Parameter('start', Kind.DOUBLES, [], 'joint positions at the start; empty: 0', 'rad, m'),
         Parameter(
@@ -55,8 +58,8 @@ TABLE = ParameterTable(
             'feedback.kp',
             Kind.DOUBLES,
             [0.0],
-            "the robot's own joint controller beside the commands: stiffness towards "
-            '`reference`, one or one per joint',
+            "the robot's own joint controller, added to the commands: stiffness towards "
+            '`reference`, one value or one per joint',
             'N m/rad, N/m',
             0.0,
         ),
@@ -64,19 +67,41 @@ TABLE = ParameterTable(
             'feedback.kd',
             Kind.DOUBLES,
             [0.0],
-            "the robot's own joint controller: damping against the reference's rate",
+            "the robot's own joint controller: damping relative to the reference's velocity",
             'N m s/rad, N s/m',
             0.0,
         ),
         Parameter(
-            'noise.position', Kind.DOUBLE, 0.0, 'deviation of measured positions', 'rad, m', 0.0
+            'noise.position',
+            Kind.DOUBLE,
+            0.0,
+            'standard deviation of measured positions',
+            'rad, m',
+            0.0,
         ),
         Parameter(
-            'noise.velocity', Kind.DOUBLE, 0.0, 'deviation of measured rates', 'rad/s, m/s', 0.0
+            'noise.velocity',
+            Kind.DOUBLE,
+            0.0,
+            'standard deviation of measured velocities',
+            'rad/s, m/s',
+            0.0,
         ),
-        Parameter('noise.effort', Kind.DOUBLE, 0.0, 'deviation of measured effort', 'N m, N', 0.0),
-        Parameter('noise.sensors', Kind.BOOL, True, "sensors have the noise of the URDF's block"),
-        Parameter('seed', Kind.INTEGER, 0, 'of the noise', '', 0),
+        Parameter(
+            'noise.effort',
+            Kind.DOUBLE,
+            0.0,
+            'standard deviation of measured effort',
+            'N m, N',
+            0.0,
+        ),
+        Parameter(
+            'noise.sensors',
+            Kind.BOOL,
+            True,
+            ("add the noise that the URDF's block gives for the sensors"),
+        ),
+        Parameter('seed', Kind.INTEGER, 0, 'seed of the noise', '', 0),
         publishers_parameter(),
     ]
 )

@@ -12,7 +12,7 @@ def lifecycle_parameters() -> tuple[Parameter, ...]:
             'autostart',
             Kind.BOOL,
             True,
-            'configure and activate at start; false: a lifecycle manager does it',
+            'configure and activate at start; false: leave it to a lifecycle manager',
         ),
     )
 
@@ -24,7 +24,7 @@ def robot_parameters() -> tuple[Parameter, ...]:
             'urdf_path',
             Kind.STRING,
             '',
-            'file of the robot; empty: the topic `robot_description`',
+            'URDF file of the robot; empty: the topic `robot_description`',
         ),
         Parameter(
             'gravity',
@@ -37,14 +37,14 @@ def robot_parameters() -> tuple[Parameter, ...]:
             'posture',
             Kind.DOUBLES,
             [],
-            'positions of all joints of the tree near which its loops are closed; empty: 0',
+            'seed positions of all joints of the tree, near which its loops are closed; empty: 0',
             'rad, m',
         ),
         Parameter(
             'geometric_stiffness',
             Kind.BOOL,
             True,
-            'foreshortening of the beams; false: the model for slow motion',
+            'include the foreshortening of the beams; false: the model for slow motion',
         ),
         *(
             Parameter(
@@ -84,7 +84,7 @@ def loop_parameters() -> tuple[Parameter, ...]:
             'cpu_affinity',
             Kind.INTEGER,
             -1,
-            'core that the loop thread is kept on; -1 = any',
+            'core to which the loop thread is pinned; -1 = any',
             '',
             -1,
             1023,
@@ -93,7 +93,7 @@ def loop_parameters() -> tuple[Parameter, ...]:
             'diagnostics.threshold.late_share',
             Kind.DOUBLE,
             0.02,
-            'share of ticks late by more than half a period above which the loop warns',
+            'share of late ticks (by more than half a period) above which the loop warns',
             '',
             0.0,
             1.0,
@@ -108,8 +108,8 @@ def publishers_parameter() -> Parameter:
         'max_publishers',
         Kind.INTEGER,
         1,
-        'publishers that may talk at once on an input topic; while more do, all its messages are '
-        'rejected',
+        'largest number of publishers that may be active on an input topic; with more, all its'
+        ' messages are rejected',
         '',
         1,
         100,
@@ -150,7 +150,7 @@ def range_parameters() -> tuple[Parameter, ...]:
             'position_margin',
             Kind.DOUBLE,
             1.0,
-            "how far beyond the URDF's limits positions may be; beyond that a message is refused",
+            "how far a position may exceed the URDF's limits; a message beyond that is refused",
             'rad, m',
             0.0,
         ),
@@ -158,7 +158,7 @@ def range_parameters() -> tuple[Parameter, ...]:
             'position_limit',
             Kind.DOUBLE,
             1e6,
-            'largest position of any joint, also of one without limits',
+            'largest position of any joint, with or without limits',
             'rad, m',
             maximum=1e9,
             positive=True,
@@ -167,7 +167,8 @@ def range_parameters() -> tuple[Parameter, ...]:
             'velocity_factor',
             Kind.DOUBLE,
             10.0,
-            "how many times the URDF's velocity limits rates may be; 10000 where it has none",
+            "largest velocity, as a multiple of the URDF's velocity limit; 10000 for joints "
+            'without a limit',
             '',
             1.0,
         ),
