@@ -185,6 +185,7 @@ class CountingKernels:
         instead: dict[str, Callable[..., Any]] = {
             'model_arrays': lambda handle: self._model,
             'coordinates': lambda handle: robot.n,
+            'link_side': lambda handle: handle,
             'beyond': lambda array, count: array[count:],
             # a check of the result, no part of the algorithm
             'all_finite': lambda values, count: True,

@@ -78,6 +78,7 @@ class Equilibrium:
         self._multipliers = np.zeros(len(robot.constraint_names) if closed else 0)
         size = len(free) + len(self._multipliers)
         self._inverse: Array = np.zeros((size, size))
+        self._loose = np.flatnonzero(robot.play)
         self._found = self._unsettled = False
 
     def forget(self) -> None:
@@ -105,6 +106,7 @@ class Equilibrium:
         if not self._unsettled:
             self._multipliers[:] = 0.0
         self._unsettled = False
+        self._take_up_play(q)
         share = np.inf
         end = time.thread_time() + patience
         for _ in range(ITERATIONS):
@@ -128,6 +130,16 @@ class Equilibrium:
             f'start, got a relative change of {share:.3g} after {ITERATIONS} Newton steps '
             '(buckling?)'
         )
+
+    def _take_up_play(self, q: Array) -> None:
+        """Put springs that lie within their play where they begin to carry their load."""
+        if not len(self._loose):
+            return
+        robot, at = self.robot, self._loose
+        robot.inverse_dynamics(q, self._zero, self._zero, self._wrenches, out=self._force)
+        play = robot.play[at]
+        within = np.abs(q[at]) < play
+        q[at[within]] = -(np.sign(self._force[at]) * play)[within]
 
     def follow(self, q: Array) -> bool:
         """Move the free coordinates of q to the equilibrium nearby by the tangent kept.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,6 +43,6 @@ def with_joint_feedback(
     diagonals = held.arrays.diagonals.copy()
     diagonals[STIFFNESS, index] += gains[0]
     diagonals[DAMPING, index] += gains[1]
-    held.arrays = replace(held.arrays, diagonals=diagonals)
+    held.arrays = held.arrays.with_diagonals(diagonals)
     # a copy makes its workspace from what is arrays
     return held.copy()

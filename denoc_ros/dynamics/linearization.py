@@ -69,19 +69,21 @@ def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None =
     if derivatives_are_ready(bool(wrenches)):
         exact: Array = robot.inverse_dynamics_derivatives(q, zero, zero, wrenches)[0]
         return np.asarray(0.5 * (exact + exact.T))
-    elastic: Array = robot.stiffness
+    slope = robot.elasticity(q)[1]
 
     def load(state: Array) -> Array:
-        return robot.inverse_dynamics(state, zero, zero, wrenches) - elastic * state
+        return robot.inverse_dynamics(state, zero, zero, wrenches) - robot.elasticity(state)[0]
 
     tangent: Array = derivative(load, q, difference_steps(robot))
-    symmetric: Array = 0.5 * (tangent + tangent.T) + np.diag(elastic)
+    symmetric: Array = 0.5 * (tangent + tangent.T) + np.diag(slope)
     return symmetric
 
 
 def natural_modes(robot: Robot, q: Array, held: bool) -> NaturalModes:
     """Return the natural modes at rest at q."""
     index = robot.flexible_indices if held else np.arange(robot.n)
+    if not held:
+        robot.require_rotors()
     if not len(index):
         return NaturalModes(np.zeros(0), np.zeros((robot.n, 0)), np.zeros(0))
     block = np.ix_(index, index)

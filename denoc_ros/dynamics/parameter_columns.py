@@ -13,6 +13,7 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.kernels import layout
 from denoc_ros.model.arrays import inertia_row, is_flexible
 from denoc_ros.model.inertia import from_centre, moved
+from denoc_ros.model.override_elements import SPRING_FIELDS, joint_fields
 from denoc_ros.model.overrides import carrying_links, damping_names
 from denoc_ros.model.tree import Beam, Deformation, RigidInertia
 
@@ -33,6 +34,7 @@ MOMENTS = {
     'iyz': (1, 2),
     'izz': (2, 2),
 }
+OF_SPRINGS = {'stiffness': 'stiffness', 'spring_damping': 'damping'}
 AXES = ('x', 'y', 'z')
 PARTS = ('y', 'z', 'torsion')
 NOT_LINEAR = 'be a number in which torque is linear'
@@ -103,10 +105,17 @@ def _diagonal(robot: RobotModel, term: str, index: int | slice, values: Array | 
 
 def _joint(robot: RobotModel, rest: str) -> Column:
     name, _, field = rest.rpartition('.')
-    if name not in robot.joint_names or field not in DIAGONAL_TERMS[1:]:
-        fields = '|'.join(DIAGONAL_TERMS[1:])
-        raise _known([f'joint.{joint}.<{fields}>' for joint in robot.joint_names])
+    described = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint}
+    joint = described.get(name)
+    spring = None if joint is None else joint.spring
+    if name not in robot.joint_names or field not in joint_fields(spring):
+        known = [(joint, joint_fields(described[joint].spring)) for joint in robot.joint_names]
+        raise _known([f'joint.{joint}.<{"|".join(fields)}>' for joint, fields in known])
     index = int(robot.joint_indices[robot.joint_names.index(name)])
+    if spring is not None and field in SPRING_FIELDS:
+        if field not in OF_SPRINGS or (field == 'stiffness' and spring.backlash > 0.0):
+            raise _Unfit(f'{NOT_LINEAR}, got {field} of a spring with backlash or stiffness3')
+        return _diagonal(robot, OF_SPRINGS[field], index + 1, 1.0)
     return _diagonal(robot, field, index, 1.0)
 
 
@@ -149,7 +158,7 @@ def _deformation(
         raise _Unfit(f'{NOT_LINEAR}, got the number of modes')
     if name == 'torsion' and field == 'polar_inertia' and len(parts) == 2:
         return _polar_inertia(robot, i, beam)
-    row = robot.arrays.topology[1 + i].astype(int)
+    row = robot.arrays.topology[robot.arrays.body_rows[i]].astype(int)
     before = sum(beam.modes[: PARTS.index(name)])
     first = int(row[layout.COORDINATE] + row[layout.JOINT]) + before
     per_unit = part.modal_stiffness / part.stiffness
@@ -176,7 +185,7 @@ def _mode(text: str, modes: int) -> Array:
 
 def _mass_per_length(robot: RobotModel, i: int, beam: Beam) -> Column:
     """Return the column of a beam's own mass: its points are in proportion to its root."""
-    row = robot.arrays.topology[1 + i].astype(int)
+    row = robot.arrays.topology[robot.arrays.body_rows[i]].astype(int)
     where = beam_constants(row)
     nt = int(row[layout.NT])
     values = robot.arrays.constants[where] / np.sqrt(beam.mass_per_length)
@@ -186,11 +195,11 @@ def _mass_per_length(robot: RobotModel, i: int, beam: Beam) -> Column:
 
 def _polar_inertia(robot: RobotModel, i: int, beam: Beam) -> Column:
     """Return the column of a beam's inertia about its axis, which the rest of the link loses."""
-    row = robot.arrays.topology[1 + i].astype(int)
+    row = robot.arrays.topology[robot.arrays.body_rows[i]].astype(int)
     nt, start = int(row[layout.NT]), int(row[layout.BEAM])
     polar = np.arange(start, start + 1 + nt + nt * nt)
     rest = RigidInertia(inertia=np.diag([-beam.length, 0.0, 0.0]))
-    body = inertia_row(rest, robot.arrays.axes[i])
+    body = inertia_row(rest, robot.arrays.body_axes(i))
     at = int(row[layout.BODY_CONSTANTS]) + layout.MASS
     values = np.concatenate([robot.arrays.constants[polar] / beam.polar_inertia, body])
     return Column('inertia', values, np.concatenate([polar, np.arange(at, at + 10)]))
@@ -203,9 +212,9 @@ def _rigid(robot: RobotModel, link: str, inertia: RigidInertia) -> Column:
     """Return the column of an inertia about a link frame's origin."""
     attachment = robot.tree.frames[link]
     seen = moved(inertia, attachment.placement)
-    row = robot.arrays.topology[1 + attachment.body].astype(int)
+    row = robot.arrays.topology[robot.arrays.body_rows[attachment.body]].astype(int)
     at = int(row[layout.BODY_CONSTANTS]) + layout.MASS
-    values = inertia_row(seen, robot.arrays.axes[attachment.body])
+    values = inertia_row(seen, robot.arrays.body_axes(attachment.body))
     return Column('inertia', values, np.arange(at, at + 10))
 
 

@@ -60,6 +60,7 @@ def reactions(
     The recursion's inward pass leaves, at each body, the wrench that it and all beyond it need
     (book, section 3.2). What loops give on the way is taken off.
     """
+    robot = robot.with_motors()
     robot.inverse_dynamics(q, qd, qdd)
     starts = robot.arrays.topology[1 : robot.arrays.bodies + 1, WORK].astype(int)
     work = robot.work
@@ -82,7 +83,8 @@ def reactions(
                 moment = wrench[3:] + np.cross(arm, wrench[:3])
                 joints[row - 1] -= sign * np.concatenate([wrench[:3], moment])
                 row = int(robot.arrays.topology[row, PARENT])
-    return Reactions(origins, joints, pins, loops)
+    own = np.array(robot.arrays.body_rows, dtype=int) - 1
+    return Reactions(origins[own], joints[own], pins, loops)
 
 
 def _loop_wrenches(robot: Robot, q: Array, multipliers: Array | None) -> tuple[Array, Array]:

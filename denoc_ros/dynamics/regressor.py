@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -118,8 +117,9 @@ def _massless(robot: Robot) -> Robot:
     """
     bare = robot.copy()
     arrays = robot.arrays
-    bare._adopt(replace(arrays, diagonals=np.zeros_like(arrays.diagonals)))
-    for row, body in zip(arrays.topology[1:].astype(int), robot.tree.bodies, strict=False):
+    bare._adopt(arrays.with_diagonals(np.zeros_like(arrays.diagonals)).without_link_side())
+    rows = arrays.topology[list(arrays.body_rows)].astype(int)
+    for row, body in zip(rows, robot.tree.bodies, strict=True):
         mass = row[layout.BODY_CONSTANTS] + layout.MASS
         bare.constants[mass : mass + 10] = 0.0
         if is_flexible(body):

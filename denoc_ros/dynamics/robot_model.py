@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -29,6 +29,7 @@ from denoc_ros.kernels import (
     composite,
     constrained,
     inverse,
+    link_side,
     step,
     world,
 )
@@ -39,8 +40,10 @@ from denoc_ros.kernels.handle import (
     FRICTION,
     GOOD,
     NOT_FINITE,
+    PLAY,
     SINGULAR,
     STIFFNESS,
+    STIFFNESS3,
 )
 from denoc_ros.kernels.layout import BODY_CONSTANTS, MASS, PARENT, SLIP_RATE
 from denoc_ros.model.arrays import ModelArrays, inertia_row, to_arrays
@@ -110,8 +113,11 @@ class RobotModel:
         self.joint_indices = arrays.joint_indices
         self.flexible_indices = np.setdiff1d(np.arange(self.n), self.joint_indices)
         self._constants: Array = arrays.constants.copy()
-        self._use(Workspace(arrays, self._constants))
         self._base: BaseMotion | None = None
+        self._link_side: Array | None = None  # the constants of the robot without springs
+        if arrays.link_side is not None:
+            self._link_side = arrays.link_side.constants.copy()
+        self._use(self.new_workspace())
         self._zero = np.zeros(self.n)
         self._sections: dict[tuple[str, float | None], tuple[Section, slice]] = {}
 
@@ -133,6 +139,34 @@ class RobotModel:
     def friction(self) -> Array:
         """Coulomb friction (n,) of joints [N or N m]."""
         return self._diagonal(FRICTION)
+
+    @property
+    def play(self) -> Array:
+        """Half the backlash (n,) of the springs of joints [rad or m], 0 elsewhere."""
+        return self._diagonal(PLAY)
+
+    def elasticity(self, q: Array) -> tuple[Array, Array]:
+        """Return the elastic forces (n,) along the coordinates q (n,), and their derivatives."""
+        arrays = self.arrays
+        if arrays.link_side is None or not arrays.diagonals[STIFFNESS3 : PLAY + 1].any():
+            return self.stiffness * q, self.stiffness
+        ready(link_side.elastic_terms)
+        force, slope = np.empty((2, self.n))
+        link_side.elastic_terms(
+            self.handle, np.ascontiguousarray(q, dtype=np.float64), force, slope
+        )
+        return force, slope
+
+    def require_rotors(self) -> None:
+        """Raise SolverError where the motor side of an elastic joint has no inertia."""
+        joints = [body.joint for body in self.tree.bodies if body.joint is not None]
+        without = [j.name for j in joints if j.spring is not None and not j.armature > 0.0]
+        if without:
+            raise SolverError(
+                f'{self.tree.name}: joint {without[0]!r} has a <spring>: the armature of '
+                f'<actuator joint="{without[0]}" armature="…"/> must be > 0 where its motor side '
+                'is not held, got none'
+            )
 
     @property
     def armature(self) -> Array:
@@ -161,7 +195,7 @@ class RobotModel:
 
     def new_workspace(self) -> Workspace:
         """Return another workspace over this model, its base moving alike, for another thread."""
-        workspace = Workspace(self.arrays, self._constants)
+        workspace = Workspace(self.arrays, self._constants, self._link_side)
         if self._base is not None:
             workspace.move_base(*self._base.for_kernels())
         return workspace
@@ -199,8 +233,23 @@ class RobotModel:
         base = self._base
         other._adopt(self.arrays)
         other._constants[:] = self._constants
+        if other._link_side is not None and self._link_side is not None:
+            other._link_side[:] = self._link_side
         other._payloads = dict(self._payloads)
         other.move_base(base)
+        return other
+
+    def with_motors(self: Held) -> Held:
+        """Return a robot whose kernels leave what every row does in the workspace.
+
+        Of a robot with elastic joints, inverse and forward dynamics work on its link side else.
+        """
+        if self.arrays.link_side is None:
+            return self
+        other = self.copy()
+        other._adopt(self.arrays.without_link_side())
+        other._constants[:] = self._constants
+        other.move_base(self._base)
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -261,8 +310,8 @@ class RobotModel:
         if not (np.isfinite(factor) and factor > 0.0):
             raise StateError(f'load at {frame!r}: factor must be > 0, got {factor}')
         other = self.copy()
-        at = int(self.arrays.topology[self._carrier(frame), BODY_CONSTANTS]) + MASS
-        other._constants[at : at + 10] *= factor
+        for _, constants, at in other._inertias(self._carrier(frame)):
+            constants[at : at + 10] *= factor
         return other
 
     def payload_centre(self, frame: str) -> Array | None:
@@ -271,7 +320,7 @@ class RobotModel:
         if row is None or row[0] == 0.0:
             return None
         at = self.tree.frames[frame]
-        centre = self.arrays.axes[at.body] @ (row[1:4] / row[0])
+        centre = self.arrays.body_axes(at.body) @ (row[1:4] / row[0])
         return np.asarray(at.placement[:3, :3].T @ (centre - at.placement[:3, 3]))
 
     def _carrier(self, frame: str) -> int:
@@ -279,9 +328,20 @@ class RobotModel:
 
     def _load_body(self, row: int) -> None:
         """Write a body's inertia with the payloads that it carries."""
-        at = int(self.arrays.topology[row, BODY_CONSTANTS]) + MASS
         carried = [load for name, load in self._payloads.items() if self._carrier(name) == row]
-        self._constants[at : at + 10] = sum(carried, self.arrays.constants[at : at + 10])
+        for arrays, constants, at in self._inertias(row):
+            constants[at : at + 10] = sum(carried, arrays.constants[at : at + 10])
+
+    def _inertias(self, row: int) -> Iterator[tuple[ModelArrays, Array, int]]:
+        """Yield where a body's inertia stands: the arrays, the constants in use, the offset."""
+        body = self.arrays.body_rows.index(row)
+        for arrays, constants in (
+            (self.arrays, self._constants),
+            (self.arrays.link_side, self._link_side),
+        ):
+            if arrays is not None and constants is not None:
+                own = arrays.topology[arrays.body_rows[body], BODY_CONSTANTS]
+                yield arrays, constants, int(own) + MASS
 
     def held(self, index: NDArray[np.int64]) -> Array:
         """Return the (n,) flags by which kernels know the joints whose motion is given."""
@@ -320,5 +380,6 @@ class RobotModel:
             return
         require_finite(arguments)
         if status == SINGULAR:
+            self.require_rotors()
             raise SolverError(f'{self.tree.name}: the inertia must be positive definite, got none')
         raise StateError('the result must be finite, got an overflow from finite arguments')

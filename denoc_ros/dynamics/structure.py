@@ -12,7 +12,8 @@ from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import StateError
 from denoc_ros.kernels import layout, world
-from denoc_ros.model.arrays import cross_matrix, is_flexible
+from denoc_ros.model.arrays import is_flexible
+from denoc_ros.model.joint_rows import cross_matrix
 from denoc_ros.model.tree import RigidInertia
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ Array = NDArray[np.float64]
 def _row(robot: RobotModel, link: str) -> int:
     for index, body in enumerate(robot.tree.bodies):
         if body.name == link and is_flexible(body):
-            return index + 1
+            return robot.arrays.body_rows[index]
     flexible = [body.name for body in robot.tree.bodies if is_flexible(body)]
     raise StateError(f'link must be a flexible one of {flexible}, got {link!r}')
 
@@ -38,7 +39,8 @@ def amplitudes(robot: RobotModel, link: str) -> slice:
 
 def find_section(robot: RobotModel, link: str, station: float | None) -> tuple[Section, slice]:
     """Return a section of a link's beam (default its tip) and its amplitudes' slice."""
-    beam = robot.tree.bodies[_row(robot, link) - 1].beam
+    row = _row(robot, link)
+    beam = robot.tree.bodies[robot.arrays.body_rows.index(row)].beam
     assert beam is not None
     at = beam.length if station is None else float(station)
     if not 0.0 <= at <= beam.length:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.kernels import handle, layout
 from denoc_ros.kernels.array_object import FLOAT64, array_type
+from denoc_ros.kernels.link_side import STATES as LINK_STATES
 from denoc_ros.model.arrays import ModelArrays
 
 Array = NDArray[np.float64]
@@ -24,6 +25,8 @@ class Workspace:
     arrays : ModelArrays
     constants : (constants,)
         The model's constants; shared, so that a payload set live is seen by all.
+    link_side : ndarray, optional
+        Those of the robot without springs, where joints are elastic.
 
     Attributes
     ----------
@@ -32,7 +35,9 @@ class Workspace:
     work : (work_size,)
     """
 
-    def __init__(self, arrays: ModelArrays, constants: Array) -> None:
+    def __init__(
+        self, arrays: ModelArrays, constants: Array, link_side: Array | None = None
+    ) -> None:
         self.work: Array = np.zeros(arrays.work_size)
         self._gravity = constants[layout.GRAVITY : layout.GRAVITY + 3]
         self.work[layout.BASE_GRAVITY : layout.BASE_GRAVITY + 3] = self._gravity
@@ -40,7 +45,7 @@ class Workspace:
         self.work[layout.WORLD_ROTATION : layout.WORLD_ROTATION + 9] = np.eye(3).ravel()
         self._diagonals = np.zeros((handle.DIAGONALS, arrays.n))
         self._diagonals[: len(arrays.diagonals)] = arrays.diagonals
-        self._alive = (arrays.topology, constants)
+        self._alive: tuple[object, ...] = (arrays.topology, constants)
         record = np.zeros(handle.RECORD, dtype=np.int64)
         record[handle.TOPOLOGY_ADDRESS] = arrays.topology.ctypes.data
         record[handle.CONSTANTS_ADDRESS] = constants.ctypes.data
@@ -55,6 +60,7 @@ class Workspace:
         record[handle.ELEMENT_TYPE] = id(FLOAT64)
         self._record = record
         self.handle = int(record.ctypes.data)
+        self._see_link_side(arrays, link_side)
         self._hybrid: tuple[Array, Array] | None = None
         self._splits: dict[tuple[int, ...], Split] = {}
 
@@ -67,6 +73,18 @@ class Workspace:
         work[layout.ANGULAR_VELOCITY : layout.ANGULAR_VELOCITY + 3] = twist[3:]
         work[layout.ACCELERATION : layout.ACCELERATION + 3] = acceleration[:3] - gravity
         work[layout.ANGULAR_ACCELERATION : layout.ANGULAR_ACCELERATION + 3] = acceleration[3:]
+
+    def _see_link_side(self, arrays: ModelArrays, constants: Array | None) -> None:
+        """Name the robot without springs in the record: this one where there are none."""
+        self._record[handle.LINK_SIDE] = self.handle
+        if arrays.link_side is None or arrays.link_map is None or constants is None:
+            return
+        self._chain = type(self)(arrays.link_side, constants)
+        self._states: Array = np.zeros((LINK_STATES, arrays.link_side.n))
+        self._record[handle.LINK_SIDE] = self._chain.handle
+        self._record[handle.LINK_MAP] = arrays.link_map.ctypes.data
+        self._record[handle.LINK_STATES] = self._states.ctypes.data
+        self._alive = (*self._alive, arrays.link_map)
 
     def hybrid(self) -> tuple[Array, Array]:
         """Return where hybrid derivatives take one state (1, 4, n) and leave their matrices."""

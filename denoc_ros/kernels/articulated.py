@@ -26,6 +26,7 @@ from denoc_ros.kernels.handle import (
     beyond,
     coordinates,
     elements,
+    link_side,
     model_arrays,
 )
 from denoc_ros.kernels.internal import internal_force
@@ -37,6 +38,15 @@ from denoc_ros.kernels.layout import (
     JOINT,
     MODES,
     WORK,
+)
+from denoc_ros.kernels.link_side import (
+    copy_base,
+    gather,
+    gather_force,
+    lacks_rotor,
+    link_map,
+    link_state,
+    scatter_acceleration,
 )
 from denoc_ros.kernels.rigid_elimination import along_joint, inward_rigid, outward_rigid
 from denoc_ros.kernels.vector import add, all_finite, load, scale
@@ -119,12 +129,31 @@ def solve(
 @shared
 def find_acceleration(handle, q, qd, tau, qdd):
     """Write the accelerations (n) under generalized forces tau (n)."""
-    topology, constants, work, diagonals, bodies = model_arrays(handle)
+    chain = link_side(handle)
+    x, xd, force, xdd = q, qd, tau, qdd
+    m = coordinates(chain)
+    if chain != handle:
+        places = link_map(handle, m)
+        x, xd, force, xdd = (
+            link_state(handle, m, 0),
+            link_state(handle, m, 1),
+            link_state(handle, m, 2),
+            link_state(handle, m, 3),
+        )
+        gather(places, m, q, x)
+        gather(places, m, qd, xd)
+        gather_force(handle, places, m, q, qd, tau, force)
+        copy_base(handle, chain)
+    topology, constants, work, diagonals, bodies = model_arrays(chain)
     zero = diagonals[ZERO]
-    return solve(
-        coordinates(handle), topology, constants, work, diagonals, bodies, diagonals[ARMATURE],
-        zero, q, qd, zero, tau, qdd, diagonals[SCRATCH],
+    status = solve(
+        m, topology, constants, work, diagonals, bodies, diagonals[ARMATURE],
+        zero, x, xd, zero, force, xdd, diagonals[SCRATCH],
     )  # fmt: skip
+    if chain != handle and status == GOOD:
+        places = link_map(handle, m)
+        return scatter_acceleration(handle, places, m, xdd, force, q, qd, tau, qdd)
+    return status
 
 
 @kernel(types.int64(types.int64, array_object, array_object, array_object, array_object))
@@ -164,6 +193,8 @@ def find_articulated(handle, shift, held, q, qd, given, tau, qdd, torque):
     held[j] != 0: joint j has the acceleration given; given is zero elsewhere. shift is what stands
     on the diagonal beside the bodies' inertia: the armature, and more in a time step.
     """
+    if lacks_rotor(handle, held):
+        return SINGULAR
     topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
     status = solve(

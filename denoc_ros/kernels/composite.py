@@ -20,7 +20,6 @@ from denoc_ros.kernels.handle import (
     MISFIT,
     NOT_FINITE,
     SINE,
-    STIFFNESS,
     ZERO,
     at,
     beyond,
@@ -58,6 +57,7 @@ from denoc_ros.kernels.layout import (
 from denoc_ros.kernels.motion import linear_velocity
 from denoc_ros.kernels.placement import place_beam, place_by_sines
 from denoc_ros.kernels.sine_cosine import write_sines
+from denoc_ros.kernels.spring import spring_energy
 from denoc_ros.kernels.vector import (
     accumulate,
     add,
@@ -341,7 +341,7 @@ def find_energies(handle, q, qd, out):
         potential += body_gravity(topology, constants, work, i)
     for j in range(n):
         kinetic += 0.5 * diagonals[ARMATURE][j] * qd[j] * qd[j]
-        potential += 0.5 * diagonals[STIFFNESS][j] * q[j] * q[j]
+        potential += spring_energy(diagonals, q, j)
     out[0] = kinetic
     out[1] = potential
     return GOOD if all_finite(out, 2) else NOT_FINITE

@@ -50,6 +50,7 @@ from denoc_ros.kernels.handle import (
 from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.inverse import outward_motion
 from denoc_ros.kernels.layout import COORDINATE, ELIMINATED, JOINT, MODES, SLIP_RATE
+from denoc_ros.kernels.link_side import lacks_rotor
 from denoc_ros.kernels.motion import linear_velocity
 from denoc_ros.kernels.multipliers import (
     columns_of,
@@ -194,6 +195,8 @@ def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd, driv
     As articulated.find_articulated, without torques; drive (n) is scratch. In a time step's stages
     g times the damping of free axes stands beside the inertia, as shift does.
     """
+    if lacks_rotor(handle, held):
+        return SINGULAR
     topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
     for j in range(n):

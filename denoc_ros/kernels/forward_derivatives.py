@@ -7,12 +7,13 @@ belong to it, and forces of held joints follow them. Right-hand sides take O(n) 
 from numba import types
 
 from denoc_ros.kernels.array_object import array_object, content
-from denoc_ros.kernels.articulated import find_acceleration, find_articulated
+from denoc_ros.kernels.articulated import find_articulated
 from denoc_ros.kernels.compiled import inlined, kernel, merged, rows_kernel
 from denoc_ros.kernels.handle import (
     ARMATURE,
     GOOD,
     MISFIT,
+    SCRATCH,
     ZERO,
     beyond,
     coordinates,
@@ -28,13 +29,15 @@ def find_forward_derivatives(handle, q, qd, tau, by_q, by_rate, inverse):
     """Write d q'' / dq, d q'' / dq' and I^-1 (n, n each)."""
     topology, _reals, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
+    held = diagonals[ZERO]
     # the accelerations stand in the result's first row until the derivatives there take its place
-    status = find_acceleration(handle, q, qd, tau, inverse)
+    status = find_articulated(
+        handle, diagonals[ARMATURE], held, q, qd, held, tau, inverse, diagonals[SCRATCH]
+    )
     if status == GOOD:
         status = find_derivatives(handle, q, qd, inverse, by_q, by_rate, inverse)
     if status != GOOD:
         return status
-    held = diagonals[ZERO]
     factors_to_base(topology, work, held, bodies)
     for k in range(n * n):
         by_q[k] = -by_q[k]

@@ -25,18 +25,23 @@ ELEMENT_TYPE = 7
 TOPOLOGY_LENGTH = 8  # numbers of elements, for pointers that check offsets (see pointers)
 CONSTANTS_LENGTH = 9
 WORK_LENGTH = 10
-RECORD = 11
+LINK_SIDE = 11  # handle of the robot without springs, this one's own where there are none
+LINK_MAP = 12  # addresses: which coordinates make its own, and where they are gathered
+LINK_STATES = 13
+RECORD = 14
 
-# rows of the (8, n) array of diagonals and scratch
+# rows of the (10, n) array of diagonals and scratch
 STIFFNESS = 0
 DAMPING = 1
 FRICTION = 2
 ARMATURE = 3
-ZERO = 4
-SCRATCH = 5
-SINE = 6
-COSINE = 7
-DIAGONALS = 8
+STIFFNESS3 = 4  # of a spring with s^3
+PLAY = 5  # half the backlash of a spring
+ZERO = 6
+SCRATCH = 7
+SINE = 8
+COSINE = 9
+DIAGONALS = 10
 
 # what a kernel returns
 GOOD = 0
@@ -55,6 +60,12 @@ def elements(array):
 def record_of(handle):
     """Return the record of a model."""
     return span(handle, RECORD, np.int64)
+
+
+@inlined
+def link_side(handle):
+    """Return the handle of the robot without springs, the same where there are none."""
+    return record_of(handle)[LINK_SIDE]
 
 
 @inlined
@@ -78,6 +89,8 @@ def model_arrays(handle):
             part(rows, DAMPING * n, n),
             part(rows, FRICTION * n, n),
             part(rows, ARMATURE * n, n),
+            part(rows, STIFFNESS3 * n, n),
+            part(rows, PLAY * n, n),
             part(rows, ZERO * n, n),
             part(rows, SCRATCH * n, n),
             part(rows, SINE * n, n),

@@ -3,14 +3,15 @@
 import numpy as np
 
 from denoc_ros.kernels.compiled import inlined
-from denoc_ros.kernels.handle import DAMPING, FRICTION, STIFFNESS
+from denoc_ros.kernels.handle import DAMPING, FRICTION
 from denoc_ros.kernels.layout import SLIP_RATE
+from denoc_ros.kernels.spring import spring_force, spring_slope
 
 
 @inlined
 def internal_force(constants, diagonals, q, qd, j):
-    """Return k q + c q' + f tanh(q' / v_s) of coordinate j."""
-    force = diagonals[STIFFNESS][j] * q[j] + diagonals[DAMPING][j] * qd[j]
+    """Return k q + c q' + f tanh(q' / v_s) of coordinate j (springs: see spring)."""
+    force = spring_force(diagonals, q, j) + diagonals[DAMPING][j] * qd[j]
     if diagonals[FRICTION][j] != 0.0:
         force += diagonals[FRICTION][j] * np.tanh(qd[j] / constants[SLIP_RATE])
     return force
@@ -23,4 +24,4 @@ def internal_slope(constants, diagonals, q, qd, j):
     if diagonals[FRICTION][j] != 0.0:
         slip = np.tanh(qd[j] / constants[SLIP_RATE])
         damping += diagonals[FRICTION][j] / constants[SLIP_RATE] * (1.0 - slip * slip)
-    return diagonals[STIFFNESS][j], damping
+    return spring_slope(diagonals, q, j), damping

@@ -19,7 +19,6 @@ from denoc_ros.kernels.handle import (
     FRICTION,
     GOOD,
     MISFIT,
-    STIFFNESS,
     at,
     beyond,
     coordinates,
@@ -27,6 +26,7 @@ from denoc_ros.kernels.handle import (
     model_arrays,
 )
 from denoc_ros.kernels.layout import COORDINATE, JOINT, SLIP_RATE
+from denoc_ros.kernels.spring import step_stiffness
 
 GAMMA = 1.0 - np.sqrt(0.5)
 FIRST_STAGE = 1
@@ -89,9 +89,9 @@ def take_step(accelerate, handle, steps, held, dt, q, qd, given, tau):
         if diagonals[FRICTION][j] != 0.0:
             t = np.tanh(qd[j] / constants[SLIP_RATE])
             c += diagonals[FRICTION][j] / constants[SLIP_RATE] * (1.0 - t * t)
-        shift[j] = diagonals[ARMATURE][j] + g * c + g * g * diagonals[STIFFNESS][j]
+        shift[j] = diagonals[ARMATURE][j] + g * c + g * g * step_stiffness(diagonals, q, j)
         wanted[j] = 0.0
-        drive[j] = tau[j] - g * diagonals[STIFFNESS][j] * qd[j]
+        drive[j] = tau[j] - g * step_stiffness(diagonals, q, j) * qd[j]
     hold(topology, bodies, held, given, wanted)
     status = accelerate(handle, FIRST_STAGE, g, shift, held, q, qd, wanted, drive, k1, torque)
     if status != GOOD:
@@ -104,7 +104,8 @@ def take_step(accelerate, handle, steps, held, dt, q, qd, given, tau):
             stage_q[j] = q[j] + dt * (qd[j] + 0.5 * dt * given[j])
         residual = stage_qd[j] - 2.0 * k1q
         implicit = shift[j] - diagonals[ARMATURE][j]
-        drive[j] = tau[j] - g * diagonals[STIFFNESS][j] * residual + 2.0 * implicit * k1[j]
+        elastic = g * step_stiffness(diagonals, q, j) * residual
+        drive[j] = tau[j] - elastic + 2.0 * implicit * k1[j]
     status = accelerate(
         handle, SECOND_STAGE, g, shift, held, stage_q, stage_qd, wanted, drive, w, torque
     )

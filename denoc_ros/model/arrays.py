@@ -8,7 +8,7 @@ then sum over as many `points` as there are independent functions, seven for two
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -17,6 +17,14 @@ from numpy.typing import NDArray
 from denoc_ros.kernels import constraint_layout, derivative_layout, layout
 from denoc_ros.model.branches import mark_branches
 from denoc_ros.model.constraints import constraints_to_arrays
+from denoc_ros.model.coordinates import diagonals, names
+from denoc_ros.model.joint_rows import (
+    joint_axes,
+    motion_kind,
+    pose_constants,
+    pose_rows,
+)
+from denoc_ros.model.link_side import has_springs, link_map, without_springs
 from denoc_ros.model.shapes import ShapeFunctions, gauss_rule
 from denoc_ros.model.tree import (
     Array,
@@ -24,7 +32,6 @@ from denoc_ros.model.tree import (
     Beam,
     Body,
     Deformation,
-    JointKind,
     RigidInertia,
     Tree,
 )
@@ -37,29 +44,42 @@ SLIP_RATE = 1e-3  # rad/s or m/s, of Coulomb friction (design.md, section 1)
 class ModelArrays:
     """A robot as flat arrays; see :mod:`denoc_ros.kernels.layout` for what stands where."""
 
-    topology: NDArray[
-        np.uint32
-    ]  # (1 + bodies + frames + constraints, TOPOLOGY_COLUMNS), row 0 the base
+    # (1 + bodies + frames + constraints, TOPOLOGY_COLUMNS), row 0 the base
+    topology: NDArray[np.uint32]
     constants: Array  # constants
-    diagonals: Array  # (4, n) stiffness, damping, friction, armature
-    bodies: int
+    diagonals: Array  # (6, n) of coordinates: stiffness, damping, friction, armature, ...
+    bodies: int  # rows of bodies: those of the tree, and the motor sides of elastic joints
+    body_rows: tuple[int, ...]  # of each body of the tree, its row
     work_size: int
     frame_rows: dict[str, int]
-    axes: tuple[Array, ...]  # per body, (3, 3): the kernels' body axes seen from the body frame
+    axes: tuple[Array, ...]  # per row of a body, (3, 3): its axes seen from the body frame
     coordinate_names: tuple[str, ...]
     joint_names: tuple[str, ...]
     joint_indices: NDArray[np.int64]
     constraint_names: tuple[str, ...]  # per multiplier, of its loop or mimic joint
+    link_side: ModelArrays | None = None  # the robot without springs; None: it has none
+    link_map: NDArray[np.uint32] | None = None  # (2, m), see model.link_side
 
     @property
     def n(self) -> int:
         """Number of coordinates."""
         return int(self.diagonals.shape[1])
 
+    def with_diagonals(self, diagonals: Array) -> ModelArrays:
+        """Return the same bodies with other terms along the coordinates."""
+        chain = self.link_side
+        if chain is not None and self.link_map is not None:
+            own = np.where(self.link_map[1], chain.diagonals, diagonals[:, self.link_map[0]])
+            chain = replace(chain, diagonals=own)
+        return replace(self, diagonals=diagonals, link_side=chain)
 
-def cross_matrix(v: Array) -> Array:
-    """Return v x as a (3, 3) matrix."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    def without_link_side(self) -> ModelArrays:
+        """Return the same bodies, all of which the kernels then go through."""
+        return replace(self, link_side=None, link_map=None)
+
+    def body_axes(self, body: int) -> Array:
+        """Return the kernels' axes (3, 3) of a body of the tree, seen from its frame."""
+        return self.axes[self.body_rows[body] - 1]
 
 
 def foreshortening(shapes: ShapeFunctions, x: Array) -> Array:
@@ -111,8 +131,7 @@ def beam_points(beam: Beam, geometric: bool) -> Array:
     rank = int(np.sum(np.abs(np.diag(upper)) > 1e-15 * len(x)))
     rows = np.empty((rank, functions.shape[1]))
     rows[:, order] = upper[:rank]
-    result: Array = rows * norm
-    return result
+    return np.asarray(rows * norm)
 
 
 def _polar(beam: Beam) -> list[Array]:
@@ -139,63 +158,10 @@ def _section(beam: Beam, station: float, geometric: bool) -> Array:
     return np.concatenate([x, y.ravel(), z.ravel(), *slopes, twist, h_y.ravel(), h_z.ravel()])
 
 
-def _pose_rows(rotation: Array, translation: Array) -> Array:
-    return np.concatenate([rotation.ravel(), translation])
-
-
-def _axes(body: Body) -> Array:
-    """Return the (3, 3) turn from the body frame to axes with z along the joint of a rigid body.
-
-    A body whose joint turns about z costs the kernels least; beams need their own axes.
-    """
-    joint = body.joint
-    if joint is None or joint.kind is not JointKind.REVOLUTE or is_flexible(body):
-        return np.eye(3)
-    z = body.frame[:3, :3].T @ joint.axis
-    if abs(z[0]) < abs(z[2]):
-        x = np.array([z[2], 0.0, -z[0]])
-    else:
-        x = np.array([-z[1], z[0], 0.0])
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
-
-
-def _motion(body: Body, frame: Array) -> int:
-    """Return the kind of motion of a body with its frame (4, 4) on the link frame."""
-    kind = JointKind.FIXED if body.joint is None else body.joint.kind
-    if kind is JointKind.REVOLUTE:
-        assert body.joint is not None
-        about_z = np.allclose(frame[:3, :3].T @ body.joint.axis, [0.0, 0.0, 1.0], 0.0, 1e-15)
-        through = np.allclose(np.cross(body.joint.axis, frame[:3, 3]), 0.0, 0.0, 1e-15)
-        return layout.REVOLUTE_Z if about_z and through else layout.REVOLUTE
-    return {JointKind.FIXED: layout.FIXED, JointKind.PRISMATIC: layout.PRISMATIC}[kind]
-
-
-def _transforms(body: Body, placement: Array, frame: Array) -> list[Array]:
-    """Return the still, first and second part of the body's pose, and its motion subspace."""
-    still = placement @ frame
-    rows = [_pose_rows(still[:3, :3], still[:3, 3]), np.zeros(12), np.zeros(12), np.zeros(6)]
-    joint = body.joint
-    if joint is None or joint.kind is JointKind.FIXED:
-        return rows
-    rotation, offset = frame[:3, :3], frame[:3, 3]
-    outer = placement[:3, :3]
-    if joint.kind is JointKind.PRISMATIC:
-        rows[1] = _pose_rows(np.zeros((3, 3)), outer @ joint.axis)
-        rows[3][:3] = rotation.T @ joint.axis
-        return rows
-    k = cross_matrix(joint.axis)
-    rows[1] = _pose_rows(outer @ k @ rotation, outer @ k @ offset)
-    rows[2] = _pose_rows(outer @ k @ k @ rotation, outer @ k @ k @ offset)
-    rows[3] = np.concatenate([rotation.T @ (k @ offset), rotation.T @ joint.axis])
-    return rows
-
-
 def inertia_row(inertia: RigidInertia, axes: Array) -> Array:
     """Return mass, first moment and inertia (10,) as the kernels want them, in a body's axes."""
     upper = (axes.T @ inertia.inertia @ axes)[np.triu_indices(3)]
-    row: Array = np.concatenate([[inertia.mass], axes.T @ inertia.first_moment, upper])
-    return row
+    return np.concatenate([[inertia.mass], axes.T @ inertia.first_moment, upper])
 
 
 def _rod(beam: Beam) -> RigidInertia:
@@ -222,6 +188,8 @@ class _ArrayBuilder:
         self.work_size = layout.BLOCK + layout.BLOCK_SIZE  # the base's
         self.coordinate = 0
         self.axes: list[Array] = []
+        self.body_rows: list[int] = []
+        self.joint_rows: dict[str, int] = {}  # of the body that each joint's coordinate moves
         self.rows = [np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)]
 
     def append(self, *parts: Array) -> int:
@@ -240,14 +208,14 @@ class _ArrayBuilder:
 
     def attach(self, row: NDArray[np.int64], attachment: Attachment) -> Array:
         """Fill a row's carrier and section; return the placement that is left."""
-        row[layout.PARENT] = attachment.body + 1
         if attachment.body < 0:
             return attachment.placement
+        row[layout.PARENT] = self.body_rows[attachment.body]
         carrier = self.tree.bodies[attachment.body]
         if attachment.station == 0.0 or not is_flexible(carrier):
             moved: Array = attachment.placement.copy()
             moved[0, 3] += attachment.station
-            moved[:3] = self.axes[attachment.body].T @ moved[:3]
+            moved[:3] = self.axes[row[layout.PARENT] - 1].T @ moved[:3]
             return moved
         assert carrier.beam is not None
         row[layout.SECTION] = self.append(
@@ -258,20 +226,34 @@ class _ArrayBuilder:
         return attachment.placement
 
     def body(self, body: Body) -> None:
-        """Write one body."""
+        """Write one body, and before it the motor side of its joint where that is elastic."""
         row = np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)
         placement = self.attach(row, body.attachment)
-        axes = _axes(body)
+        if body.joint is not None:
+            self.joint_rows[body.joint.name] = len(self.rows)
+        if body.joint is not None and body.joint.spring is not None:
+            motor = Body(body.name, body.attachment, body.joint, np.eye(4), RigidInertia())
+            self.moving(row, placement, motor)
+            row = np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)
+            row[layout.PARENT] = len(self.rows) - 1
+            placement = np.eye(4)
+            placement[:3, :3] = self.axes[-1].T
+        self.body_rows.append(len(self.rows))
+        self.moving(row, placement, body)
+
+    def moving(self, row: NDArray[np.int64], placement: Array, body: Body) -> None:
+        """Write a row that moves by a body's joint, given its carrier and its placement there."""
+        axes = joint_axes(body, is_flexible(body))
         self.axes.append(axes)
         frame = body.frame.copy()
         frame[:3, :3] = frame[:3, :3] @ axes
-        row[layout.MOTION] = _motion(body, frame)
+        row[layout.MOTION] = motion_kind(body, frame)
         row[layout.COORDINATE] = self.coordinate
         row[layout.JOINT] = int(row[layout.MOTION] != layout.FIXED)
         inertia = inertia_row(body.inertia, axes)
         if body.beam is not None and not is_flexible(body):
             inertia = inertia + inertia_row(_rod(body.beam), axes)
-        row[layout.BODY_CONSTANTS] = self.append(*_transforms(body, placement, frame), inertia)
+        row[layout.BODY_CONSTANTS] = self.append(*pose_constants(body, placement, frame), inertia)
         row[layout.WORK] = self.reserve(layout.BODY_WORK)
         if is_flexible(body):
             self.beam(row, body)
@@ -313,19 +295,19 @@ class _ArrayBuilder:
         """Write one frame."""
         row = np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)
         placement = self.attach(row, attachment)
-        row[layout.BODY_CONSTANTS] = self.append(_pose_rows(placement[:3, :3], placement[:3, 3]))
+        row[layout.BODY_CONSTANTS] = self.append(pose_rows(placement[:3, :3], placement[:3, 3]))
         row[layout.WORK] = self.reserve(layout.BODY_WORK)
         self.rows.append(row)
 
     def constraints(self, frame_rows: dict[str, int]) -> tuple[str, ...]:
         """Write loops and mimic joints; return each row's name."""
-        made = constraints_to_arrays(self.tree, self.rows, frame_rows, self.real_size)
+        made = constraints_to_arrays(
+            self.tree, self.rows, self.joint_rows, frame_rows, self.real_size
+        )
         self.append(*made.constants)
         base = self.rows[0]
-        base[constraint_layout.CONSTRAINTS], base[constraint_layout.FIRST_CONSTRAINT] = (
-            len(made.topology),
-            len(self.rows),
-        )
+        base[constraint_layout.CONSTRAINTS] = len(made.topology)
+        base[constraint_layout.FIRST_CONSTRAINT] = len(self.rows)
         base[constraint_layout.ROWS] = made.rows
         base[constraint_layout.AXIS_ROWS] = made.axis_rows
         base[constraint_layout.CONSTRAINTS_WORK] = self.reserve(
@@ -333,39 +315,6 @@ class _ArrayBuilder:
         )
         self.rows += made.topology
         return made.names
-
-
-def _diagonals(tree: Tree) -> Array:
-    """Return stiffness, damping, friction and armature (4, n) of the coordinates."""
-    columns: list[Array] = []
-    for body in tree.bodies:
-        joint = body.joint
-        if joint is not None and joint.kind is not JointKind.FIXED:
-            columns.append(np.array([[0.0, joint.damping, joint.friction, joint.armature]]))
-        if body.beam is None:
-            continue
-        for part in (body.beam.y, body.beam.z, body.beam.torsion):
-            if part is not None:
-                zeros = np.zeros(part.modes)
-                columns.append(np.column_stack([part.modal_stiffness, part.damping, zeros, zeros]))
-    stacked = np.concatenate(columns) if columns else np.zeros((0, 4))
-    return np.ascontiguousarray(stacked.T)
-
-
-def _names(tree: Tree) -> tuple[list[str], list[str], list[int]]:
-    """Return coordinate names, joint names and the joints' indices."""
-    coordinates: list[str] = []
-    joints: list[str] = []
-    indices: list[int] = []
-    for body in tree.bodies:
-        if body.joint is not None and body.joint.kind is not JointKind.FIXED:
-            indices.append(len(coordinates))
-            joints.append(body.joint.name)
-            coordinates.append(body.joint.name)
-        if body.beam is not None:
-            for letter, modes in zip('yzt', body.beam.modes, strict=True):
-                coordinates += [f'{body.name}/{letter}{k + 1}' for k in range(modes)]
-    return coordinates, joints, indices
 
 
 def to_arrays(tree: Tree, gravity: Array, geometric_stiffness: bool) -> ModelArrays:
@@ -384,19 +333,24 @@ def to_arrays(tree: Tree, gravity: Array, geometric_stiffness: bool) -> ModelArr
     builder.derivatives()
     for attachment in tree.frames.values():
         builder.frame(attachment)
-    frame_rows = {name: 1 + len(tree.bodies) + k for k, name in enumerate(tree.frames)}
+    bodies = len(builder.axes)
+    frame_rows = {name: 1 + bodies + k for k, name in enumerate(tree.frames)}
     constraint_names = builder.constraints(frame_rows)
-    names, joints, indices = _names(tree)
+    coordinates, joints, indices = names(tree)
+    rigid = without_springs(tree) if has_springs(tree) else None
     return ModelArrays(
         topology=np.array(builder.rows, dtype=np.uint32),
         constants=np.concatenate(builder.constants),
-        diagonals=_diagonals(tree),
-        bodies=len(tree.bodies),
+        diagonals=diagonals(tree),
+        bodies=bodies,
+        body_rows=tuple(builder.body_rows),
         work_size=builder.work_size,
         frame_rows=frame_rows,
         axes=tuple(builder.axes),
-        coordinate_names=tuple(names),
+        coordinate_names=tuple(coordinates),
         joint_names=tuple(joints),
         joint_indices=np.array(indices, dtype=np.int64),
         constraint_names=constraint_names,
+        link_side=to_arrays(rigid, gravity, geometric_stiffness) if rigid else None,
+        link_map=link_map(tree) if rigid else None,
     )

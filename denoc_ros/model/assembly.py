@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from denoc_ros.model.beams import FlexibleLink
 from denoc_ros.model.inertia import inverse_transform, moved, total
 from denoc_ros.model.rigid_urdf import RigidUrdf, RigidUrdfJoint
-from denoc_ros.model.tree import Attachment, Body, Joint, JointKind, RigidInertia
+from denoc_ros.model.tree import Attachment, Body, Joint, JointKind, RigidInertia, Spring
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,10 @@ class Assembly:
 
 
 def assemble(
-    robot: RigidUrdf, flexible: Mapping[str, FlexibleLink], armatures: Mapping[str, float]
+    robot: RigidUrdf,
+    flexible: Mapping[str, FlexibleLink],
+    armatures: Mapping[str, float],
+    springs: Mapping[str, Spring],
 ) -> Assembly:
     """Return the bodies of a robot without findings.
 
@@ -86,6 +89,8 @@ def assemble(
     flexible : mapping of str to FlexibleLink
         The links with a beam.
     armatures : mapping of str to float
+        By joint.
+    springs : mapping of str to Spring
         By joint.
 
     Returns
@@ -103,7 +108,8 @@ def assemble(
     stack = children[root][::-1]
     while stack:
         joint = stack.pop()
-        _add_link(assembly, joint, robot.links[joint.child], armatures)
+        moving = _moving(joint, armatures, springs)
+        _add_link(assembly, joint, robot.links[joint.child], moving)
         stack.extend(children[joint.child][::-1])
     return assembly
 
@@ -120,19 +126,21 @@ def _add_link(
     assembly: Assembly,
     joint: RigidUrdfJoint,
     inertia: RigidInertia | None,
-    armatures: Mapping[str, float],
+    moving: Joint,
 ) -> None:
     at = assembly.attach(joint.parent, joint.origin)
     inertia = RigidInertia() if inertia is None else inertia
     if joint.kind is not JointKind.FIXED:
-        assembly.add_body(joint.child, at, _moving(joint, armatures), inertia)
+        assembly.add_body(joint.child, at, moving, inertia)
     elif joint.child in assembly.flexible or at.station > 0.0:
         assembly.add_body(joint.child, at, None, inertia)
     else:
         assembly.merge(joint.child, at, inertia)
 
 
-def _moving(joint: RigidUrdfJoint, armatures: Mapping[str, float]) -> Joint:
+def _moving(
+    joint: RigidUrdfJoint, armatures: Mapping[str, float], springs: Mapping[str, Spring]
+) -> Joint:
     return Joint(
         joint.name,
         joint.kind,
@@ -143,4 +151,5 @@ def _moving(joint: RigidUrdfJoint, armatures: Mapping[str, float]) -> Joint:
         armatures.get(joint.name, 0.0),
         joint.mimic,
         joint.continuous,
+        springs.get(joint.name),
     )

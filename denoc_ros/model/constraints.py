@@ -127,7 +127,11 @@ class _Ties:
 
 
 def constraints_to_arrays(
-    tree: Tree, topology: Sequence[Int], frame_rows: Mapping[str, int], start: int
+    tree: Tree,
+    topology: Sequence[Int],
+    joint_rows: Mapping[str, int],
+    frame_rows: Mapping[str, int],
+    start: int,
 ) -> ConstraintRows:
     """Write a tree's loops and mimic joints to arrays.
 
@@ -135,17 +139,17 @@ def constraints_to_arrays(
     ----------
     tree : Tree
     topology : rows of the bodies and frames
-    frame_rows : mapping of str to int
+    joint_rows, frame_rows : mapping of str to int
     start : int
         Where their constants start in constants.
     """
     constraints = _Ties(topology, start)
     for loop in tree.loops:
         constraints.loop(loop, frame_rows)
-    bodies = {body.joint.name: 1 + k for k, body in enumerate(tree.bodies) if body.joint}
     for body in tree.bodies:
         if body.joint is not None and body.joint.mimic is not None:
-            constraints.mimic(body, bodies[body.joint.name], bodies[body.joint.mimic.leader])
+            own, leader = body.joint.name, body.joint.mimic.leader
+            constraints.mimic(body, joint_rows[own], joint_rows[leader])
     rows = axis = len(constraints.names)
     for loop, row in zip(tree.loops, constraints.made, strict=False):
         if loop.damping > 0.0 or loop.friction > 0.0:

@@ -13,10 +13,13 @@ from denoc_ros.model.loops import LoopElement, read_loop
 from denoc_ros.model.sections import Section, rectangle_section, round_section, tube_section
 from denoc_ros.model.sensors import SensorElement, read_sensor
 from denoc_ros.model.shapes import SHAPES
+from denoc_ros.model.springs import read_spring
+from denoc_ros.model.tree import Spring
 
 Array = NDArray[np.float64]
 
 MOST_MODES = 50  # more would only be a typing error
+ELEMENTS = ('beam', 'loop', 'sensor', 'actuator', 'spring')
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,7 @@ class Flexibility:
     loops: list[LoopElement] = field(default_factory=list)
     sensors: list[SensorElement] = field(default_factory=list)
     armatures: dict[str, float] = field(default_factory=dict)  # by joint
+    springs: dict[str, Spring] = field(default_factory=dict)  # by joint
     flexible_links: set[str] = field(default_factory=set)  # beams with findings as well
 
 
@@ -76,11 +80,14 @@ def read_flexibility(root: Element, findings: Findings) -> Flexibility:
     flexibility = Flexibility()
     links = {link.get('name') for link in root.findall('link')}
     for block in blocks:
-        Reader(block, 'flexibility', findings).only((), ('beam', 'loop', 'sensor', 'actuator'))
+        Reader(block, 'flexibility', findings).only((), ELEMENTS)
         for element in block.findall('beam'):
             _add_beam(element, links, flexibility, findings)
         for element in block.findall('actuator'):
             _add_actuator(element, root, flexibility, findings)
+        for element in block.findall('spring'):
+            joint, spring = read_spring(element, root, flexibility.springs, findings)
+            flexibility.springs[joint] = spring
         _add_loops(block, links, flexibility, findings)
         _add_sensors(block, flexibility, findings)
     return flexibility

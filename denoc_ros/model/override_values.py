@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.model.override_elements import JOINT_FIELDS, SPRING_FIELDS
 from denoc_ros.model.overrides import SENSOR_FIELDS, carrying_links
 from denoc_ros.model.tree import Beam, Body, Deformation, Tree
 
@@ -24,7 +25,8 @@ def override_values(tree: Tree) -> Values:
     Returns
     -------
     dict of str to float or list of float
-        Stiffness and damping ratios of beams, damping, friction and armature of joints, gain,
+        Stiffness and damping ratios of beams, damping, friction and armature of joints, the
+        numbers of their springs, gain,
         offset and noise of sensors, and no payload on each link that can carry one.
     """
     values: Values = {}
@@ -43,8 +45,12 @@ def override_values(tree: Tree) -> Values:
 
 def _of_joint(body: Body) -> Iterator[tuple[str, float]]:
     if body.joint is not None:
-        for field in ('damping', 'friction', 'armature'):
+        for field in JOINT_FIELDS:
             yield f'joint.{body.joint.name}.{field}', float(getattr(body.joint, field))
+        if body.joint.spring is not None:
+            for field, attribute in SPRING_FIELDS.items():
+                value = float(getattr(body.joint.spring, attribute))
+                yield f'joint.{body.joint.name}.{field}', value
 
 
 def critical_damping(beam: Beam) -> Iterator[tuple[str, Deformation, NDArray[np.float64]]]:

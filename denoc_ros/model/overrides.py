@@ -2,8 +2,9 @@
 
 `beam.<link>.<y|z>.<ei|modes|damping_ratio|damping>`,
 `beam.<link>.torsion.<gj|polar_inertia|modes|damping_ratio|damping>`,
-`joint.<name>.<damping|friction|armature>`, `sensor.<name>.<gain|offset|noise>` and
-`payload.<link>.<mass|com|inertia>`;
+`joint.<name>.<damping|friction|armature>`, of an elastic joint
+`joint.<name>.<stiffness|spring_damping|stiffness3|backlash>`,
+`sensor.<name>.<gain|offset|noise>` and `payload.<link>.<mass|com|inertia>`;
 `damping.<joint>` is another name for `joint.<joint>.damping`, `damping.<link>.<y|z|torsion>` for
 `beam.<link>.<y|z|torsion>.damping_ratio`. Beams and joints are changed in the description, so
 that the changed robot passes every check of a new one.
@@ -12,35 +13,39 @@ that the changed robot passes every check of a new one.
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
-from lxml import etree
 from numpy.typing import NDArray
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.findings import Element, Findings, finite
 from denoc_ros.model.flexibility import expand_section
 from denoc_ros.model.inertia import from_centre, moved, total
+from denoc_ros.model.override_elements import (
+    DAMPING,
+    Value,
+    as_text,
+    override_joint,
+    set_attribute,
+    unknown_path,
+)
 from denoc_ros.model.source import parse_xml, read_source, written
 from denoc_ros.model.tree import Tree
 from denoc_ros.model.urdf import tree_of
 
 Array = NDArray[np.float64]
 
-Value = float | int | str | Sequence[float]
 Given = TypeVar('Given')
 
 FAMILIES = ('beam', 'joint', 'payload', 'sensor', 'damping')
-DAMPING = ('damping_ratio', 'damping')
 BEAM_FIELDS = {
     'y': ('ei', 'modes', *DAMPING),
     'z': ('ei', 'modes', *DAMPING),
     'torsion': ('gj', 'polar_inertia', 'modes', *DAMPING),
 }
-JOINT_FIELDS = ('damping', 'friction', 'armature')
 SENSOR_FIELDS = ('gain', 'offset', 'noise')
 PAYLOAD_SIZES = {'mass': (1,), 'com': (3,), 'inertia': (6, 9)}
 WHERE = 'overrides'
@@ -218,22 +223,17 @@ def _apply(
     if kind == 'beam':
         _override_beam(root, path, rest, value, findings)
     elif kind == 'joint':
-        _override_joint(root, path, rest, value, findings)
+        override_joint(root, path, rest, value, findings)
     elif kind == 'sensor':
         _override_sensor(root, path, rest, value, findings)
     elif kind == 'payload':
         children = {end.get('link') or '' for end in root.iterfind('joint/child')}
         _override_payload(children, path, rest, value, payloads, findings)
     elif kind == 'damping':
-        _unknown(path, list(_damping_names(root)), findings)
+        unknown_path(path, list(_damping_names(root)), findings)
     else:
         rule = 'start with beam., joint., payload., sensor. or damping.'
         findings.add(f'path {path!r}', f'must {rule}, got {kind!r}')
-
-
-def _unknown(path: str, known: Sequence[str], findings: Findings) -> None:
-    exist = ', '.join(known) if known else 'none of this kind'
-    findings.add(f'path {path!r}', f'must be one that the robot has ({exist}), got another')
 
 
 def _instead_of(path: str) -> str:
@@ -255,9 +255,9 @@ def _override_beam(
                 if rest == f'{beam.get("link")}.{name}.{field}':
                     if field not in DAMPING:  # all other numbers may come from a section
                         expand_section(beam)
-                    _set(part, field, path, value, findings)
+                    set_attribute(part, field, path, value, findings)
                     return
-    _unknown(path, _known_beams(root), findings)
+    unknown_path(path, _known_beams(root), findings)
 
 
 def _known_beams(root: Element) -> list[str]:
@@ -270,52 +270,6 @@ def _known_beams(root: Element) -> list[str]:
     return known
 
 
-def _set(
-    element: Element, attribute: str, path: str, value: Value | Array, findings: Findings
-) -> None:
-    if attribute == 'modes' and isinstance(value, float) and value.is_integer():
-        value = int(value)  # parameters of nodes are doubles
-    text = _text(value)
-    if text is None:
-        findings.add(f'path {path!r}', f'value must be a number, or numbers, got {value!r}')
-        return
-    element.set(attribute, text)
-    if attribute in DAMPING and element.tag in ('bending', 'torsion'):
-        (other,) = set(DAMPING) - {attribute}
-        element.attrib.pop(other, None)
-
-
-def _text(value: Any) -> str | None:
-    """Return a value as an attribute's text, None if it is neither number, text nor numbers."""
-    if isinstance(value, str):
-        return value
-    if isinstance(value, bool) or value is None:
-        return None
-    if isinstance(value, int | float | np.integer | np.floating):
-        return str(value)
-    if isinstance(value, Sequence | np.ndarray):
-        parts = [_text(part) for part in np.ravel(np.asarray(value, dtype=object))]
-        return None if None in parts else ' '.join(str(part) for part in parts)
-    return None
-
-
-def _override_joint(
-    root: Element, path: str, rest: str, value: Value | Array, findings: Findings
-) -> None:
-    joints = [joint for joint in root.findall('joint') if joint.get('type') != 'fixed']
-    name, _, field = rest.rpartition('.')
-    found = [joint for joint in joints if joint.get('name') == name]
-    if not found or field not in JOINT_FIELDS:
-        fields = '|'.join(JOINT_FIELDS)
-        _unknown(path, [f'joint.{joint.get("name")}.<{fields}>' for joint in joints], findings)
-        return
-    if field == 'armature':
-        element = _actuator(root, name)
-    else:
-        element = _child(found[0], 'dynamics')
-    _set(element, field, path, value, findings)
-
-
 def _override_sensor(
     root: Element, path: str, rest: str, value: Value | Array, findings: Findings
 ) -> None:
@@ -324,22 +278,11 @@ def _override_sensor(
     found = [sensor for sensor in sensors if sensor.get('name') == name]
     if not found or field not in SENSOR_FIELDS:
         fields = '|'.join(SENSOR_FIELDS)
-        _unknown(path, [f'sensor.{sensor.get("name")}.<{fields}>' for sensor in sensors], findings)
+        unknown_path(
+            path, [f'sensor.{sensor.get("name")}.<{fields}>' for sensor in sensors], findings
+        )
         return
-    _set(found[0], field, path, value, findings)
-
-
-def _child(element: Element, tag: str) -> Element:
-    found = element.find(tag)
-    return etree.SubElement(element, tag) if found is None else found
-
-
-def _actuator(root: Element, joint: str) -> Element:
-    block = _child(root, 'flexibility')
-    for actuator in block.findall('actuator'):
-        if actuator.get('joint') == joint:
-            return actuator
-    return etree.SubElement(block, 'actuator', joint=joint)
+    set_attribute(found[0], field, path, value, findings)
 
 
 def _override_payload(
@@ -354,9 +297,9 @@ def _override_payload(
     if link not in links or field not in PAYLOAD_SIZES:
         fields = '|'.join(PAYLOAD_SIZES)
         known = [f'payload.{name}.<{fields}>' for name in sorted(filter(None, links))]
-        _unknown(path, known, findings)
+        unknown_path(path, known, findings)
         return
-    numbers = [finite(part) for part in (_text(value) or '').split()]
+    numbers = [finite(part) for part in (as_text(value) or '').split()]
     if len(numbers) not in PAYLOAD_SIZES[field] or None in numbers:
         sizes = ' or '.join(str(size) for size in PAYLOAD_SIZES[field])
         findings.add(f'path {path!r}', f'value must be {sizes} finite numbers, got {value!r}')

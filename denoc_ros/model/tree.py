@@ -45,6 +45,24 @@ class Mimic:
     offset: float
 
 
+SIDES = ('motor', 'link')
+
+
+@dataclass(frozen=True)
+class Spring:
+    """The elasticity between the motor side of a joint and its link side.
+
+    With s = link side - motor side and the wind-up e(s), which is s but for the backlash, the
+    spring's force is (stiffness e + stiffness3 e^3) de/ds + damping s'.
+    """
+
+    stiffness: float  # N m/rad or N/m
+    damping: float = 0.0  # N m s/rad or N s/m
+    stiffness3: float = 0.0  # N m/rad^3 or N/m^3
+    backlash: float = 0.0  # rad or m: the whole free play
+    measured: str = 'motor'  # which of SIDES joint states mean
+
+
 @dataclass(frozen=True)
 class Joint:
     """The joint before a body."""
@@ -58,6 +76,7 @@ class Joint:
     armature: float = 0.0  # kg m^2 or kg
     mimic: Mimic | None = None
     continuous: bool = False
+    spring: Spring | None = None  # None: the link turns with the motor
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from denoc_ros.model.loops import LoopElement
 from denoc_ros.model.rigid_urdf import RigidUrdf, read_rigid_urdf
 from denoc_ros.model.sensors import SensorElement, make_sensor
 from denoc_ros.model.source import parse_xml, read_source
+from denoc_ros.model.springs import check_springs
 from denoc_ros.model.tree import Beam, Loop, LoopFrame, Sensor, Tree
 
 
@@ -67,9 +68,11 @@ def tree_of(root: Element, where: str, text: str) -> Tree:
     flexible = _flexible_links(robot, flexibility, findings, warnings)
     sensors = _sensor_elements(flexibility, findings, warnings)
     _check_loop_frames(robot, flexibility, findings)
+    springs, armatures = flexibility.springs, flexibility.armatures
+    check_springs(robot, springs, armatures, flexibility.loops, findings, warnings)
     if findings.items:
         raise ModelError(where, findings.items)
-    assembly = assemble(robot, flexible, flexibility.armatures)
+    assembly = assemble(robot, flexible, armatures, springs)
     loops = tuple(_loop(loop, assembly) for loop in flexibility.loops)
     return Tree(
         robot.name,

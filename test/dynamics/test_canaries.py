@@ -10,6 +10,7 @@ from canaries import CANARY, ROOM, Canaries, guarded_workspace
 from looped_robots import random_closed
 from mechanisms import DOWN, START, mechanism
 from numpy.typing import NDArray
+from spring_oracle import elastic_robot
 from strategies import random_state, seeded_robot
 
 from denoc_ros.dynamics.robot import Robot, load_robot
@@ -73,6 +74,16 @@ def test_random_trees_write_where_they_should(canaries: Canaries, seed: int) -> 
     robot = load_robot(seeded_robot(seed, 2 + seed))
     state = random_state(robot.coordinate_names, seed)
     call_verbs(robot, canaries, state.q, state.qd, state.qdd)
+    advance(robot, canaries, state.q, state.qd)
+
+
+@pytest.mark.parametrize('seed', [2, 15])
+def test_elastic_joints_write_where_they_should(canaries: Canaries, seed: int) -> None:
+    robot = load_robot(elastic_robot(seed))
+    state = random_state(robot.coordinate_names, seed)
+    call_verbs(robot, canaries, state.q, state.qd, state.qdd)
+    factors = np.linspace(0.5, 1.0, ROWS)[:, None]
+    call_verbs(robot, canaries, factors * state.q, factors * state.qd, factors * state.qdd)
     advance(robot, canaries, state.q, state.qd)
 
 

@@ -36,7 +36,7 @@ def test_the_loop_loads() -> None:
     assert {'tip_pin/parent', 'tip_pin/child'} <= set(tree.frames)
 
 
-@pytest.mark.parametrize('element', ['beam', 'sensor', 'actuator', 'loop'])
+@pytest.mark.parametrize('element', ['beam', 'sensor', 'actuator', 'loop', 'spring'])
 def test_every_attribute_of_the_block_is_in_the_reference(element: str) -> None:
     """An unknown attribute is refused with a list of those there are."""
     spoiled = (
@@ -53,7 +53,7 @@ def test_every_attribute_of_the_block_is_in_the_reference(element: str) -> None:
 def names_taken() -> set[str]:
     """Return the attributes and elements that the readers of the block let pass."""
     found = set()
-    for name in ('flexibility', 'loops', 'sensors'):
+    for name in ('flexibility', 'loops', 'sensors', 'springs'):
         source = (ROOT / 'denoc_ros' / 'model' / f'{name}.py').read_text(encoding='utf-8')
         for call in ast.walk(ast.parse(source)):
             if isinstance(call, ast.Call) and getattr(call.func, 'attr', '') == 'only':

@@ -48,11 +48,16 @@ def guarded_workspace(canaries: Canaries) -> type[Workspace]:
     """Return a workspace whose arrays stand between guards."""
 
     class Guarded(Workspace):
-        def __init__(self, arrays: ModelArrays, reals: Array) -> None:
-            super().__init__(arrays, reals)
+        def __init__(
+            self, arrays: ModelArrays, constants: Array, link_side: Array | None = None
+        ) -> None:
+            super().__init__(arrays, constants, link_side)
             self.work = canaries.of('workspace', self.work)
             self._diagonals = canaries.of('diagonals', self._diagonals)
             self._record[handle.WORK_ADDRESS] = self.work.ctypes.data
             self._record[handle.DIAGONALS_ADDRESS] = self._diagonals.ctypes.data
+            if arrays.link_side is not None:
+                self._states = canaries.of('states of the links', self._states)
+                self._record[handle.LINK_STATES] = self._states.ctypes.data
 
     return Guarded

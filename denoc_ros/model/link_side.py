@@ -1,0 +1,50 @@
+"""The robot without springs that the links of a robot with elastic joints are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.model.coordinates import names, spring_name
+from denoc_ros.model.tree import Body, Tree
+
+
+def has_springs(tree: Tree) -> bool:
+    """Say whether a joint of a robot is elastic."""
+    return any(body.joint is not None and body.joint.spring is not None for body in tree.bodies)
+
+
+def without_springs(tree: Tree) -> Tree:
+    """Return the bodies of a robot on joints that go with the link side of its own.
+
+    What belongs to the motor side (armature, friction and damping of elastic joints), and what
+    takes no part in the motion of an open tree, is left out.
+    """
+    bodies = tuple(_rigid(body) for body in tree.bodies)
+    return replace(tree, bodies=bodies, frames={}, loops=(), sensors=(), warnings=())
+
+
+def _rigid(body: Body) -> Body:
+    joint = body.joint
+    if joint is None:
+        return body
+    rigid = replace(joint, mimic=None)
+    if joint.spring is not None:
+        rigid = replace(rigid, spring=None, damping=0.0, friction=0.0, armature=0.0)
+    return replace(body, joint=rigid)
+
+
+def link_map(tree: Tree) -> NDArray[np.uint32]:
+    """Return (2, m): which coordinate stands for each of the m of the robot without springs.
+
+    Of an elastic joint it is that of its spring, the motor's stands before it, and the second row
+    is 1.
+    """
+    where = {name: k for k, name in enumerate(names(tree)[0])}
+    places = []
+    for name in names(without_springs(tree))[0]:
+        elastic = spring_name(name) in where
+        places.append((where[spring_name(name) if elastic else name], int(elastic)))
+    return np.ascontiguousarray(np.array(places, dtype=np.uint32).reshape(-1, 2).T)
