@@ -73,8 +73,8 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
     Returns
     -------
     dict
-        `robot`, `mass_kg`, `coordinates`, `links`, `joints`, `beams`, `sensors`, `loops` (mimic
-        joints too), `mechanism` (what the loops leave to move, one row or none),
+        `robot`, `mass_kg`, `coordinates`, `links`, `joints`, `springs`, `beams`, `sensors`,
+        `loops` (mimic joints too), `mechanism` (what the loops leave to move, one row or none),
         `natural_frequencies_hz` (joints held, all coordinates zero; negative: unstable),
         `postures` (the same in equilibrium at others) and `warnings`. Numbers that are infinite
         stand as None.
@@ -88,6 +88,7 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         for body, carrier in zip(tree.bodies, carriers, strict=True)
     ]
     joints = [_joint(body.joint, body.name) for body in tree.bodies if body.joint is not None]
+    springs = [row for body in tree.bodies for row in _spring(body.joint)]
     beams = [_beam(body.beam, body.name) for body in tree.bodies if body.beam is not None]
     frequencies = robot.natural_frequencies(np.zeros(robot.n), held=True)
     return {
@@ -96,6 +97,7 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         'coordinates': list(robot.coordinate_names),
         'links': links,
         'joints': joints,
+        'springs': springs,
         'beams': beams,
         'sensors': [
             {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic}
@@ -184,6 +186,23 @@ def _joint(joint: Joint, link: str) -> Row:
     }
 
 
+def _spring(joint: Joint | None) -> list[Row]:
+    spring = None if joint is None else joint.spring
+    if joint is None or spring is None:
+        return []
+    return [
+        {
+            'joint': joint.name,
+            'stiffness': float(spring.stiffness),
+            'damping': float(spring.damping),
+            'stiffness3': float(spring.stiffness3),
+            'backlash': float(spring.backlash),
+            'measured': spring.measured,
+            'armature': float(joint.armature),
+        }
+    ]
+
+
 def _beam(beam: Beam, link: str) -> Row:
     y, z, torsion = beam.y, beam.z, beam.torsion
     return {
@@ -209,7 +228,7 @@ def _as_text(summary: Mapping[str, Any]) -> str:
         f'{summary["robot"]}: {summary["mass_kg"]:.6g} kg, '
         f'{len(summary["coordinates"])} coordinates'
     ]
-    for title in ('links', 'joints', 'beams', 'sensors', 'loops', 'mechanism'):
+    for title in ('links', 'joints', 'springs', 'beams', 'sensors', 'loops', 'mechanism'):
         if summary[title]:
             parts.append(f'{title}\n{text_table(summary[title])}')
     frequencies = summary['natural_frequencies_hz']

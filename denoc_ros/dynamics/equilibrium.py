@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
 from denoc_ros.dynamics.linearization import stiffness
+from denoc_ros.dynamics.springs import half_play
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import SolverError
 
@@ -78,7 +79,7 @@ class Equilibrium:
         self._multipliers = np.zeros(len(robot.constraint_names) if closed else 0)
         size = len(free) + len(self._multipliers)
         self._inverse: Array = np.zeros((size, size))
-        self._loose = np.flatnonzero(robot.play)
+        self._loose = np.flatnonzero(half_play(robot))
         self._found = self._unsettled = False
 
     def forget(self) -> None:
@@ -137,7 +138,7 @@ class Equilibrium:
             return
         robot, at = self.robot, self._loose
         robot.inverse_dynamics(q, self._zero, self._zero, self._wrenches, out=self._force)
-        play = robot.play[at]
+        play = half_play(robot)[at]
         within = np.abs(q[at]) < play
         q[at[within]] = -(np.sign(self._force[at]) * play)[within]
 

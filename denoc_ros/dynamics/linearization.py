@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from denoc_ros.dynamics.springs import elasticity, require_rotors
 from denoc_ros.kernels import inverse_derivatives, load_derivatives
 
 if TYPE_CHECKING:
@@ -69,10 +70,10 @@ def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None =
     if derivatives_are_ready(bool(wrenches)):
         exact: Array = robot.inverse_dynamics_derivatives(q, zero, zero, wrenches)[0]
         return np.asarray(0.5 * (exact + exact.T))
-    slope = robot.elasticity(q)[1]
+    slope = elasticity(robot, q)[1]
 
     def load(state: Array) -> Array:
-        return robot.inverse_dynamics(state, zero, zero, wrenches) - robot.elasticity(state)[0]
+        return robot.inverse_dynamics(state, zero, zero, wrenches) - elasticity(robot, state)[0]
 
     tangent: Array = derivative(load, q, difference_steps(robot))
     symmetric: Array = 0.5 * (tangent + tangent.T) + np.diag(slope)
@@ -83,7 +84,7 @@ def natural_modes(robot: Robot, q: Array, held: bool) -> NaturalModes:
     """Return the natural modes at rest at q."""
     index = robot.flexible_indices if held else np.arange(robot.n)
     if not held:
-        robot.require_rotors()
+        require_rotors(robot.tree)
     if not len(index):
         return NaturalModes(np.zeros(0), np.zeros((robot.n, 0)), np.zeros(0))
     block = np.ix_(index, index)

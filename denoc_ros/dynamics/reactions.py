@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.springs import with_motors
 from denoc_ros.kernels import constraint_layout, world
 from denoc_ros.kernels.layout import (
     FORCE,
@@ -60,7 +61,7 @@ def reactions(
     The recursion's inward pass leaves, at each body, the wrench that it and all beyond it need
     (book, section 3.2). What loops give on the way is taken off.
     """
-    robot = robot.with_motors()
+    robot = with_motors(robot)
     robot.inverse_dynamics(q, qd, qdd)
     starts = robot.arrays.topology[1 : robot.arrays.bodies + 1, WORK].astype(int)
     work = robot.work

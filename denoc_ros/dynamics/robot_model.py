@@ -19,6 +19,7 @@ from denoc_ros.dynamics.base_motion import (
     on_base,
 )
 from denoc_ros.dynamics.section import Section
+from denoc_ros.dynamics.springs import require_rotors
 from denoc_ros.dynamics.validation import as_vector, require_finite
 from denoc_ros.dynamics.workspace import Workspace
 from denoc_ros.errors import SolverError, StateError
@@ -29,7 +30,6 @@ from denoc_ros.kernels import (
     composite,
     constrained,
     inverse,
-    link_side,
     step,
     world,
 )
@@ -40,10 +40,8 @@ from denoc_ros.kernels.handle import (
     FRICTION,
     GOOD,
     NOT_FINITE,
-    PLAY,
     SINGULAR,
     STIFFNESS,
-    STIFFNESS3,
 )
 from denoc_ros.kernels.layout import BODY_CONSTANTS, MASS, PARENT, SLIP_RATE
 from denoc_ros.model.arrays import ModelArrays, inertia_row, to_arrays
@@ -141,34 +139,6 @@ class RobotModel:
         return self._diagonal(FRICTION)
 
     @property
-    def play(self) -> Array:
-        """Half the backlash (n,) of the springs of joints [rad or m], 0 elsewhere."""
-        return self._diagonal(PLAY)
-
-    def elasticity(self, q: Array) -> tuple[Array, Array]:
-        """Return the elastic forces (n,) along the coordinates q (n,), and their derivatives."""
-        arrays = self.arrays
-        if arrays.link_side is None or not arrays.diagonals[STIFFNESS3 : PLAY + 1].any():
-            return self.stiffness * q, self.stiffness
-        ready(link_side.elastic_terms)
-        force, slope = np.empty((2, self.n))
-        link_side.elastic_terms(
-            self.handle, np.ascontiguousarray(q, dtype=np.float64), force, slope
-        )
-        return force, slope
-
-    def require_rotors(self) -> None:
-        """Raise SolverError where the motor side of an elastic joint has no inertia."""
-        joints = [body.joint for body in self.tree.bodies if body.joint is not None]
-        without = [j.name for j in joints if j.spring is not None and not j.armature > 0.0]
-        if without:
-            raise SolverError(
-                f'{self.tree.name}: joint {without[0]!r} has a <spring>: the armature of '
-                f'<actuator joint="{without[0]}" armature="…"/> must be > 0 where its motor side '
-                'is not held, got none'
-            )
-
-    @property
     def armature(self) -> Array:
         """Rotor inertia (n,) of joints behind their gears [kg m^2 or kg]."""
         return self._diagonal(ARMATURE)
@@ -237,19 +207,6 @@ class RobotModel:
             other._link_side[:] = self._link_side
         other._payloads = dict(self._payloads)
         other.move_base(base)
-        return other
-
-    def with_motors(self: Held) -> Held:
-        """Return a robot whose kernels leave what every row does in the workspace.
-
-        Of a robot with elastic joints, inverse and forward dynamics work on its link side else.
-        """
-        if self.arrays.link_side is None:
-            return self
-        other = self.copy()
-        other._adopt(self.arrays.without_link_side())
-        other._constants[:] = self._constants
-        other.move_base(self._base)
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -380,6 +337,6 @@ class RobotModel:
             return
         require_finite(arguments)
         if status == SINGULAR:
-            self.require_rotors()
+            require_rotors(self.tree)
             raise SolverError(f'{self.tree.name}: the inertia must be positive definite, got none')
         raise StateError('the result must be finite, got an overflow from finite arguments')

@@ -13,6 +13,7 @@ from spring_oracle import GRAVITY, SpringOracle, elastic_robot
 from strategies import law, random_state, seeds
 
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.springs import with_motors
 from denoc_ros.errors import SolverError
 
 Array = NDArray[np.float64]
@@ -54,7 +55,7 @@ def test_inverse_dynamics_and_inertia_are_lagranges(close: Close, seed: int) -> 
     s = random_state(robot.coordinate_names, seed)
     expected = oracle.inverse_dynamics(s.q, s.qd, s.qdd)
     close(robot.inverse_dynamics(s.q, s.qd, s.qdd), expected, ROUNDING)
-    close(robot.with_motors().inverse_dynamics(s.q, s.qd, s.qdd), expected, ROUNDING)
+    close(with_motors(robot).inverse_dynamics(s.q, s.qd, s.qdd), expected, ROUNDING)
     close(robot.inertia_matrix(s.q), oracle.inertia_matrix(s.q), ROUNDING)
     close(np.array(robot.energy(s.q, s.qd)), oracle.energy(s.q, s.qd), ROUNDING)
 
@@ -66,7 +67,7 @@ def test_forward_dynamics_solve_the_dense_equation(close: Close, seed: int) -> N
     s = random_state(robot.coordinate_names, seed)
     tau = np.random.default_rng(seed).uniform(-5, 5, robot.n)
     bias = oracle.inverse_dynamics(s.q, s.qd, np.zeros(robot.n))
-    for each in (robot, robot.with_motors()):
+    for each in (robot, with_motors(robot)):
         residual = oracle.inertia_matrix(s.q) @ each.forward_dynamics(s.q, s.qd, tau)
         close(residual, tau - bias, ROUNDING)
 
@@ -113,11 +114,11 @@ def test_payloads_load_the_links_of_both_ways(close: Close, seed: int) -> None:
     robot.set_payload(frame, 2.5, (0.1, 0.2, -0.1))
     after = robot.inverse_dynamics(s.q, s.qd, s.qdd)
     assert np.abs(after - before).max() > 1e-3
-    for other in (robot.with_motors(), robot.copy()):
+    for other in (with_motors(robot), robot.copy()):
         close(other.inverse_dynamics(s.q, s.qd, s.qdd), after, 1e-11)
     scaled = robot.with_scaled_load(frame, 1.5)
     close(
-        scaled.with_motors().inverse_dynamics(s.q, s.qd, s.qdd),
+        with_motors(scaled).inverse_dynamics(s.q, s.qd, s.qdd),
         scaled.inverse_dynamics(s.q, s.qd, s.qdd),
         1e-11,
     )

@@ -1,0 +1,62 @@
+"""Springs of elastic joints: what they give at a state, and what they need."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.errors import SolverError
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.handle import PLAY, STIFFNESS3
+from denoc_ros.kernels.link_side import elastic_terms
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.dynamics.robot_model import RobotModel
+    from denoc_ros.model.tree import Tree
+
+Array = NDArray[np.float64]
+
+
+def half_play(robot: RobotModel) -> Array:
+    """Return half the backlash (n,) of springs [rad or m], 0 along other coordinates."""
+    play: Array = robot.arrays.diagonals[PLAY]
+    return play
+
+
+def elasticity(robot: RobotModel, q: Array) -> tuple[Array, Array]:
+    """Return the elastic forces (n,) along the coordinates q (n,), and their derivatives."""
+    if not robot.arrays.diagonals[STIFFNESS3 : PLAY + 1].any():
+        return robot.stiffness * q, robot.stiffness
+    ready(elastic_terms)
+    force, slope = np.empty((2, robot.n))
+    elastic_terms(robot.handle, np.ascontiguousarray(q, dtype=np.float64), force, slope)
+    return force, slope
+
+
+def with_motors(robot: Robot) -> Robot:
+    """Return a robot whose kernels leave what every row does in the workspace.
+
+    Of a robot with elastic joints, inverse and forward dynamics else work on its link side.
+    """
+    if robot.arrays.link_side is None:
+        return robot
+    other = robot.copy()
+    other._adopt(robot.arrays.without_link_side())
+    other.constants[:] = robot.constants
+    other.move_base(robot.base_motion)
+    return other
+
+
+def require_rotors(tree: Tree) -> None:
+    """Raise SolverError where the motor side of an elastic joint has no inertia."""
+    joints = [body.joint for body in tree.bodies if body.joint is not None]
+    without = [j.name for j in joints if j.spring is not None and not j.armature > 0.0]
+    if without:
+        raise SolverError(
+            f'{tree.name}: joint {without[0]!r} has a <spring>: the armature of '
+            f'<actuator joint="{without[0]}" armature="…"/> must be > 0 where its motor side is '
+            'not held, got none'
+        )
