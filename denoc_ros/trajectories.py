@@ -65,7 +65,7 @@ class Trajectory(ABC):
         return times, q, qd, qdd
 
 
-class BookTrajectory(Trajectory):
+class CycloidalTrajectory(Trajectory):
     """The book's point-to-point motion, joint by joint.
 
     Parameters

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import inspect
 import json
+import re
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -19,7 +20,9 @@ import denoc_ros as dn
 from denoc_ros.cli.config import NODES
 from denoc_ros.cli.main import VERBS, build_parser
 
-LIST = Path(__file__).resolve().parent / 'data' / 'contract.json'
+ROOT = Path(__file__).resolve().parents[1]
+LIST = ROOT / 'test' / 'data' / 'contract.json'
+IMPORT = re.compile(r'^\s*from (denoc_ros\.[\w.]+) import (.+)$', re.MULTILINE)
 
 
 def python_names() -> dict[str, list[str]]:
@@ -76,7 +79,21 @@ def parsers(
                 yield from parsers(below, f'{name} {verb}')
 
 
-NOW = {'python': python_names, 'parameters': parameters, 'commands': commands}
+def imports() -> dict[str, list[str]]:
+    """Return what snippets of the documentation import from below the package."""
+    found: dict[str, list[str]] = {}
+    for page in (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))):
+        for module, names in IMPORT.findall(page.read_text(encoding='utf-8')):
+            found |= {f'{module}.{name.strip()}': [] for name in names.split(',')}
+    return found
+
+
+NOW = {
+    'python': python_names,
+    'parameters': parameters,
+    'commands': commands,
+    'imports': imports,
+}
 
 
 def lost(kind: str, before: dict[str, list[Any]], after: dict[str, list[Any]]) -> list[str]:
@@ -95,7 +112,7 @@ def lost(kind: str, before: dict[str, list[Any]], after: dict[str, list[Any]]) -
     return sorted(gone)
 
 
-@pytest.mark.parametrize('kind', NOW)
+@pytest.mark.parametrize('kind', ['python', 'parameters', 'commands'])
 def test_nothing_public_is_taken_away(kind: str) -> None:
     listed = json.loads(LIST.read_text(encoding='utf-8'))[kind]
     assert lost(kind, listed, NOW[kind]()) == []
@@ -106,6 +123,12 @@ def test_list_is_complete(kind: str) -> None:
     listed = json.loads(LIST.read_text(encoding='utf-8'))[kind]
     missing = NOW[kind]().keys() - listed.keys()
     assert not missing, f'python test/test_contract.py adds {sorted(missing)}'
+
+
+@pytest.mark.parametrize('name', json.loads(LIST.read_text(encoding='utf-8'))['imports'])
+def test_what_was_documented_can_still_be_imported(name: str) -> None:
+    module, _, attribute = name.rpartition('.')
+    assert hasattr(import_module(module), attribute)
 
 
 def test_what_is_taken_away_is_seen() -> None:

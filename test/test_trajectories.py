@@ -9,7 +9,7 @@ import pytest
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.simulation.reference import trajectory_from_config
-from denoc_ros.trajectories import BookTrajectory, SplineTrajectory, Trajectory
+from denoc_ros.trajectories import CycloidalTrajectory, SplineTrajectory, Trajectory
 
 JOINTS = ('a', 'b')
 KINDS: dict[str, dict[str, Any]] = {
@@ -65,7 +65,7 @@ def test_it_starts_and_ends_at_rest_and_holds(kind: str) -> None:
 
 def test_book_half_form_is_equation_3_56() -> None:
     t, k, period = 3.0, np.array([0.075, 0.05]), np.array([10.0, 5.0])
-    q, _, _ = at(BookTrajectory(np.zeros(2), k, period, 'half'), t)
+    q, _, _ = at(CycloidalTrajectory(np.zeros(2), k, period, 'half'), t)
     np.testing.assert_allclose(q, k * (t - period / np.pi * np.sin(np.pi * t / period)))
 
 

@@ -29,7 +29,7 @@ _HEAD = struct.Struct('<BQ')
 
 
 @dataclass
-class Layout:
+class McapIndex:
     """Where the chunks and attachments of a file lie.
 
     Attributes
@@ -82,9 +82,9 @@ class Layout:
         )
 
 
-def read_layout(path: Path, end: int) -> Layout:
+def read_layout(path: Path, end: int) -> McapIndex:
     """Return the layout of the part of a file before an offset where a record ends."""
-    layout = Layout(end)
+    layout = McapIndex(end)
     with path.open('rb') as stream:
         offset = len(MAGIC)
         while offset < end:
@@ -95,7 +95,9 @@ def read_layout(path: Path, end: int) -> Layout:
     return layout
 
 
-def _add_record(layout: Layout, stream: IO[bytes], opcode: int, offset: int, length: int) -> None:
+def _add_record(
+    layout: McapIndex, stream: IO[bytes], opcode: int, offset: int, length: int
+) -> None:
     content = ReadDataStream(stream)
     if opcode == Opcode.CHUNK:
         layout.chunks.append(_chunk_index(Chunk.read(content), offset, length))

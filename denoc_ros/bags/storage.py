@@ -15,7 +15,7 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
-from denoc_ros.bags.ending import Layout, read_layout
+from denoc_ros.bags.ending import McapIndex, read_layout
 from denoc_ros.bags.loss import MOVED, Identity
 from denoc_ros.bags.metadata import FileContents, Topic
 from denoc_ros.errors import BagError
@@ -177,7 +177,7 @@ class McapFile:
         self._disk.close()
         self.contents = count_messages(self.path)
 
-    def _try_ending(self, layout: Layout) -> bool:
+    def _try_ending(self, layout: McapIndex) -> bool:
         self._disk.truncate(layout.end)
         try:
             self._disk.write(layout.ending([*self._schemas.values()], [*self._channels.values()]))

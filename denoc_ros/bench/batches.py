@@ -11,7 +11,7 @@ import numpy as np
 
 from denoc_ros.bench.chains import rigid_chain
 from denoc_ros.bench.peers import Pinocchio
-from denoc_ros.bench.results import AT_LEAST, AT_MOST, Check, Line, Reach, relative_error
+from denoc_ros.bench.results import AT_LEAST, AT_MOST, BenchCheck, BenchLine, Reach, relative_error
 from denoc_ros.bench.rigid import TOLERANCE
 from denoc_ros.bench.timing import Effort, Subject, compare, ratio
 from denoc_ros.dynamics.batch import cores
@@ -35,7 +35,7 @@ def on_cores(count: int) -> Iterator[None]:
         os.sched_setaffinity(0, before)
 
 
-def batch_lines(effort: Effort, quick: bool) -> Iterator[Line]:
+def batch_lines(effort: Effort, quick: bool) -> Iterator[BenchLine]:
     """Yield inverse dynamics of many states of seven joints, on one thread and on two."""
     text = rigid_chain(JOINTS)
     robot, peer = load_robot(text), Pinocchio(text)
@@ -56,26 +56,26 @@ def batch_lines(effort: Effort, quick: bool) -> Iterator[Line]:
 
     expected = np.array(loop())
     whose = 'pin.rnea, row by row'
-    one = Check(whose, relative_error(threads(1)(), expected), TOLERANCE)
+    one = BenchCheck(whose, relative_error(threads(1)(), expected), TOLERANCE)
     what, against = f'inverse_dynamics, batch ({rows}, {JOINTS}), per state', 'loop over pin.rnea'
     if one.good:
         ours, theirs = compare((Subject(threads(1), [()]), Subject(loop, [()])), effort)
-        yield Line(
+        yield BenchLine(
             'batch', f'{what}, one thread', against, one, value=ratio(ours, theirs),
             reach=Reach(AT_MOST, REACH_ONE_THREAD),
             ours=ours.scaled(1 / rows), peer=theirs.scaled(1 / rows),
         )  # fmt: skip
     else:
-        yield Line('batch', what, against, one)
+        yield BenchLine('batch', what, against, one)
     if cores() < 2:
         return
-    two = Check(whose, relative_error(threads(2)(), expected), TOLERANCE)
+    two = BenchCheck(whose, relative_error(threads(2)(), expected), TOLERANCE)
     what = f'{what}, one thread over two'
     if not two.good:
-        yield Line('batch', what, 'one thread', two)
+        yield BenchLine('batch', what, 'one thread', two)
         return
     pair, single = compare((Subject(threads(2), [()]), Subject(threads(1), [()])), effort)
-    yield Line(
+    yield BenchLine(
         'batch', what, 'one thread', two, value=ratio(single, pair),
         reach=Reach(AT_LEAST, REACH_TWO_THREADS),
         ours=pair.scaled(1 / rows), peer=single.scaled(1 / rows),

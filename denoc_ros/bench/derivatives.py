@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from denoc_ros.bench.chains import flexible_chain, rigid_chain
 from denoc_ros.bench.growth import sloped
 from denoc_ros.bench.peers import Pinocchio
-from denoc_ros.bench.results import AT_MOST, Check, Line, Reach
+from denoc_ros.bench.results import AT_MOST, BenchCheck, BenchLine, Reach
 from denoc_ros.bench.rigid import SIZES, State, beside, check, conditioned, random_states, results
 from denoc_ros.bench.timing import Effort, Subject, compare, ratio
 from denoc_ros.dynamics.robot import Robot, load_robot
@@ -32,14 +32,14 @@ STEP = 1e-3  # of the central differences of fourth order that check a flexible 
 DIFFERENCE = 1e-7  # their truncation and rounding
 
 
-def derivative_lines(file: Path, effort: Effort, quick: bool) -> Iterator[Line]:
+def derivative_lines(file: Path, effort: Effort, quick: bool) -> Iterator[BenchLine]:
     """Yield all lines of the derivatives; file is the SSRMS."""
     yield from _rigid_lines(effort)
     yield from _ssrms_lines(file, effort)
     yield from _growth_lines(effort, quick)
 
 
-def _rigid_lines(effort: Effort) -> Iterator[Line]:
+def _rigid_lines(effort: Effort) -> Iterator[BenchLine]:
     """Yield rigid chains beside `computeRNEADerivatives` and `computeABADerivatives`."""
     for n, inverse, forward in zip(SIZES, REACH_INVERSE, REACH_FORWARD, strict=True):
         text = rigid_chain(n)
@@ -77,7 +77,7 @@ def full(matrices: Array) -> Array:
     return np.stack([matrices[0], matrices[1], upper + np.triu(upper, 1).T])
 
 
-def _ssrms_lines(file: Path, effort: Effort) -> Iterator[Line]:
+def _ssrms_lines(file: Path, effort: Effort) -> Iterator[BenchLine]:
     """Yield the SSRMS: beside the functions themselves, and Pinocchio's rigid chain."""
     robot, text = load_robot(file), rigid_chain(load_robot(file).n)
     states = random_states(robot)
@@ -99,7 +99,7 @@ def _ssrms_lines(file: Path, effort: Effort) -> Iterator[Line]:
     names = [f'{verb}_dynamics_derivatives, {size}' for verb in ('inverse', 'forward')]
     if not all(each.good for each in checks):
         for name, each in zip(names, checks, strict=True):
-            yield Line('derivatives', name, each.against, each)
+            yield BenchLine('derivatives', name, each.against, each)
         return
     times = compare((inverse, forward, *plain, *theirs), effort)
     own, peers = times[:2], times[4:]
@@ -108,19 +108,19 @@ def _ssrms_lines(file: Path, effort: Effort) -> Iterator[Line]:
         (names[1], checks[1], own[1], times[3], REACH_SSRMS_FORWARD, peers[2:]),
     ):
         asked = ratio(pair[1], pair[0]).value
-        yield Line(
+        yield BenchLine(
             'derivatives', name, 'the function itself', each, value=ratio(ours, function),
             reach=Reach(AT_MOST, limit), ours=ours, peer=function,
             note=f'Pinocchio, rigid n = {robot.n}: {asked:.2f} times its function',
         )  # fmt: skip
-    yield Line(
+    yield BenchLine(
         'derivatives', names[1], f'pin.computeABADerivatives, rigid n = {robot.n}', checks[1],
         value=ratio(own[1], peers[3]), reach=Reach(AT_MOST, REACH_SSRMS_PEER), ours=own[1],
         peer=peers[3],
     )  # fmt: skip
 
 
-def _growth_lines(effort: Effort, quick: bool) -> Iterator[Line]:
+def _growth_lines(effort: Effort, quick: bool) -> Iterator[BenchLine]:
     """Yield the slopes of all-flexible chains: time by number of links."""
     sizes = FEWER_LINKS if quick else LINKS
     inverse, forward, checks = [], [], []
@@ -136,11 +136,11 @@ def _growth_lines(effort: Effort, quick: bool) -> Iterator[Line]:
     checked = max(checks, key=lambda each: each.error / each.tolerance)
     for name, subjects in (('inverse', inverse), ('forward', forward)):
         what = f'{name}_dynamics_derivatives, all-flexible chains n = {sizes[0]} … {sizes[-1]}'
-        line = Line('derivatives', what, 'own slope, log-log', checked, 'slope')
+        line = BenchLine('derivatives', what, 'own slope, log-log', checked, 'slope')
         yield sloped(line, sizes, subjects, REACH_SLOPE, effort)
 
 
-def check_inverse(robot: Robot, states: Sequence[State]) -> Check:
+def check_inverse(robot: Robot, states: Sequence[State]) -> BenchCheck:
     """Compare with central differences of inverse dynamics along random directions."""
     rng = np.random.default_rng(1)
     errors = []
@@ -154,10 +154,10 @@ def check_inverse(robot: Robot, states: Sequence[State]) -> Check:
         found = (8.0 * (values[0] - values[1]) - (values[2] - values[3])) / (12.0 * STEP)
         exact = by_q @ d + by_rate @ e + inertia @ f
         errors.append(float(np.abs(found - exact).max() / np.abs(exact).max()))
-    return Check('differences of inverse_dynamics', max(errors), DIFFERENCE)
+    return BenchCheck('differences of inverse_dynamics', max(errors), DIFFERENCE)
 
 
-def check_forward(robot: Robot, driven: Sequence[State], states: Sequence[State]) -> Check:
+def check_forward(robot: Robot, driven: Sequence[State], states: Sequence[State]) -> BenchCheck:
     """Compare I times the derivatives with those of inverse dynamics."""
     errors = []
     for (q, qd, tau), (_, _, qdd) in zip(driven, states, strict=True):
@@ -168,4 +168,4 @@ def check_forward(robot: Robot, driven: Sequence[State], states: Sequence[State]
             left = of_torque[2] @ value - expected
             size = np.abs(of_torque[2]) @ np.abs(value)
             errors.append(float(np.abs(left).max() / size.max()))
-    return Check('I times the derivatives', max(errors), TOLERANCE)
+    return BenchCheck('I times the derivatives', max(errors), TOLERANCE)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.bench.chains import flexible_chain, rigid_chain
 from denoc_ros.bench.peers import Dense
-from denoc_ros.bench.results import AT_LEAST, AT_MOST, Check, Line, Reach
+from denoc_ros.bench.results import AT_LEAST, AT_MOST, BenchCheck, BenchLine, Reach
 from denoc_ros.bench.rigid import (
     TOLERANCE,
     State,
@@ -40,8 +40,12 @@ def slope(sizes: Sequence[int], times: Sequence[Times]) -> Spread:
 
 
 def sloped(
-    line: Line, sizes: Sequence[int], subjects: Sequence[Subject], reach: float, effort: Effort
-) -> Line:
+    line: BenchLine,
+    sizes: Sequence[int],
+    subjects: Sequence[Subject],
+    reach: float,
+    effort: Effort,
+) -> BenchLine:
     """Return a line with the slope of its subjects' times by size, if their results are good."""
     if not line.check.good:
         return line
@@ -72,7 +76,7 @@ def crossing(sizes: Sequence[int], factors: Sequence[float]) -> float:
     return float(np.exp(x[k] + share * (x[k + 1] - x[k])))
 
 
-def growth_lines(effort: Effort, quick: bool) -> Iterator[Line]:
+def growth_lines(effort: Effort, quick: bool) -> Iterator[BenchLine]:
     """Yield the slopes of inverse and forward dynamics of all-flexible chains."""
     sizes = FEWER_LINKS if quick else LINKS
     inverse, forward, errors = [], [], []
@@ -86,11 +90,11 @@ def growth_lines(effort: Effort, quick: bool) -> Iterator[Line]:
     checked = max(errors, key=lambda each: each.error / each.tolerance)
     for name, subjects in (('inverse_dynamics', inverse), ('forward_dynamics', forward)):
         what = f'{name}, all-flexible chains n = {sizes[0]} … {sizes[-1]}, two modes per plane'
-        line = Line('growth', what, 'own slope, log-log', checked, 'slope')
+        line = BenchLine('growth', what, 'own slope, log-log', checked, 'slope')
         yield sloped(line, sizes, subjects, REACH_SLOPE, effort)
 
 
-def dense_lines(effort: Effort, quick: bool) -> Iterator[Line]:
+def dense_lines(effort: Effort, quick: bool) -> Iterator[BenchLine]:
     """Yield the recursion beside dense Cholesky: the factor at 64 links and the crossing point."""
     sizes = FEWER_CROSSING_LINKS if quick else CROSSING_LINKS
     for name, text in (
@@ -112,13 +116,13 @@ def _factors(
     name: str,
     sizes: Sequence[int],
     pairs: Sequence[tuple[Robot, list[State]]],
-    checked: Check,
+    checked: BenchCheck,
     reach: float | None,
     effort: Effort,
-) -> Iterator[Line]:
+) -> Iterator[BenchLine]:
     what = f'dense Cholesky over recursion, {name}'
     if not checked.good:
-        yield Line('dense', what, 'dense Cholesky', checked)
+        yield BenchLine('dense', what, 'dense Cholesky', checked)
         return
     factors = []
     for robot, driven in pairs:
@@ -127,14 +131,14 @@ def _factors(
         recursion, cholesky = compare((ours, dense), effort)
         factors.append(ratio(cholesky, recursion))
     each = ', '.join(f'{n}: {f.value:.2f}' for n, f in zip(sizes, factors, strict=True))
-    yield Line(
+    yield BenchLine(
         'dense', f'{what}, {sizes[-1]} links', 'dense Cholesky', checked, 'ratio', factors[-1],
         None if reach is None else Reach(AT_LEAST, reach), recursion, cholesky,
         note=f'factor at n links: {each}',
     )  # fmt: skip
     point = [crossing(sizes, [getattr(f, part) for f in factors]) for part in ('high', 'low')]
     middle = crossing(sizes, [f.value for f in factors])
-    yield Line(
+    yield BenchLine(
         'dense', f'crossing point, {name}', 'dense Cholesky', checked, 'links',
         Spread(middle, point[0], point[1]),
         note=f'{pairs[0][0].n} coordinate(s) per link; public calls on both sides',
@@ -147,17 +151,17 @@ def _states(robot: Robot) -> tuple[list[State], list[State]]:
     return states, [(q, qd, robot.inverse_dynamics(q, qd, qdd)) for q, qd, qdd in states]
 
 
-def check_forward(robot: Robot, driven: Sequence[State]) -> Check:
+def check_forward(robot: Robot, driven: Sequence[State]) -> BenchCheck:
     """Compare tau with I qdd + h: the solutions of long chains are too ill-conditioned."""
     errors = []
     for q, qd, tau in driven:
         force = robot.inertia_matrix(q) @ robot.forward_dynamics(q, qd, tau)
         bias = robot.bias_forces(q, qd)
         errors.append(float(np.abs(force + bias - tau).max() / np.abs((bias, tau)).max()))
-    return Check('dense I qdd + h = tau', max(errors), TOLERANCE)
+    return BenchCheck('dense I qdd + h = tau', max(errors), TOLERANCE)
 
 
-def check_inverse(robot: Robot, states: Sequence[State]) -> Check:
+def check_inverse(robot: Robot, states: Sequence[State]) -> BenchCheck:
     """Compare with the dense I qdd + h."""
     ours = results(Subject(robot.inverse_dynamics, states))
     dense = [robot.inertia_matrix(q) @ qdd + robot.bias_forces(q, qd) for q, qd, qdd in states]

@@ -16,7 +16,7 @@ import numpy as np
 from denoc_ros.bench.chains import flexible_chain, rigid_chain
 from denoc_ros.bench.machine import Machine, measure_machine
 from denoc_ros.bench.operations import CountingKernels, Operations
-from denoc_ros.bench.results import Check, relative_error
+from denoc_ros.bench.results import BenchCheck, relative_error
 from denoc_ros.bench.rigid import State, random_states
 from denoc_ros.bench.timing import Effort, Subject, compare
 from denoc_ros.dynamics.robot import Robot, load_robot
@@ -116,7 +116,7 @@ class Account:
     case: str
     coordinates: int
     verb: str
-    check: Check
+    check: BenchCheck
     operations: Operations
     shares: Mapping[str, int]  # multiplications and additions by kernel, most first
     printed: Mapping[str, tuple[int, int]]
@@ -159,7 +159,7 @@ class Count:
     verb: str
     operations: Operations
     shares: dict[str, int]
-    check: Check
+    check: BenchCheck
 
 
 def count_verbs(robot: Robot, state: State) -> Iterator[Count]:
@@ -185,13 +185,15 @@ def count_verbs(robot: Robot, state: State) -> Iterator[Count]:
     yield _count(INERTIA_AND_BIAS, inertia + bias, shares + Counter(kernels.shares), check)
 
 
-def _count(verb: str, operations: Operations, shares: Mapping[str, int], check: Check) -> Count:
+def _count(
+    verb: str, operations: Operations, shares: Mapping[str, int], check: BenchCheck
+) -> Count:
     most_first = dict(Counter(shares).most_common())
     return Count(verb, operations, most_first, check)
 
 
-def _check(counted: Any, compiled: Any) -> Check:
-    return Check('the compiled kernel', relative_error(counted, compiled), TOLERANCE)
+def _check(counted: Any, compiled: Any) -> BenchCheck:
+    return BenchCheck('the compiled kernel', relative_error(counted, compiled), TOLERANCE)
 
 
 def _budget(

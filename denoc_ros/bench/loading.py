@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.bench.chains import flexible_chain, rigid_chain
-from denoc_ros.bench.results import AT_MOST, Check, Line, Reach, relative_error
+from denoc_ros.bench.results import AT_MOST, BenchCheck, BenchLine, Reach, relative_error
 from denoc_ros.bench.rigid import TOLERANCE
 from denoc_ros.bench.timing import Spread, Times
 from denoc_ros.dynamics.robot import load_robot
@@ -43,7 +43,7 @@ print(json.dumps({'began': began, 'imported': imported, 'loaded': loaded,
 """
 
 
-def load_lines(file: Path, cold: bool) -> Iterator[Line]:
+def load_lines(file: Path, cold: bool) -> Iterator[BenchLine]:
     """Yield the time to a robot's first torque, kernels cached and cold, and that of 100 links.
 
     Parameters
@@ -83,31 +83,31 @@ def load_lines(file: Path, cold: bool) -> Iterator[Line]:
         yield _large(name, text)
 
 
-def _large(name: str, text: str) -> Line:
+def _large(name: str, text: str) -> BenchLine:
     took = []
     for _ in range(REPEATS):
         start = time.perf_counter()
         robot = load_robot(text)
         took.append(time.perf_counter() - start)
     joints = len(robot.joint_names)
-    check = Check(f'{LARGE} joints', abs(joints - LARGE), 0.0)
+    check = BenchCheck(f'{LARGE} joints', abs(joints - LARGE), 0.0)
     return _line(
         f'load_robot, {LARGE} links, {name}', 'kernels cached', took, check, REACH_LARGE, ''
     )
 
 
-def _check(torques: list[Any], expected: Any) -> Check:
+def _check(torques: list[Any], expected: Any) -> BenchCheck:
     errors = [relative_error(torque, expected) for torque in torques]
-    return Check('this process', max(errors), TOLERANCE)
+    return BenchCheck('this process', max(errors), TOLERANCE)
 
 
 def _line(
-    what: str, against: str, took: list[float], check: Check, reach: float, note: str
-) -> Line:
+    what: str, against: str, took: list[float], check: BenchCheck, reach: float, note: str
+) -> BenchLine:
     each = np.array(took)
     times = Times(float(np.median(each)), float(np.percentile(each, 99)), each)
     limit = Reach(AT_MOST, reach)
-    return Line('load', what, against, check, 's', Spread.of(each), limit, times, note=note)
+    return BenchLine('load', what, against, check, 's', Spread.of(each), limit, times, note=note)
 
 
 def _first_torque(file: Path, environment: dict[str, str]) -> dict[str, Any]:

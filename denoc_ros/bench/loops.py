@@ -10,7 +10,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from denoc_ros.bench.peers import Pinocchio
-from denoc_ros.bench.results import AT_MOST, Check, Line, Reach
+from denoc_ros.bench.results import AT_MOST, BenchCheck, BenchLine, Reach
 from denoc_ros.bench.rigid import STATES, State, check, random_states
 from denoc_ros.bench.timing import Effort, Subject, compare, ratio
 from denoc_ros.dynamics.robot import Robot, load_robot
@@ -24,7 +24,7 @@ REDUNDANT = 1e-8  # of the greatest singular value: rows that say nothing new
 TOLERANCE = 1e-9  # two solutions of a mechanism that is far from singular
 
 
-def loop_lines(robots: Path, effort: Effort) -> Iterator[Line]:
+def loop_lines(robots: Path, effort: Effort) -> Iterator[BenchLine]:
     """Yield constrained forward dynamics of the book's mechanisms.
 
     Parameters
@@ -70,7 +70,7 @@ def _accelerations(robot: Robot, states: Sequence[State]) -> list[Array]:
     return [robot.constrained_forward_dynamics(q, qd, tau)[0] for q, qd, tau in states]
 
 
-def _beside_tree(robot: Robot, effort: Effort) -> Line:
+def _beside_tree(robot: Robot, effort: Effort) -> BenchLine:
     """Return the constrained forward dynamics of a mechanism beside that of its open tree."""
     states = closed_states(robot)
     expected = [dense_solution(robot, *state) for state in states]
@@ -83,7 +83,7 @@ def _beside_tree(robot: Robot, effort: Effort) -> Line:
     return _line(what, 'forward_dynamics of its open tree', checked, subjects, REACH_TREE, effort)
 
 
-def _beside_pinocchio(text: str, effort: Effort) -> Line:
+def _beside_pinocchio(text: str, effort: Effort) -> BenchLine:
     """Return the constrained forward dynamics of a rigid mechanism beside Pinocchio's."""
     robot, peer = load_robot(text), Pinocchio(text)
     states = closed_states(robot)
@@ -101,15 +101,15 @@ def _beside_pinocchio(text: str, effort: Effort) -> Line:
 def _line(
     what: str,
     against: str,
-    checked: Check,
+    checked: BenchCheck,
     subjects: Sequence[Subject],
     reach: float | None,
     effort: Effort,
-) -> Line:
+) -> BenchLine:
     if not checked.good:
-        return Line('loops', what, against, checked)
+        return BenchLine('loops', what, against, checked)
     ours, peer = compare(subjects, effort)
-    return Line(
+    return BenchLine(
         'loops', what, against, checked, value=ratio(ours, peer),
         reach=None if reach is None else Reach(AT_MOST, reach), ours=ours, peer=peer,
     )  # fmt: skip

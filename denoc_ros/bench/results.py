@@ -28,7 +28,7 @@ class Reach:
 
 
 @dataclass(frozen=True)
-class Check:
+class BenchCheck:
     """The comparison that a line's results had to pass before they were timed.
 
     Attributes
@@ -51,14 +51,14 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Line:
+class BenchLine:
     """One line of the table.
 
     Attributes
     ----------
     group, what, against : str
         The part of the benchmark, what was timed, and beside what.
-    check : Check
+    check : BenchCheck
     unit : str
         Of the value: 'ratio', 'slope', 's', …
     value : Spread, optional
@@ -71,7 +71,7 @@ class Line:
     group: str
     what: str
     against: str
-    check: Check
+    check: BenchCheck
     unit: str = 'ratio'
     value: Spread | None = None
     reach: Reach | None = None

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.bench.chains import rigid_chain
 from denoc_ros.bench.peers import Dense, Pinocchio
-from denoc_ros.bench.results import AT_MOST, Check, Line, Reach, relative_error
+from denoc_ros.bench.results import AT_MOST, BenchCheck, BenchLine, Reach, relative_error
 from denoc_ros.bench.timing import Effort, Subject, compare, ratio
 from denoc_ros.dynamics.robot import Robot, load_robot
 
@@ -57,10 +57,10 @@ def conditioned(robot: Robot, states: Sequence[State]) -> float:
 
 def check(
     ours: Sequence[ArrayLike], theirs: Sequence[ArrayLike], whose: str, limit: float
-) -> Check:
+) -> BenchCheck:
     """Compare results one by one."""
     errors = [relative_error(a, b) for a, b in zip(ours, theirs, strict=True)]
-    return Check(whose, max(errors), limit)
+    return BenchCheck(whose, max(errors), limit)
 
 
 def beside(
@@ -68,10 +68,10 @@ def beside(
     what: str,
     against: str,
     subjects: Sequence[Subject],
-    checked: Check,
+    checked: BenchCheck,
     reach: float,
     effort: Effort,
-) -> Iterator[Line]:
+) -> Iterator[BenchLine]:
     """Time ours, ours unchecked, and the peer; yield a line each for the first two.
 
     Parameters
@@ -81,14 +81,14 @@ def beside(
         Largest ratio of the first line; the second has none.
     """
     if not checked.good:
-        yield Line(group, what, against, checked)
+        yield BenchLine(group, what, against, checked)
         return
     ours, unchecked, peer = compare(subjects, effort)
     for name, times, limit in (
         (what, ours, Reach(AT_MOST, reach)),
         (f'{what}, check=False', unchecked, None),
     ):
-        yield Line(
+        yield BenchLine(
             group, name, against, checked,
             value=ratio(times, peer), reach=limit, ours=times, peer=peer,
         )  # fmt: skip
@@ -99,7 +99,7 @@ def unchecked(states: Sequence[State]) -> list[tuple[Any, ...]]:
     return [(*state, None, None, False) for state in states]
 
 
-def inverse_lines(effort: Effort) -> Iterator[Line]:
+def inverse_lines(effort: Effort) -> Iterator[BenchLine]:
     """Yield `inverse_dynamics` of rigid chains beside `pin.rnea`."""
     for n, reach in zip(SIZES, REACH_INVERSE, strict=True):
         robot, peer, states = _chain(n)
@@ -107,7 +107,7 @@ def inverse_lines(effort: Effort) -> Iterator[Line]:
         yield from _pair('inverse', n, robot.inverse_dynamics, states, theirs, reach, effort)
 
 
-def forward_lines(effort: Effort) -> Iterator[Line]:
+def forward_lines(effort: Effort) -> Iterator[BenchLine]:
     """Yield `forward_dynamics` of rigid chains beside `pin.aba`."""
     for n, reach in zip(SIZES, REACH_FORWARD, strict=True):
         robot, peer, states = _chain(n)
@@ -120,7 +120,7 @@ def forward_lines(effort: Effort) -> Iterator[Line]:
         )
 
 
-def inertia_lines(effort: Effort) -> Iterator[Line]:
+def inertia_lines(effort: Effort) -> Iterator[BenchLine]:
     """Yield `inertia_matrix` of rigid chains beside `pin.crba`."""
     for n, reach in zip(SIZES, REACH_INERTIA, strict=True):
         robot, peer, states = _chain(n)
@@ -136,7 +136,7 @@ def inertia_lines(effort: Effort) -> Iterator[Line]:
         )  # fmt: skip
 
 
-def ssrms_lines(file: Path, effort: Effort) -> Iterator[Line]:
+def ssrms_lines(file: Path, effort: Effort) -> Iterator[BenchLine]:
     """Yield the SSRMS (14 coordinates, 8 elastic) beside Pinocchio's rigid chain of 14 joints."""
     robot = load_robot(file)
     states = random_states(robot)
@@ -178,7 +178,7 @@ def _pair(
     reach: float,
     effort: Effort,
     limit: float = TOLERANCE,
-) -> Iterator[Line]:
+) -> Iterator[BenchLine]:
     ours, against = Subject(verb, states), f'pin.{theirs.call.__name__}'
     checked = check(results(ours), results(theirs), against, limit)
     subjects = (ours, Subject(verb, unchecked(states)), theirs)

@@ -30,18 +30,18 @@ SINGLE_THREADED = {f'{library}_NUM_THREADS': '1' for library in THREADED}
 
 
 @dataclass(frozen=True)
-class Crew:
+class WorkerConfig:
     """Who does the work.
 
     Attributes
     ----------
-    workers : int
+    count : int
         Local processes; 0 for this one alone.
     scheduler : str
         Address of a Dask scheduler, which then has the workers; '' for none.
     """
 
-    workers: int = 0
+    count: int = 0
     scheduler: str = ''
 
 
@@ -116,7 +116,7 @@ class RowStore:
         self.flush()
 
 
-def add_crew_options(parser: argparse.ArgumentParser) -> None:
+def add_worker_options(parser: argparse.ArgumentParser) -> None:
     """Declare --workers and --scheduler."""
     parser.add_argument(
         '--workers',
@@ -133,20 +133,20 @@ def add_crew_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def crew_of(args: argparse.Namespace) -> Crew:
+def worker_config(args: argparse.Namespace) -> WorkerConfig:
     """Return what --workers and --scheduler say; ConfigError where they make no sense."""
     if args.workers < 0:
         raise ConfigError('--workers', [f'it must be >= 0, got {args.workers}'])
     if args.workers and args.scheduler:
         raise ConfigError('--workers', ['it must not stand beside --scheduler, got both'])
-    return Crew(args.workers, args.scheduler)
+    return WorkerConfig(args.workers, args.scheduler)
 
 
 def run_batch(
     task: Task,
     items: Mapping[str, Any],
     store: RowStore | None,
-    crew: Crew,
+    workers: WorkerConfig,
     label: str = '',
     progress: bool = True,
 ) -> list[Row]:
@@ -160,7 +160,7 @@ def run_batch(
         Key -> item. Keys whose rows the store has already are not run again.
     store : RowStore or None
         Takes the rows as they come; failures are not stored, so that they are tried again.
-    crew : Crew
+    workers : WorkerConfig
         Who runs them.
     label : str
         Of the progress bar.
@@ -188,7 +188,7 @@ def run_batch(
             leave=False,
         ) as bar,
     ):
-        for row in _rows(guarded, todo, crew):
+        for row in _rows(guarded, todo, workers):
             done[row[KEY]] = row
             if store and not row[FAILURE]:
                 store.append(row)
@@ -208,28 +208,31 @@ def _guarded(task: Task, keyed: tuple[str, Any]) -> Row:
 
 
 def _rows(
-    guarded: Callable[[tuple[str, Any]], Row], todo: Sequence[tuple[str, Any]], crew: Crew
+    guarded: Callable[[tuple[str, Any]], Row],
+    todo: Sequence[tuple[str, Any]],
+    workers: WorkerConfig,
 ) -> Iterator[Row]:
     if not todo:
         return
-    if not (crew.workers or crew.scheduler):
+    if not (workers.count or workers.scheduler):
         yield from map(guarded, todo)
         return
-    with _client(crew, len(todo)) as client:
+    with _client(workers, len(todo)) as client:
         futures = client.map(guarded, todo, pure=False)
         for _, row in _required('distributed').as_completed(futures, with_results=True):
             yield row
 
 
 @contextmanager
-def _client(crew: Crew, tasks: int) -> Iterator[Any]:
+def _client(workers: WorkerConfig, tasks: int) -> Iterator[Any]:
     distributed = _required('distributed')
-    if crew.scheduler:
+    if workers.scheduler:
         try:
-            client = distributed.Client(crew.scheduler, timeout='10s')
+            client = distributed.Client(workers.scheduler, timeout='10s')
         except (OSError, ValueError) as error:
             raise ConfigError(
-                '--scheduler', [f'a Dask scheduler must answer at {crew.scheduler}, got: {error}']
+                '--scheduler',
+                [f'a Dask scheduler must answer at {workers.scheduler}, got: {error}'],
             ) from error
         with closing(client):
             yield client
@@ -237,7 +240,7 @@ def _client(crew: Crew, tasks: int) -> Iterator[Any]:
     with (
         _required('dask').config.set(LEAN),
         distributed.LocalCluster(
-            n_workers=min(crew.workers, tasks),
+            n_workers=min(workers.count, tasks),
             threads_per_worker=1,
             dashboard_address=None,
             silence_logs=logging.ERROR,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from denoc_ros.bench.limits import Account
-    from denoc_ros.bench.results import Line
+    from denoc_ros.bench.results import BenchLine
 
 GROUPS = (
     'inverse', 'forward', 'inertia', 'derivatives', 'ssrms', 'loops', 'growth', 'dense', 'batch',
@@ -96,7 +96,7 @@ def machine() -> dict[str, Any]:
     return found
 
 
-def measured_lines(groups: Collection[str], quick: bool) -> Iterator[Line]:
+def measured_lines(groups: Collection[str], quick: bool) -> Iterator[BenchLine]:
     """Yield the lines of the groups as they are found.
 
     Parameters
@@ -112,7 +112,7 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[Line]:
 
     effort = QUICK if quick else FULL
     ssrms = find_file(Path(SSRMS), Path()) or Path(SSRMS)
-    parts: dict[str, Callable[[], Iterator[Line]]] = {
+    parts: dict[str, Callable[[], Iterator[BenchLine]]] = {
         'inverse': lambda: rigid.inverse_lines(effort),
         'forward': lambda: rigid.forward_lines(effort),
         'inertia': lambda: rigid.inertia_lines(effort),
@@ -157,7 +157,7 @@ def _heading() -> str:
     return f'{told}\n{columns}\n'
 
 
-def line_text(line: Line) -> str:
+def line_text(line: BenchLine) -> str:
     """Return a line of the table for a terminal."""
     checked = f'error {line.check.error:.1e} of {line.check.tolerance:.1e} ({line.check.against})'
     head = f'{line.what}  |  {line.against}'

@@ -9,7 +9,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from denoc_ros.cli.batch import FAILURE, Crew, Row, RowStore, run_batch
+from denoc_ros.cli.batch import FAILURE, Row, RowStore, WorkerConfig, run_batch
 from denoc_ros.errors import BagError
 from denoc_ros.reports.text_table import text_table
 
@@ -38,9 +38,9 @@ APART = (
 DOUBTFUL = 2
 
 
-def run_folder(args: argparse.Namespace, paths: Sequence[Path], crew: Crew) -> int:
+def run_folder(args: argparse.Namespace, paths: Sequence[Path], workers: WorkerConfig) -> int:
     """Identify each recording; exit status 0 all good, 2 some not, 1 none could be read."""
-    rows = identify_all(args, paths, crew, progress=not args.json)
+    rows = identify_all(args, paths, workers, progress=not args.json)
     good = [row for row in rows if not row[FAILURE]]
     if args.json:
         print(json.dumps({'output': str(args.output or ''), 'rows': rows}, indent=2))
@@ -57,7 +57,7 @@ def run_folder(args: argparse.Namespace, paths: Sequence[Path], crew: Crew) -> i
 
 
 def identify_all(
-    args: argparse.Namespace, paths: Sequence[Path], crew: Crew, progress: bool = False
+    args: argparse.Namespace, paths: Sequence[Path], workers: WorkerConfig, progress: bool = False
 ) -> list[Row]:
     """Return a row of modes for each recording, as `denoc_ros.cli.batch.run_batch` does.
 
@@ -67,7 +67,7 @@ def identify_all(
         Of `denoc identify modal`: the signal, the robot, `output`.
     paths : sequence of Path
         The recordings; the workers must see them under the same paths.
-    crew : Crew
+    workers : WorkerConfig
         Who works.
     progress : bool
         Whether there is a progress bar, on a terminal.
@@ -78,7 +78,7 @@ def identify_all(
     asked = hashlib.sha256(repr(sorted(vars(options).items())).encode()).hexdigest()[:12]
     store = RowStore(args.output, COLUMNS) if args.output else None
     items = {f'{asked}/{_state_of(path)}': (options, path.resolve()) for path in paths}
-    return run_batch(modal_row, items, store, crew, 'recordings', progress)
+    return run_batch(modal_row, items, store, workers, 'recordings', progress)
 
 
 def modal_row(item: tuple[argparse.Namespace, Path]) -> Row:

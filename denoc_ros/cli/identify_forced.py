@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from denoc_ros.identification.channel import Reading
     from denoc_ros.identification.forced import ForcedModes
     from denoc_ros.identification.records import Record
-    from denoc_ros.reports.pages import Page, Section
+    from denoc_ros.reports.pages import PageSection, ReportPage
 
 Document = dict[str, Any]
 ROW = 2.3  # inches
@@ -161,7 +161,7 @@ def as_text(document: Mapping[str, Any]) -> str:
 
 def forced_page(
     document: Mapping[str, Any], record: Record, found: ForcedModes, command: str
-) -> Page:
+) -> ReportPage:
     """Return the page of modes from torque and response."""
     from denoc_ros.reports.identify_result import mode_cards, modes_found, result_page
 
@@ -176,11 +176,11 @@ def forced_page(
     )
 
 
-def _response(record: Record, found: ForcedModes) -> Section:
+def _response(record: Record, found: ForcedModes) -> PageSection:
     import numpy as np
 
     from denoc_ros.reports.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
-    from denoc_ros.reports.pages import Section
+    from denoc_ros.reports.pages import PageSection
 
     inputs = found.measured.shape[1]
     panels = [
@@ -200,7 +200,7 @@ def _response(record: Record, found: ForcedModes) -> Section:
             ('phase', 'rad', np.angle, False),
         )
     ]
-    return Section(
+    return PageSection(
         'Frequency response',
         'Ratio of the transforms at the lines that the input excites, and the fitted modes.',
         [line_figure(panels, ROW)],

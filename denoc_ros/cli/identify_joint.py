@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from denoc_ros.identification.channel import Reading
     from denoc_ros.identification.joint import JointFit
     from denoc_ros.identification.records import Record
-    from denoc_ros.reports.pages import Page
+    from denoc_ros.reports.pages import ReportPage
 
 Document = dict[str, Any]
 
@@ -62,7 +62,7 @@ def run_joint(args: argparse.Namespace) -> int:
     fit = fit_joint(reading.record, args.inertia, args.gravity_torque, not args.spring)
     document = joint_result(reading, fit, args, versions())
 
-    def page() -> Page:
+    def page() -> ReportPage:
         from denoc_ros.reports.identify_joint import joint_page
 
         return joint_page(document, reading.record, fit, args.command)

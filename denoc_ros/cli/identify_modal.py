@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.batch import Crew, add_crew_options, crew_of
+from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
 from denoc_ros.cli.identify_inputs import (
     add_channel_options,
     add_robot_options,
@@ -18,7 +18,7 @@ from denoc_ros.errors import BagError
 from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
-    from denoc_ros.reports.pages import Page
+    from denoc_ros.reports.pages import ReportPage
 
 Document = dict[str, Any]
 
@@ -48,23 +48,23 @@ def add_actions(actions: Any) -> None:
     add_channel_options(parser)
     add_verdict_options(parser)
     add_robot_options(parser)
-    add_crew_options(parser)
+    add_worker_options(parser)
     parser.set_defaults(act=run_modal)
 
 
 def run_modal(args: argparse.Namespace) -> int:
     """Identify; exit status of the modes asked for: 0 good, 2 doubtful, 3 not identifiable."""
-    paths, crew = recordings(args.paths), crew_of(args)
-    if len(paths) > 1 or str(paths[0]) not in args.paths or crew != Crew():
+    paths, workers = recordings(args.paths), worker_config(args)
+    if len(paths) > 1 or str(paths[0]) not in args.paths or workers != WorkerConfig():
         from denoc_ros.cli.identify_folder import run_folder
 
-        return run_folder(args, paths, crew)
+        return run_folder(args, paths, workers)
     from denoc_ros.cli.identify_decay import identify
     from denoc_ros.cli.identify_outputs import give_result
 
     document, analysis = identify(args, paths[0])
 
-    def page() -> Page:
+    def page() -> ReportPage:
         from denoc_ros.reports.identify_modal import decay_page
 
         return decay_page(document, analysis, args.command)

@@ -9,11 +9,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from denoc_ros.identification.result import RESULT_FILE, exit_status, write_result
-from denoc_ros.reports.pages import Page
+from denoc_ros.reports.pages import ReportPage
 
 
 def give_result(
-    args: argparse.Namespace, document: Mapping[str, Any], text: str, page: Callable[[], Page]
+    args: argparse.Namespace,
+    document: Mapping[str, Any],
+    text: str,
+    page: Callable[[], ReportPage],
 ) -> int:
     """Write a result and its page where they are wanted, print it, return its exit status."""
     if args.output:

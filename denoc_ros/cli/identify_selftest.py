@@ -8,7 +8,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.batch import FAILURE, add_crew_options, crew_of, run_batch
+from denoc_ros.cli.batch import FAILURE, add_worker_options, run_batch, worker_config
 from denoc_ros.errors import IdentificationError
 from denoc_ros.reports.text_table import text_table
 
@@ -30,7 +30,7 @@ def add_actions(actions: Any) -> None:
     parser.add_argument('--full', action='store_true', help='ten times as many records')
     parser.add_argument('--seed', type=int, help='repeat a run; default: drawn now, and printed')
     parser.add_argument('--json', action='store_true', help='print JSON for machines')
-    add_crew_options(parser)
+    add_worker_options(parser)
     parser.set_defaults(act=run_selftest)
 
 
@@ -38,11 +38,11 @@ def run_selftest(args: argparse.Namespace) -> int:
     """Measure; exit status 2 when a row of the table is not reached."""
     from denoc_ros.identification.selftest import selftest, table
 
-    crew = crew_of(args)
+    workers = worker_config(args)
 
     def runner(measure: Callable[[Job], Outcome], jobs: Iterable[Job]) -> Iterator[Outcome]:
         items = {str(k): (measure, job) for k, job in enumerate(jobs)}
-        for row in run_batch(outcome_row, items, None, crew, 'records', not args.json):
+        for row in run_batch(outcome_row, items, None, workers, 'records', not args.json):
             if row[FAILURE]:
                 raise IdentificationError(f'selftest: record {row["key"]}: {row[FAILURE]}')
             yield row['outcome']

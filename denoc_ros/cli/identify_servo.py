@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from denoc_ros.identification.commands import Commands
     from denoc_ros.identification.records import Floats
     from denoc_ros.identification.servo import ServoFit
-    from denoc_ros.reports.pages import Page
+    from denoc_ros.reports.pages import ReportPage
 
 Document = dict[str, Any]
 
@@ -72,7 +72,7 @@ def run_servo(args: argparse.Namespace) -> int:
         curves.append((t[whole], told[whole, k], rows[whole, k]))
     document = servo_result(args, fits, t)
 
-    def page() -> Page:
+    def page() -> ReportPage:
         from denoc_ros.reports.identify_servo import servo_page
 
         return servo_page(document, fits, curves, args.command)

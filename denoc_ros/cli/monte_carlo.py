@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.cli.arguments import given_file, named_values, require
-from denoc_ros.cli.batch import FAILURE, Crew, Row, RowStore, crew_of, run_batch
+from denoc_ros.cli.batch import FAILURE, Row, RowStore, WorkerConfig, run_batch, worker_config
 from denoc_ros.errors import ConfigError
 
 Ranges = Mapping[str, tuple[float, float]]
@@ -38,7 +38,7 @@ def run_varied(args: argparse.Namespace) -> int:
         args.runs,
         args.seed,
         RowStore(args.output, columns_of(robot, ranges)),
-        crew_of(args),
+        worker_config(args),
         progress=not args.json,
     )
     summary = {'output': str(args.output), **summarize(rows, ranges)}
@@ -53,7 +53,7 @@ def vary(
     runs: int,
     seed: int,
     store: RowStore | None = None,
-    crew: Crew | None = None,
+    workers: WorkerConfig | None = None,
     progress: bool = False,
 ) -> list[Row]:
     """Simulate a scenario with drawn numbers of the model and return one row per run.
@@ -69,7 +69,7 @@ def vary(
         and its number alone, so that more runs can be added to a store.
     runs, seed : int
         How many, and where the draws begin.
-    store, crew, progress
+    store, workers, progress
         As `denoc_ros.cli.batch.run_batch`.
 
     Returns
@@ -84,7 +84,7 @@ def vary(
         f'{asked}/{seed}/{run}': (robot, dict(scenario), draw(ranges, seed, run))
         for run in range(runs)
     }
-    return run_batch(simulate_row, items, store, crew or Crew(), 'runs', progress)
+    return run_batch(simulate_row, items, store, workers or WorkerConfig(), 'runs', progress)
 
 
 def draw(ranges: Ranges, seed: int, run: int) -> dict[str, float]:

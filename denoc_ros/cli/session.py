@@ -16,7 +16,7 @@ from denoc_ros.cli.shaped_phases import motion_of
 
 if TYPE_CHECKING:
     from denoc_ros.control.plan import Plan
-    from denoc_ros.nodes.driver import Driver
+    from denoc_ros.nodes.session_client import SessionClient
     from denoc_ros.trajectories import Trajectory
 
 START_TIMEOUT = 120.0  # s until active: a cold kernel cache compiles on a slow machine
@@ -75,7 +75,7 @@ class Session:
         The run's directory; it has `parameters/`, the recorder makes `bag/`.
     processes : Processes
         Starts and ends the nodes.
-    driver : Driver
+    client : SessionClient
         Talks to them.
     progress : Progress
         Says what goes on.
@@ -87,14 +87,14 @@ class Session:
         task: Task,
         folder: Path,
         processes: Processes,
-        driver: Driver,
+        client: SessionClient,
         progress: Progress,
     ) -> None:
         self._config = config
         self._task = task
         self._folder = folder
         self._processes = processes
-        self._driver = driver
+        self._client = client
         self._progress = progress
         self._names = session_nodes(config, task.bag)
         self._parameters: dict[str, Parameters] = {}
@@ -126,11 +126,11 @@ class Session:
         file = self._folder / 'parameters' / f'{name}.yaml'
         write_parameters(file, self._parameters[name])
         arguments = ['--ros-args', '--params-file', str(file)]
-        self._driver.forget(name)
+        self._client.forget(name)
         self._processes.start(name, ['-m', f'denoc_ros.nodes.{name}', *arguments])
-        self._driver.wait_active(name, START_TIMEOUT)
+        self._client.wait_active(name, START_TIMEOUT)
         self._progress.say(f'{name}: active after {time.perf_counter() - began:.1f} s')
-        page = self._driver.diagnostics(f'{name}: page')
+        page = self._client.diagnostics(f'{name}: page')
         for line in (f'open {page["address"]}', page['']) if page else ():
             self._progress.say(line)
 
@@ -142,7 +142,7 @@ class Session:
                 continue
             changed = {key: value for key, value in wanted.items() if now.get(key) != value}
             if set(wanted) == set(now) and self._all_live(name, changed):
-                self._driver.set_parameters(name, changed)
+                self._client.set_parameters(name, changed)
                 self._parameters[name] = wanted
             else:
                 self._processes.stop(name)
@@ -153,12 +153,12 @@ class Session:
         return all(row is not None and row.live for row in rows)
 
     def _run_phase(self, phase: Phase) -> None:
-        self._driver.begin_phase(phase.name)
+        self._client.begin_phase(phase.name)
         if self._task.bag is not None:
             self._play(self._task.bag, phase)
         else:
             self._follow(phase)
-        self._driver.end_phase()
+        self._client.end_phase()
 
     def _follow(self, phase: Phase) -> None:
         lead = self._prepare(phase)
@@ -166,10 +166,10 @@ class Session:
             start = time.perf_counter() + lead
             while (elapsed := time.perf_counter() - start) < self._task.duration:
                 show(max(elapsed, 0.0))
-                self._driver.wait(0.1)
+                self._client.wait(0.1)
                 self._check_silence()
             show(self._task.duration)
-        self._driver.wait(TAIL + self._shaping)
+        self._client.wait(TAIL + self._shaping)
 
     def _prepare(self, phase: Phase) -> float:
         """Reset the nodes and publish the reference; return in how many seconds it starts.
@@ -182,9 +182,9 @@ class Session:
         start = time.perf_counter()
         if self._task.trajectory is not None:
             start += self._publish(self._task.trajectory, self._task.plans.get(phase.name))
-            self._driver.wait(SETTLING + self._shaping)
+            self._client.wait(SETTLING + self._shaping)
         self._reset('plant')
-        self._driver.wait(SETTLING)
+        self._client.wait(SETTLING)
         self._reset('predictor')
         return start - time.perf_counter()
 
@@ -193,11 +193,11 @@ class Session:
         joints, listeners = self._task.joints, len(self._listeners())
         lead = LEAD + self._shaping
         if plan is None:
-            self._driver.publish_reference(trajectory, joints, lead, listeners)
+            self._client.publish_reference(trajectory, joints, lead, listeners)
             return lead
         before = -float(plan.t[0])
-        start_ns = self._driver.publish_reference(motion_of(plan, joints), joints, lead, listeners)
-        self._driver.publish_asked(trajectory, joints, start_ns + round(1e9 * before))
+        start_ns = self._client.publish_reference(motion_of(plan, joints), joints, lead, listeners)
+        self._client.publish_asked(trajectory, joints, start_ns + round(1e9 * before))
         return lead + before
 
     @property
@@ -208,7 +208,7 @@ class Session:
     def _check_silence(self) -> None:
         # the viewer gives way to everybody: a run does not end for want of it
         for name in set(self._names) - {'viewer'}:
-            silence = self._driver.silence(name)
+            silence = self._client.silence(name)
             if silence > LONGEST_SILENCE:
                 raise ProcessError(
                     f'{name}: node must speak on /diagnostics once a second, '
@@ -222,7 +222,7 @@ class Session:
 
     def _reset(self, name: str) -> None:
         if name in self._names:
-            self._driver.trigger(f'/{name}/reset')
+            self._client.trigger(f'/{name}/reset')
 
     def _play(self, bag: Path, phase: Phase) -> None:
         arguments = ['-m', 'denoc_ros.nodes.player', str(bag), '--listeners', *self._listeners()]
@@ -231,9 +231,9 @@ class Session:
             start = time.perf_counter()
             while self._processes.running('player'):
                 show(time.perf_counter() - start)
-                self._driver.wait(0.1)
+                self._client.wait(0.1)
                 self._check_silence()
-        self._driver.wait(TAIL)
+        self._client.wait(TAIL)
 
     def _wanted(self, name: str, phase: Phase) -> Parameters:
         return node_parameters(self._config, name, phase, self._folder)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import given_file
-from denoc_ros.cli.batch import add_crew_options
+from denoc_ros.cli.batch import add_worker_options
 from denoc_ros.errors import BagError, ConfigError
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def add_parser(subparsers: Any) -> None:
     )
     varied.add_argument('--runs', metavar='N', type=int, default=100, help='default: 100')
     varied.add_argument('--seed', type=int, default=0, help='of the draws; default: 0')
-    add_crew_options(varied)
+    add_worker_options(varied)
 
 
 def run(args: argparse.Namespace) -> int:

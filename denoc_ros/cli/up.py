@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from denoc_ros.cli.progress import Progress
     from denoc_ros.cli.session import Task
     from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.nodes.driver import Driver
+    from denoc_ros.nodes.session_client import SessionClient
 
 NO_ROS = (
     'rclpy must be importable, got: {}; source a ROS 2 installation or '
@@ -156,18 +156,18 @@ def bring_up(
     os.environ.update(environment)
     _write_session(folder, config, environment, command)
     processes = Processes(folder / 'logs', environment)
-    with _driver(config, task, processes, interrupts or Interrupts()) as driver:
-        session = Session(config, task, folder, processes, driver, progress)
+    with _client(config, task, processes, interrupts or Interrupts()) as client:
+        session = Session(config, task, folder, processes, client, progress)
         shares = session.run()
     return folder, _conclude(config, folder, shares, progress)
 
 
 @contextmanager
-def _driver(
+def _client(
     config: SessionConfig, task: Task, processes: Processes, interrupts: Interrupts
-) -> Iterator[Driver]:
+) -> Iterator[SessionClient]:
     """Enter the graph, and leave it whatever happens: neither may be interrupted."""
-    from denoc_ros.nodes.driver import Driver
+    from denoc_ros.nodes.session_client import SessionClient
 
     description = config.robot.read_text(encoding='utf-8')
 
@@ -176,15 +176,15 @@ def _driver(
         processes.check()
 
     topic = 'reference' if 'shaper' in config.without else 'shaper/input'
-    driver: Driver | None = None
+    client: SessionClient | None = None
     try:
         with interrupts.held():
-            driver = Driver(description, task.trajectory is not None, watch, topic)
-        yield driver
+            client = SessionClient(description, task.trajectory is not None, watch, topic)
+        yield client
     finally:
-        if driver is not None:
+        if client is not None:
             with interrupts.held():
-                driver.close()
+                client.close()
 
 
 def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
@@ -279,7 +279,7 @@ def _viewed(config: SessionConfig) -> SessionConfig:
 
 def _require_ros() -> None:
     try:
-        import_module('denoc_ros.nodes.driver')
+        import_module('denoc_ros.nodes.session_client')
     except ImportError as error:
         raise DenocError(NO_ROS.format(error)) from error
 

@@ -21,7 +21,7 @@ SETTLED_PERIODS = 8  # of the cutoff after which a smoother has forgotten an end
 
 
 @dataclass(frozen=True)
-class Motion:
+class SmoothedMotion:
     """Joint motion at k stamps.
 
     Attributes
@@ -42,7 +42,7 @@ def smooth(
     method: str = 'filter',
     cutoff: float = 20.0,
     period: float | None = None,
-) -> Motion:
+) -> SmoothedMotion:
     """Return smoothed positions, rates and accelerations at the stamps.
 
     Parameters
@@ -75,16 +75,16 @@ def smooth(
         raise StateError(f'cutoff must be > 0 Hz, got {cutoff}')
     if len(t) < 2:
         rest = np.zeros_like(q)
-        return Motion(q.copy(), rest if qd is None else qd.copy(), rest.copy())
+        return SmoothedMotion(q.copy(), rest if qd is None else qd.copy(), rest.copy())
     usual = float(np.median(np.diff(t))) if period is None else period
     if method == 'kalman':
         return _kalman(t, q, qd, cutoff, usual)
     half = _half_width(cutoff, usual)
     if qd is None:
-        return Motion(*_local_polynomials(t, q, half))
+        return SmoothedMotion(*_local_polynomials(t, q, half))
     joints = q.shape[1]
     value, slope, _ = _local_polynomials(t, np.hstack([q, qd]), half)
-    return Motion(value[:, :joints], value[:, joints:], slope[:, joints:])
+    return SmoothedMotion(value[:, :joints], value[:, joints:], slope[:, joints:])
 
 
 def settling(method: str, cutoff: float, period: float) -> int:
@@ -137,7 +137,7 @@ def _local_polynomials(t: Array, y: Array, half: int) -> tuple[Array, Array, Arr
     )
 
 
-def _kalman(t: Array, q: Array, qd: Array | None, cutoff: float, period: float) -> Motion:
+def _kalman(t: Array, q: Array, qd: Array | None, cutoff: float, period: float) -> SmoothedMotion:
     """Smooth by a Kalman filter forwards and Rauch, Tung and Striebel's recursion backwards.
 
     In time s = 2 pi cutoff t the state is [q, dq/ds, d2q/ds2], driven by white jerk. Positions
@@ -167,7 +167,7 @@ def _kalman(t: Array, q: Array, qd: Array | None, cutoff: float, period: float) 
     for k in range(count - 2, -1, -1):
         back = np.linalg.solve(spread_before[k + 1], transitions[k + 1] @ spread[k]).T
         state[k] += back @ (state[k + 1] - before[k + 1])
-    return Motion(state[:, 0] + origin, state[:, 1] * unit, state[:, 2] * unit**2)
+    return SmoothedMotion(state[:, 0] + origin, state[:, 1] * unit, state[:, 2] * unit**2)
 
 
 def _transition(h: float, jerk: float) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ModelError
 from denoc_ros.estimation.joint_friction import JointFriction
-from denoc_ros.estimation.joint_motion import Motion
+from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.estimation.tracking import connecting_acceleration
 
 Array = NDArray[np.float64]
@@ -121,14 +121,14 @@ class TorqueReplay:
         """The models whose torque is computed."""
         return ('rigid', 'flexible') if self._bends else ('rigid',)
 
-    def torques(self, t: Array, motion: Motion, starts: Flags) -> Torques:
+    def torques(self, t: Array, motion: SmoothedMotion, starts: Flags) -> Torques:
         """Return what the model says of the next rows.
 
         Parameters
         ----------
         t : (k,) array
             Times [s], going on from the rows before.
-        motion : Motion
+        motion : SmoothedMotion
             Of the driven joints.
         starts : (k,) bool array
             Where the amplitudes start anew, in equilibrium.
@@ -153,7 +153,7 @@ class TorqueReplay:
         rest: Array = np.sum(list(kept), axis=0)
         return rest
 
-    def _rigid(self, motion: Motion) -> dict[str, Array]:
+    def _rigid(self, motion: SmoothedMotion) -> dict[str, Array]:
         """Return the terms of the undeformed robot."""
         terms = self._in_loops(motion) if self._robot.tree.loops else self._in_tree(motion)
         gravity, moving, whole, friction = terms
@@ -164,7 +164,7 @@ class TorqueReplay:
             'friction': friction,
         }
 
-    def _in_tree(self, motion: Motion) -> tuple[Array, ...]:
+    def _in_tree(self, motion: SmoothedMotion) -> tuple[Array, ...]:
         """Return the torques at rest, without accelerations, with all, and of friction alone."""
         robot, index = self._robot, self._robot.joint_indices
         q, qd, qdd, zero = np.zeros((4, len(motion.q), robot.n))
@@ -177,7 +177,7 @@ class TorqueReplay:
         friction = self._of_model.torque(qd[:, index])
         return (*(force[:, index] @ self._ties for force in forces), friction @ self._ties)
 
-    def _in_loops(self, motion: Motion) -> tuple[Array, ...]:
+    def _in_loops(self, motion: SmoothedMotion) -> tuple[Array, ...]:
         """Return the same of a mechanism, row by row: each closes its loops from the last."""
         robot, driven = self._robot, self._motion
         terms = np.empty((4, *motion.q.shape))
@@ -200,7 +200,9 @@ class TorqueReplay:
                 driven.reduce(force, term[k])
         return tuple(terms)
 
-    def _flexible(self, t: Array, motion: Motion, starts: Flags) -> tuple[Array, Array, Array]:
+    def _flexible(
+        self, t: Array, motion: SmoothedMotion, starts: Flags
+    ) -> tuple[Array, Array, Array]:
         """Return torques, coordinates with their rates, and deflections of the flexible robot."""
         q = motion.q @ self._ties.T + self._offsets
         qd, qdd = motion.qd @ self._ties.T, motion.qdd @ self._ties.T

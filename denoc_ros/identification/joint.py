@@ -12,7 +12,7 @@ from denoc_ros.identification.curves import NORMAL_95
 from denoc_ros.identification.friction_choice import choose_terms, open_questions, rejection
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
 from denoc_ros.identification.records import Floats, Record
-from denoc_ros.identification.swing import Swing, swing_angles
+from denoc_ros.identification.swing import JointSwing, swing_angles
 from denoc_ros.identification.swing_fit import (
     MODELS,
     TERMS,
@@ -37,7 +37,7 @@ class FrictionModel:
     ----------
     terms : tuple of str
         Of viscous, coulomb and quadratic.
-    swing : Swing
+    swing : JointSwing
         Everything per inertia.
     residual : float
         Standard deviation [rad].
@@ -46,7 +46,7 @@ class FrictionModel:
     """
 
     terms: tuple[str, ...]
-    swing: Swing
+    swing: JointSwing
     residual: float
     rejected: str
 
@@ -72,7 +72,7 @@ class JointFit:
         Of small swings, from the viscous term.
     models : tuple of FrictionModel
         All that were tried, and why they were rejected.
-    swing : Swing
+    swing : JointSwing
         The chosen one, per inertia.
     residual : float
         Its residual's standard deviation [rad].
@@ -91,7 +91,7 @@ class JointFit:
     inertia: float
     damping_ratio: float
     models: tuple[FrictionModel, ...]
-    swing: Swing
+    swing: JointSwing
     residual: float
     start: float
     large: bool
@@ -174,7 +174,7 @@ def fit_joint(
     )
 
 
-def _start(record: Record) -> Swing:
+def _start(record: Record) -> JointSwing:
     """Return a first guess from crossings of the level that the record comes to rest at."""
     tail = record.y[-max(record.y.size // 8, 2) :]
     rest = float(np.mean(tail))
@@ -195,10 +195,10 @@ def _start(record: Record) -> Swing:
     few = max(3, int(0.1 * half / record.step))
     slope = np.polyfit(record.t[:few] - record.t[0], record.y[:few], 1)
     stiffness = (np.pi / half) ** 2
-    return Swing(float(slope[1]), float(slope[0]), rest, stiffness, 0.1 * np.sqrt(stiffness))
+    return JointSwing(float(slope[1]), float(slope[0]), rest, stiffness, 0.1 * np.sqrt(stiffness))
 
 
-def _moving(record: Record, start: Swing, cycles: float) -> Record:
+def _moving(record: Record, start: JointSwing, cycles: float) -> Record:
     """Return the record up to some cycles after the joint came to rest: the rest says no more."""
     away = np.abs(record.y - record.y[-1])
     last = float(record.t[np.flatnonzero(away > AT_REST * away.max())[-1]])
@@ -208,7 +208,7 @@ def _moving(record: Record, start: Swing, cycles: float) -> Record:
 
 
 def _inertia(
-    swing: Swing, inertia: float | None, gravity_torque: float | None
+    swing: JointSwing, inertia: float | None, gravity_torque: float | None
 ) -> tuple[float, bool]:
     if inertia is not None:
         return inertia, True

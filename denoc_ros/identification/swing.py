@@ -14,7 +14,7 @@ STEPS_PER_CYCLE = 60
 
 
 @dataclass(frozen=True)
-class Swing:
+class JointSwing:
     """Parameters of a free swing: everything per inertia.
 
     th'' + viscous th' + quadratic |th'| th' + coulomb sign th' + stiffness sin(th) = 0, th from
@@ -42,13 +42,13 @@ class Swing:
 
 
 def swing_angles(
-    swing: Swing, t: Floats, large: bool = True, steps: int = STEPS_PER_CYCLE
+    swing: JointSwing, t: Floats, large: bool = True, steps: int = STEPS_PER_CYCLE
 ) -> Floats:
     """Return the measured angle at times t from the start [rad].
 
     Parameters
     ----------
-    swing : Swing
+    swing : JointSwing
     t : ndarray, shape (k,)
         From 0, rising [s].
     large : bool
@@ -67,7 +67,9 @@ def swing_angles(
     return np.asarray(swing.rest + _hermite(times, angles, rates, t))
 
 
-def _path(swing: Swing, end: float, step: float, large: bool) -> tuple[Floats, Floats, Floats]:
+def _path(
+    swing: JointSwing, end: float, step: float, large: bool
+) -> tuple[Floats, Floats, Floats]:
     time, angle, rate = 0.0, swing.angle - swing.rest, swing.rate
     rows = [(time, angle, rate)]
     side = copysign(1.0, rate if rate else -angle)
@@ -90,7 +92,7 @@ def _path(swing: Swing, end: float, step: float, large: bool) -> tuple[Floats, F
     return table[:, 0], table[:, 1], table[:, 2]
 
 
-def _acceleration(swing: Swing, side: float, large: bool) -> Callable[[float, float], float]:
+def _acceleration(swing: JointSwing, side: float, large: bool) -> Callable[[float, float], float]:
     stiffness, viscous = swing.stiffness, swing.viscous
     quadratic, coulomb = side * swing.quadratic, side * swing.coulomb
     if large:

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from denoc_ros.identification.records import Floats
 from denoc_ros.identification.residual import coloured, independent_samples
-from denoc_ros.identification.swing import STEPS_PER_CYCLE, Swing, swing_angles
+from denoc_ros.identification.swing import STEPS_PER_CYCLE, JointSwing, swing_angles
 
 Terms = tuple[str, ...]
 
@@ -67,9 +67,9 @@ class SwingFit:
         return not coloured(self.residual)
 
     @property
-    def swing(self) -> Swing:
+    def swing(self) -> JointSwing:
         """The swing it is, per inertia."""
-        return Swing(**dict(zip((*MOTION, *self.terms), self.values.tolist(), strict=True)))
+        return JointSwing(**dict(zip((*MOTION, *self.terms), self.values.tolist(), strict=True)))
 
     def spread(self, term: str) -> float:
         """Return the standard deviation of a term, inf where it is not determined."""
@@ -85,7 +85,9 @@ class SwingFit:
         )
 
 
-def scout_friction(t: Floats, y: Floats, guess: Swing, large: bool) -> dict[Terms, Swing]:
+def scout_friction(
+    t: Floats, y: Floats, guess: JointSwing, large: bool
+) -> dict[Terms, JointSwing]:
     """Return the best of several starts for each set of terms.
 
     Friction stops the joint, and there a fit is caught. So each new term starts from several
@@ -95,12 +97,12 @@ def scout_friction(t: Floats, y: Floats, guess: Swing, large: bool) -> dict[Term
     ----------
     t, y : ndarray, shape (k,)
         Times from the start of the swing [s], measured angles [rad].
-    guess : Swing
+    guess : JointSwing
         First guess of the motion; its friction is not used.
     large : bool
         Gravity's sine; False: a linear spring.
     """
-    found: dict[Terms, tuple[float, Swing]] = {}
+    found: dict[Terms, tuple[float, JointSwing]] = {}
     for terms in MODELS:
         tried = []
         for start in _starts(guess, terms, found, _scale(y, guess)):
@@ -111,7 +113,7 @@ def scout_friction(t: Floats, y: Floats, guess: Swing, large: bool) -> dict[Term
 
 
 def refine_friction(
-    t: Floats, y: Floats, starts: dict[Terms, Swing], large: bool
+    t: Floats, y: Floats, starts: dict[Terms, JointSwing], large: bool
 ) -> dict[Terms, SwingFit]:
     """Fit each set of terms from its start, and from the smaller sets where that is better.
 
@@ -130,7 +132,12 @@ def refine_friction(
 
 
 def fit_swing(
-    t: Floats, y: Floats, start: Swing, terms: Terms, large: bool, steps: int = STEPS_PER_CYCLE
+    t: Floats,
+    y: Floats,
+    start: JointSwing,
+    terms: Terms,
+    large: bool,
+    steps: int = STEPS_PER_CYCLE,
 ) -> SwingFit:
     """Fit one set of friction terms from one start: the equation of motion is integrated.
 
@@ -138,7 +145,7 @@ def fit_swing(
     ----------
     t, y : ndarray, shape (k,)
         Times from the start of the swing [s], measured angles [rad].
-    start : Swing
+    start : JointSwing
     terms : tuple of str
         Of viscous, coulomb and quadratic.
     large : bool
@@ -150,7 +157,7 @@ def fit_swing(
     scale = _scale(y, start)
 
     def residuals(values: Floats) -> Floats:
-        swing = Swing(**dict(zip(free, values.tolist(), strict=True)))
+        swing = JointSwing(**dict(zip(free, values.tolist(), strict=True)))
         return y - swing_angles(swing, t, large, steps)
 
     found = least_squares(
@@ -172,8 +179,11 @@ def fit_swing(
 
 
 def _starts(
-    guess: Swing, terms: Terms, found: dict[Terms, tuple[float, Swing]], scale: dict[str, float]
-) -> list[Swing]:
+    guess: JointSwing,
+    terms: Terms,
+    found: dict[Terms, tuple[float, JointSwing]],
+    scale: dict[str, float],
+) -> list[JointSwing]:
     smaller = _within(terms, found)
     if not smaller:
         return [_with(guess, terms[0], part * scale[terms[0]]) for part in STARTS]
@@ -186,8 +196,8 @@ def _starts(
     return starts
 
 
-def _with(swing: Swing, term: str, value: float) -> Swing:
-    return Swing(**{**vars(swing), term: value})
+def _with(swing: JointSwing, term: str, value: float) -> JointSwing:
+    return JointSwing(**{**vars(swing), term: value})
 
 
 def _within(terms: Terms, known: Iterable[Terms]) -> list[Terms]:
@@ -205,7 +215,7 @@ def _padded(fit: SwingFit, terms: Terms) -> SwingFit:
     return SwingFit(terms, pairs[:, 0], pairs[:, 1], fit.residual, (*fit.at_zero, *new))
 
 
-def _scale(y: Floats, guess: Swing) -> dict[str, float]:
+def _scale(y: Floats, guess: JointSwing) -> dict[str, float]:
     reach = float(np.abs(y - guess.rest).max())
     rate = float(np.sqrt(guess.stiffness))
     return {

@@ -27,7 +27,7 @@ from denoc_ros.nodes.messages import wait_until_delivered
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.parameter_files import shared_names
 from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
-from denoc_ros.runtime.realtime import make_thread_timely, settle_garbage
+from denoc_ros.runtime.realtime import freeze_gc, make_thread_timely
 from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.runtime.signals import SIGNALS
 from denoc_ros.runtime.status import Status, input_status
@@ -79,7 +79,7 @@ class DenocNode(GuardedNode):
         Whether `configure` has what it needs from topics.
     owns_process : bool
         Whether garbage collection is the node's to settle.
-    knobs : dict of str to str
+    realtime_options : dict of str to str
         What was asked of the system to be on time: `taken: …`, `refused: …` or `off`.
     """
 
@@ -93,7 +93,7 @@ class DenocNode(GuardedNode):
         self.starting = False
         self.ready = True
         self.owns_process = False
-        self.knobs: dict[str, str] = {}
+        self.realtime_options: dict[str, str] = {}
         self.monitors: list[InputMonitor] = []
         self._shown: dict[str, Value] = {}
         self._showing = False
@@ -259,7 +259,9 @@ class DenocNode(GuardedNode):
         if monitor.reject(error):  # not here: a log that blocks must not block a loop
             self.to_log.append(f'{monitor.topic} rejected ({error.cause}): {error}')
 
-    def offer(self, name: str, act: Callable[[], str], service: type = Trigger) -> None:
+    def add_trigger_service(
+        self, name: str, act: Callable[[], str], service: type = Trigger
+    ) -> None:
         """Offer a Trigger service: `act` returns a message or raises DenocError."""
 
         def on_request(_request: Any, response: Any) -> Any:
@@ -345,15 +347,17 @@ class DenocNode(GuardedNode):
             return self._transition(self.configure)
         with SIGNALS.interrupting():  # it may compile for a minute
             result = self._transition(self.configure)
-            self.knobs.update(settle_garbage())
+            self.realtime_options.update(freeze_gc())
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate; then serve callbacks, which hold the interpreter, just below the loop."""
         result = self._transition(self.activate)
         if self.owns_process and 'thread_priority' in self.settings:
-            knobs = make_thread_timely(self.settings.integer('thread_priority') - 1)
-            self.knobs['callbacks thread_priority'] = knobs['thread_priority']
+            realtime_options = make_thread_timely(self.settings.integer('thread_priority') - 1)
+            self.realtime_options['callbacks thread_priority'] = realtime_options[
+                'thread_priority'
+            ]
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

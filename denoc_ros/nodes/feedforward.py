@@ -23,7 +23,7 @@ from denoc_ros.runtime.feedforward_parameters import TABLE
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.live_torque import LiveTorque
 from denoc_ros.runtime.motion_bounds import motion_bounds
-from denoc_ros.runtime.reference import DifferencedStream, ReferenceFollower
+from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
 from denoc_ros.runtime.safety import InputMonitor, SafeCommand, TorqueLimiter, torque_limits
 from denoc_ros.runtime.stamps import StampOf
 from denoc_ros.runtime.torque_status import TorqueStatus
@@ -66,7 +66,7 @@ class FeedforwardNode(LiveFeedforward):
         self.bounds = motion_bounds(self.robot, self.joints, settings)
         self.follower = ReferenceFollower(n, gap, self.bounds)
         cutoff = settings.number('acceleration_cutoff')
-        self.stream = DifferencedStream(n, gap, cutoff, self.bounds)
+        self.stream = FiniteDifferencer(n, gap, cutoff, self.bounds)
         self.output = TorqueOutput(
             self, self.joints, self.by_message, settings.flag('publish_joint_trajectory')
         )

@@ -10,9 +10,9 @@ from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile
 
+from denoc_ros.runtime.active_publishers import ActivePublishers
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.safety import InputMonitor
-from denoc_ros.runtime.talkers import Talkers
 
 HELD = 4  # heavy messages that wait; more of them in so short a time are a flood
 TAKE_TIME = 2e-3  # s of a processor for the messages of one take; then the newest only
@@ -128,7 +128,7 @@ class Input:
         self._numbered: Any = None  # a second subscription, where messages come with numbers
         self._publishers = self.subscription.handle.get_publisher_count
         self._publishing = 0  # publishers after the last take
-        self._talkers = Talkers(monitor.max_publishers)
+        self._active_publishers = ActivePublishers(monitor.max_publishers)
 
     def take(self) -> None:
         """Handle all that has arrived since the last call, at most what the queue holds."""
@@ -144,7 +144,7 @@ class Input:
         if not waiting:
             return
         numbers = [info['publication_sequence_number'] for _, info in waiting]
-        talking = self._talkers.count(publishing, numbers, self._last_take)
+        sending = self._active_publishers.count(publishing, numbers, self._last_take)
         begin = time.thread_time() if len(waiting) > 2 else math.inf
         for place, (raw, info) in enumerate(waiting, 1):
             now = time.perf_counter()
@@ -152,11 +152,11 @@ class Input:
             # whatever the wall clock was set to: it has come since the queue was last empty
             came = min(max(now - waited, before), now)
             if self._heavy or self._handles_heavy or self._is_heavy(raw):
-                self._hold(raw, came, talking)
+                self._hold(raw, came, sending)
             elif place < len(waiting) and time.thread_time() - begin > TAKE_TIME:
                 self._refuse_flood(f'messages that take less than {TAKE_TIME:g} s in all')
             else:
-                self._give(raw, came, talking)
+                self._give(raw, came, sending)
 
     def _on_message(self, raw: bytes) -> None:
         """Handle a message that the executor brings, without its number."""
@@ -169,7 +169,7 @@ class Input:
         elif self._numbered is None:
             self._numbered = self._subscribed()
             self._node.take_aside(self._numbered)
-            self._talkers.begin(now)
+            self._active_publishers.begin(now)
             self._give(raw, now, publishing)
         else:
             self._take(self._numbered)
@@ -186,19 +186,19 @@ class Input:
             now = time.perf_counter()
         self._heavy_due = now + (now - begin) * (1.0 / HEAVY_SHARE - 1.0)
 
-    def _hold(self, raw: bytes, came: float, talking: int) -> None:
+    def _hold(self, raw: bytes, came: float, sending: int) -> None:
         """Keep a message for `take_heavy`."""
         if len(self._heavy) == HELD:
             self._refuse_flood(f'at most {HELD} long messages at a time')
-        self._heavy.append((raw, came, talking))
+        self._heavy.append((raw, came, sending))
 
     def _refuse_flood(self, most: str) -> None:
         rule = f'{self.monitor.topic} must have {most}'
         self._node.refuse(self.monitor, InputError('flood', f'{rule}, got more: one is dropped'))
 
-    def _give(self, raw: bytes, came: float, talking: int) -> None:
+    def _give(self, raw: bytes, came: float, sending: int) -> None:
         try:
-            self.monitor.check_publishers(talking)
+            self.monitor.check_publishers(sending)
             self._require_short(raw)
             self._handle(raw, came)
         except InputError as error:

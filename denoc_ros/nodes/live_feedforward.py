@@ -52,9 +52,9 @@ class LiveFeedforward(RobotNode):
         self.from_joints = self.settings.text('reference_source') == 'joint_states'
         self.conditions = FollowingConditions(self.settings, self.from_joints)
         self.create_service(SetBool, '~/enable', self._on_enable)
-        self.offer('~/stop', self._stop)
-        self.offer('~/reset', self._reset)
-        self.offer('~/reload_model', self._reload)
+        self.add_trigger_service('~/stop', self._stop)
+        self.add_trigger_service('~/reset', self._reset)
+        self.add_trigger_service('~/reload_model', self._reload)
         self.feedback = TorqueFeedback(self)
         if self.settings.text('feedback.state') != 'off':
             self.create_timer(WATCH_PERIOD, self._watch, clock=self.steady_clock)

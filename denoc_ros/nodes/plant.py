@@ -56,7 +56,7 @@ class PlantNode(RobotNode):
         super().__init__('plant', TABLE, **options)
         self._connected = False
         self._description_out = self.create_publisher(String, 'robot_description', LATCHED)
-        self.offer('~/reset', self._reset)
+        self.add_trigger_service('~/reset', self._reset)
 
     # ---- configure
 

@@ -58,9 +58,9 @@ class PredictorNode(RobotNode):
         super().__init__('predictor', TABLE, **options)
         self._connected = False
         self.sensors = SensorInputs(self)
-        self.offer('~/reset', self._reset)
-        self.offer('~/tare', self._tare)
-        self.offer('~/reload_model', self._reload)
+        self.add_trigger_service('~/reset', self._reset)
+        self.add_trigger_service('~/tare', self._tare)
+        self.add_trigger_service('~/reload_model', self._reload)
 
     # ---- configure
 

@@ -23,9 +23,9 @@ from denoc_ros.errors import BagError
 from denoc_ros.nodes.base import LATCHED, DenocNode
 from denoc_ros.nodes.inputs import arrived
 from denoc_ros.nodes.process import leave, run
+from denoc_ros.runtime.active_publishers import Gaps
 from denoc_ros.runtime.recorder_parameters import TABLE
 from denoc_ros.runtime.status import ERROR, OK, WARN, Status
-from denoc_ros.runtime.talkers import Gaps
 
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
 MARK_TYPE = 'std_msgs/msg/String'
@@ -68,7 +68,7 @@ class Recorder(DenocNode):
         self.create_timer(TAKE_PERIOD, self._take, clock=self.steady_clock)
         self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
         for name in ('start', 'stop', 'split', 'mark'):
-            self.offer(f'~/{name}', getattr(self, name))
+            self.add_trigger_service(f'~/{name}', getattr(self, name))
 
     # ---- lifecycle
 

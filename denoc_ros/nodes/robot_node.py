@@ -17,7 +17,7 @@ from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.realtime import lock_memory
 from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.runtime.status import ERROR, Status, loop_status, realtime_status
-from denoc_ros.runtime.timing import Loop, LoopStatistics
+from denoc_ros.runtime.timing import LoopStatistics, RealtimeLoop
 
 # what a flood at 10 kHz brings between two ticks at 1 kHz, and some more
 WITHIN_A_TICK = QoSProfile(depth=16, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -37,13 +37,13 @@ class RobotNode(ModelNode):
 
     Attributes
     ----------
-    loop : Loop or None
+    loop : RealtimeLoop or None
         The loop while active.
     """
 
     def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
         super().__init__(name, table, **options)
-        self.loop: Loop | None = None
+        self.loop: RealtimeLoop | None = None
         self.last_statistics: LoopStatistics | None = None
         self._inputs: list[Input] = []
         self._tick_guard = Guard(self.to_log.append)
@@ -121,7 +121,7 @@ class RobotNode(ModelNode):
 
     def configure(self) -> None:
         """Load the robot, build all that the loop uses, compile it by using it."""
-        self.knobs.update(lock_memory(self.settings.flag('lock_memory')))
+        self.realtime_options.update(lock_memory(self.settings.flag('lock_memory')))
         super().configure()
 
     def activate(self) -> None:
@@ -129,7 +129,7 @@ class RobotNode(ModelNode):
         self._take_aside()
         self.begin()
         settings = self.settings
-        self.loop = Loop(
+        self.loop = RealtimeLoop(
             settings.number('update_rate'),
             self._turn,
             settings.integer('thread_priority'),
@@ -170,5 +170,5 @@ class RobotNode(ModelNode):
         behind = time.perf_counter() - loop.deadline
         if loop.running and behind > STANDSTILL + 2.0 * loop.period:
             status.worsen(ERROR, f'no tick for {behind:.1f} s')
-        loop_knobs = {f'loop {name}': what for name, what in loop.knobs.items()}
-        return [status, realtime_status({**loop_knobs, **self.knobs})]
+        loop_options = {f'loop {name}': what for name, what in loop.realtime_options.items()}
+        return [status, realtime_status({**loop_options, **self.realtime_options})]

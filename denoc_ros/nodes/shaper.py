@@ -26,7 +26,7 @@ from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.motion_planning import MotionPlanning, given_limits, servo_columns
-from denoc_ros.runtime.motion_samples import Motion
+from denoc_ros.runtime.motion_samples import RequestedMotion
 from denoc_ros.runtime.parameters import Settings, Value
 from denoc_ros.runtime.planner import Answer
 from denoc_ros.runtime.shaped_stream import ShapedStream
@@ -55,9 +55,9 @@ class ShaperNode(RobotNode):
         self._lock = threading.Lock()
         self._connected = False
         self._reference: Any = None
-        self.offer('~/stop', self._stop)
-        self.offer('~/reset', self._reset)
-        self.offer('~/reload_model', self._reload)
+        self.add_trigger_service('~/stop', self._stop)
+        self.add_trigger_service('~/reset', self._reset)
+        self.add_trigger_service('~/reload_model', self._reload)
         self.create_timer(LOOK_PERIOD, self._look, clock=self.steady_clock)
         self.create_timer(RETUNE_PERIOD, self._retune, clock=self.steady_clock)
         self._moving_until = 0.0  # s of the steady clock
@@ -163,7 +163,7 @@ class ShaperNode(RobotNode):
         self._require_rest(now)
         self._require_posture(message)
         self.input.accept(message.stamp_ns or None, now)
-        self.planning.take(Motion(message, self._where()))
+        self.planning.take(RequestedMotion(message, self._where()))
 
     def _require_posture(self, message: TrajectoryMessage) -> None:
         begins_later = len(message.times) > 0 and message.times[0] > 0.0
@@ -181,10 +181,10 @@ class ShaperNode(RobotNode):
         if method not in OF_STREAMS:
             self.input.accept(message.stamp_ns or None, now)
             why = f'method {method} needs whole motions, got a single point'
-            self._fail(Motion(message, self._where()), why)
+            self._fail(RequestedMotion(message, self._where()), why)
             return
         if not self.stream.active:
-            start = Motion(message, self._where()).whole().positions[0]
+            start = RequestedMotion(message, self._where()).whole().positions[0]
             modes = self._modes(start, self.settings)
             servo = joint_servo(len(self.joints), **servo_columns(self.settings))
             self.stream.begin(method, modes, start, servo)
@@ -243,7 +243,7 @@ class ShaperNode(RobotNode):
             with self._lock:
                 self.planning.look(self.settings, self._robot_job(self.settings))
 
-    def _take_answer(self, motion: Motion, answer: Answer) -> None:
+    def _take_answer(self, motion: RequestedMotion, answer: Answer) -> None:
         if self.state != 'active':
             return
         if answer.error:
@@ -251,7 +251,7 @@ class ShaperNode(RobotNode):
         else:
             self._release(motion, answer)
 
-    def _release(self, motion: Motion, answer: Answer) -> None:
+    def _release(self, motion: RequestedMotion, answer: Answer) -> None:
         """Publish a plan, once and whole, to begin early enough for its preaction."""
         took = float(answer.header['took'])
         self._solve_last, self._solve_max = took, max(self._solve_max, took)
@@ -280,7 +280,7 @@ class ShaperNode(RobotNode):
             self.to_log.append('reference must have a subscriber, got none: a motion is lost')
         self._reference.publish(message)
 
-    def _fail(self, motion: Motion, why: str) -> None:
+    def _fail(self, motion: RequestedMotion, why: str) -> None:
         """Refuse a motion, or let it through as it came."""
         self._last_failure = why
         if self.settings.text('on_failure') == 'refuse':

@@ -14,13 +14,13 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.model_node import ModelNode
 from denoc_ros.nodes.polled_inputs import PolledInputs
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.runtime.live_moments import LiveMoments
-from denoc_ros.runtime.pace import Pace
+from denoc_ros.runtime.live_snapshots import LiveMoments
+from denoc_ros.runtime.rate_limiter import RateLimiter
 from denoc_ros.runtime.realtime import lower_priority
 from denoc_ros.runtime.status import WARN, Status, realtime_status
 from denoc_ros.runtime.viewer_parameters import TABLE
 from denoc_ros.viewer import NO_VISER
-from denoc_ros.viewer.moment import Moment
+from denoc_ros.viewer.snapshot import Snapshot
 
 if TYPE_CHECKING:
     from denoc_ros.viewer.page import Page
@@ -46,14 +46,14 @@ class ViewerNode(ModelNode):
         self._reset_wanted = False
         self._drawn = self._drawn_reported = 0
         self._reported = time.perf_counter()
-        self.offer('~/reset', self._reset)
+        self.add_trigger_service('~/reset', self._reset)
 
     # ---- configure
 
     def configure(self) -> None:
         """Give way to other processes, load the robot, serve the page."""
         if self.owns_process:
-            self.knobs.update(lower_priority(self.settings.integer('niceness')))
+            self.realtime_options.update(lower_priority(self.settings.integer('niceness')))
         super().configure()
 
     def prepare(self) -> None:
@@ -72,7 +72,7 @@ class ViewerNode(ModelNode):
         self.page = self._serve()
         if robot.tree.loops:
             posture = robot.assemble(posture)
-        self.page.show(Moment(0.0, posture))
+        self.page.show(Snapshot(0.0, posture))
         topics_of_type = dict.fromkeys(self.moments.topics, JointState)
         self.inputs = PolledInputs(self, topics_of_type, self.moments.take)
         self.get_logger().info(f'open {self.page.address}')
@@ -110,7 +110,7 @@ class ViewerNode(ModelNode):
     def activate(self) -> None:
         """Start to draw."""
         settings = self.settings
-        self.pace = Pace(settings.number('rate'), settings.number('share'))
+        self.pace = RateLimiter(settings.number('rate'), settings.number('share'))
         self._stopped.clear()
         self._thread = threading.Thread(target=self._run, name='drawing', daemon=True)
         self._thread.start()
@@ -209,7 +209,7 @@ class ViewerNode(ModelNode):
         if clients and self.inputs.is_open and not self.moments.source:
             topics = ', '.join(self.settings.texts('state_topics'))
             status.worsen(WARN, f'nothing to draw: no fresh message on {topics}')
-        return [status, realtime_status(self.knobs)]
+        return [status, realtime_status(self.realtime_options)]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

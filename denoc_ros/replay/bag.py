@@ -19,7 +19,7 @@ from denoc_ros.errors import BagError
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
 from denoc_ros.replay.friction import FrictionFit, FrictionFitter
 from denoc_ros.replay.measures import Agreement, Comparison, Shares
-from denoc_ros.replay.settings import PREFIX, Plan, ReplaySettings, plan_replay
+from denoc_ros.replay.settings import PREFIX, ReplayPlan, ReplaySettings, plan_replay
 from denoc_ros.replay.stream import Block, JointStream
 from denoc_ros.replay.traces import Traces
 
@@ -36,7 +36,7 @@ class Replay:
 
     Attributes
     ----------
-    plan : Plan
+    plan : ReplayPlan
         What of the bag it went by.
     held : tuple of str
         Joints of the robot that stand at 0: neither driven, nor mimics, nor given by loops.
@@ -68,7 +68,7 @@ class Replay:
         replay and each topic that has deflections.
     """
 
-    plan: Plan
+    plan: ReplayPlan
     held: tuple[str, ...]
     settings: ReplaySettings
     duration: float

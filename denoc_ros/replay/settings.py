@@ -82,7 +82,7 @@ class ReplaySettings:
 
 
 @dataclass(frozen=True)
-class Plan:
+class ReplayPlan:
     """What of a bag a replay goes by.
 
     Attributes
@@ -118,7 +118,7 @@ class Plan:
         return next(t.messages for t in self.contents.topics if t.name == self.source.topic)
 
 
-def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> Plan:
+def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> ReplayPlan:
     """Return what of a bag a replay goes by.
 
     Raises
@@ -161,7 +161,7 @@ def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> Plan:
     efforts = dict.fromkeys([settings.effort, commanded], 'effort')
     beside = {**efforts, **dict.fromkeys(deflections, 'position')}
     names = tuple(found[name] for name in joints)
-    return Plan(
+    return ReplayPlan(
         contents,
         Source(path, topic, names, {t: f for t, f in beside.items() if t}, settings.stamp),
         joints,

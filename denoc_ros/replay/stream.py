@@ -15,7 +15,7 @@ from denoc_ros.bags.columns import FIELDS, JointStateColumns
 from denoc_ros.bags.reader import Stamp, read_raw
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.errors import BagError
-from denoc_ros.estimation.joint_motion import Motion, settling, smooth
+from denoc_ros.estimation.joint_motion import SmoothedMotion, settling, smooth
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -63,7 +63,7 @@ class Block:
     ----------
     stamp_ns, log_ns : (k,) int array
         When they were measured and recorded [ns].
-    motion : Motion
+    motion : SmoothedMotion
         Smoothed, at the stamps.
     effort : (k, joints) array
         As measured [N m, N]; NaN where it was not.
@@ -75,7 +75,7 @@ class Block:
 
     stamp_ns: Stamps
     log_ns: Stamps
-    motion: Motion
+    motion: SmoothedMotion
     effort: Array
     starts: Flags
     beside: dict[str, Values]
@@ -222,7 +222,7 @@ class JointStream:
         ]
         offset = max(edge for edge in edges if edge <= first)
         core = slice(first - offset, last - offset)
-        motion = Motion(
+        motion = SmoothedMotion(
             *(np.concatenate([getattr(part, name) for part in parts])[core] for name in MOTION)
         )
         rows = rows[first:last]
@@ -238,7 +238,7 @@ class JointStream:
             },
         )
 
-    def _smoothed(self, t: Array, rows: _Rows) -> Motion:
+    def _smoothed(self, t: Array, rows: _Rows) -> SmoothedMotion:
         rates = rows.qd if _has_rates(rows.qd) else None
         return smooth(t, rows.q, rates, self.method, self.cutoff, self.period)
 

@@ -8,7 +8,15 @@ import numpy as np
 
 from denoc_ros.dynamics.loop_response import LoopResponse, Swing
 from denoc_ros.reports.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
-from denoc_ros.reports.pages import UNKNOWN, Card, Page, Section, Table, Verdict, engineering
+from denoc_ros.reports.pages import (
+    UNKNOWN,
+    Card,
+    PageSection,
+    PageTable,
+    ReportPage,
+    Verdict,
+    engineering,
+)
 
 Pair = tuple[str, str]
 Places = Mapping[str, LoopResponse]
@@ -20,7 +28,7 @@ HEIGHT = 2.6  # inches
 
 def page(
     ways: Mapping[Pair, Places], robot: str, free: bool, provenance: Mapping[str, str]
-) -> Page:
+) -> ReportPage:
     """Return the page.
 
     Parameters
@@ -37,7 +45,7 @@ def page(
     count = len(next(iter(ways.values())))
     postures = 'one posture' if count == 1 else f'{count} postures'
     others = 'free' if free else 'held'
-    return Page(
+    return ReportPage(
         title='Would a loop ring?',
         subtitle=f'{robot} · {postures} · other joints {others}',
         verdict=_verdict(ways),
@@ -68,7 +76,7 @@ def _card(pair: Pair, places: Places) -> Card:
     return Card(f'{pair[0]} to {pair[1]}', value, 'lowest mode')
 
 
-def _section(pair: Pair, places: Places) -> Section:
+def _section(pair: Pair, places: Places) -> PageSection:
     unit = next(iter(places.values())).unit
     size, phase = [], []
     for index, (name, way) in enumerate(places.items()):
@@ -91,19 +99,19 @@ def _section(pair: Pair, places: Places) -> Section:
         way.sentence() if len(places) == 1 else f'At ({name}): {way.sentence()}'
         for name, way in places.items()
     )
-    return Section(
+    return PageSection(
         f'{pair[0]} to {pair[1]}', told, [figure], [_table(name, w) for name, w in places.items()]
     )
 
 
-def _table(name: str, way: LoopResponse) -> Table:
+def _table(name: str, way: LoopResponse) -> PageTable:
     head = ['', 'frequency', 'damping ratio', 'time to 5 %']
     rows = [_row('pole', one) for one in way.swinging_poles[:SHOWN]]
     rows += [_row('zero', one) for one in way.swinging_zeros[:SHOWN]]
     if np.isfinite(way.unstable_zero):
         real = f'{way.unstable_zero:.3g} rad/s'
         rows.append(['zero, right half plane', real, UNKNOWN, UNKNOWN])
-    return Table(head, rows, folded=True, title=f'Poles and zeros at ({name})')
+    return PageTable(head, rows, folded=True, title=f'Poles and zeros at ({name})')
 
 
 def _row(kind: str, one: Swing) -> list[str]:
@@ -111,8 +119,8 @@ def _row(kind: str, one: Swing) -> list[str]:
     return [kind, engineering(one.frequency, 'Hz'), ratio, engineering(one.decay, 's')]
 
 
-def _method() -> Section:
-    return Section(
+def _method() -> PageSection:
+    return PageSection(
         'How this is worked out',
         'Small motions about equilibrium under gravity, from a torque at the joint; joints '
         'without friction, as they are while they move. A mode rings where its damping ratio is '

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.reports.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
-from denoc_ros.reports.pages import Card, Section, Verdict, engineering
+from denoc_ros.reports.pages import Card, PageSection, Verdict, engineering
 from denoc_ros.reports.recording import Recording
 
 Array = NDArray[np.float64]
@@ -132,7 +132,7 @@ def cards(found: EnergyBalance) -> list[Card]:
     return shown
 
 
-def sections(found: EnergyBalance) -> Sequence[Section]:
+def sections(found: EnergyBalance) -> Sequence[PageSection]:
     """Return the sections on energy, and on loops where there are any."""
     curves = [
         Curve('kinetic', PHASE_COLOURS[0], found.t, found.kinetic),
@@ -150,7 +150,7 @@ def sections(found: EnergyBalance) -> Sequence[Section]:
         balanced.append(Curve('work of the joints', PHASE_COLOURS[2], found.t, found.work, True))
     panels.append(Panel('total energy and work, from the start', 'J', balanced))
     shown = [
-        Section(
+        PageSection(
             'Energy',
             'What the joints put in and the total energy does not have went into friction and '
             'damping, and the little that the sum over the recorded times misses. Potential: '
@@ -162,6 +162,8 @@ def sections(found: EnergyBalance) -> Sequence[Section]:
         error = Curve('', PHASE_COLOURS[1], found.t, np.maximum(found.closure, SMALLEST))
         panel = Panel('largest error of the loops', 'm or rad', [error], log_y=True)
         shown.append(
-            Section('Closed loops', 'How far the loops are from closed.', [line_figure([panel])])
+            PageSection(
+                'Closed loops', 'How far the loops are from closed.', [line_figure([panel])]
+            )
         )
     return shown

@@ -19,13 +19,15 @@ from denoc_ros.reports.figures import (
     line_figure,
 )
 from denoc_ros.reports.identify_result import interval_text, result_page
-from denoc_ros.reports.pages import Card, Page, Section, Table, engineering
+from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, engineering
 from denoc_ros.reports.text_table import cell_text
 
 ROW = 2.3  # inches
 
 
-def joint_page(document: Mapping[str, Any], record: Record, fit: JointFit, command: str) -> Page:
+def joint_page(
+    document: Mapping[str, Any], record: Record, fit: JointFit, command: str
+) -> ReportPage:
     """Return the page of one joint's friction.
 
     Parameters
@@ -58,7 +60,7 @@ def _cards(document: Mapping[str, Any]) -> list[Card]:
     return cards
 
 
-def _swing(record: Record, fit: JointFit) -> Section:
+def _swing(record: Record, fit: JointFit) -> PageSection:
     fitted = fit.prediction(record.t)
     panels = [
         Panel(
@@ -75,7 +77,7 @@ def _swing(record: Record, fit: JointFit) -> Section:
             [Curve('difference', DIFFERENCE_COLOUR, record.t, record.y - fitted)],
         ),
     ]
-    return Section(
+    return PageSection(
         'Measured and simulated',
         'The equation of motion with the friction that was found. What is left is '
         f'{engineering(fit.residual, "rad")} rms while the joint moves.',
@@ -83,7 +85,7 @@ def _swing(record: Record, fit: JointFit) -> Section:
     )
 
 
-def _models(record: Record, fit: JointFit) -> Section:
+def _models(record: Record, fit: JointFit) -> PageSection:
     def angles(model: FrictionModel) -> Curve:
         shown = swing_angles(model.swing, record.t - fit.start, fit.large)
         colour = PHASE_COLOURS[fit.models.index(model) % len(PHASE_COLOURS)]
@@ -95,15 +97,15 @@ def _models(record: Record, fit: JointFit) -> Section:
         [' + '.join(model.terms), engineering(model.residual, 'rad'), model.rejected or 'chosen']
         for model in fit.models
     ]
-    return Section(
+    return PageSection(
         'Which terms matter',
         'Each set of terms fitted to the same swing.',
         [line_figure([panel], ROW)],
-        [Table(['terms', 'residual, rms', ''], rows)],
+        [PageTable(['terms', 'residual, rms', ''], rows)],
     )
 
 
-def _decrement(document: Mapping[str, Any]) -> Section:
+def _decrement(document: Mapping[str, Any]) -> PageSection:
     rows = [
         [
             one['convention'],
@@ -117,9 +119,9 @@ def _decrement(document: Mapping[str, Any]) -> Section:
         for one in document['decrement']
     ]
     head = ['convention', 'ζ', 'f [Hz]', 'critical', 'coefficient', 'unit', '']
-    return Section(
+    return PageSection(
         'Logarithmic decrement',
         'Exact: ζ = δ/√(4π² + δ²) and a critical damping of 2Iω. Book: ζ = δ/2π and 4πρaη, whose '
         'unit is none of a torque. Either takes viscous friction and small angles for granted.',
-        tables=[Table(head, rows)],
+        tables=[PageTable(head, rows)],
     )

@@ -24,7 +24,7 @@ from denoc_ros.reports.figures import (
     line_figure,
 )
 from denoc_ros.reports.identify_result import mode_cards, modes_found, result_page
-from denoc_ros.reports.pages import Page, Section, Table, engineering
+from denoc_ros.reports.pages import PageSection, PageTable, ReportPage, engineering
 from denoc_ros.reports.text_table import cell_text
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ ROW = 2.3  # inches
 SLICES = 12  # of a waterfall
 
 
-def decay_page(document: Mapping[str, Any], analysis: DecayAnalysis, command: str) -> Page:
+def decay_page(document: Mapping[str, Any], analysis: DecayAnalysis, command: str) -> ReportPage:
     """Return the page of one recording's modes.
 
     Parameters
@@ -63,7 +63,7 @@ def decay_page(document: Mapping[str, Any], analysis: DecayAnalysis, command: st
     )
 
 
-def _decay(analysis: DecayAnalysis) -> Section:
+def _decay(analysis: DecayAnalysis) -> PageSection:
     record, modes = analysis.record, analysis.modes
     fitted = modes.prediction(record.t)
     panels = [
@@ -81,7 +81,7 @@ def _decay(analysis: DecayAnalysis) -> Section:
             [Curve('difference', DIFFERENCE_COLOUR, record.t, record.y - fitted)],
         ),
     ]
-    return Section(
+    return PageSection(
         'Measured and fitted',
         f'Damped cosines, an offset and a drift. What is left has a standard deviation of '
         f'{engineering(modes.noise, record.unit)}.',
@@ -89,7 +89,7 @@ def _decay(analysis: DecayAnalysis) -> Section:
     )
 
 
-def _held_out(analysis: DecayAnalysis) -> Section | None:
+def _held_out(analysis: DecayAnalysis) -> PageSection | None:
     found = held_out(analysis.record)
     if found is None or not len(found[0].frequency):
         return None
@@ -108,7 +108,7 @@ def _held_out(analysis: DecayAnalysis) -> Section | None:
             Curve('simulated', PHASE_COLOURS[1], t, predicted, True),
         ],
     )
-    return Section(
+    return PageSection(
         'Measured and simulated, held out',
         f'Modes identified up to {split:.4g} s, simulated on. They miss what was measured by '
         f'{engineering(error, record.unit)} rms, {100.0 * error / swing:.2g} % of its own.',
@@ -116,7 +116,7 @@ def _held_out(analysis: DecayAnalysis) -> Section | None:
     )
 
 
-def _envelopes(analysis: DecayAnalysis) -> Section | None:
+def _envelopes(analysis: DecayAnalysis) -> PageSection | None:
     modes, record = analysis.modes, analysis.record
     panels = []
     for k, frequency in enumerate(modes.frequency):
@@ -140,7 +140,7 @@ def _envelopes(analysis: DecayAnalysis) -> Section | None:
         )
     if not panels:
         return None
-    return Section(
+    return PageSection(
         'Decay of each mode',
         'Crests of the record without the other modes, on a logarithmic axis: a damping that does '
         'not depend on amplitude is a straight line down to the noise.',
@@ -165,7 +165,7 @@ def _spectral(decay: SpectralDecay) -> list[Curve]:
     ]
 
 
-def _waterfall(analysis: DecayAnalysis) -> Section | None:
+def _waterfall(analysis: DecayAnalysis) -> PageSection | None:
     modes = analysis.modes
     if not len(modes.frequency):
         return None
@@ -191,7 +191,7 @@ def _waterfall(analysis: DecayAnalysis) -> Section | None:
         curves,
         x_label='frequency [Hz]',
     )
-    return Section(
+    return PageSection(
         'Evolving spectra',
         f'Spectra of windows of {window:.3g} s moved along the decay, each a step above the '
         'one before. Where two modes melt into one peak, or the window is longer than twice the '
@@ -200,7 +200,7 @@ def _waterfall(analysis: DecayAnalysis) -> Section | None:
     )
 
 
-def _amplitude_dependence(analysis: DecayAnalysis) -> Section | None:
+def _amplitude_dependence(analysis: DecayAnalysis) -> PageSection | None:
     modes, unit = analysis.modes, analysis.record.unit
     panels = []
     for k, curve in enumerate(modes.curves):
@@ -228,7 +228,7 @@ def _amplitude_dependence(analysis: DecayAnalysis) -> Section | None:
         )
     if not panels:
         return None
-    return Section(
+    return PageSection(
         'Damping ratio against amplitude',
         'The same mode fitted in windows along its decay. Where the windows differ by more than '
         'noise explains, one number does not describe the damping, and the interval is the one '
@@ -237,7 +237,7 @@ def _amplitude_dependence(analysis: DecayAnalysis) -> Section | None:
     )
 
 
-def _residual(analysis: DecayAnalysis) -> Section:
+def _residual(analysis: DecayAnalysis) -> PageSection:
     frequency, signal, rest = residual_spectrum(analysis)
     floor = max(float(rest.max()) * 1e-3, 1e-300)
     curves = [
@@ -255,15 +255,15 @@ def _residual(analysis: DecayAnalysis) -> Section:
         [f'{line.frequency:.4g}', engineering(line.amplitude, analysis.record.unit), line.origin]
         for line in analysis.modes.lines
     ]
-    return Section(
+    return PageSection(
         'Spectrum of the residual',
         'A peak that is left is a mode or a line that was not found; a flat residual is noise.',
         [line_figure([panel], ROW)],
-        [Table(['line [Hz]', 'amplitude', 'is no mode but'], rows)] if rows else [],
+        [PageTable(['line [Hz]', 'amplitude', 'is no mode but'], rows)] if rows else [],
     )
 
 
-def _methods(document: Mapping[str, Any]) -> Section | None:
+def _methods(document: Mapping[str, Any]) -> PageSection | None:
     rows = []
     for mode in document['modes']:
         shown = f'{mode["frequency_hz"]:.4g} Hz'
@@ -275,8 +275,8 @@ def _methods(document: Mapping[str, Any]) -> Section | None:
         ]
     if not rows:
         return None
-    return Section(
+    return PageSection(
         'Methods',
         'What other methods say of the same decay, and why they differ or do not apply.',
-        tables=[Table(['mode', 'method', 'ζ', 'remark'], rows)],
+        tables=[PageTable(['mode', 'method', 'ζ', 'remark'], rows)],
     )

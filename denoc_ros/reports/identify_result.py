@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.reports.pages import Card, Page, Section, Table, Tone, Verdict
+from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Tone, Verdict
 from denoc_ros.reports.provenance import provenance
 from denoc_ros.reports.text_table import cell_text
 
@@ -19,9 +19,9 @@ def result_page(
     title: str,
     found: str,
     cards: Sequence[Card],
-    sections: Sequence[Section | None],
+    sections: Sequence[PageSection | None],
     command: str,
-) -> Page:
+) -> ReportPage:
     """Return the page of a result.
 
     Parameters
@@ -34,7 +34,7 @@ def result_page(
         What was found, in a sentence without its full stop.
     cards : sequence of Card
         Figures of merit.
-    sections : sequence of Section or None
+    sections : sequence of PageSection or None
         What it rests on; where the record is from comes behind.
     command : str
         The command line.
@@ -46,7 +46,7 @@ def result_page(
         'recording': f'{file}, SHA-256 {source["sha256"]}',
         'robot': Path(model['file']).name if model else '',
     }
-    return Page(
+    return ReportPage(
         title=title,
         subtitle=f'{file} · {document["method"]}',
         verdict=_verdict(document, found),
@@ -101,14 +101,14 @@ def _verdict(document: Mapping[str, Any], found: str) -> Verdict:
     return Verdict(f'{said}.', tone)
 
 
-def _about(document: Mapping[str, Any]) -> Section:
+def _about(document: Mapping[str, Any]) -> PageSection:
     source = {**document['source'], **document['source']['calibration']}
     source.pop('calibration')
     source['file'] = Path(source['file']).name
     both = {**source, **document['window'], **document['quality']}
     rows = [[name.replace('_', ' '), cell_text(value)] for name, value in both.items()]
-    return Section(
+    return PageSection(
         'Record',
         'Where it is from and what it is worth.',
-        tables=[Table(('', ''), rows, folded=True, title='source, calibration, quality')],
+        tables=[PageTable(('', ''), rows, folded=True, title='source, calibration, quality')],
     )

@@ -16,7 +16,7 @@ from denoc_ros.reports.figures import (
     line_figure,
 )
 from denoc_ros.reports.identify_result import SHOWN, interval_text, result_page
-from denoc_ros.reports.pages import Card, Page, Section, Table, engineering
+from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, engineering
 
 ROW = 2.3  # inches
 Curves = Sequence[tuple[Floats, Floats, Floats]]  # times, told, measured
@@ -24,7 +24,7 @@ Curves = Sequence[tuple[Floats, Floats, Floats]]  # times, told, measured
 
 def servo_page(
     document: Mapping[str, Any], fits: Sequence[ServoFit | str], curves: Curves, command: str
-) -> Page:
+) -> ReportPage:
     """Return the page of the joints' servos.
 
     Parameters
@@ -64,7 +64,7 @@ def servo_page(
     )
 
 
-def _joint(fit: ServoFit, t: Floats, told: Floats, measured: Floats) -> Section:
+def _joint(fit: ServoFit, t: Floats, told: Floats, measured: Floats) -> PageSection:
     panels = [
         Panel(
             'position',
@@ -81,7 +81,7 @@ def _joint(fit: ServoFit, t: Floats, told: Floats, measured: Floats) -> Section:
             [Curve('difference', DIFFERENCE_COLOUR, t, measured - fit.fitted)],
         ),
     ]
-    return Section(
+    return PageSection(
         fit.joint,
         f'{engineering(fit.lag, "rad")} rms from its command, '
         f'{engineering(fit.residual, "rad")} rms from the fit.',
@@ -89,7 +89,7 @@ def _joint(fit: ServoFit, t: Floats, told: Floats, measured: Floats) -> Section:
     )
 
 
-def _table(found: Sequence[tuple[ServoFit, Any]]) -> Section:
+def _table(found: Sequence[tuple[ServoFit, Any]]) -> PageSection:
     rows = [
         [
             fit.joint,
@@ -104,4 +104,4 @@ def _table(found: Sequence[tuple[ServoFit, Any]]) -> Section:
         for fit, _ in found
     ]
     head = ['joint', 'bandwidth [Hz]', '', 'ζ', '', 'delay [s]', '', 'verdict']
-    return Section('Servos', 'For the shaper.', tables=[Table(head, rows)])
+    return PageSection('Servos', 'For the shaper.', tables=[PageTable(head, rows)])

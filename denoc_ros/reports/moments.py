@@ -13,16 +13,16 @@ from denoc_ros.errors import DenocError
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.reports.pages import Section
+    from denoc_ros.reports.pages import PageSection
 
 SIZE = (1200, 640)  # pixels, at most
 RATE = 20.0  # Hz, of the moments that are read: few are shown
 COUNT = 6
 
 
-def moments(bag: Path, robot: Robot | None) -> Section | None:
+def moments(bag: Path, robot: Robot | None) -> PageSection | None:
     """Return the section, None where the bag does not show how the robot stood."""
-    from denoc_ros.reports.pages import Section
+    from denoc_ros.reports.pages import PageSection
     from denoc_ros.viewer.film import Look, strip_image
     from denoc_ros.viewer.recorded import RecordedRun
 
@@ -44,4 +44,4 @@ def moments(bag: Path, robot: Robot | None) -> Section | None:
         'The deflection is exaggerated by the factor that stands there, the strain is not. '
         'For a film of the run: denoc view RUN --video FILE.mp4'
     )
-    return Section('How it moved', said, picture=shown)
+    return PageSection('How it moved', said, picture=shown)

@@ -19,7 +19,7 @@ UNKNOWN = '–'
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """A table: its heading row, then rows of text."""
 
     head: Sequence[str]
@@ -29,13 +29,13 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """One section of a page."""
 
     title: str
     text: str
     figures: Sequence[Figure] = ()
-    tables: Sequence[Table] = ()
+    tables: Sequence[PageTable] = ()
     picture: Markup | None = None  # an `<img>` element, whole by itself
 
 
@@ -57,7 +57,7 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Page:
+class ReportPage:
     """All that a page shows.
 
     Attributes
@@ -68,7 +68,7 @@ class Page:
         What it comes down to.
     cards : sequence of Card
         Figures of merit.
-    sections : sequence of Section or None
+    sections : sequence of PageSection or None
         In reading order; None is left out.
     provenance : mapping
         What it was made from and with, as `denoc_ros.reports.provenance.provenance` says it.
@@ -78,7 +78,7 @@ class Page:
     subtitle: str
     verdict: Verdict
     cards: Sequence[Card]
-    sections: Sequence[Section | None]
+    sections: Sequence[PageSection | None]
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     def html(self) -> str:

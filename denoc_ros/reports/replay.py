@@ -16,7 +16,15 @@ from denoc_ros.reports.figures import (
     Panel,
     line_figure,
 )
-from denoc_ros.reports.pages import UNKNOWN, Card, Page, Section, Table, Verdict, engineering
+from denoc_ros.reports.pages import (
+    UNKNOWN,
+    Card,
+    PageSection,
+    PageTable,
+    ReportPage,
+    Verdict,
+    engineering,
+)
 from denoc_ros.reports.run_files import recording_name
 from denoc_ros.reports.sections import Units
 from denoc_ros.reports.text_table import cell_text
@@ -33,7 +41,9 @@ DEFLECTION_LOOKS = ((TRUTH_COLOUR, False), (PHASE_COLOURS[2], False), (PHASE_COL
 SMALL = 1e-3  # of the largest deflection of its kind: not drawn
 
 
-def page(replay: Replay, summary: Summary, robot: Robot, provenance: Mapping[str, str]) -> Page:
+def page(
+    replay: Replay, summary: Summary, robot: Robot, provenance: Mapping[str, str]
+) -> ReportPage:
     """Return the page of a replay.
 
     Parameters
@@ -49,7 +59,7 @@ def page(replay: Replay, summary: Summary, robot: Robot, provenance: Mapping[str
     """
     units = Units.of(robot.tree)
     path = replay.plan.source.path
-    return Page(
+    return ReportPage(
         title=f'Replay of {recording_name(path)}',
         subtitle=f'{path.name} · {robot.tree.name} · {replay.duration:.4g} s · '
         f'{summary["derivative"]}, {summary["cutoff_hz"]:.3g} Hz',
@@ -115,7 +125,7 @@ def _cards(summary: Summary) -> list[Card]:
     return cards
 
 
-def _torque(replay: Replay, summary: Summary, units: Units) -> Section:
+def _torque(replay: Replay, summary: Summary, units: Units) -> PageSection:
     traces = replay.torque_traces
     figures = []
     for model in (name for name in traces if name != MEASURED):
@@ -146,33 +156,33 @@ def _torque(replay: Replay, summary: Summary, units: Units) -> Section:
                 UNKNOWN if one['lag'] is None else engineering(one['lag'], 's'),
             ]
         rows.append(row)
-    return Section(
+    return PageSection(
         'Torque',
         'Measured effort and what the models give for the recorded motion. rms and bias are of '
         'measured minus computed; a positive lag means that the measured one comes later, a dash '
         'that they are not alike enough to say.',
         figures,
-        [Table(head, rows)] if summary['torque'] else [],
+        [PageTable(head, rows)] if summary['torque'] else [],
     )
 
 
-def _shares(summary: Summary) -> Section:
+def _shares(summary: Summary) -> PageSection:
     shares = summary['shares']
     rows = [
         [joint, *(_percent(share[joint]) for share in shares.values())]
         for joint in summary['joints']
     ]
     of = 'measured effort' if summary['torque'] else 'computed torque'
-    return Section(
+    return PageSection(
         'What explains it',
         f'Share of the {of}, mean square, that each term of the best model explains; a term that '
         'works against it has a negative share. With the unexplained rest they add up to 100 %.',
         [],
-        [Table(['joint', *shares], rows)],
+        [PageTable(['joint', *shares], rows)],
     )
 
 
-def _friction(summary: Summary, units: Units) -> Section | None:
+def _friction(summary: Summary, units: Units) -> PageSection | None:
     if summary['friction'] is None:
         return None
     head = ('joint', *TERMS, 'rms before', 'rms after', 'explained')
@@ -190,18 +200,18 @@ def _friction(summary: Summary, units: Units) -> Section | None:
             engineering(fit[f'rms_{when}'], units.effort(joint)) for when in ('before', 'after')
         ]
         rows.append([joint, *cells, *rms, _percent(fit['explained'])])
-    return Section(
+    return PageSection(
         'Friction, fitted',
         'viscous · rate + coulomb · tanh(rate / 1e-3) + offset, SI units, fitted to what the '
         'model without joint friction leaves of the measured effort, and used here. Standard '
         'errors with residuals of one second hanging together; in brackets as if all samples were '
         'independent, which they are not.',
         [],
-        [Table(head, rows)],
+        [PageTable(head, rows)],
     )
 
 
-def _deflection(replay: Replay, summary: Summary) -> Section | None:
+def _deflection(replay: Replay, summary: Summary) -> PageSection | None:
     shown = _shown(replay)
     if not shown:
         return None
@@ -222,12 +232,12 @@ def _deflection(replay: Replay, summary: Summary) -> Section | None:
         for name, one in agreements.items()
         if name in shown
     ]
-    return Section(
+    return PageSection(
         'Deflection of the flexible links',
         'Tip deflection in the beam frame along the recorded joint motion, beside what the bag '
         'has of it.',
         [line_figure(panels)],
-        [Table(('topic', 'deflection', 'peak', 'replay off by, rms'), rows)] if rows else [],
+        [PageTable(('topic', 'deflection', 'peak', 'replay off by, rms'), rows)] if rows else [],
     )
 
 
@@ -252,22 +262,22 @@ def _unit(name: str) -> str:
     return 'rad' if name.rpartition('/')[2].startswith('r') else 'm'
 
 
-def _doubts(summary: Summary) -> Section | None:
+def _doubts(summary: Summary) -> PageSection | None:
     if not summary['doubts']:
         return None
-    return Section(
-        'Doubtful', '', [], [Table(('what',), [[doubt] for doubt in summary['doubts']])]
+    return PageSection(
+        'Doubtful', '', [], [PageTable(('what',), [[doubt] for doubt in summary['doubts']])]
     )
 
 
-def _what(summary: Summary, robot: Robot) -> Section:
+def _what(summary: Summary, robot: Robot) -> PageSection:
     keys = ('joint_states', 'effort', 'samples', 'incomplete', 'repeated', 'motions', 'period_s')
     rows = [[key.replace('_', ' '), cell_text(summary[key])] for key in keys]
     for key in ('joints', 'held_joints', 'ignored_joints'):
         rows.append([key.replace('_', ' '), ', '.join(summary[key]) or UNKNOWN])
     rows += [[path, f'{value}'] for path, value in robot.tree.overrides.items()]
-    return Section(
-        'What was replayed', 'And what was changed of the robot.', [], [Table((), rows)]
+    return PageSection(
+        'What was replayed', 'And what was changed of the robot.', [], [PageTable((), rows)]
     )
 
 

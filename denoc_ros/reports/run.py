@@ -24,7 +24,7 @@ from denoc_ros.reports.measures import (
     warnings,
 )
 from denoc_ros.reports.moments import moments
-from denoc_ros.reports.pages import Page
+from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.provenance import named_file, named_text, provenance
 from denoc_ros.reports.recording import Recording
 from denoc_ros.reports.run_files import (
@@ -44,7 +44,7 @@ class Report:
 
     Attributes
     ----------
-    page : Page
+    page : ReportPage
         Verdict, figures of merit, sections, provenance.
     summary : dict
         Errors, deflection, torque and loop timing in SI units, ready for JSON.
@@ -52,7 +52,7 @@ class Report:
         What the page leaves out, and why.
     """
 
-    page: Page
+    page: ReportPage
     summary: dict[str, Any]
     notes: tuple[str, ...] = ()
 
@@ -175,13 +175,13 @@ class _Found:
     simulated: energy_balance.EnergyBalance | None
 
 
-def _page(found: _Found, command: str) -> Page:
-    from denoc_ros.reports.pages import Page
+def _page(found: _Found, command: str) -> ReportPage:
+    from denoc_ros.reports.pages import ReportPage
 
     phases, duration = found.phases, found.recording.duration
     units = sections.Units.of(found.robot.tree if found.robot else None)
     simulated = found.simulated
-    return Page(
+    return ReportPage(
         title=found.session.get('name') or recording_name(found.recording.path),
         subtitle=' · '.join(_subtitle(found)),
         verdict=energy_balance.verdict(simulated, sections.said(phases, units))

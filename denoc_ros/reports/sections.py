@@ -19,7 +19,7 @@ from denoc_ros.reports.figures import (
     line_figure,
 )
 from denoc_ros.reports.measures import LoopMeasure, PhaseMeasures, deflection_error, peak, rms
-from denoc_ros.reports.pages import UNKNOWN, Card, Section, Table, Verdict, engineering
+from denoc_ros.reports.pages import UNKNOWN, Card, PageSection, PageTable, Verdict, engineering
 
 if TYPE_CHECKING:
     from denoc_ros.bags.series import Diagnostic
@@ -137,7 +137,7 @@ def _percents(phases: Sequence[PhaseMeasures]) -> list[tuple[float, str]]:
     return [(error['percent_of_peak'], entry.name) for error, entry in errors if error is not None]
 
 
-def tracking(phases: Sequence[PhaseMeasures], units: Units) -> Section | None:
+def tracking(phases: Sequence[PhaseMeasures], units: Units) -> PageSection | None:
     """Return the section on joint and tip tracking errors."""
     shown = [(k, phase) for k, phase in enumerate(phases) if phase.error is not None]
     if not shown:
@@ -152,14 +152,14 @@ def tracking(phases: Sequence[PhaseMeasures], units: Units) -> Section | None:
     rows = _compared(errors, units.position)
     for name, *cells in _compared([(name, tip) for _, name, tip in tips], _metres):
         rows.append([_tip_title(name), *cells])
-    return Section(
+    return PageSection(
         'Tracking error',
         'Reference minus measured position of each joint; for the tip, how far it is from where '
         'the undeformed robot on the motion that was asked for would have it. A feedforward of '
         'the flexible model makes the joints follow: the links still swing, and the tip with '
         'them. A reference that is shaped moves the joints so that the tip does what was asked.',
         [line_figure(panels)],
-        [Table(_compared_head([name for name, _ in errors], 'joint'), rows)],
+        [PageTable(_compared_head([name for name, _ in errors], 'joint'), rows)],
     )
 
 
@@ -171,7 +171,7 @@ def _metres(_name: str) -> str:
     return 'm'
 
 
-def deflection(phases: Sequence[PhaseMeasures]) -> Section | None:
+def deflection(phases: Sequence[PhaseMeasures]) -> PageSection | None:
     """Return the section on predicted over true deflection."""
     figures, rows = [], []
     predicted = any(e.predicted is not None for phase in phases for e in phase.deflections)
@@ -197,7 +197,9 @@ def deflection(phases: Sequence[PhaseMeasures]) -> Section | None:
         judged = any(e.true is not None for phase in phases for e in phase.deflections)
         beside = 'over the true one of the plant' if judged else '(no truth to compare with here)'
         text += f' as the predictor has it, {beside}'
-    return Section('Deflection of the flexible links', f'{text}.', figures, [Table(head, rows)])
+    return PageSection(
+        'Deflection of the flexible links', f'{text}.', figures, [PageTable(head, rows)]
+    )
 
 
 def _deflection_curves(entry: Deflection, colour: str) -> list[Curve]:
@@ -220,7 +222,7 @@ def _deflection_row(phase: str, entry: Deflection, predicted: bool) -> list[str]
     return [*row, UNKNOWN, UNKNOWN] if predicted else row
 
 
-def torque(phases: Sequence[PhaseMeasures], units: Units) -> Section | None:
+def torque(phases: Sequence[PhaseMeasures], units: Units) -> PageSection | None:
     """Return the section on the torque that was commanded, or else recorded with the states."""
     commanded = [(k, p.name, p.torque) for k, p in enumerate(phases) if p.torque is not None]
     recorded = [(k, p.name, p.effort) for k, p in enumerate(phases) if p.effort is not None]
@@ -236,12 +238,12 @@ def torque(phases: Sequence[PhaseMeasures], units: Units) -> Section | None:
         text = 'What the feedforward node computed, and the effort measured beside it.'
     torques = [(name, series) for _, name, series in shown]
     head = _compared_head([name for name, _ in torques], 'joint')
-    return Section(
-        title, text, [line_figure(panels)], [Table(head, _compared(torques, units.effort))]
+    return PageSection(
+        title, text, [line_figure(panels)], [PageTable(head, _compared(torques, units.effort))]
     )
 
 
-def motion(phases: Sequence[PhaseMeasures], units: Units) -> Section | None:
+def motion(phases: Sequence[PhaseMeasures], units: Units) -> PageSection | None:
     """Return the section on the measured motion, for runs that show no tracking error."""
     shown = [
         (k, p.name, p.joints)
@@ -251,10 +253,10 @@ def motion(phases: Sequence[PhaseMeasures], units: Units) -> Section | None:
     if not shown:
         return None
     panels = _by_column(shown, units.position)
-    return Section('Joint motion', 'Positions as recorded.', [line_figure(panels, 1.5)])
+    return PageSection('Joint motion', 'Positions as recorded.', [line_figure(panels, 1.5)])
 
 
-def loops(measures: Sequence[LoopMeasure]) -> Section | None:
+def loops(measures: Sequence[LoopMeasure]) -> PageSection | None:
     """Return the section on how evenly the nodes' loops ran."""
     if not measures:
         return None
@@ -272,31 +274,31 @@ def loops(measures: Sequence[LoopMeasure]) -> Section | None:
         for loop in measures
     ]
     head = ('node', 'rate', 'median', 'p99', 'longest', 'ticks', 'late by > ½ period', 'skipped')
-    return Section(
+    return PageSection(
         'Loop periods',
         'Time between ticks from the first phase on, by each node itself; median and p99 are of '
         'the last second.',
         [histogram_figure(measures)],
-        [Table(head, rows)],
+        [PageTable(head, rows)],
     )
 
 
-def warned(found: Mapping[str, tuple[int, str]]) -> Section | None:
+def warned(found: Mapping[str, tuple[int, str]]) -> PageSection | None:
     """Return the section on what the nodes warned of."""
     if not found:
         return None
     rows = [[name, str(count), text] for name, (count, text) in sorted(found.items())]
-    table = Table(('status', 'times', 'last'), rows)
-    return Section('Warnings', 'Each node speaks once a second on /diagnostics.', [], [table])
+    table = PageTable(('status', 'times', 'last'), rows)
+    return PageSection('Warnings', 'Each node speaks once a second on /diagnostics.', [], [table])
 
 
-def nodes(statuses: Iterable[Diagnostic]) -> Section | None:
+def nodes(statuses: Iterable[Diagnostic]) -> PageSection | None:
     """Return the section with the nodes' last words on /diagnostics."""
     last = {status.name: status for status in statuses}
     if not last:
         return None
     tables = [
-        Table(
+        PageTable(
             ('key', 'value'),
             [
                 [key, _without_folder(value, status)]
@@ -308,7 +310,7 @@ def nodes(statuses: Iterable[Diagnostic]) -> Section | None:
         )
         for name, status in sorted(last.items())
     ]
-    return Section('Node statistics', 'The last word of each on /diagnostics.', [], tables)
+    return PageSection('Node statistics', 'The last word of each on /diagnostics.', [], tables)
 
 
 def _without_folder(text: str, status: Diagnostic) -> str:
@@ -317,12 +319,14 @@ def _without_folder(text: str, status: Diagnostic) -> str:
     return text.replace(path, Path(path).name) if path else text
 
 
-def topics(recording: Recording) -> Section:
+def topics(recording: Recording) -> PageSection:
     """Return the section on what the bag holds."""
     counts = recording.counts
     rows = [[name, kind, str(counts[name])] for name, kind in sorted(recording.topics.items())]
     text = f'{recording.path.name}: {sum(counts.values())} messages.'
-    return Section('Recorded topics', text, [], [Table(('topic', 'type', 'messages'), rows)])
+    return PageSection(
+        'Recorded topics', text, [], [PageTable(('topic', 'type', 'messages'), rows)]
+    )
 
 
 def _by_column(

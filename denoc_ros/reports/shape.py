@@ -8,9 +8,9 @@ import numpy as np
 
 from denoc_ros.model.tree import Tree
 from denoc_ros.reports.figures import DIFFERENCE_COLOUR, PHASE_COLOURS, Curve, Panel, line_figure
-from denoc_ros.reports.pages import Card, Page, Section, Table, Verdict, engineering
+from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict, engineering
 from denoc_ros.reports.sections import Units
-from denoc_ros.reports.shape_comparison import Comparison, Tracked
+from denoc_ros.reports.shape_comparison import PlanComparison, Tracked
 
 TITLES = {'tip': 'The tip goes where it should'}
 PLAIN, SHAPED = 'as it was asked for', 'as it was planned'
@@ -18,19 +18,19 @@ HEIGHT = 2.4  # inches
 WORSE = 1.0  # times the plain motion's swing: a plan that leaves more is doubtful
 
 
-def page(found: Comparison, tree: Tree, provenance: Mapping[str, str]) -> Page:
+def page(found: PlanComparison, tree: Tree, provenance: Mapping[str, str]) -> ReportPage:
     """Return the page.
 
     Parameters
     ----------
-    found : Comparison
+    found : PlanComparison
     tree : Tree
         Of the robot.
     provenance : mapping
         What the page was made from and with.
     """
     plan, units = found.plan, Units.of(tree)
-    return Page(
+    return ReportPage(
         title=TITLES.get(plan.method, 'A motion without swing'),
         subtitle=f'{tree.name} · method {plan.method} · frame {found.frame}',
         verdict=_verdict(found),
@@ -46,7 +46,7 @@ def page(found: Comparison, tree: Tree, provenance: Mapping[str, str]) -> Page:
     )
 
 
-def _verdict(found: Comparison) -> Verdict:
+def _verdict(found: PlanComparison) -> Verdict:
     plain, shaped = found.plain, found.shaped
     text = (
         f'The tip strays by {engineering(shaped.rms, "m")} rms while it moves, where the motion '
@@ -58,7 +58,7 @@ def _verdict(found: Comparison) -> Verdict:
     return Verdict(text, 'good' if worst <= WORSE * plain.swing else 'doubtful')
 
 
-def _cards(found: Comparison) -> list[Card]:
+def _cards(found: PlanComparison) -> list[Card]:
     plan = found.plan
 
     def arrow(what: str) -> str:
@@ -78,7 +78,7 @@ def _cards(found: Comparison) -> list[Card]:
     return cards
 
 
-def _tip(found: Comparison) -> Section:
+def _tip(found: PlanComparison) -> PageSection:
     pairs = zip((PLAIN, SHAPED), PHASE_COLOURS, (found.plain, found.shaped), strict=False)
     curves = [Curve(name, colour, run.t, run.error) for name, colour, run in pairs]
     logarithmic = [
@@ -95,15 +95,15 @@ def _tip(found: Comparison) -> Section:
         'Where the tip is, off where the undeformed robot on the motion that was asked for would '
         'have it; simulated on this model, the joints exactly on either motion.'
     )
-    return Section('The tip', text, [figure])
+    return PageSection('The tip', text, [figure])
 
 
-def _smallest(found: Comparison) -> float:
+def _smallest(found: PlanComparison) -> float:
     """Return what counts as small in a logarithmic figure [m]."""
     return max(1e-9, min(found.plain.rms, found.shaped.rms))
 
 
-def _joints(found: Comparison, units: Units) -> Section:
+def _joints(found: PlanComparison, units: Units) -> PageSection:
     plan = found.plan
     columns = [plan.coordinate_names.index(name) for name in plan.joint_names]
     panels = []
@@ -118,19 +118,21 @@ def _joints(found: Comparison, units: Units) -> Section:
             Panel(f'{name}: planned − asked', units.position(name), [apart]),
         ]
     text = 'What the joints do so that the tip does what was asked.'
-    return Section('Joints', text, [line_figure(panels)])
+    return PageSection('Joints', text, [line_figure(panels)])
 
 
-def _torque(found: Comparison, units: Units) -> Section:
+def _torque(found: PlanComparison, units: Units) -> PageSection:
     plan = found.plan
     panels = [
         Panel(name, units.effort(name), [Curve(SHAPED, PHASE_COLOURS[1], plan.t, column)])
         for name, column in zip(plan.joint_names, plan.torque.T, strict=True)
     ]
-    return Section('Torque', 'What the joints need for it, on this model.', [line_figure(panels)])
+    return PageSection(
+        'Torque', 'What the joints need for it, on this model.', [line_figure(panels)]
+    )
 
 
-def _models(found: Comparison) -> Section:
+def _models(found: PlanComparison) -> PageSection:
     head = ['model', 'moving, rms', 'swing after', 'swing after, motion as asked']
     rows = [_row('as it is', found.plain, found.shaped)]
     rows += [_row(one.name, one.plain, one.shaped) for one in found.variations]
@@ -139,7 +141,7 @@ def _models(found: Comparison) -> Section:
         'what to expect of a real robot. Where this is too much, state feedback or an input '
         'shaper is the better choice.'
     )
-    return Section('If the model is off', text, tables=[Table(head, rows)])
+    return PageSection('If the model is off', text, tables=[PageTable(head, rows)])
 
 
 def _row(name: str, plain: Tracked, shaped: Tracked) -> list[str]:
@@ -147,7 +149,7 @@ def _row(name: str, plain: Tracked, shaped: Tracked) -> list[str]:
     return [name, *(engineering(value, 'm') for value in values)]
 
 
-def _method(found: Comparison) -> Section:
+def _method(found: PlanComparison) -> PageSection:
     left = engineering(found.plan.equation_error, 'm')
     text = (
         'Joints and links are planned together over the whole time: the equations of motion of '
@@ -157,4 +159,4 @@ def _method(found: Comparison) -> Section:
         if found.plan.method == 'tip'
         else 'Input shapers and motions from rest to rest: docs/control.md.'
     )
-    return Section('How this is worked out', text)
+    return PageSection('How this is worked out', text)

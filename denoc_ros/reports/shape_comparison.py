@@ -54,7 +54,7 @@ class Variation:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PlanComparison:
     """What was found of a plan.
 
     Attributes
@@ -169,7 +169,7 @@ def compare(
     motion: tuple[Array, Array],
     tip: str | Sequence[str] | None,
     progress: Callable[[float], object] | None = None,
-) -> Comparison:
+) -> PlanComparison:
     """Return what a plan does beside the motion that it was made of.
 
     Parameters
@@ -196,7 +196,7 @@ def compare(
         tracked = (judge.track(other, which) for which in (False, True))
         found.append(Variation(name, *tracked))
         done(share)
-    return Comparison(plan, frame, judge.asked(plan.t)[0], plain, shaped, tuple(found))
+    return PlanComparison(plan, frame, judge.asked(plan.t)[0], plain, shaped, tuple(found))
 
 
 def variations(robot: Robot) -> dict[str, dict[str, Any]]:

@@ -16,7 +16,7 @@ from denoc_ros.reports.figures import (
     Panel,
     line_figure,
 )
-from denoc_ros.reports.pages import Card, Page, Section, Table, Verdict, engineering
+from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict, engineering
 from denoc_ros.simulation.scenario import Scenario
 from denoc_ros.simulation.stability import (
     ACCEPTED_DEVIATION,
@@ -37,7 +37,9 @@ LOOKS: Mapping[str, Look] = {
 SMALLEST = 1e-17  # what a deviation of zero is drawn as
 
 
-def page(study: Study, scenario: Scenario, subtitle: str, provenance: Mapping[str, str]) -> Page:
+def page(
+    study: Study, scenario: Scenario, subtitle: str, provenance: Mapping[str, str]
+) -> ReportPage:
     """Return the page of a study.
 
     Parameters
@@ -53,7 +55,7 @@ def page(study: Study, scenario: Scenario, subtitle: str, provenance: Mapping[st
     """
     duration = study.times[-1] - study.times[0]
     step = study.times[1] - study.times[0]
-    return Page(
+    return ReportPage(
         title='Numerical stability: recursion and Cholesky',
         subtitle=f'{subtitle} · {duration:g} s · {scenario.method}, tolerance '
         f'{scenario.rtol:g}, output every {step:g} s',
@@ -137,7 +139,7 @@ def _visible(size: Array) -> Array:
     return np.asarray(np.maximum(size, SMALLEST))
 
 
-def _deviation(study: Study) -> Section:
+def _deviation(study: Study) -> PageSection:
     right = (
         'the desired motion, which the torques of inverse dynamics make exact'
         if study.exact
@@ -152,17 +154,17 @@ def _deviation(study: Study) -> Section:
         [f'{LOOKS[name][0]}: largest', *(f'{v:.2e}' for v in np.max(one.deviation, axis=0))]
         for name, one in study.runs.items()
     ]
-    return Section(
+    return PageSection(
         'Zero-eigenvalue deviation',
         f'How far each joint is from the solution: {right}. Accepted up to '
         f'{ACCEPTED_DEVIATION:g} rad or m. Where the curves lie on each other, the error is the '
         "integrator's.",
         [_by_joint(study, '{}', lambda one, k: _visible(one.deviation[:, k]), log=True)],
-        [Table(head, rows)],
+        [PageTable(head, rows)],
     )
 
 
-def _from_desired(study: Study) -> Section | None:
+def _from_desired(study: Study) -> PageSection | None:
     if next(iter(study.runs.values())).from_desired is None:
         return None
 
@@ -170,7 +172,7 @@ def _from_desired(study: Study) -> Section | None:
         assert one.from_desired is not None
         return np.asarray(one.from_desired[:, k])
 
-    return Section(
+    return PageSection(
         'From the desired motion',
         'Simulated minus desired joints. With flexible links the torques of the rigid robot do '
         'not give the desired motion: most of this is flexibility.',
@@ -178,7 +180,7 @@ def _from_desired(study: Study) -> Section | None:
     )
 
 
-def _power(study: Study) -> Section:
+def _power(study: Study) -> PageSection:
     solution = Curve('solution', TRUTH_COLOUR, study.solution.t, study.power)
     panels = [
         Panel('power of the joints', 'W', [solution]),
@@ -192,16 +194,16 @@ def _power(study: Study) -> Section:
         ]
         for name, one in study.runs.items()
     ]
-    return Section(
+    return PageSection(
         'Power difference',
         'Torques times the difference of simulated and right rates. Accepted up to '
         f'{100 * ACCEPTED_POWER:g} % of the largest power.',
         [line_figure(panels, height=2.3)],
-        [Table(['algorithm', 'largest', 'acceptable up to'], rows)],
+        [PageTable(['algorithm', 'largest', 'acceptable up to'], rows)],
     )
 
 
-def _accelerations(study: Study) -> Section:
+def _accelerations(study: Study) -> PageSection:
     rows = [
         ['solution', *(f'{value:.3e}' for value in study.solution_roughness)],
         *(
@@ -210,7 +212,7 @@ def _accelerations(study: Study) -> Section:
         ),
     ]
     places = study.joint_indices
-    return Section(
+    return PageSection(
         'Accelerations',
         'Peaks that the solution does not have would be numerical. Roughness is the root mean '
         "square of the second differences of an output's samples over that of the samples.",
@@ -222,17 +224,17 @@ def _accelerations(study: Study) -> Section:
                 np.asarray(study.solution.qdd[:, places]),
             )
         ],
-        [Table(['roughness', *study.joint_names], rows)],
+        [PageTable(['roughness', *study.joint_names], rows)],
     )
 
 
-def _growth(study: Study) -> Section:
+def _growth(study: Study) -> PageSection:
     t, colour = study.spectrum_times, LOOKS['recursion'][1]
     panels = [
         Panel('growth of small errors', '%/s', [Curve('', colour, t, 100.0 * study.growth)]),
         Panel('condition number', '', [Curve('', colour, t, study.condition)], log_y=True),
     ]
-    return Section(
+    return PageSection(
         'What the motion itself does',
         'The largest real part of the eigenvalues of the equations linearized along the solution: '
         'an error grows by this rate whatever the algorithm, as that of an upright pendulum does. '
@@ -241,7 +243,7 @@ def _growth(study: Study) -> Section:
     )
 
 
-def _cost(study: Study) -> Section:
+def _cost(study: Study) -> PageSection:
     rows = [
         [
             LOOKS[name][0],
@@ -253,9 +255,9 @@ def _cost(study: Study) -> Section:
         for name, one in study.runs.items()
     ]
     head = ['algorithm', 'evaluations', 'processor time', 'one forward dynamics', 'ended early']
-    return Section(
+    return PageSection(
         'Cost',
         'Processor time of the whole integration, torques and integrator included, the least of '
         'some runs in turns; and of forward dynamics alone.',
-        tables=[Table(head, rows)],
+        tables=[PageTable(head, rows)],
     )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.runtime.pace import Backoff
+from denoc_ros.runtime.rate_limiter import Backoff
 from denoc_ros.runtime.safety import is_torque
 
 Array = NDArray[np.float64]

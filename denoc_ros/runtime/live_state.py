@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 FARTHEST = 1e6  # rad or m: a coordinate beyond cannot be drawn
 
 
-class _Layout(NamedTuple):
+class _StateLayout(NamedTuple):
     """How messages with the same names are read; no motion: they name all coordinates."""
 
     names: tuple[str, ...]
@@ -56,7 +56,7 @@ class LiveState:
         self.qd: Array = np.zeros(robot.n)
         self.torque: dict[str, float] = {}
         self.heard = self.bent = False
-        self._layout = _Layout((), JointStateReader(()), None)
+        self._layout = _StateLayout((), JointStateReader(()), None)
 
     def read(self, raw: bytes, admit: Callable[[int], None]) -> None:
         """Take a message.
@@ -89,12 +89,12 @@ class LiveState:
         efforts = zip(reader.joints, reader.effort.tolist(), strict=True)
         self.torque = {j: e for j, e in efforts if j in joints} if reader.has_effort else {}
 
-    def _learn(self, names: tuple[str, ...]) -> _Layout:
+    def _learn(self, names: tuple[str, ...]) -> _StateLayout:
         """Return what messages with these names give."""
         robot = self._robot
         if set(robot.coordinate_names) <= set(names):
             reader = JointStateReader(robot.coordinate_names, allow_extra=True)
-            return _Layout(names, reader, None)
+            return _StateLayout(names, reader, None)
         mimics = {b.joint.name for b in robot.tree.bodies if b.joint and b.joint.mimic}
         driven = [name for name in robot.joint_names if name in names and name not in mimics]
         if not driven:
@@ -106,9 +106,9 @@ class LiveState:
             motion = driven_motion(robot, driven, None, self._posture, flexible=False)
         except (StateError, SolverError) as error:
             raise InputError('missing_joint', str(error)) from error
-        return _Layout(names, JointStateReader(driven, allow_extra=True), motion)
+        return _StateLayout(names, JointStateReader(driven, allow_extra=True), motion)
 
-    def _coordinates(self, layout: _Layout) -> tuple[Array, Array]:
+    def _coordinates(self, layout: _StateLayout) -> tuple[Array, Array]:
         """Return coordinates and rates (n,) by the message that was read last."""
         reader, motion = layout.reader, layout.motion
         if motion is None:

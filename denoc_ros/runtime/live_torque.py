@@ -12,8 +12,8 @@ from denoc_ros.dynamics.equilibrium import UnsettledError
 from denoc_ros.dynamics.feedforward import Terms, TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.runtime.pace import Backoff
 from denoc_ros.runtime.parameters import Settings
+from denoc_ros.runtime.rate_limiter import Backoff
 from denoc_ros.runtime.safety import TorqueLimiter
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Any
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.motion_samples import Motion
+from denoc_ros.runtime.motion_samples import RequestedMotion
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.planner import Answer, Planner
 
@@ -33,12 +33,14 @@ class MotionPlanning:
         Why the planner could not load the robot; '' where it could.
     """
 
-    def __init__(self, log: Callable[[str], None], done: Callable[[Motion, Answer], None]) -> None:
+    def __init__(
+        self, log: Callable[[str], None], done: Callable[[RequestedMotion, Answer], None]
+    ) -> None:
         self.planner = Planner()
         self.load_error = ''
         self._log, self._done = log, done
-        self._waiting: Motion | None = None
-        self._solving: Motion | None = None
+        self._waiting: RequestedMotion | None = None
+        self._solving: RequestedMotion | None = None
         self._loading = False
 
     @property
@@ -63,7 +65,7 @@ class MotionPlanning:
         if answer.error:
             raise ConfigError(where, [f'the planner must load the robot, got: {answer.error}'])
 
-    def take(self, motion: Motion) -> None:
+    def take(self, motion: RequestedMotion) -> None:
         """Keep a motion for the planner; there must be no other."""
         self._waiting = motion
 

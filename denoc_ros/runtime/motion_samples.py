@@ -18,7 +18,7 @@ RESTING = 1e-3  # rad/s or m/s at the ends that count as rest
 
 
 @dataclass(frozen=True)
-class Motion:
+class RequestedMotion:
     """A motion that came in.
 
     Attributes

@@ -33,7 +33,7 @@ def make_thread_timely(priority: int, core: int = -1) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        By knob: `taken: …`, `refused: …` or `off`.
+        By option: `taken: …`, `refused: …` or `off`.
     """
     return {
         'timer_slack': _timer_slack(),
@@ -61,20 +61,19 @@ def lower_priority(niceness: int) -> dict[str, str]:
     return {'niceness': f'taken: {niceness}'}
 
 
-def settle_garbage() -> dict[str, str]:
-    """Collect garbage, then leave all that is alive to nobody; return as for a thread.
-
-    From here on nothing is collected by itself.
-    """
+def freeze_gc() -> dict[str, str]:
+    """Collect once, freeze survivors, disable automatic collection; return as for a thread."""
     gc.collect()
     gc.freeze()
     gc.disable()
     return {'garbage': f'taken: {gc.get_freeze_count()} objects frozen, collected once a second'}
 
 
-def refusals(knobs: Mapping[str, str]) -> list[str]:
-    """Return a sentence for each knob that was refused."""
-    return [f'{name} {what}' for name, what in knobs.items() if what.startswith(REFUSED)]
+def refusals(realtime_options: Mapping[str, str]) -> list[str]:
+    """Return a sentence for each option that was refused."""
+    return [
+        f'{name} {what}' for name, what in realtime_options.items() if what.startswith(REFUSED)
+    ]
 
 
 def _timer_slack() -> str:

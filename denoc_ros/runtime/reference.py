@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 MOST_COMING = 64  # trajectories that wait for their start
 
 
-class DifferencedStream:
+class FiniteDifferencer:
     """Fills in what streamed points lack: rates by backward differences.
 
     Parameters
@@ -89,13 +89,13 @@ class ReferenceFollower:
     Parameters
     ----------
     joints, gap, bounds
-        As of :class:`DifferencedStream`.
+        As of :class:`FiniteDifferencer`.
     """
 
     def __init__(self, joints: int, gap: float, bounds: MotionBounds | None = None) -> None:
         self._joints = joints
         self._lock = threading.Lock()
-        self._stream = DifferencedStream(joints, gap, bounds=bounds)
+        self._stream = FiniteDifferencer(joints, gap, bounds=bounds)
         self._now: SplineTrajectory | None = None
         self._now_start = 0.0
         self._coming: list[tuple[SplineTrajectory, float]] = []  # by their starts

@@ -73,9 +73,9 @@ def loop_status(statistics: LoopStatistics, period: float, late_share: float) ->
     return status
 
 
-def realtime_status(knobs: Mapping[str, str]) -> Status:
+def realtime_status(realtime_options: Mapping[str, str]) -> Status:
     """Return what was asked of the system to be on time; warns of what was refused."""
-    status = Status('realtime', values=dict(knobs))
-    for refusal in refusals(knobs):
+    status = Status('realtime', values=dict(realtime_options))
+    for refusal in refusals(realtime_options):
         status.worsen(WARN, refusal)
     return status

@@ -44,7 +44,7 @@ class LoopStatistics:
         return (self.late + self.skipped) / deadlines if deadlines else 0.0
 
 
-class Loop:
+class RealtimeLoop:
     """Calls `tick(steps)` once per period until stopped.
 
     `steps` is 1 plus the deadlines skipped since the last call, so that a node that integrates
@@ -63,7 +63,7 @@ class Loop:
     ----------
     deadline : float
         The moment [s] of `time.perf_counter` that the tick at hand is for.
-    knobs : dict of str to str
+    realtime_options : dict of str to str
         What the thread asked of the system: `taken: …`, `refused: …` or `off`.
     """
 
@@ -72,7 +72,7 @@ class Loop:
     ) -> None:
         self.period = 1.0 / rate
         self.deadline = time.perf_counter()
-        self.knobs: dict[str, str] = {}
+        self.realtime_options: dict[str, str] = {}
         self.failure: BaseException | None = None
         self._tick = tick
         self._priority, self._core = priority, core
@@ -107,7 +107,7 @@ class Loop:
             self._thread.join(timeout)
 
     def _run(self) -> None:
-        self.knobs = make_thread_timely(self._priority, self._core)
+        self.realtime_options = make_thread_timely(self._priority, self._core)
         try:
             self._loop()
         except BaseException as error:

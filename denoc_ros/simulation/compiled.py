@@ -13,7 +13,7 @@ from scipy.integrate import DOP853
 from denoc_ros.kernels import runge_kutta as steps
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.handle import GOOD
-from denoc_ros.simulation.motion import Motion
+from denoc_ros.simulation.motion import EquationsOfMotion
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ class CompiledDOP853(DOP853):  # type: ignore[misc]
 
     Parameters
     ----------
-    motion : Motion
+    motion : EquationsOfMotion
         Free of torques and prescribed joints.
     state : (2 n,) array
         The start, loops closed.
@@ -34,7 +34,7 @@ class CompiledDOP853(DOP853):  # type: ignore[misc]
     """
 
     def __init__(
-        self, motion: Motion, state: Array, times: Array, rtol: float, atol: float
+        self, motion: EquationsOfMotion, state: Array, times: Array, rtol: float, atol: float
     ) -> None:
         self.t: float
         self.h_abs: float

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError, StateError
-from denoc_ros.simulation.closing import Closing
+from denoc_ros.simulation.constraint_projection import ConstraintProjection
 
 Array = NDArray[np.float64]
 Torque = Callable[[float, Array, Array], Array]
@@ -26,7 +26,7 @@ Prescribed = Mapping[str, Callable[[float], tuple[float, float, float]]]
 START_TOLERANCE = 1e-6
 
 
-class Motion:
+class EquationsOfMotion:
     """The equations of a robot under torques, some joints prescribed.
 
     Parameters
@@ -85,7 +85,7 @@ class Motion:
         self.q, self.qd, self.qdd = (np.zeros(robot.n) for _ in range(3))
         self.tau = np.zeros(robot.n)
         self.evaluations = 0
-        self._closing = Closing(self._robot, self.free) if robot.tree.loops else None
+        self._closing = ConstraintProjection(self._robot, self.free) if robot.tree.loops else None
         self._accelerate = self._choose()
 
     @property

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.trajectories import (
-    BookTrajectory,
+    CycloidalTrajectory,
     SineTrajectory,
     SplineTrajectory,
     Trajectory,
@@ -67,7 +67,7 @@ def _book(reader: _Reader) -> Trajectory | None:
     form, duration = reader.form(), reader.number('duration')
     if reader.findings:
         return None
-    return BookTrajectory(start, rate, period, form, duration)
+    return CycloidalTrajectory(start, rate, period, form, duration)
 
 
 def _sine(reader: _Reader) -> Trajectory | None:

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.simulation.laws import Law, of_joint
 from denoc_ros.simulation.motion import Prescribed, Torque, mimic_ties
 from denoc_ros.simulation.run import Run
-from denoc_ros.simulation.scenario_driver import Driver
+from denoc_ros.simulation.scenario_inputs import ScenarioInputs
 from denoc_ros.simulation.scenario_reader import ScenarioReader
 from denoc_ros.simulation.simulate import METHODS, simulate
+from denoc_ros.simulation.time_functions import TimeFunction, of_joint
 from denoc_ros.trajectories import Trajectory
 
 Array = NDArray[np.float64]
@@ -150,43 +150,43 @@ def scenario_from_config(values: Mapping[str, Any], robot: Robot, where: str) ->
     """
     reader = ScenarioReader(values)
     reader.only('the scenario', values, KEYS)
-    driver = Driver(reader, robot)
-    driver.read()
+    inputs = ScenarioInputs(reader, robot)
+    inputs.read()
     duration, rate = reader.positive('duration', None), reader.positive('output_rate', 100.0)
     rtol, method = reader.positive('rtol', 1e-8), values.get('method', 'DOP853')
     if method not in METHODS:
         reader.find(f'method must be one of {", ".join(METHODS)}, got {method!r}')
-    start = _start(reader, robot, driver)
+    start = _start(reader, robot, inputs)
     if 'duration' not in values:
-        if driver.reference is None:
+        if inputs.reference is None:
             reader.find('duration must be given where no reference has one')
         else:
-            duration = driver.reference.duration
+            duration = inputs.reference.duration
     reader.finish(where)
     count = max(1, round(duration * rate))
     return Scenario(
         *start,
         np.linspace(0.0, duration, count + 1),
-        driver.torque,
-        driver.prescribed,
-        driver.reference,
+        inputs.torque,
+        inputs.prescribed,
+        inputs.reference,
         rtol,
         str(method),
     )
 
 
-def _start(reader: ScenarioReader, robot: Robot, driver: Driver) -> tuple[Array, Array]:
+def _start(reader: ScenarioReader, robot: Robot, inputs: ScenarioInputs) -> tuple[Array, Array]:
     """Return q0 and qd0: what is given, else where the reference and the laws begin."""
     values = reader.mapping('start', reader.values.get('start'))
     reader.only('start', values, START_KEYS)
     q, qd = np.zeros(robot.n), np.zeros(robot.n)
     index = dict(zip(robot.joint_names, np.asarray(robot.joint_indices).tolist(), strict=True))
     free = [name for name in index if name not in mimic_ties(robot)]
-    if driver.reference is not None and len(free) == driver.reference.n:
-        law = Law(driver.reference)
+    if inputs.reference is not None and len(free) == inputs.reference.n:
+        law = TimeFunction(inputs.reference)
         for k, name in enumerate(free):
             q[index[name]], qd[index[name]], _ = of_joint(law, k)(0.0)
-    for name, motion in driver.prescribed.items():
+    for name, motion in inputs.prescribed.items():
         q[index[name]], qd[index[name]], _ = motion(0.0)
     for key, state in (('joints', q), ('rates', qd)):
         for name, value in reader.named_numbers(f'start {key}', free, values.get(key, {})).items():
@@ -205,7 +205,7 @@ def _start(reader: ScenarioReader, robot: Robot, driver: Driver) -> tuple[Array,
         for name, value in reader.named_numbers('start amplitudes', known, amplitudes).items():
             q[names.index(name)] = value
     if robot.tree.loops and not reader.findings:
-        held = tuple(driver.prescribed)
+        held = tuple(inputs.prescribed)
         q = robot.assemble(q, held)
         qd = robot.assemble_rates(q, qd, held)
     return q, qd

@@ -15,7 +15,7 @@ from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.simulation.compiled import CompiledDOP853
-from denoc_ros.simulation.motion import Motion, Prescribed, Torque
+from denoc_ros.simulation.motion import EquationsOfMotion, Prescribed, Torque
 from denoc_ros.simulation.run import Run
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ def simulate(
     methods = ONE_STEP if robot.tree.loops else tuple(METHODS)
     if method not in methods:
         raise StateError(f'simulate: method must be one of {", ".join(methods)}, got {method!r}')
-    motion = Motion(robot, torque, prescribed, base)
+    motion = EquationsOfMotion(robot, torque, prescribed, base)
     state = motion.start(
         _checked_state(q0, robot.n, 'q0'), _checked_state(qd0, robot.n, 'qd0'), times[0]
     )
@@ -100,7 +100,7 @@ def simulate(
 
 
 def integrate(
-    motion: Motion,
+    motion: EquationsOfMotion,
     state: Array,
     times: Array,
     method: str,
@@ -112,7 +112,7 @@ def integrate(
 
     Parameters
     ----------
-    motion : Motion
+    motion : EquationsOfMotion
         The equations.
     state : (2 f,) array
         The start, as `motion.start` returns it.
@@ -175,7 +175,7 @@ class _Trials:
     have accelerations, the answer is NaN, for which it takes a smaller step.
     """
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, motion: EquationsOfMotion) -> None:
         self._motion = motion
         self._begun = False
         self._refusal: SolverError | None = None
@@ -198,7 +198,7 @@ class _Trials:
             raise self._refusal
 
 
-def _failure(solver: Any, motion: Motion, end: float, message: str | None) -> str:
+def _failure(solver: Any, motion: EquationsOfMotion, end: float, message: str | None) -> str:
     count = len(motion.free)
     largest = np.max(np.abs(solver.y[:count])), np.max(np.abs(solver.y[count:]))
     return (
@@ -209,7 +209,7 @@ def _failure(solver: Any, motion: Motion, end: float, message: str | None) -> st
     )
 
 
-def _sampled(motion: Motion, times: Array, states: Array) -> Run:
+def _sampled(motion: EquationsOfMotion, times: Array, states: Array) -> Run:
     """Return the run of the integrator's states (k, 2 f)."""
     evaluations, n = motion.evaluations, len(motion.q)
     q, qd, tau = (np.empty((len(times), n)) for _ in range(3))

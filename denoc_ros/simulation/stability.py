@@ -37,10 +37,10 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.tree import JointKind
 from denoc_ros.simulation.cholesky import CholeskyRobot
-from denoc_ros.simulation.laws import Law
-from denoc_ros.simulation.motion import Motion, Torque, mimic_ties
+from denoc_ros.simulation.motion import EquationsOfMotion, Torque, mimic_ties
 from denoc_ros.simulation.scenario import Scenario
 from denoc_ros.simulation.simulate import integrate
+from denoc_ros.simulation.time_functions import TimeFunction
 
 Array = NDArray[np.float64]
 
@@ -247,7 +247,7 @@ def trace(
     advance: Callable[[float], object],
 ) -> Trace:
     """Integrate a scenario as far as it goes, and work out the accelerations at its outputs."""
-    motion = Motion(robot, scenario.torque)
+    motion = EquationsOfMotion(robot, scenario.torque)
     times = scenario.times
     state = motion.start(scenario.q0, scenario.qd0, float(times[0]))
     began = time.thread_time()
@@ -324,7 +324,7 @@ def _desired(robot: Robot, scenario: Scenario) -> Trace | None:
     """Return the reference at the output times, amplitudes at rest; None without a reference."""
     if scenario.reference is None:
         return None
-    law, joints = Law(scenario.reference), np.asarray(robot.joint_indices)
+    law, joints = TimeFunction(scenario.reference), np.asarray(robot.joint_indices)
     q, qd, qdd, tau = np.zeros((4, len(scenario.times), robot.n))
     for row, t in enumerate(scenario.times):
         q[row, joints], qd[row, joints], qdd[row, joints] = law(float(t))

@@ -13,7 +13,7 @@ from denoc_ros.errors import StateError
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.model.tree import Body, Deformation
 from denoc_ros.viewer.cutting import cut_along
-from denoc_ros.viewer.outline import Colour, Outline, outlines
+from denoc_ros.viewer.outline import Colour, LinkSurface, outlines
 
 Array = NDArray[np.float64]
 
@@ -62,12 +62,12 @@ class BentLink:
     Parameters
     ----------
     robot : Robot
-    outline : Outline
+    outline : LinkSurface
 
     Attributes
     ----------
     link : str
-    outline : Outline
+    outline : LinkSurface
         The undeformed surface.
     vertices : int
         Their number.
@@ -83,7 +83,7 @@ class BentLink:
     bending strain there is -(r_y u_y'' + r_z u_z'').
     """
 
-    def __init__(self, robot: Robot, outline: Outline) -> None:
+    def __init__(self, robot: Robot, outline: LinkSurface) -> None:
         self.outline, self.link, self.colour = outline, outline.link, outline.colour
         self._body, self._own = _flexible_body(robot, self.link)
         beam = self._body.beam
@@ -169,7 +169,7 @@ class Bending:
 
     Attributes
     ----------
-    rigid : tuple of Outline
+    rigid : tuple of LinkSurface
     flexible : tuple of BentLink
     links : tuple of str
         All that are drawn.

@@ -7,7 +7,7 @@ from typing import Any
 
 from denoc_ros.viewer.bending import PRESSED, STILL, STRETCHED
 from denoc_ros.viewer.overlays import REACTION, REACTION_MOMENT, TORQUE
-from denoc_ros.viewer.view import Legend, Look
+from denoc_ros.viewer.view import Legend, ViewOptions
 
 LARGEST = 100.0  # deflection scale
 
@@ -18,13 +18,13 @@ class Controls:
     Parameters
     ----------
     gui : viser's gui
-    look : Look
+    look : ViewOptions
         To start with.
     changed : callable
         Called, in a thread of viser's, when the user changes something.
     """
 
-    def __init__(self, gui: Any, look: Look, changed: Callable[[], None]) -> None:
+    def __init__(self, gui: Any, look: ViewOptions, changed: Callable[[], None]) -> None:
         with gui.add_folder('Deflection', order=10.0):
             scale = min(max(look.scale, 1.0), LARGEST)
             self._scale = gui.add_slider(
@@ -54,9 +54,9 @@ class Controls:
             handle.on_update(lambda _: changed())
 
     @property
-    def look(self) -> Look:
+    def look(self) -> ViewOptions:
         """What the user wants to see."""
-        return Look(
+        return ViewOptions(
             float(self._scale.value),
             self._strain.value,
             self._ghost.value,

@@ -17,7 +17,7 @@ from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.viewer.camera import AUTO, VIEWS
 from denoc_ros.viewer.picture import Picture, strip
 from denoc_ros.viewer.recorded import RecordedRun
-from denoc_ros.viewer.staging import Staging
+from denoc_ros.viewer.scene_setup import SceneSetup
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
@@ -161,7 +161,7 @@ def write_film(
     fps = FPS[suffix] if fps is None else fps
     times = frame_times(*run.span, fps, speed)
     states = run.at(times)
-    staging = Staging(robot, states, look.scale, look.view, look.folder)
+    staging = SceneSetup(robot, states, look.scale, look.view, look.folder)
     title = look.title or robot.tree.name
     if speed != 1.0:
         title += f', {speed:g} × real time'
@@ -227,7 +227,7 @@ def strip_image(
         raise ConfigError('strip', [f'the number of moments must be 1 to 24, got {count}'])
     look = look or Look()
     times = np.linspace(*run.span, count)
-    staging = Staging(robot, run.at(times), look.scale, look.view, look.folder)
+    staging = SceneSetup(robot, run.at(times), look.scale, look.view, look.folder)
     pixels = strip(run, staging, look.title or robot.tree.name, look.size, times)
     return Image.fromarray(pixels).quantize(256, dither=Image.Dither.NONE)
 

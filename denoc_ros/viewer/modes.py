@@ -16,8 +16,8 @@ from denoc_ros.dynamics.mechanism_modes import independent_joints, mechanism_mod
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
 from denoc_ros.model.arrays import is_flexible
-from denoc_ros.viewer.moment import Moment
 from denoc_ros.viewer.outline import reach
+from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.ticker import Ticker
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ STILL = 'none'
 MOST_SAG = 0.2  # of a beam's length
 
 
-class Modes:
+class ModeShapes:
     """Natural modes with joints held and loops closed, in equilibrium where there is one.
 
     Parameters
@@ -142,12 +142,12 @@ class ModePlayer:
         gui: Any,
         robot: Robot,
         where: Callable[[], Array],
-        draw: Callable[[Moment], None],
+        draw: Callable[[Snapshot], None],
         leave: Callable[[], None],
     ) -> None:
         self._robot, self._guard = robot.copy(), threading.Lock()
         self._where, self._draw, self._leave = where, draw, leave
-        self._modes: Modes | None = None
+        self._modes: ModeShapes | None = None
         self._chosen = -1
         self._t = 0.0
         self._ticker = Ticker(PERIOD, self._tick)
@@ -171,7 +171,7 @@ class ModePlayer:
         self._choice.value = STILL
         try:
             with self._guard:
-                self._modes = Modes(self._robot, self._where())
+                self._modes = ModeShapes(self._robot, self._where())
         except DenocError as error:
             self._modes = None
             self._text.content = str(error)
@@ -206,4 +206,4 @@ class ModePlayer:
         modes, chosen = self._modes, self._chosen
         if modes is not None and chosen >= 0:
             self._t += passed
-            self._draw(Moment(self._t, modes.at(chosen, self._t)))
+            self._draw(Snapshot(self._t, modes.at(chosen, self._t)))

@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Outline:
+class LinkSurface:
     """The surface of a link.
 
     Attributes
@@ -50,7 +50,7 @@ class Outline:
     colour: Colour
 
 
-def outlines(robot: Robot, folder: Path | None = None) -> list[Outline]:
+def outlines(robot: Robot, folder: Path | None = None) -> list[LinkSurface]:
     """Return the surfaces of a robot's links.
 
     Parameters
@@ -62,12 +62,12 @@ def outlines(robot: Robot, folder: Path | None = None) -> list[Outline]:
 
     Returns
     -------
-    list of Outline
+    list of LinkSurface
         One per visual, in file order. A link without a visual that can be drawn gets a beam of its
         length, or rods to the joints that it carries.
     """
     root = parse_xml(TEXT_NAME, robot.tree.source)
-    drawn: list[Outline] = []
+    drawn: list[LinkSurface] = []
     for link in root.findall('link'):
         name = link.get('name')
         found = list(_visuals(root, link, folder))
@@ -88,7 +88,7 @@ def reach(robot: Robot) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
 
 
-def _visuals(root: Any, link: Any, folder: Path | None) -> Iterator[Outline]:
+def _visuals(root: Any, link: Any, folder: Path | None) -> Iterator[LinkSurface]:
     from yourdfpy import URDF  # as in model.rigid_urdf: it takes most of a second
 
     bare = etree.Element('robot', name='visuals')
@@ -107,7 +107,7 @@ def _visuals(root: Any, link: Any, folder: Path | None) -> Iterator[Outline]:
                 mesh.apply_transform(visual.origin)
             vertices = np.asarray(mesh.vertices, dtype=np.float64)
             faces = np.asarray(mesh.faces, dtype=np.int64)
-            yield Outline(own.get('name'), vertices, faces, _colour(visual.material, colours))
+            yield LinkSurface(own.get('name'), vertices, faces, _colour(visual.material, colours))
     except Exception as error:  # what a picture is made of is nothing to fail for
         log.warning('link %r: its visual cannot be drawn: %s', own.get('name'), error)
 
@@ -147,7 +147,7 @@ def _colour(material: Any, known: dict[str, Any]) -> Colour:
     return red, green, blue
 
 
-def _substitute(robot: Robot, root: Any, link: str) -> list[Outline]:
+def _substitute(robot: Robot, root: Any, link: str) -> list[LinkSurface]:
     """Return what stands for a link without visuals."""
     import trimesh
 
@@ -188,5 +188,5 @@ def _children(root: Any, link: str) -> list[str]:
     return joints + loops
 
 
-def _plain(link: str, mesh: Any) -> Outline:
-    return Outline(link, np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int64), DARK)
+def _plain(link: str, mesh: Any) -> LinkSurface:
+    return LinkSurface(link, np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int64), DARK)

@@ -11,8 +11,8 @@ from denoc_ros.dynamics.reactions import Reactions, reactions
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
 from denoc_ros.model.tree import JointKind
-from denoc_ros.viewer.moment import Moment
 from denoc_ros.viewer.outline import Colour, reach
+from denoc_ros.viewer.snapshot import Snapshot
 
 Array = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ class Overlays:
             ]
         )
 
-    def draw_torques(self, moment: Moment, drawn: Array) -> None:
+    def draw_torques(self, moment: Snapshot, drawn: Array) -> None:
         """Draw what actuators give, along the joints' axes, at coordinates as drawn (n,)."""
         if moment.torque is None:
             self.torques.hide()
@@ -132,7 +132,7 @@ class Overlays:
                 vectors.append(value * (pose[:3, :3] @ axis))
         self.torques.draw(np.reshape(feet, (-1, 3)), np.reshape(vectors, (-1, 3)))
 
-    def draw_reactions(self, moment: Moment, drawn: Array) -> None:
+    def draw_reactions(self, moment: Snapshot, drawn: Array) -> None:
         """Draw what joints and loops transmit, at coordinates as drawn (n,)."""
         found = reactions_of(self._robot, moment)
         if found is None:
@@ -192,13 +192,13 @@ class _Pins:
             self._handle.batched_positions = np.array(places, np.float32)
 
 
-def reactions_of(robot: Robot, moment: Moment) -> Reactions | None:
+def reactions_of(robot: Robot, moment: Snapshot) -> Reactions | None:
     """Return the reactions of a moment: under its torque, or with the joints held.
 
     Parameters
     ----------
     robot : Robot
-    moment : Moment
+    moment : Snapshot
         Without torques the joints are taken to move on at their rates; without rates to rest.
 
     Returns

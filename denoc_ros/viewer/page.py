@@ -22,10 +22,10 @@ from denoc_ros.viewer.access import check_values, checking_origins
 from denoc_ros.viewer.charts import Charts
 from denoc_ros.viewer.controls import Controls
 from denoc_ros.viewer.modes import ModePlayer
-from denoc_ros.viewer.moment import Moment
 from denoc_ros.viewer.playback import Playback
 from denoc_ros.viewer.posing import JointSliders, start_configuration
-from denoc_ros.viewer.view import Look, View
+from denoc_ros.viewer.snapshot import Snapshot
+from denoc_ros.viewer.view import View, ViewOptions
 
 MOST_PORT = 65535
 FACED = 20  # moments of a run that the camera is to see
@@ -98,7 +98,7 @@ class Page:
         self.address = f'http://{shown}:{self.server.get_port()}'
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width='medium')
-        self._controls = Controls(gui, Look(scale=scale), self._redraw)
+        self._controls = Controls(gui, ViewOptions(scale=scale), self._redraw)
         self._charts = Charts(gui)
         self._panel: Playback | JointSliders | None = None
         self._player: ModePlayer | None = None
@@ -110,7 +110,7 @@ class Page:
         """Number of browsers that look."""
         return len(self.server.get_clients())
 
-    def show(self, moment: Moment) -> None:
+    def show(self, moment: Snapshot) -> None:
         """Draw an instant; cheap, and next to nothing while no browser looks.
 
         Raises
@@ -123,7 +123,7 @@ class Page:
             self._charts.add(moment.t, moment.channels)
             self._present(moment)
 
-    def play(self, run: Sequence[Moment]) -> None:
+    def play(self, run: Sequence[Snapshot]) -> None:
         """Offer a recorded run to be played and scrubbed.
 
         Raises
@@ -195,7 +195,7 @@ class Page:
         self.server.scene.reset()
         self.server.gui.set_panel_label(self._title or robot.tree.name)
         self._view = View(self.server, robot.copy(), folder)
-        self._moment = Moment(0.0, start_configuration(self._view.robot))
+        self._moment = Snapshot(0.0, start_configuration(self._view.robot))
         self._view.face(self._moment.q[None])
         self._player = ModePlayer(
             self.server.gui, robot, lambda: self._moment.q, self._draw_mode, self._leave_mode
@@ -208,7 +208,7 @@ class Page:
             self._panel = None
         self._charts.clear()
 
-    def _check(self, moment: Moment) -> None:
+    def _check(self, moment: Snapshot) -> None:
         as_states('q', moment.q, self._view.robot.n)
         if not np.isfinite(moment.q).all():
             raise StateError('page: coordinates must be finite, got some that are not')
@@ -216,17 +216,17 @@ class Page:
     def _watched(self) -> bool:
         return self.clients > 0
 
-    def _show_recorded(self, moment: Moment) -> None:
+    def _show_recorded(self, moment: Snapshot) -> None:
         with self._lock:
             self._charts.point(moment.t)
             self._present(moment)
 
-    def _present(self, moment: Moment) -> None:
+    def _present(self, moment: Snapshot) -> None:
         self._moment = moment
         if self._player is None or not self._player.playing:
             self._draw(moment, self._controls.look)
 
-    def _draw_mode(self, moment: Moment) -> None:
+    def _draw_mode(self, moment: Snapshot) -> None:
         with self._lock:
             if self._player is not None and self._player.playing:
                 # its amplitude is chosen to be seen: nothing is to make it larger
@@ -241,7 +241,7 @@ class Page:
         with self._lock:
             self._present(self._moment)
 
-    def _draw(self, moment: Moment, look: Look) -> None:
+    def _draw(self, moment: Snapshot, look: ViewOptions) -> None:
         if not self.clients:
             return
         with self.server.atomic():

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.viewer.bending import strain_colours
 from denoc_ros.viewer.recorded import RecordedRun
-from denoc_ros.viewer.staging import Staging
+from denoc_ros.viewer.scene_setup import SceneSetup
 from denoc_ros.viewer.strip_charts import GRID, INK, MUTED, chart_groups, draw_charts
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ class Scene:
     Parameters
     ----------
     axes : Axes
-    staging : Staging
+    staging : SceneSetup
     numbered : bool
         Whether coordinates stand beside a flat view.
     noted : bool
@@ -43,7 +43,7 @@ class Scene:
     """
 
     def __init__(
-        self, axes: Axes, staging: Staging, numbered: bool = True, noted: bool = True
+        self, axes: Axes, staging: SceneSetup, numbered: bool = True, noted: bool = True
     ) -> None:
         self._staging = staging
         axes.set_facecolor(PAPER)
@@ -72,14 +72,14 @@ class Picture:
     Parameters
     ----------
     run : RecordedRun
-    staging : Staging
+    staging : SceneSetup
     title : str
     size : (int, int)
         Width and height [pixels].
     """
 
     def __init__(
-        self, run: RecordedRun, staging: Staging, title: str, size: tuple[int, int]
+        self, run: RecordedRun, staging: SceneSetup, title: str, size: tuple[int, int]
     ) -> None:
         self._run = run
         self._figure, self._canvas = _figure(size)
@@ -117,7 +117,7 @@ class Picture:
 
 def strip(
     run: RecordedRun,
-    staging: Staging,
+    staging: SceneSetup,
     title: str,
     size: tuple[int, int],
     times: Array,
@@ -165,7 +165,7 @@ def strip(
     return np.array(canvas.buffer_rgba())[:, :, :3]
 
 
-def _arrangement(staging: Staging, size: tuple[int, int], count: int) -> tuple[int, int]:
+def _arrangement(staging: SceneSetup, size: tuple[int, int], count: int) -> tuple[int, int]:
     """Return the rows and columns of panels in which the robot is drawn largest."""
     low, high = field_of_view(staging)
     wide, tall = high - low
@@ -189,7 +189,7 @@ def _when(run: RecordedRun, t: float) -> str:
     return f't = {t:.2f} s · {phase}' if phase else f't = {t:.2f} s'
 
 
-def _stated(run: RecordedRun, staging: Staging) -> str:
+def _stated(run: RecordedRun, staging: SceneSetup) -> str:
     """Return what must be known of a picture to take it for what it is."""
     where = {'joints': 'joints alone', 'plant': 'true state'}.get(run.source, run.source)
     if not staging.flexible:
@@ -197,7 +197,7 @@ def _stated(run: RecordedRun, staging: Staging) -> str:
     return f'deflection × {staging.scale:g}, grey: undeflected · {where}'
 
 
-def _fit(axes: Axes, staging: Staging) -> None:
+def _fit(axes: Axes, staging: SceneSetup) -> None:
     """Let the axes show all of the staging, a metre as long to the right as up."""
     low, high = field_of_view(staging)
     box = axes.get_window_extent()
@@ -208,7 +208,7 @@ def _fit(axes: Axes, staging: Staging) -> None:
     axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
 
 
-def field_of_view(staging: Staging) -> tuple[Array, Array]:
+def field_of_view(staging: SceneSetup) -> tuple[Array, Array]:
     """Return the corners (2,) of what a picture has to hold [m]."""
     low, high = staging.low[:2], staging.high[:2]
     if not staging.camera.flat:
@@ -218,7 +218,7 @@ def field_of_view(staging: Staging) -> tuple[Array, Array]:
     return low - pad, high + pad
 
 
-def _coordinates(axes: Axes, staging: Staging, numbered: bool) -> None:
+def _coordinates(axes: Axes, staging: SceneSetup, numbered: bool) -> None:
     """Draw the grid and the coordinates of a flat view."""
     axes.grid(True, color=GRID, lw=0.7)
     axes.set_axisbelow(True)
@@ -237,7 +237,7 @@ def _coordinates(axes: Axes, staging: Staging, numbered: bool) -> None:
         axes.tick_params(labelbottom=False, labelleft=False)
 
 
-def _floor(axes: Axes, staging: Staging, noted: bool) -> None:
+def _floor(axes: Axes, staging: SceneSetup, noted: bool) -> None:
     """Draw the floor below the robot, a length on it, and the base's axes."""
     lines, step = _floor_lines(staging)
     axes.add_collection(
@@ -254,7 +254,7 @@ def _floor(axes: Axes, staging: Staging, noted: bool) -> None:
         axes.text(0.01, 0.02, note, transform=axes.transAxes, size=8, color=MUTED)
 
 
-def _floor_lines(staging: Staging) -> tuple[Array, float]:
+def _floor_lines(staging: SceneSetup) -> tuple[Array, float]:
     """Return the lines (k, 2, 2) of the floor's squares in the picture and their width [m]."""
     low, high = staging.box
     step = nice_step(float((high - low)[:2].max()) / SQUARES)
@@ -276,7 +276,7 @@ def nice_step(size: float) -> float:
 
 
 def _colour_bar(
-    figure: Figure, place: tuple[float, float, float, float], staging: Staging
+    figure: Figure, place: tuple[float, float, float, float], staging: SceneSetup
 ) -> None:
     axes = figure.add_axes(place)
     shades = strain_colours(np.linspace(-1.0, 1.0, 256), 1.0) / 255.0

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.viewer.moment import Moment
+from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.ticker import Ticker
 
 PERIOD = 1.0 / 30.0  # s between two pictures
@@ -21,7 +21,7 @@ class Playback:
     Parameters
     ----------
     gui : viser's gui
-    run : sequence of Moment
+    run : sequence of Snapshot
         At least one, in order of time.
     draw : callable
         Draws a moment.
@@ -32,8 +32,8 @@ class Playback:
     def __init__(
         self,
         gui: Any,
-        run: Sequence[Moment],
-        draw: Callable[[Moment], None],
+        run: Sequence[Snapshot],
+        draw: Callable[[Snapshot], None],
         watched: Callable[[], bool],
     ) -> None:
         self._run, self._draw, self._watched = run, draw, watched

@@ -15,8 +15,8 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
 from denoc_ros.model.tree import Joint, JointKind
 from denoc_ros.viewer.modes import settled
-from denoc_ros.viewer.moment import Moment
 from denoc_ros.viewer.outline import reach
+from denoc_ros.viewer.snapshot import Snapshot
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ class JointSliders:
     """
 
     def __init__(
-        self, gui: Any, robot: Robot, start: Array, draw: Callable[[Moment], None]
+        self, gui: Any, robot: Robot, start: Array, draw: Callable[[Snapshot], None]
     ) -> None:
         self._robot, self._guard = robot.copy(), threading.Lock()
         self._draw, self.q = draw, start.copy()
@@ -92,7 +92,7 @@ class JointSliders:
             except DenocError as error:
                 self._text.content = f'does not close: {error}'
                 return
-        self._draw(Moment(0.0, self.q))
+        self._draw(Snapshot(0.0, self.q))
 
     def _pose(self) -> tuple[Array, str]:
         """Return the configuration and what is to be said about it."""

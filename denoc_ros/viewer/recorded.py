@@ -14,7 +14,7 @@ from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
 from denoc_ros.viewer.channels import deflection_channel, residual_channel, torque_channels
-from denoc_ros.viewer.moment import Moment
+from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.thinned_topics import Rows, ThinnedTopics
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: not worth a strip ch
 RATE = 60.0  # Hz, of the moments kept
 
 
-class RecordedRun(Sequence[Moment]):
+class RecordedRun(Sequence[Snapshot]):
     """The moments of a recorded run, thinned while they are read.
 
     Parameters
@@ -112,16 +112,16 @@ class RecordedRun(Sequence[Moment]):
         return len(self.t)
 
     @overload
-    def __getitem__(self, index: int) -> Moment: ...
+    def __getitem__(self, index: int) -> Snapshot: ...
 
     @overload
-    def __getitem__(self, index: slice) -> list[Moment]: ...
+    def __getitem__(self, index: slice) -> list[Snapshot]: ...
 
-    def __getitem__(self, index: int | slice) -> Moment | list[Moment]:
+    def __getitem__(self, index: int | slice) -> Snapshot | list[Snapshot]:
         """Return one moment, or a list of them."""
         if isinstance(index, slice):
             return [self[k] for k in range(*index.indices(len(self)))]
-        return Moment(
+        return Snapshot(
             t=float(self.t[index]),
             q=self.q[index].copy(),
             qd=None if self._qd is None else self._qd[index].copy(),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.viewer.bending import Bending, Shape, strain_colours
-from denoc_ros.viewer.outline import STEEL, Colour, Outline
+from denoc_ros.viewer.outline import STEEL, Colour, LinkSurface
 
 Array = NDArray[np.float64]
 
@@ -128,7 +128,7 @@ class _RigidLinks:
         self,
         scene: Any,
         name: str,
-        parts: Sequence[Outline],
+        parts: Sequence[LinkSurface],
         colour: Colour | None = None,
         opacity: float | None = None,
     ) -> None:
@@ -170,7 +170,7 @@ class _Together:
         self,
         scene: Any,
         name: str,
-        parts: Sequence[Outline],
+        parts: Sequence[LinkSurface],
         members: Sequence[int],
         colour: Colour,
         opacity: float | None,
@@ -190,7 +190,7 @@ class _Together:
         self.handle.vertices = placed.astype(np.float32)
 
 
-def _shrunk(outline: Outline) -> Outline:
+def _shrunk(outline: LinkSurface) -> LinkSurface:
     middle = 0.5 * (outline.vertices.min(axis=0) + outline.vertices.max(axis=0))
     return replace(outline, vertices=middle + GHOST_SIZE * (outline.vertices - middle))
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.viewer.bending import exaggerated
-from denoc_ros.viewer.moment import Moment
 from denoc_ros.viewer.outline import reach
 from denoc_ros.viewer.overlays import Overlays
+from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.surfaces import Surfaces
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ OBLIQUE, FACING = np.array([1.1, -1.5, 0.8]), np.array([0.25, -0.25, 1.9])
 
 
 @dataclass(frozen=True)
-class Look:
+class ViewOptions:
     """What is to be drawn, and how."""
 
     scale: float = 1.0  # of the deflection
@@ -80,7 +80,7 @@ class View:
         """Let the colours' ends be those of what comes: a mode bends more than anything else."""
         self._limit = 0.0
 
-    def draw(self, moment: Moment, look: Look) -> Legend:
+    def draw(self, moment: Snapshot, look: ViewOptions) -> Legend:
         """Draw a moment."""
         robot, bending = self.robot, self._surfaces.bending
         drawn = exaggerated(robot, moment.q, look.scale)
@@ -102,7 +102,7 @@ class View:
             look.reactions and moment.torque is None,
         )
 
-    def _draw_overlays(self, moment: Moment, look: Look, drawn: Array) -> None:
+    def _draw_overlays(self, moment: Snapshot, look: ViewOptions, drawn: Array) -> None:
         overlays = self._overlays
         if look.torques:
             overlays.draw_torques(moment, drawn)

@@ -30,7 +30,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from denoc_ros.nodes.process import SWITCH_INTERVAL
-from denoc_ros.runtime.timing import Loop
+from denoc_ros.runtime.timing import RealtimeLoop
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
@@ -44,7 +44,7 @@ def message_class(name: str) -> Any:
     return getattr(import_module(f'{package}.msg'), kind)
 
 
-class Talker:
+class TickPublisher:
     """Publishes one message of each topic per tick, stamped anew where it has a stamp."""
 
     def __init__(self, node: Node, rows: list[dict[str, Any]]) -> None:
@@ -138,16 +138,16 @@ def main() -> None:
             )
     for name in spec.get('parameters', ()):
         node.declare_parameter(name, 0.0)
-    talker = Talker(node, spec['publish'])
+    publisher = TickPublisher(node, spec['publish'])
     executor = EventsExecutor()
     executor.add_node(node)
-    while not (talker.connected or signals):
+    while not (publisher.connected or signals):
         executor.spin_once(0.1)
     gc.collect()
     gc.freeze()
     gc.disable()
-    loop = Loop(spec['rate'], talker.tick, spec['priority'])
-    if talker.publishers:
+    loop = RealtimeLoop(spec['rate'], publisher.tick, spec['priority'])
+    if publisher.publishers:
         loop.start()
     file.with_suffix('.ready').touch()
     while not signals:

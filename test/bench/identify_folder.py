@@ -20,7 +20,7 @@ os.environ.update({f'{library}_NUM_THREADS': '1' for library in THREADED})
 
 import numpy as np
 
-from denoc_ros.cli.batch import FAILURE, Crew, Row
+from denoc_ros.cli.batch import FAILURE, Row, WorkerConfig
 from denoc_ros.cli.identify_folder import identify_all
 from denoc_ros.cli.main import build_parser
 from denoc_ros.identification.synthetic import Defects, Truth, synthetic_decay
@@ -43,11 +43,11 @@ def write_decays(folder: Path, count: int) -> list[Path]:
     return paths
 
 
-def measure(paths: list[Path], crew: Crew) -> tuple[float, float, list[Row]]:
+def measure(paths: list[Path], workers: WorkerConfig) -> tuple[float, float, list[Row]]:
     """Return elapsed and processor time per record [s], and the rows."""
     args = build_parser().parse_args(['identify', 'modal', 'folder'])
     before, began = sum(os.times()[:4]), time.perf_counter()
-    rows = identify_all(args, paths, crew)
+    rows = identify_all(args, paths, workers)
     elapsed = time.perf_counter() - began
     assert not any(row[FAILURE] for row in rows), rows[0][FAILURE]
     return elapsed / len(paths), (sum(os.times()[:4]) - before) / len(paths), rows
@@ -58,12 +58,12 @@ def main() -> None:
     count, workers = (int(a) for a in (*sys.argv[1:], '500', '2')[:2])
     with tempfile.TemporaryDirectory() as folder:
         paths = write_decays(Path(folder), count)
-        measure(paths[:5], Crew())  # imports
-        crews = {'one process': Crew(), f'{workers} workers': Crew(workers)}
-        found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in crews}
+        measure(paths[:5], WorkerConfig())  # imports
+        setups = {'one process': WorkerConfig(), f'{workers} workers': WorkerConfig(workers)}
+        found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in setups}
         for _ in range(ROUNDS):
-            for name, crew in crews.items():
-                elapsed, processor, rows = measure(paths, crew)
+            for name, config in setups.items():
+                elapsed, processor, rows = measure(paths, config)
                 of_task = float(np.median([row['processor_s'] for row in rows]))
                 found[name].append((elapsed, processor, of_task))
                 print(

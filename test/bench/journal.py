@@ -23,7 +23,7 @@ from rclpy.serialization import serialize_message
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes import process
 from denoc_ros.runtime import timing
-from denoc_ros.runtime.timing import Loop
+from denoc_ros.runtime.timing import RealtimeLoop
 
 TICKS_KEPT = 1 << 20  # a quarter of an hour at 1000 Hz
 
@@ -48,12 +48,12 @@ class Journal:
 
     def __init__(self) -> None:
         self.sent: dict[int, Sent] = {}
-        self.loops: list[Loop] = []
+        self.loops: list[RealtimeLoop] = []
         self._kept: list[Any] = []
 
     def watch(self) -> None:
         """Look over the shoulder of every publisher and loop from here on."""
-        publish, start, now = Publisher.publish, Loop.start, time.perf_counter
+        publish, start, now = Publisher.publish, RealtimeLoop.start, time.perf_counter
         timing.WINDOW = TICKS_KEPT
 
         def watched_publish(publisher: Any, message: Any) -> None:
@@ -64,12 +64,12 @@ class Journal:
             sent.keys.append(crc32(message if prebuilt else serialize_message(message)[HEAD]))
             publish(publisher, message)
 
-        def watched_start(loop: Loop) -> None:
+        def watched_start(loop: RealtimeLoop) -> None:
             self.loops.append(loop)
             start(loop)
 
         Publisher.publish = watched_publish
-        Loop.start = watched_start  # type: ignore[method-assign, assignment]
+        RealtimeLoop.start = watched_start  # type: ignore[method-assign, assignment]
 
     def _new(self, publisher: Any, whole: bool) -> Sent:
         sent = Sent(publisher.topic_name, publisher.qos_profile.depth, whole)

@@ -13,7 +13,7 @@ from bench.rates_blocks import WatchedProcesses, domain
 from denoc_ros.cli.node_parameters import write_parameters
 from denoc_ros.cli.processes import Processes
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes.driver import Driver
+from denoc_ros.nodes.session_client import SessionClient
 
 TOPICS, RATE, SIZE = 50, 50.0, 2000  # 5 MB/s
 SETTLING = 1.0  # s after a change: when a participant joins, Fast DDS may stand still for 333 ms
@@ -43,7 +43,7 @@ class Bench:
         (folder / 'logs').mkdir()
         self.folder = folder
         self.processes = SignalledProcesses(folder, environment)
-        self.driver = Driver(robot, True, self.processes.check)
+        self.driver = SessionClient(robot, True, self.processes.check)
 
     def start_recorder(self, topics: Sequence[str]) -> None:
         """Start it; it records at once."""
@@ -58,14 +58,14 @@ class Bench:
         node = [f'denoc_ros.nodes.{name}', '--ros-args', '--params-file', file]
         self.processes.start_watched(name, node)
 
-    def start_talker(self, name: str, *arguments: object) -> None:
-        self.processes.start_watched(name, ['bench.talker', name, *map(str, arguments)])
+    def start_publisher(self, name: str, *arguments: object) -> None:
+        self.processes.start_watched(name, ['bench.publisher', name, *map(str, arguments)])
 
     def start_load(self) -> None:
-        self.start_talker('load', TOPICS, RATE, SIZE)
+        self.start_publisher('load', TOPICS, RATE, SIZE)
 
     def tell(self, name: str, talks: bool) -> None:
-        """Let a talker begin or pause."""
+        """Let a publisher begin or pause."""
         self.processes.signal(name, signal.SIGUSR1 if talks else signal.SIGUSR2)
 
     def recorded(self, key: str) -> int:

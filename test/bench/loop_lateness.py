@@ -149,9 +149,9 @@ def lateness(seconds: float, count: int) -> Blocks:
 
 def start(bench: Bench, joints: Sequence[str], gravity: Sequence[float]) -> None:
     """Start all processes; the recorder rests."""
-    bench.start_talker('joints', LOOP_RATE, *joints)
+    bench.start_publisher('joints', LOOP_RATE, *joints)
     bench.start_load()
-    bench.start_talker('garbage', GARBAGE_RATE)
+    bench.start_publisher('garbage', GARBAGE_RATE)
     bench.processes.start_watched('sleeper', ['bench.sleeper', str(LOOP_RATE), str(PRIORITY)])
     given = {
         'gravity': list(gravity),

@@ -26,7 +26,7 @@ from denoc_ros.cli.session import STOP_ORDER, Session, Task
 from denoc_ros.cli.up import new_folder
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes.driver import Driver
+from denoc_ros.nodes.session_client import SessionClient
 from denoc_ros.simulation.reference import trajectory_from_config
 
 LOOPS = ('plant', 'predictor', 'feedforward')
@@ -88,7 +88,7 @@ class WatchedProcesses(Processes):
         super().start(name, ['-m', 'bench.bare_node', journal, str(spec)])
 
 
-class WatchedDriver(Driver):
+class WatchedDriver(SessionClient):
     """A driver that knows when the phase was."""
 
     window: Window

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from bench.load_bench import RATE, ROOM, SIZE, TOPICS, benched
-from bench.talker import NUMBER, NUMBER_OFFSET
+from bench.publisher import NUMBER, NUMBER_OFFSET
 from mcap.reader import make_reader
 
 from denoc_ros.errors import DenocError

@@ -91,7 +91,7 @@ class Found:
 
 def start(bench: Bench, joints: Sequence[str], gravity: Sequence[float]) -> None:
     """Start all processes; nothing is asked yet."""
-    bench.start_talker('joints', LOOP_RATE, *joints)
+    bench.start_publisher('joints', LOOP_RATE, *joints)
     given = {
         'gravity': list(gravity),
         'update_rate': LOOP_RATE,

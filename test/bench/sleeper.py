@@ -10,7 +10,7 @@ import signal
 import sys
 import time
 
-from denoc_ros.runtime.timing import Loop
+from denoc_ros.runtime.timing import RealtimeLoop
 
 
 def main() -> None:
@@ -20,7 +20,7 @@ def main() -> None:
         signal.signal(number, lambda got, _: told.append(got))
     gc.freeze()
     gc.disable()
-    loop = Loop(rate, lambda steps: None, priority)
+    loop = RealtimeLoop(rate, lambda steps: None, priority)
     while True:
         while told:
             told_now = told.pop(0)
@@ -28,7 +28,7 @@ def main() -> None:
             if told_now == signal.SIGINT:
                 return
             if told_now == signal.SIGUSR1:
-                loop = Loop(rate, lambda steps: None, priority)
+                loop = RealtimeLoop(rate, lambda steps: None, priority)
                 loop.start()
         time.sleep(0.02)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from denoc_ros.bench.growth import crossing, slope
-from denoc_ros.bench.results import Check, Line
+from denoc_ros.bench.results import BenchCheck, BenchLine
 from denoc_ros.bench.timing import Effort, Spread, Subject, Times, compare, ratio
 from denoc_ros.cli.main import main
 from denoc_ros.dynamics.robot import Robot
@@ -61,7 +61,7 @@ def test_quick_run_checks_every_line(capsys: pytest.CaptureFixture[str]) -> None
 
 def test_crossing_beyond_every_size_is_null_in_json() -> None:
     at = crossing([1, 2, 8], [0.2, 0.5, 0.9])
-    line = Line('dense', '', '', Check('', 0.0, 1.0), 'links', Spread(at, 3.0, at))
+    line = BenchLine('dense', '', '', BenchCheck('', 0.0, 1.0), 'links', Spread(at, 3.0, at))
     record = json.loads(json.dumps(line.record(), allow_nan=False))
     assert record['value'] == {'value': None, 'low': 3.0, 'high': None}
 

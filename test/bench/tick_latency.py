@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.bench.results import AT_MOST, Check, Line, Reach, relative_error
+from denoc_ros.bench.results import AT_MOST, BenchCheck, BenchLine, Reach, relative_error
 from denoc_ros.bench.timing import Times, ratio
 from denoc_ros.cli.processes import free_domain
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
@@ -197,7 +197,7 @@ def commands() -> dict[str, list[str]]:
     return found
 
 
-def measure(blocks: int, count: int) -> list[Line]:
+def measure(blocks: int, count: int) -> list[BenchLine]:
     """Return the tick beside the two echoes.
 
     Parameters
@@ -224,7 +224,7 @@ def measure(blocks: int, count: int) -> list[Line]:
     return lines(probe, checked)
 
 
-def checked_replies(probe: Probe, joints: int, count: int) -> Check:
+def checked_replies(probe: Probe, joints: int, count: int) -> BenchCheck:
     """Send one block to every node, which warms them too, and compare the torque that came."""
     states = motion(joints, 0, count)
     for name in probe.stations:
@@ -233,14 +233,14 @@ def checked_replies(probe: Probe, joints: int, count: int) -> Check:
     replies = probe.stations[FEEDFORWARD].replies
     torque = [np.array(message.effort) for _, message in replies]
     error = relative_error(torque, expected_torque(states))
-    return Check('TorqueFeedforward on the same messages', error, TOLERANCE)
+    return BenchCheck('TorqueFeedforward on the same messages', error, TOLERANCE)
 
 
-def lines(probe: Probe, checked: Check) -> list[Line]:
+def lines(probe: Probe, checked: BenchCheck) -> list[BenchLine]:
     """Return the feedforward's line beside each echo; only the faster one's has a reach."""
     what = 'tick of the flexible feedforward, SSRMS, message to message'
     if not checked.good:
-        return [Line('tick', what, 'an empty node', checked)]
+        return [BenchLine('tick', what, 'an empty node', checked)]
     ours = probe.stations[FEEDFORWARD].times()
     found = []
     for name, against, reach in (
@@ -249,7 +249,7 @@ def lines(probe: Probe, checked: Check) -> list[Line]:
     ):
         peer = probe.stations[name].times()
         found.append(
-            Line(
+            BenchLine(
                 'tick',
                 what,
                 against,

@@ -124,7 +124,7 @@ class Session:
     ) -> None:
         self._bench, self._config, self._joints = bench, config, joints
         self._loops = loops
-        bench.start_talker('moving', LOOP_RATE, *joints)
+        bench.start_publisher('moving', LOOP_RATE, *joints)
         given = {
             'gravity': list(config.gravity),
             'update_rate': LOOP_RATE,

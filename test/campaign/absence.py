@@ -1,8 +1,8 @@
 """The time that the system itself is away, by two processes that have nothing else to do.
 
-`python -m campaign.absence talker RATE PRIORITY FILE`: a bare node that publishes torque messages
-as the feedforward does, on `/bare/effort`; each pause of over one and a half periods is a line
-`begin end` [ns] of FILE, and each second one without length.
+`python -m campaign.absence publisher RATE PRIORITY FILE`: a bare node that publishes torque
+messages as the feedforward does, on `/bare/effort`; each pause of over one and a half periods is a
+line `begin end` [ns] of FILE, and each second one without length.
 
 `python -m campaign.absence meter FILE`: reads lines `name pid` on stdin; FILE has for each process
 a line `w begin end name seconds` whenever its threads waited for a processor between two looks,
@@ -27,7 +27,7 @@ SECOND = 1_000_000_000  # ns
 LEAST = 2e-4  # s of waiting that are worth a line
 
 
-def talker(rate: float, priority: int, file: Path) -> None:
+def publisher(rate: float, priority: int, file: Path) -> None:
     """Publish as the feedforward does until SIGINT."""
     import rclpy
     from rclpy.node import Node
@@ -37,7 +37,7 @@ def talker(rate: float, priority: int, file: Path) -> None:
     from denoc_ros.nodes.base import STATE
     from denoc_ros.nodes.messages import JointStateMessage
     from denoc_ros.nodes.process import SWITCH_INTERVAL
-    from denoc_ros.runtime.timing import Loop
+    from denoc_ros.runtime.timing import RealtimeLoop
 
     told: list[int] = []
     signal.signal(signal.SIGINT, lambda number, _: told.append(number))
@@ -60,7 +60,7 @@ def talker(rate: float, priority: int, file: Path) -> None:
     gc.collect()
     gc.freeze()
     gc.disable()
-    loop = Loop(rate, tick, priority)
+    loop = RealtimeLoop(rate, tick, priority)
     loop.start()
     spoken = 0
     with file.open('w', buffering=1) as out:
@@ -153,8 +153,8 @@ def meter(out: IO[str]) -> None:
 
 
 def main() -> None:
-    if sys.argv[1] == 'talker':
-        talker(float(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
+    if sys.argv[1] == 'publisher':
+        publisher(float(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))
     else:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         with Path(sys.argv[2]).open('w', buffering=1) as out:

@@ -240,8 +240,8 @@ class SiegeStage:
         self._meter = subprocess.Popen(
             [*module, 'meter', str(self.folder / 'meter')], stdin=subprocess.PIPE
         )
-        talker = ['talker', str(RATE), str(PRIORITY), str(self.folder / 'bare')]
-        self.processes.start('bare', ['-m', 'campaign.absence', *talker])
+        publisher = ['publisher', str(RATE), str(PRIORITY), str(self.folder / 'bare')]
+        self.processes.start('bare', ['-m', 'campaign.absence', *publisher])
         self._meter.stdin.write(f'stage {os.getpid()}\n'.encode())
         for node in NODES:
             self.start(node)

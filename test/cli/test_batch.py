@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from denoc_ros.cli.batch import FAILURE, KEY, Crew, RowStore, run_batch
+from denoc_ros.cli.batch import FAILURE, KEY, RowStore, WorkerConfig, run_batch
 from denoc_ros.errors import ConfigError
 
 COLUMNS = {'x': float, 'name': str, 'several': list}
@@ -24,7 +24,7 @@ def failing(item: object) -> dict[str, object]:
 @pytest.mark.parametrize('workers', [0, 2])
 def test_every_item_has_a_row_and_bad_ones_say_why(tmp_path: Path, workers: int) -> None:
     store = RowStore(tmp_path / 'rows', COLUMNS)
-    rows = run_batch(dict, ITEMS, store, Crew(workers), progress=False)
+    rows = run_batch(dict, ITEMS, store, WorkerConfig(workers), progress=False)
     assert [row[KEY] for row in rows] == list(ITEMS)
     assert rows[1][FAILURE] == "TypeError: 'int' object is not iterable"
     good = [rows[0], rows[2]]
@@ -35,22 +35,22 @@ def test_every_item_has_a_row_and_bad_ones_say_why(tmp_path: Path, workers: int)
 
 def test_what_is_stored_is_not_run_again_and_failures_are(tmp_path: Path) -> None:
     folder = tmp_path / 'rows'
-    first = run_batch(dict, ITEMS, RowStore(folder, COLUMNS), Crew(), progress=False)
+    first = run_batch(dict, ITEMS, RowStore(folder, COLUMNS), WorkerConfig(), progress=False)
     mended = {**ITEMS, 'b': {'x': 0.0}}
-    again = run_batch(failing, mended, RowStore(folder, COLUMNS), Crew(), progress=False)
+    again = run_batch(failing, mended, RowStore(folder, COLUMNS), WorkerConfig(), progress=False)
     assert [again[0], again[2]] == [first[0], first[2]]
     assert 'was to be left alone' in again[1][FAILURE]
-    last = run_batch(dict, mended, RowStore(folder, COLUMNS), Crew(), progress=False)
+    last = run_batch(dict, mended, RowStore(folder, COLUMNS), WorkerConfig(), progress=False)
     assert last[1]['x'] == 0.0
     assert len(RowStore(folder, COLUMNS).rows()) == 3
 
 
 def test_rows_of_other_columns_are_an_error(tmp_path: Path) -> None:
-    run_batch(dict, ITEMS, RowStore(tmp_path, COLUMNS), Crew(), progress=False)
+    run_batch(dict, ITEMS, RowStore(tmp_path, COLUMNS), WorkerConfig(), progress=False)
     with pytest.raises(ConfigError, match='columns must be key, failure, y, got key, failure, x'):
         RowStore(tmp_path, {'y': float}).rows()
 
 
 def test_scheduler_that_does_not_answer_is_an_error() -> None:
     with pytest.raises(ConfigError, match='a Dask scheduler must answer at nowhere'):
-        run_batch(dict, ITEMS, None, Crew(scheduler='nowhere'), progress=False)
+        run_batch(dict, ITEMS, None, WorkerConfig(scheduler='nowhere'), progress=False)

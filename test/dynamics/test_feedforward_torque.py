@@ -15,7 +15,7 @@ from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.handle import DAMPING, FRICTION
 from denoc_ros.model.arrays import SLIP_RATE
-from denoc_ros.trajectories import BookTrajectory
+from denoc_ros.trajectories import CycloidalTrajectory
 
 LINK = """
 <link name="{link}"><inertial><origin xyz="1 0 0"/><mass value="6"/>
@@ -116,7 +116,7 @@ def follow(model: str, step: float) -> float:
     """Drive the arm by feedforward alone along a motion; return the largest joint error [rad]."""
     plant, robot = arm(), arm()
     start = np.array([-1.2, 0.4])
-    motion = BookTrajectory(start, np.array([0.4, -0.6]), np.array([1.5, 1.5]))
+    motion = CycloidalTrajectory(start, np.array([0.4, -0.6]), np.array([1.5, 1.5]))
     feedforward = TorqueFeedforward(robot, model=model, step=step)
     stepper = Stepper(plant, step)
     q, qd, tau = plant.static_deflection(start), np.zeros(plant.n), np.zeros(plant.n)
@@ -187,7 +187,9 @@ def test_stiff_beams_approach_the_rigid_torque_at_a_step_far_too_long_for_them(e
     assert ei < 1e7 or robot.natural_frequencies(np.zeros(robot.n))[-1] > 2000.0  # Hz, at 1 kHz
     flexible = TorqueFeedforward(robot, step=1e-3)
     rigid = TorqueFeedforward(arm(ei=ei), model='rigid')
-    motion = BookTrajectory(np.array([-1.2, 0.4]), np.array([0.4, -0.6]), np.array([1.5, 1.5]))
+    motion = CycloidalTrajectory(
+        np.array([-1.2, 0.4]), np.array([0.4, -0.6]), np.array([1.5, 1.5])
+    )
     q, qd, qdd = np.zeros((3, 2))
     gap = 0.0
     for tick in range(1500):

@@ -21,7 +21,7 @@ from denoc_ros.estimation.fusion import WAITING, FusionSettings, sensor_rows
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.simulation.run import Run
-from denoc_ros.trajectories import BookTrajectory
+from denoc_ros.trajectories import CycloidalTrajectory
 
 Array = NDArray[np.float64]
 
@@ -46,12 +46,12 @@ def load(name: str) -> dn.Robot:
     return dn.load_robot(ROBOTS / f'{name}_gauges.urdf', gravity=(0, 0, 0))
 
 
-def motion(name: str, joints: int) -> BookTrajectory:
+def motion(name: str, joints: int) -> CycloidalTrajectory:
     """The book's motions: eq. 3.56, section 4.2."""
     if name == 'canadarm':
         rate, period = np.array([0.075, 0.05, 0.1]), np.array([10.0, 5.0, 5.0])
-        return BookTrajectory(np.zeros(3), rate, period, 'half', 10.0)
-    return BookTrajectory(np.zeros(joints), np.full(joints, 0.05), np.full(joints, 10.0))
+        return CycloidalTrajectory(np.zeros(3), rate, period, 'half', 10.0)
+    return CycloidalTrajectory(np.zeros(joints), np.full(joints, 0.05), np.full(joints, 10.0))
 
 
 def reference(name: str, joints: int) -> Callable[[float], tuple[Array, Array, Array]]:

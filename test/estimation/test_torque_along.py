@@ -15,7 +15,7 @@ from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
 from denoc_ros.estimation.joint_friction import JointFriction
-from denoc_ros.estimation.joint_motion import Motion
+from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
 from denoc_ros.replay.bag import replay_bag
 from denoc_ros.replay.friction import FrictionFit
@@ -40,13 +40,13 @@ def arm(repository: Path) -> Robot:
     )
 
 
-def wild(robot: Robot, rates: float = 1.0, accelerations: float = 1.0) -> Motion:
+def wild(robot: Robot, rates: float = 1.0, accelerations: float = 1.0) -> SmoothedMotion:
     rng = np.random.default_rng(4)
     q, qd, qdd = rng.uniform(-2.0, 2.0, (3, ROWS, len(robot.joint_names)))
-    return Motion(q, rates * qd, accelerations * qdd)
+    return SmoothedMotion(q, rates * qd, accelerations * qdd)
 
 
-def terms(robot: Robot, motion: Motion, friction: JointFriction | None = None) -> Torques:
+def terms(robot: Robot, motion: SmoothedMotion, friction: JointFriction | None = None) -> Torques:
     t = 0.01 * np.arange(ROWS, dtype=np.float64)
     return TorqueReplay(robot, robot.joint_names, friction=friction).torques(t, motion, STARTS)
 
@@ -82,7 +82,7 @@ def test_a_new_motion_starts_in_equilibrium(simulated_bag: SimulatedBag) -> None
     robot = simulated_bag.robot
     t = 0.004 * np.arange(ROWS, dtype=np.float64)
     q = np.column_stack([np.sin(9.0 * t), 0.3 * np.cos(9.0 * t)])
-    motion = Motion(q, np.gradient(q, t, axis=0), -81.0 * q)
+    motion = SmoothedMotion(q, np.gradient(q, t, axis=0), -81.0 * q)
     model = TorqueReplay(robot, robot.joint_names)
     found = model.torques(t, motion, STARTS | (np.arange(ROWS) == 20)).amplitudes
     assert found is not None
@@ -100,7 +100,9 @@ def test_lost_samples_do_not_pile_up_in_the_amplitudes(simulated_bag: SimulatedB
     kept = np.sort(np.concatenate([[0, 1], 2 + rng.choice(497, 150, replace=False)]))
     t, joints = run.t[kept], robot.joint_indices
     # accelerations that are worth nothing: the amplitudes must not go by them
-    motion = Motion(run.q[kept][:, joints], run.qd[kept][:, joints], np.zeros((len(kept), 2)))
+    motion = SmoothedMotion(
+        run.q[kept][:, joints], run.qd[kept][:, joints], np.zeros((len(kept), 2))
+    )
     found = TorqueReplay(robot, robot.joint_names).torques(t, motion, np.arange(len(kept)) == 0)
     assert found.amplitudes is not None
     off = found.amplitudes[0] - run.q[kept]

@@ -14,7 +14,7 @@ from scipy.special import ellipk
 import denoc_ros as dn
 from denoc_ros.identification.joint import fit_joint
 from denoc_ros.identification.records import Record
-from denoc_ros.identification.swing import Swing, swing_angles
+from denoc_ros.identification.swing import JointSwing, swing_angles
 
 Floats = NDArray[np.float64]
 INERTIA, GRAVITY = 0.02, 1.0
@@ -39,14 +39,14 @@ def test_swing_without_friction_has_the_period_of_a_pendulum() -> None:
     amplitude, stiffness = 2.0, 40.0
     period = 4.0 * ellipk(np.sin(amplitude / 2.0) ** 2) / np.sqrt(stiffness)
     t = period * np.arange(4.0)
-    angles = swing_angles(Swing(amplitude, 0.0, 0.0, stiffness), t)
+    angles = swing_angles(JointSwing(amplitude, 0.0, 0.0, stiffness), t)
     # fourth order, 60 steps per cycle of a small swing: it loses 1e-6 of the amplitude per cycle
     np.testing.assert_allclose(angles, amplitude, rtol=5e-6)
 
 
 def test_swing_stays_where_friction_holds_it() -> None:
     t = np.linspace(0.0, 20.0, 2000)
-    angles = swing_angles(Swing(1.0, 0.0, 0.0, 40.0, coulomb=2.0), t)
+    angles = swing_angles(JointSwing(1.0, 0.0, 0.0, 40.0, coulomb=2.0), t)
     assert np.ptp(angles[-500:]) < 1e-15  # rounding of the interpolation
     assert abs(np.sin(angles[-1])) <= 2.0 / 40.0
 
@@ -54,7 +54,7 @@ def test_swing_stays_where_friction_holds_it() -> None:
 def test_coulomb_friction_takes_the_same_off_each_half_swing() -> None:
     stiffness, coulomb = 40.0, 1.0
     half = np.pi / np.sqrt(stiffness)
-    swing = Swing(1.0, 0.0, 0.0, stiffness, coulomb=coulomb)
+    swing = JointSwing(1.0, 0.0, 0.0, stiffness, coulomb=coulomb)
     crests = np.abs(swing_angles(swing, half * np.arange(6.0), large=False))
     np.testing.assert_allclose(np.diff(crests), -2.0 * coulomb / stiffness, rtol=1e-5)
 

@@ -36,7 +36,7 @@ class Listener(DenocNode):
         super().__init__('listener', TABLE, **options)
         self.reader = JointStateReader(['a', 'b'])
         self.monitor = self.listen(JointState, 'joint_states', self.on_state)
-        self.offer('~/fail', self.fail)
+        self.add_trigger_service('~/fail', self.fail)
 
     def on_state(self, raw: bytes, now: float) -> None:
         self.reader.read(raw)

@@ -47,7 +47,7 @@ process.leave(status)
 
 LEFT_BY_DRIVER = """
 from pathlib import Path
-from denoc_ros.nodes.driver import Driver
+from denoc_ros.nodes.session_client import Driver
 
 with Driver('<robot/>'):
     pass
@@ -67,7 +67,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from denoc_ros.cli import up
 from denoc_ros.cli.interrupts import Interrupts
-from denoc_ros.nodes import driver
+from denoc_ros.nodes import session_client as driver
 
 join = driver.Driver._join
 def joined(*given):

@@ -26,9 +26,11 @@ def in_a_thread(priority: int, core: int) -> tuple[dict[str, str], int, set[int]
     found: list[Any] = []
 
     def ask() -> None:
-        knobs = make_thread_timely(priority, core)
+        realtime_options = make_thread_timely(priority, core)
         slack = ctypes.CDLL(None).prctl(PR_GET_TIMERSLACK, 0, 0, 0, 0)
-        found.append((knobs, os.sched_getparam(0).sched_priority, os.sched_getaffinity(0), slack))
+        found.append(
+            (realtime_options, os.sched_getparam(0).sched_priority, os.sched_getaffinity(0), slack)
+        )
 
     thread = threading.Thread(target=ask)
     thread.start()
@@ -38,25 +40,25 @@ def in_a_thread(priority: int, core: int) -> tuple[dict[str, str], int, set[int]
 
 def test_each_knob_is_reported_as_the_system_has_it() -> None:
     core = min(os.sched_getaffinity(0))
-    knobs, priority, cores, slack = in_a_thread(7, core)
-    taken = knobs['thread_priority'].startswith('taken')
+    realtime_options, priority, cores, slack = in_a_thread(7, core)
+    taken = realtime_options['thread_priority'].startswith('taken')
     assert priority == (7 if taken else 0)  # refused without CAP_SYS_NICE
-    assert knobs['cpu_affinity'] == f'taken: core {core}'
+    assert realtime_options['cpu_affinity'] == f'taken: core {core}'
     assert cores == {core}
     # a thread under SCHED_FIFO has none anyway
-    assert slack == (0 if taken else 1) or knobs['timer_slack'].startswith('refused')
+    assert slack == (0 if taken else 1) or realtime_options['timer_slack'].startswith('refused')
     assert os.sched_getparam(0).sched_priority == 0
 
 
 def test_what_is_off_changes_nothing_and_what_cannot_be_is_refused() -> None:
     before = os.sched_getaffinity(0)
-    knobs, priority, cores, _ = in_a_thread(0, 1023)
-    assert knobs['thread_priority'] == 'off'
+    realtime_options, priority, cores, _ = in_a_thread(0, 1023)
+    assert realtime_options['thread_priority'] == 'off'
     assert priority == 0
-    assert knobs['cpu_affinity'] == 'refused: core 1023, Invalid argument'
+    assert realtime_options['cpu_affinity'] == 'refused: core 1023, Invalid argument'
     assert cores == before
-    assert refusals(knobs) == ['cpu_affinity refused: core 1023, Invalid argument']
-    status = realtime_status(knobs)
+    assert refusals(realtime_options) == ['cpu_affinity refused: core 1023, Invalid argument']
+    status = realtime_status(realtime_options)
     assert status.level == WARN
     assert 'core 1023' in status.message
 

@@ -40,7 +40,7 @@ class Plain(DenocNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('plain', TABLE, **options)
-        self.offer('~/fail', self.fail)
+        self.add_trigger_service('~/fail', self.fail)
         self.create_timer(0.01, self.fail_in_time, clock=self.steady_clock)
 
     def fail(self) -> str:

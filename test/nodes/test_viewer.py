@@ -148,10 +148,10 @@ def test_garbage_and_second_publishers_are_counted_and_not_drawn(
     graph.until(lambda: refused('unknown_joint', stamped(['six'], [0.0])))
     assert node.shown == []
     second = graph.publisher(JointState, 'joint_states')
-    talkers = cycle((states, second))
+    publishers = cycle((states, second))
 
     def both_refused() -> bool:
-        next(talkers).publish(stamped(['j1', 'j2'], [0.1, 0.2]))
+        next(publishers).publish(stamped(['j1', 'j2'], [0.1, 0.2]))
         graph.spin(0.02)
         return graph.value('viewer: inputs', '/joint_states rejected second_publisher') is not None
 

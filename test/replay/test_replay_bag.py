@@ -20,7 +20,7 @@ from denoc_ros.bags.series import read_joint_states
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import BagError, ConfigError
-from denoc_ros.estimation.joint_motion import METHODS, Motion
+from denoc_ros.estimation.joint_motion import METHODS, SmoothedMotion
 from denoc_ros.estimation.torque_along import TorqueReplay
 from denoc_ros.replay import stream as stream_module
 from denoc_ros.replay.bag import replay_bag
@@ -181,7 +181,9 @@ def collected(stream: JointStream) -> Block:
         return np.concatenate([getattr(of(block), name) for block in blocks])
 
     rows = {name: whole(name, lambda block: block) for name in ROW_FIELDS}
-    motion = Motion(*(whole(name, lambda block: block.motion) for name in ('q', 'qd', 'qdd')))
+    motion = SmoothedMotion(
+        *(whole(name, lambda block: block.motion) for name in ('q', 'qd', 'qdd'))
+    )
     beside = {
         topic: Values(
             values.names, np.concatenate([block.beside[topic].values for block in blocks])

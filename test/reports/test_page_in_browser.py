@@ -12,7 +12,7 @@ from playwright.sync_api import Browser
 from playwright.sync_api import Page as Tab
 
 from denoc_ros.reports.figures import PHASE_COLOURS, Curve, Panel, line_figure
-from denoc_ros.reports.pages import Card, Page, Section, Table, Verdict
+from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict
 
 WIDTHS = (360, 420, 768, 1200)  # pixels: phones, a tablet, a desk
 LEGIBLE = 8.0  # pixels of type
@@ -50,15 +50,17 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
         for k, scale in enumerate((1e-7, 12345.6, 0.3))
     ]
     head = ('name', *(f'column {k}' for k in range(8)))
-    table = Table(head, [[LONG, *('123.4 mrad' for _ in head[1:])]])
-    made = Page(
+    table = PageTable(head, [[LONG, *('123.4 mrad' for _ in head[1:])]])
+    made = ReportPage(
         f'A page of {LONG}',
         LONG,
         Verdict(f'It comes down to {LONG}.', 'doubtful'),
         [Card(LONG, '15.1 mrad → 4.2 mrad', LONG)] * 5,
         [
-            Section('Many panels', LONG, [line_figure(panels)], [table]),
-            Section('One', '', [line_figure(panels[:1])], [Table(('', ''), [['key', LONG]])]),
+            PageSection('Many panels', LONG, [line_figure(panels)], [table]),
+            PageSection(
+                'One', '', [line_figure(panels[:1])], [PageTable(('', ''), [['key', LONG]])]
+            ),
         ],
         {'bag': '0123456789abcdef' * 4},
     )

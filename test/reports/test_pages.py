@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from page_look import contrast, require_one_look
 
 from denoc_ros.cli.main import main
-from denoc_ros.reports.pages import Card, Page, Section, Table, Verdict
+from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict
 from denoc_ros.reports.provenance import command_line
 from denoc_ros.reports.run import report
 
@@ -115,12 +115,16 @@ def test_page_of_a_forced_response(tmp_path: Path) -> None:
 
 def test_texts_are_escaped() -> None:
     odd = '<b>"&'
-    page = Page(
+    page = ReportPage(
         odd,
         odd,
         Verdict(odd, 'bad'),
         [Card(odd, odd, odd)],
-        [Section(odd, odd, tables=[Table((odd, odd), [(odd, odd)], folded=True, title=odd)])],
+        [
+            PageSection(
+                odd, odd, tables=[PageTable((odd, odd), [(odd, odd)], folded=True, title=odd)]
+            )
+        ],
         {odd: odd},
     ).html()
     assert odd not in page

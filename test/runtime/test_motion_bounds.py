@@ -18,7 +18,7 @@ from denoc_ros.model.tree import Limits
 from denoc_ros.runtime.conversions import CommandReader, JointStateReader
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
-from denoc_ros.runtime.reference import DifferencedStream
+from denoc_ros.runtime.reference import FiniteDifferencer
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 
 pytestmark = pytest.mark.ros
@@ -91,7 +91,7 @@ def test_references_that_the_robot_cannot_follow_are_refused(rows: Any, what: st
 
 
 def test_points_too_close_in_time_have_no_rates_to_difference() -> None:
-    stream = DifferencedStream(3, 0.2, bounds=bounds())
+    stream = FiniteDifferencer(3, 0.2, bounds=bounds())
     stream.complete(1.0, np.zeros(3), None, None)
     with pytest.raises(InputError, match='velocity'):
         stream.complete(1.0 + 1e-9, np.ones(3), None, None)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.reference import DifferencedStream, ReferenceFollower
+from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 
 NOW_NS = 1_000_000_000_000
@@ -151,7 +151,7 @@ def test_clear_leaves_nothing() -> None:
 
 
 def test_missing_rates_are_differenced_and_gaps_are_not() -> None:
-    stream = DifferencedStream(1, gap=0.1)
+    stream = FiniteDifferencer(1, gap=0.1)
     for k in range(4):
         t = 0.01 * k
         _, qd, qdd = stream.complete(t, np.array([3.0 * t * t]), None, None)
@@ -163,7 +163,7 @@ def test_missing_rates_are_differenced_and_gaps_are_not() -> None:
 
 
 def test_differenced_accelerations_pass_the_low_pass() -> None:
-    stream = DifferencedStream(1, gap=0.1, cutoff=5.0)
+    stream = FiniteDifferencer(1, gap=0.1, cutoff=5.0)
     values = [
         float(stream.complete(0.001 * k, np.zeros(1), np.array([float(k > 0)]), None)[2][0])
         for k in range(3)

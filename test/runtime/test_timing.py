@@ -8,10 +8,10 @@ import time
 import numpy as np
 import pytest
 
-from denoc_ros.runtime.timing import HISTOGRAM_EDGES, Loop
+from denoc_ros.runtime.timing import HISTOGRAM_EDGES, RealtimeLoop
 
 
-def wait(loop: Loop, ticks: int) -> None:
+def wait(loop: RealtimeLoop, ticks: int) -> None:
     end = time.perf_counter() + 10.0
     while loop.statistics().ticks_total < ticks and loop.running:
         assert time.perf_counter() < end
@@ -20,7 +20,7 @@ def wait(loop: Loop, ticks: int) -> None:
 
 def test_deadlines_are_absolute_so_that_no_period_is_lost() -> None:
     steps: list[int] = []
-    loop = Loop(200.0, steps.append)
+    loop = RealtimeLoop(200.0, steps.append)
     begin = time.perf_counter()
     loop.start()
     wait(loop, 50)
@@ -39,7 +39,7 @@ def test_a_long_tick_skips_deadlines_and_says_so() -> None:
         if len(steps) == 5:
             time.sleep(0.05)
 
-    loop = Loop(200.0, tick)
+    loop = RealtimeLoop(200.0, tick)
     loop.start()
     wait(loop, 20)
     loop.stop()
@@ -51,7 +51,9 @@ def test_a_long_tick_skips_deadlines_and_says_so() -> None:
 
 def test_each_tick_is_for_a_deadline_a_whole_number_of_periods_after_the_last() -> None:
     deadlines: list[tuple[int, float, float]] = []
-    loop = Loop(200.0, lambda steps: deadlines.append((steps, loop.deadline, time.perf_counter())))
+    loop = RealtimeLoop(
+        200.0, lambda steps: deadlines.append((steps, loop.deadline, time.perf_counter()))
+    )
     loop.start()
     wait(loop, 20)
     loop.stop()
@@ -61,7 +63,7 @@ def test_each_tick_is_for_a_deadline_a_whole_number_of_periods_after_the_last() 
 
 
 def test_the_histogram_has_every_period_once() -> None:
-    loop = Loop(500.0, lambda steps: None)
+    loop = RealtimeLoop(500.0, lambda steps: None)
     loop.start()
     wait(loop, 30)
     wait(loop, 60)
@@ -77,7 +79,7 @@ def test_a_tick_that_raises_ends_the_loop_and_is_kept() -> None:
     def tick(steps: int) -> None:
         raise RuntimeError('no more')
 
-    loop = Loop(100.0, tick)
+    loop = RealtimeLoop(100.0, tick)
     loop.start()
     wait(loop, 1)
     assert not loop.running
@@ -86,7 +88,7 @@ def test_a_tick_that_raises_ends_the_loop_and_is_kept() -> None:
 
 
 def test_statistics_are_those_since_the_last_reading() -> None:
-    loop = Loop(1000.0, lambda steps: None)
+    loop = RealtimeLoop(1000.0, lambda steps: None)
     loop.start()
     wait(loop, 100)
     loop.stop()

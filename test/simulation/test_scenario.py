@@ -11,8 +11,8 @@ import yaml
 from planar_chains import CANADARM, CANADARM_RIGID, FLEXIBLE, RIGID, planar_chain
 
 import denoc_ros as dn
-from denoc_ros.simulation.laws import SpinUp
 from denoc_ros.simulation.scenario import KEYS, model_settings, scenario_from_config
+from denoc_ros.simulation.time_functions import SpinUp
 
 BOOK = {
     'kind': 'book',

@@ -12,9 +12,9 @@ from planar_chains import CANADARM, PlanarLink, planar_chain
 
 import denoc_ros as dn
 from denoc_ros.simulation.cholesky import CholeskyRobot
-from denoc_ros.simulation.laws import TableTorque
 from denoc_ros.simulation.scenario import scenario_from_config
 from denoc_ros.simulation.stability import Study, roughness, study_stability
+from denoc_ros.simulation.time_functions import SampledTorque
 
 LENGTH, DOWN = 1.3, (0.0, -9.81, 0.0)
 PENDULUM = planar_chain([PlanarLink(LENGTH, 5.0)])
@@ -106,7 +106,7 @@ def test_pumas_printed_times_are_those_of_torques_from_a_table() -> None:
     table = replace(
         scenario,
         times=np.linspace(0.0, 6.0, 601),
-        torque=TableTorque(scenario.torque, 0.001, 'linear'),
+        torque=SampledTorque(scenario.torque, 0.001, 'linear'),
     )
     off = np.abs(joints(robot, table.run(robot)) - desired(table))
     found = table.times[np.argmax(off > 1e-4, axis=0)]

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from denoc_ros.cli.config import read_yaml
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.simulation.laws import Law
 from denoc_ros.simulation.run import Run
 from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_from_config
+from denoc_ros.simulation.time_functions import TimeFunction
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def joints(robot: Robot, run: Run) -> Array:
 def desired(scenario: Scenario) -> Array:
     """Desired joint coordinates (k, joints) at the output times."""
     assert scenario.reference is not None
-    law = Law(scenario.reference)
+    law = TimeFunction(scenario.reference)
     return np.array([law(float(t))[0].copy() for t in scenario.times])
 
 

@@ -17,7 +17,7 @@ from denoc_ros.control.planned_states import states_along
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.trajectories import BookTrajectory, SplineTrajectory
+from denoc_ros.trajectories import CycloidalTrajectory, SplineTrajectory
 
 Array = NDArray[np.float64]
 CANADARM = Path(__file__).parents[2] / 'config/robots/canadarm_gauges.urdf'
@@ -65,7 +65,7 @@ def canadarm(stiffness: float = 1.0, load: float = 1.0) -> Robot:
 def tip_exact(duration: float = 10.0, share: float = 1.0) -> Planned:
     """Return the tip-exact plan of the Canadarm's cycloid, or of a share of its way."""
     robot = canadarm()
-    cycloid = BookTrajectory(START, share * WAY / duration, np.full(3, duration))
+    cycloid = CycloidalTrajectory(START, share * WAY / duration, np.full(3, duration))
     times, positions, _, _ = cycloid.table(0.05)
     plan = dn.shape_motion(robot, times, positions, tip='tool')
     joints = plan.q[:, robot.joint_indices]

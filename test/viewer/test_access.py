@@ -19,8 +19,8 @@ from websockets.typing import Origin, Subprotocol
 
 import denoc_ros as dn
 from denoc_ros.viewer.access import is_welcome
-from denoc_ros.viewer.moment import Moment
 from denoc_ros.viewer.page import Page
+from denoc_ros.viewer.snapshot import Snapshot
 
 
 @pytest.fixture
@@ -89,6 +89,6 @@ def test_a_scale_that_is_none_changes_nothing(page: Page, bad: Any) -> None:
         while scale.value != 7.0:
             assert time.monotonic() < end
             client.receive(0.05)
-        page.show(Moment(0.0, np.zeros(page._view.robot.n)))
+        page.show(Snapshot(0.0, np.zeros(page._view.robot.n)))
         assert other.receive(10.0)
     assert np.isfinite(scale.value)

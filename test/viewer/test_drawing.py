@@ -14,11 +14,11 @@ import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.viewer.bending import exaggerated, strain_colours
 from denoc_ros.viewer.charts import WINDOW, Charts, grouped
-from denoc_ros.viewer.modes import MOST_SAG, SWING, Modes, settled
-from denoc_ros.viewer.moment import Moment
+from denoc_ros.viewer.modes import MOST_SAG, SWING, ModeShapes, settled
 from denoc_ros.viewer.outline import reach
 from denoc_ros.viewer.overlays import LONGEST, Arrows, Overlays
 from denoc_ros.viewer.posing import start_configuration
+from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.surfaces import BANDS, Surfaces
 from denoc_ros.viewer.view import round_up
 
@@ -159,7 +159,7 @@ def test_torque_arrows_stand_on_their_joints_along_the_axes(repository: Path) ->
     robot, scene = load(repository, 'ssrms'), Recorder()
     overlays = Overlays(scene, robot)
     q = bent(robot, 0.01)
-    overlays.draw_torques(Moment(0.0, q, None, {'joint_2': -3.0}), q)
+    overlays.draw_torques(Snapshot(0.0, q, None, {'joint_2': -3.0}), q)
     (arrow,) = scene.added['/torques'].points
     pose = robot.frame_pose('link_2', q)
     axis = next(b.joint.axis for b in robot.tree.bodies if b.joint and b.joint.name == 'joint_2')
@@ -177,7 +177,7 @@ def test_reactions_are_drawn_for_trees_and_loops(
     start = {'joint_1': 1.88, 'joint_2': -1.25, 'joint_3': 1.25, 'joint_4': 1.25}
     q = start_configuration(robot, start)
     torque = dict.fromkeys(robot.joint_names, 10.0) if with_torque else None
-    Overlays(scene, robot).draw_reactions(Moment(0.0, q, None, torque), q)
+    Overlays(scene, robot).draw_reactions(Snapshot(0.0, q, None, torque), q)
     forces = scene.added['/reaction_forces']
     assert forces.visible
     roots = forces.points[:, 0]
@@ -190,7 +190,7 @@ def test_modes_swing_by_the_same_whatever_their_stiffness(repository: Path, name
     robot = load(repository, name, (0, 0, 0))
     posture = {'joint_1': 2.0, 'joint_2': -3.9, 'joint_3': 0.18} if name == 'rssr_fff' else {}
     q = start_configuration(robot, posture)
-    modes = Modes(robot, q)
+    modes = ModeShapes(robot, q)
     assert len(modes.labels) == len(modes.found.frequencies) > 2
     bending = [
         k for k, label in enumerate(robot.coordinate_names) if '/y' in label or '/z' in label

@@ -20,7 +20,7 @@ from denoc_ros.viewer.camera import best_view
 from denoc_ros.viewer.film import Look, frame_times, write_film, write_strip
 from denoc_ros.viewer.picture import nice_step
 from denoc_ros.viewer.recorded import RecordedRun
-from denoc_ros.viewer.staging import SHOWN, Staging
+from denoc_ros.viewer.scene_setup import SHOWN, SceneSetup
 
 SMALL = Look(size=(320, 240), scale=5.0)
 MOVED = 40  # of 255: more than what compression changes
@@ -99,7 +99,7 @@ def test_scale_moves_the_tip_by_its_factor(repository: Path, factor: float) -> N
     robot = load_robot(repository / 'config/robots/one_flexible_link.urdf', gravity=(0, 0, 0))
     q = np.zeros(robot.n)
     q[robot.flexible_indices[0]] = 1e-6
-    staging = Staging(robot, q[np.newaxis], factor)
+    staging = SceneSetup(robot, q[np.newaxis], factor)
     straight, once, drawn = (
         staging.camera.project(staging.vertices(q, scale)) for scale in (0.0, 1.0, None)
     )
@@ -123,12 +123,12 @@ def test_chosen_scale_shows_the_deflection_and_does_not_overdo_it(
         gaps = [staging.vertices(q, scale) - staging.vertices(q, 0.0) for q in states]
         return max(float(np.linalg.norm(gap, axis=1).max()) for gap in gaps)
 
-    staging = Staging(robot, states)
+    staging = SceneSetup(robot, states)
     size = float(np.linalg.norm(staging.high - staging.low))
     assert drawn(staging.scale) < 2.0 * SHOWN * size
     assert staging.scale == 100.0 or drawn(2.5 * staging.scale) > SHOWN * size / 2.0
     straight = np.zeros_like(states)
-    assert Staging(robot, straight).scale == 1.0
+    assert SceneSetup(robot, straight).scale == 1.0
 
 
 def test_strain_is_that_of_the_curvature(repository: Path) -> None:
@@ -136,8 +136,8 @@ def test_strain_is_that_of_the_curvature(repository: Path) -> None:
     robot = load_robot(repository / 'config/robots/one_flexible_link.urdf', gravity=(0, 0, 0))
     q = np.zeros(robot.n)
     q[robot.flexible_indices[0]] = 0.01
-    staging = Staging(robot, q[np.newaxis], 20.0)
-    twice = Staging(robot, 2.0 * q[np.newaxis], 1.0)
+    staging = SceneSetup(robot, q[np.newaxis], 20.0)
+    twice = SceneSetup(robot, 2.0 * q[np.newaxis], 1.0)
     assert staging.strain > 0.0
     # the strain is the true one, however much larger the deflection is drawn
     assert twice.strain == pytest.approx(2.0 * staging.strain, rel=1e-12)
@@ -149,7 +149,7 @@ def test_strain_is_that_of_the_curvature(repository: Path) -> None:
 def test_a_robot_that_flew_away_is_refused(simulated_bag: SimulatedBag) -> None:
     states = np.full((2, simulated_bag.robot.n), 1e9)
     with pytest.raises(StateError, match=r'must be within 1e\+06 m of the base, got'):
-        Staging(simulated_bag.robot, states)
+        SceneSetup(simulated_bag.robot, states)
 
 
 def area(corners: NDArray[np.float64]) -> float:
@@ -162,7 +162,7 @@ def test_of_closed_surfaces_the_near_side_is_drawn(repository: Path, name: str) 
     """Near and far side of a closed surface have the same area in the picture."""
     robot = load_robot(repository / f'config/robots/{name}.urdf', gravity=(0, 0, 0))
     q = np.zeros(robot.n)
-    staging = Staging(robot, q[np.newaxis], 1.0, 'iso')
+    staging = SceneSetup(robot, q[np.newaxis], 1.0, 'iso')
     assert area(staging.robot(q).corners) == pytest.approx(0.5 * area(staging.ghost(q)), rel=1e-9)
 
 
@@ -173,7 +173,7 @@ def test_what_is_nearer_is_drawn_later() -> None:
         for name, z, colour in (('above', 1, '1 0 0'), ('below', 0, '0 0 1'))
     )
     robot = load_robot(f'<robot name="plates"><link name="base">{boxes}</link></robot>')
-    drawn = Staging(robot, np.zeros((1, 0)), 1.0, 'top').robot(np.zeros(0)).colours
+    drawn = SceneSetup(robot, np.zeros((1, 0)), 1.0, 'top').robot(np.zeros(0)).colours
     assert drawn[0, 2] > drawn[0, 0]
     assert drawn[-1, 0] > drawn[-1, 2]
 
@@ -183,7 +183,7 @@ def test_the_side_that_is_seen_has_its_own_strain() -> None:
     robot = load_robot(two_links().replace('direction="y"', 'direction="z"'))
     q = np.zeros(robot.n)
     q[robot.coordinate_names.index('one/z1')] = 0.01
-    drawn = Staging(robot, q[np.newaxis], 1.0, 'top').robot(q)
+    drawn = SceneSetup(robot, q[np.newaxis], 1.0, 'top').robot(q)
     redder = drawn.colours[:, 0] - drawn.colours[:, 2]
     # its flanks are seen from the edge
     assert area(drawn.corners[redder > 0.3]) < 0.05 * area(drawn.corners[redder < -0.3])

@@ -21,8 +21,8 @@ from denoc_ros.cli.main import main
 from denoc_ros.cli.view import book_systems
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, StateError
-from denoc_ros.viewer.moment import Moment
 from denoc_ros.viewer.page import Page
+from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.surfaces import BANDS
 
 TIMEOUT = 30.0
@@ -63,35 +63,36 @@ def kinds(client: ViewerClient) -> list[str]:
     return found
 
 
-def moments(robot: Robot) -> list[Moment]:
+def moments(robot: Robot) -> list[Snapshot]:
     times = np.linspace(0.0, 2.0, 41)
     return [
-        Moment(float(t), np.full(robot.n, 0.02 * t), channels={'x [m]/a': float(t)}) for t in times
+        Snapshot(float(t), np.full(robot.n, 0.02 * t), channels={'x [m]/a': float(t)})
+        for t in times
     ]
 
 
 def test_nothing_is_drawn_while_nobody_looks(page: Page, robot: Robot) -> None:
-    drawn: list[Moment] = []
+    drawn: list[Snapshot] = []
     original = page._view.draw
 
-    def draw(moment: Moment, look: object) -> object:
+    def draw(moment: Snapshot, look: object) -> object:
         drawn.append(moment)
         return original(moment, look)  # type: ignore[arg-type]
 
     page._view.draw = draw  # type: ignore[method-assign, assignment]
-    page.show(Moment(0.0, np.zeros(robot.n)))
+    page.show(Snapshot(0.0, np.zeros(robot.n)))
     assert not drawn
     with looked_at(page) as client:
         assert drawn  # what was shown before it came
         drawn.clear()
-        page.show(Moment(1.0, np.full(robot.n, 0.01)))
+        page.show(Snapshot(1.0, np.full(robot.n, 0.01)))
         assert len(drawn) == 1
         assert 3 <= kinds(client).count(MOVING) <= 2 * BANDS + 10  # few: meshes share colours
-        page.show(Moment(1.1, np.full(robot.n, 0.01)))
+        page.show(Snapshot(1.1, np.full(robot.n, 0.01)))
         assert kinds(client).count(MOVING) == 0  # where nothing moves nothing is sent
     wait_for_clients(page, 0)
     drawn.clear()
-    page.show(Moment(2.0, np.zeros(robot.n)))
+    page.show(Snapshot(2.0, np.zeros(robot.n)))
     assert not drawn
 
 
@@ -137,7 +138,7 @@ def test_a_mode_plays_instead_of_what_is_shown(page: Page, robot: Robot) -> None
         while page._view._limit == 0.0:  # the mode bends what is straight
             assert time.monotonic() < until
             time.sleep(0.02)
-        page.show(Moment(5.0, np.zeros(robot.n)))  # kept, and drawn when the mode ends
+        page.show(Snapshot(5.0, np.zeros(robot.n)))  # kept, and drawn when the mode ends
         player._choice.value = player._choice.options[0]
         assert not player.playing
         assert page._moment.t == 5.0
@@ -162,9 +163,9 @@ def test_sliders_of_a_mechanism_keep_its_loops_closed(repository: Path) -> None:
 
 def test_moments_of_another_robot_are_refused(page: Page) -> None:
     with pytest.raises(StateError, match='q must'):
-        page.show(Moment(0.0, np.zeros(3)))
+        page.show(Snapshot(0.0, np.zeros(3)))
     with pytest.raises(StateError, match='must be finite'):
-        page.show(Moment(0.0, np.full(page._view.robot.n, np.nan)))
+        page.show(Snapshot(0.0, np.full(page._view.robot.n, np.nan)))
     with pytest.raises(StateError, match='must have moments'):
         page.play([])
 

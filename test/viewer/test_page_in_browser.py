@@ -16,8 +16,8 @@ from playwright.sync_api import Browser
 from playwright.sync_api import Page as Tab
 
 import denoc_ros as dn
-from denoc_ros.viewer.moment import Moment
 from denoc_ros.viewer.page import Page
+from denoc_ros.viewer.snapshot import Snapshot
 
 Pixels = NDArray[np.int16]
 
@@ -44,7 +44,7 @@ def page(repository: Path) -> Iterator[Page]:
         q[robot.joint_indices] = 0.8 * t
         q[robot.flexible_indices[::2]] = 0.025 * t
         channels = {'deflection [m]/predicted': 0.025 * t, 'torque [N m]/joint_1': np.sin(t)}
-        moments.append(Moment(t, q, None, {'joint_1': 5.0}, channels))
+        moments.append(Snapshot(t, q, None, {'joint_1': 5.0}, channels))
     with Page(robot) as page:
         page.play(moments)
         yield page

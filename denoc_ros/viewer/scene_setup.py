@@ -46,7 +46,7 @@ class Triangles:
     colours: Array
 
 
-class Staging:
+class SceneSetup:
     """How a robot is put in the picture.
 
     Parameters

@@ -1,4 +1,4 @@
-"""How often something that may wait is done; nothing here needs ROS."""
+"""Rate limiting for low-priority work, and for attempts that fail."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ SLOWEST = 1.0  # s between two rounds of whatever cost
 SMOOTHING = 0.2  # weight of the newest round in the mean cost
 
 
-class Pace:
+class RateLimiter:
     """Rounds at a rate, and at a lower one where they take more than their share of a processor.
 
     Parameters

@@ -16,7 +16,7 @@ from denoc_ros.trajectories import Trajectory
 Array = NDArray[np.float64]
 
 
-class Law:
+class TimeFunction:
     """A trajectory as a function `t -> (q, qd, qdd)`, each (joints,), reused between calls."""
 
     def __init__(self, trajectory: Trajectory) -> None:
@@ -33,7 +33,7 @@ class Law:
         return q, qd, qdd
 
 
-def of_joint(law: Law, index: int) -> Callable[[float], tuple[float, float, float]]:
+def of_joint(law: TimeFunction, index: int) -> Callable[[float], tuple[float, float, float]]:
     """Return one joint's part of a law."""
 
     def motion(t: float) -> tuple[float, float, float]:
@@ -88,7 +88,7 @@ def rigid_torque(robot: Robot, reference: Trajectory) -> Torque:
     """
     model = robot.copy()
     joints = np.asarray(robot.joint_indices)
-    law = Law(reference)
+    law = TimeFunction(reference)
     q, qd, qdd = np.zeros((3, robot.n))
     needed, tau = np.zeros(robot.n), np.zeros(robot.n)
 
@@ -122,7 +122,7 @@ def rigid_loop_torque(robot: Robot, reference: Trajectory, actuated: Sequence[st
     model = rigid_robot(robot)
     places = [robot.joint_names.index(name) for name in actuated]
     driven = np.asarray(robot.joint_indices)[places]
-    law = Law(reference)
+    law = TimeFunction(reference)
     tau = np.zeros(robot.n)
 
     def torque(t: float, _q: Array, _qd: Array) -> Array:
@@ -134,7 +134,7 @@ def rigid_loop_torque(robot: Robot, reference: Trajectory, actuated: Sequence[st
     return torque
 
 
-class TableTorque:
+class SampledTorque:
     """Torques that are known only every so often, as a controller or a file gives them.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Who talks on a topic, of those who could; nothing here needs ROS."""
+"""How many of a topic's publishers send messages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ MOST_MISSED = 1_000_000  # messages at most between two that came: else it is an
 LOST = 100  # messages at most that one publisher may have sent and that did not come
 
 
-class Talkers:
+class ActivePublishers:
     """Tells from the numbers of messages how many publishers send them.
 
     A publisher stays in the graph when its process is killed, until its lease ends; another may
@@ -19,19 +19,21 @@ class Talkers:
     Parameters
     ----------
     allowed : int
-        Publishers that may talk at once; the numbers matter while there are more.
+        Publishers that may send at once; the numbers matter while there are more.
     """
 
     def __init__(self, allowed: int) -> None:
         self._allowed = allowed
-        self._last: list[tuple[int, float]] = []  # number and time of each talker's last message
+        self._last: list[
+            tuple[int, float]
+        ] = []  # number and time of each publisher's last message
 
     def begin(self, now: float) -> None:
-        """Take it that as many talked as may, up to steady `now` [s], nobody knows who."""
+        """Assume that as many publishers as allowed sent up to steady `now` [s]."""
         self._last = [(-LOST - 1, now)] * self._allowed
 
     def count(self, publishers: int, numbers: Sequence[int | None], now: float) -> int:
-        """Take the numbers of new messages; return how many talk.
+        """Take the numbers of new messages; return how many publishers send.
 
         Parameters
         ----------
@@ -39,7 +41,7 @@ class Talkers:
             How many there are.
         numbers : sequence of int or None
             Of the messages, in their order; None where the middleware does not number them: then
-            all publishers count as talking.
+            all publishers count as sending.
         now : float
             s on the steady clock.
         """
@@ -55,7 +57,7 @@ class Talkers:
         return len(self._last)
 
     def _attribute(self, number: int, now: float) -> None:
-        """Take a message for that of the talker whose number it goes on from, else a new one."""
+        """Attribute a message to the publisher whose numbers it continues, else to a new one."""
         before = [each for each in self._last if 0 < number - each[0] <= LOST]
         if before:
             self._last.remove(max(before))

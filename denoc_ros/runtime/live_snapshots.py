@@ -1,4 +1,4 @@
-"""What topics said last, as moments to draw; nothing here needs ROS."""
+"""What topics said last, as snapshots to draw."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.runtime.conversions import JointStateReader, joint_names
 from denoc_ros.runtime.live_state import LiveState
 from denoc_ros.viewer.channels import deflection_channel, residual_channel, torque_channels
-from denoc_ros.viewer.moment import Moment
+from denoc_ros.viewer.snapshot import Snapshot
 
 Array = NDArray[np.float64]
 # what the charts call a source, by the node that its topic is of
@@ -21,7 +21,7 @@ WORDS = {'predictor': 'predicted', 'plant': 'true'}
 
 
 class LiveMoments:
-    """Keeps the newest of every topic and makes moments of what is fresh.
+    """Keeps the newest of every topic and makes snapshots of what is fresh.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class LiveMoments:
     Attributes
     ----------
     source : str
-        The topic that the last moment is of; '' before there is one.
+        The topic that the last snapshot is of; '' before there is one.
     """
 
     def __init__(
@@ -79,8 +79,8 @@ class LiveMoments:
         self._start = time.perf_counter()
         self.source = ''
 
-    def moment(self, now: float) -> Moment | None:
-        """Return the moment to draw at `now` [s, steady clock], None where nothing is fresh."""
+    def moment(self, now: float) -> Snapshot | None:
+        """Return the snapshot to draw at `now` [s, steady clock], None where nothing is fresh."""
         fresh = [topic for topic in self._states if self._is_fresh(topic, now)]
         self.source = fresh[0] if fresh else ''
         if not fresh:
@@ -94,7 +94,7 @@ class LiveMoments:
         if self._is_fresh(self._residual, now):
             residuals = self._values[self._residual].position
             channels.update({residual_channel(name): each for name, each in residuals.items()})
-        return Moment(now - self._start, state.q, state.qd, torque or None, channels)
+        return Snapshot(now - self._start, state.q, state.qd, torque or None, channels)
 
     def wanted(self, now: float) -> list[str]:
         """Return the topics that are worth listening to at `now` [s].

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.live_moments import LiveMoments
+from denoc_ros.runtime.live_snapshots import LiveMoments
 from denoc_ros.runtime.live_state import FARTHEST, LiveState
 
 pytestmark = pytest.mark.ros

@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.simulation.laws import (
-    Law,
+from denoc_ros.simulation.motion import Torque, mimic_ties
+from denoc_ros.simulation.path import Circle, follow
+from denoc_ros.simulation.scenario_reader import ScenarioReader, is_number
+from denoc_ros.simulation.time_functions import (
+    SampledTorque,
     SpinUp,
-    TableTorque,
+    TimeFunction,
     of_joint,
     rigid_loop_torque,
     rigid_robot,
     rigid_torque,
     step_torque,
 )
-from denoc_ros.simulation.motion import Torque, mimic_ties
-from denoc_ros.simulation.path import Circle, follow
-from denoc_ros.simulation.scenario_reader import ScenarioReader, is_number
 from denoc_ros.trajectories import Trajectory
 
 TORQUE_KINDS = ('zero', 'step', 'rigid_inverse_dynamics')
@@ -29,7 +29,7 @@ CIRCLE_NEEDS = ('radius', 'duration')
 CIRCLE_KEYS = ('kind', 'frame', 'centre', 'start', 'turns', 'guess', *CIRCLE_NEEDS)
 
 
-class Driver:
+class ScenarioInputs:
     """What moves the robot: one of `torque`, `reference`, `prescribed`."""
 
     def __init__(self, reader: ScenarioReader, robot: Robot) -> None:
@@ -52,7 +52,7 @@ class Driver:
         elif given == ['reference']:
             self.reference = reader.trajectory(values['reference'], self._joints)
             if self.reference is not None:
-                law = Law(self.reference)
+                law = TimeFunction(self.reference)
                 self.prescribed = {name: of_joint(law, k) for k, name in enumerate(self._joints)}
         elif given:
             self._read_prescribed(reader.mapping('prescribed', values['prescribed']))
@@ -141,7 +141,7 @@ class Driver:
         if not (is_number(every) and every > 0.0):
             self._reader.find(f"torque's every must be a number > 0 s, got {every!r}")
             return torque
-        return TableTorque(torque, float(every), str(between))
+        return SampledTorque(torque, float(every), str(between))
 
     def _read_prescribed(self, values: Mapping[str, Any]) -> None:
         for name, law in values.items():
@@ -155,7 +155,7 @@ class Driver:
             else:
                 trajectory = self._reader.trajectory(law, [name], whose)
                 if trajectory is not None:
-                    self.prescribed[name] = of_joint(Law(trajectory), 0)
+                    self.prescribed[name] = of_joint(TimeFunction(trajectory), 0)
 
     def _read_spin_up(self, name: str, whose: str, law: Mapping[str, Any]) -> None:
         self._reader.only(whose, law, ('kind', 'rate', 'time'))

@@ -17,6 +17,7 @@ from std_msgs.msg import Float64
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.recorder import Recorder
 from denoc_ros.nodes.robot_node import RobotNode
+from denoc_ros.runtime.active_publishers import LOST, SILENCE, ActivePublishers, Gaps
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import (
@@ -25,7 +26,6 @@ from denoc_ros.runtime.shared_parameters import (
     loop_parameters,
     robot_parameters,
 )
-from denoc_ros.runtime.talkers import LOST, SILENCE, Gaps, Talkers
 
 pytestmark = pytest.mark.ros
 
@@ -44,51 +44,51 @@ while True:
 
 
 def test_one_that_goes_on_is_one_although_messages_are_lost() -> None:
-    talkers, now = Talkers(1), 10.0
+    publishers, now = ActivePublishers(1), 10.0
     for number in (7, 8, 9, 9 + LOST, 300):
-        assert talkers.count(1, [number], now) == 1
+        assert publishers.count(1, [number], now) == 1
     for number in (301, 302, 302 + LOST):
-        assert talkers.count(2, [number], now) == 1
+        assert publishers.count(2, [number], now) == 1
 
 
 def test_two_that_talk_in_turns_are_two_however_their_numbers_stand() -> None:
     for other in (1, 999, 1000, 1001, 1050, 10**6):
-        talkers = Talkers(1)
-        talkers.count(1, [1000], 10.0)
+        publishers = ActivePublishers(1)
+        publishers.count(1, [1000], 10.0)
         found = []
         for k in range(1, 5):
             now = 10.0 + 0.01 * k
-            found += [talkers.count(2, [other + k], now), talkers.count(2, [1000 + k], now)]
+            found += [publishers.count(2, [other + k], now), publishers.count(2, [1000 + k], now)]
         assert found[1:] == [2] * 7
 
 
 def test_messages_of_one_batch_are_told_apart_before_one_is_taken() -> None:
-    assert Talkers(1).count(2, [5, 1], 10.0) == 2
+    assert ActivePublishers(1).count(2, [5, 1], 10.0) == 2
 
 
 def test_one_that_has_fallen_silent_does_not_count_after_a_while() -> None:
-    talkers = Talkers(1)
-    talkers.count(1, [5000], 10.0)
-    assert talkers.count(2, [1], 10.0 + 0.9 * SILENCE) == 2
-    assert talkers.count(2, [2], 10.0 + 1.1 * SILENCE) == 1
+    publishers = ActivePublishers(1)
+    publishers.count(1, [5000], 10.0)
+    assert publishers.count(2, [1], 10.0 + 0.9 * SILENCE) == 2
+    assert publishers.count(2, [2], 10.0 + 1.1 * SILENCE) == 1
 
 
 def test_as_many_as_may_talk_are_not_too_many() -> None:
-    talkers = Talkers(2)
-    found = [talkers.count(3, [first + k], 10.0) for k in range(3) for first in (1, 1000)]
+    publishers = ActivePublishers(2)
+    found = [publishers.count(3, [first + k], 10.0) for k in range(3) for first in (1, 1000)]
     assert max(found) == 2
-    assert talkers.count(3, [9000], 10.0) == 3
+    assert publishers.count(3, [9000], 10.0) == 3
 
 
 def test_without_numbers_all_count_as_talking() -> None:
-    assert Talkers(1).count(2, [None], 10.0) == 2
+    assert ActivePublishers(1).count(2, [None], 10.0) == 2
 
 
 def test_of_those_before_nothing_is_known_at_the_beginning() -> None:
-    talkers = Talkers(1)
-    talkers.begin(10.0)
-    assert talkers.count(2, [1], 10.1) == 2
-    assert talkers.count(2, [2], 10.1 + SILENCE) == 1
+    publishers = ActivePublishers(1)
+    publishers.begin(10.0)
+    assert publishers.count(2, [1], 10.1) == 2
+    assert publishers.count(2, [2], 10.1 + SILENCE) == 1
 
 
 TABLE = ParameterTable(

@@ -20,7 +20,7 @@ CORRECTIONS = 6
 RANK = 1e-12
 
 
-class Closing:
+class ConstraintProjection:
     """Projects states of a robot onto its loops and mimic joints.
 
     The change is the smallest in the metric of the inertia matrix: it does no more to a light

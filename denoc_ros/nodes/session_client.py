@@ -38,7 +38,7 @@ class NodeError(DenocError):
     """A node did not do what the session asked of it."""
 
 
-class Driver:
+class SessionClient:
     """Publishes what a session needs and asks its nodes how they are.
 
     Parameters
@@ -90,7 +90,7 @@ class Driver:
             self._description = node.create_publisher(String, 'robot_description', LATCHED)
             self._description.publish(String(data=description))
 
-    def __enter__(self) -> Driver:
+    def __enter__(self) -> SessionClient:
         """Return itself."""
         return self
 

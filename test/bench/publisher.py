@@ -1,9 +1,9 @@
 """Load for a recorder, and garbage for a controller: a process that talks when it is told to.
 
-`python -m bench.talker load TOPICS RATE BYTES` publishes numbered messages on `/load/t0`, …;
-`python -m bench.talker garbage RATE` publishes joint states and references that must be refused;
-`python -m bench.talker joints RATE JOINT …` publishes good joint states of a robot that stands,
-`python -m bench.talker moving RATE JOINT …` of one whose joints swing.
+`python -m bench.publisher load TOPICS RATE BYTES` publishes numbered messages on `/load/t0`, …;
+`python -m bench.publisher garbage RATE` publishes joint states and references to be refused;
+`python -m bench.publisher joints RATE JOINT …` publishes good joint states of a robot that stands,
+`python -m bench.publisher moving RATE JOINT …` of one whose joints swing.
 SIGUSR1 begins, SIGUSR2 pauses, SIGINT ends; `joints` and `moving` begin by themselves.
 """
 
@@ -98,7 +98,7 @@ def main() -> None:
     signal.signal(signal.SIGUSR2, lambda *_: told.__setitem__(0, False))
     signal.signal(signal.SIGINT, lambda *_: told.__setitem__(1, True))
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = Node(f'talker_{kind}', use_global_arguments=False)
+    node = Node(f'publisher_{kind}', use_global_arguments=False)
     if kind == 'load':
         rate = float(arguments[1])
         talk = load(node, int(arguments[0]), int(arguments[2]))
