@@ -82,7 +82,7 @@ def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None =
 
 def natural_modes(robot: Robot, q: Array, held: bool) -> NaturalModes:
     """Return the natural modes at rest at q."""
-    index = robot.flexible_indices if held else np.arange(robot.n)
+    index = robot.free_indices if held else np.arange(robot.n)
     if not held:
         require_rotors(robot.tree)
     if not len(index):

@@ -13,6 +13,7 @@ from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import each_row, run_rows
 from denoc_ros.dynamics.constrained_derivatives import DifferentiableMechanism
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
+from denoc_ros.dynamics.floating_base import FloatingBase
 from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
 from denoc_ros.dynamics.linearize import Linearizable
 from denoc_ros.dynamics.momentum import MassAndMomentum
@@ -59,6 +60,7 @@ class Robot(
     TorqueRegressor,
     Linearizable,
     StaticsAndVibration,
+    FloatingBase,
     MassAndMomentum,
     ConstrainedModel,
 ):

@@ -78,7 +78,10 @@ class RobotModel:
     tree : Tree
     n : int
     joint_names, coordinate_names : tuple of str
-    joint_indices, flexible_indices : int arrays, where joints and amplitudes stand
+    joint_indices, flexible_indices, base_indices : int arrays
+        Where joints, amplitudes and the coordinates of a floating base (none: empty) stand.
+    free_indices : int array
+        All that no joint drives: amplitudes and the coordinates of a floating base.
     gravity : (3,) [m/s^2] in the base frame
     geometric_stiffness : bool
     frame_names : tuple of str, links and loop frames
@@ -109,7 +112,9 @@ class RobotModel:
         self.constraint_names = arrays.constraint_names
         self.coordinate_names = arrays.coordinate_names
         self.joint_indices = arrays.joint_indices
-        self.flexible_indices = np.setdiff1d(np.arange(self.n), self.joint_indices)
+        self.base_indices = arrays.base_indices
+        self.free_indices = np.setdiff1d(np.arange(self.n), self.joint_indices)
+        self.flexible_indices = np.setdiff1d(self.free_indices, self.base_indices)
         self._constants: Array = arrays.constants.copy()
         self._base: BaseMotion | None = None
         self._link_side: Array | None = None  # the constants of the robot without springs

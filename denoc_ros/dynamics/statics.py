@@ -38,7 +38,8 @@ class StaticsAndVibration(RobotModel):
         q_joints : (joints,)
         wrenches : {frame: (6,)}, optional
         start : (n,), optional
-            First guess of the amplitudes (its joints are not used); default undeformed.
+            First guess of the amplitudes (its joints are not used), and where a floating base is
+            held; default undeformed and zero.
         base : (twist, acceleration[, pose]), optional
             A base that moves steadily: the amplitudes stand still on it.
 
@@ -65,8 +66,9 @@ class StaticsAndVibration(RobotModel):
     def natural_modes(self, q: ArrayLike, held: bool = True) -> linearization.NaturalModes:
         """Return frequencies [Hz], shapes (n, k) and damping ratios at rest at q.
 
-        Gravity and load stiffness are as they are at q. `held` joints stay still; else all n
-        coordinates move: rigid motions have frequency 0 and unstable ones a negative one.
+        Gravity and load stiffness are as they are at q. `held` joints stay still, a floating
+        base moves; else all n coordinates move. Rigid motions have frequency 0 and unstable ones a
+        negative one.
         """
         q = as_states('q', q, self.n)
         modes = each_row(

@@ -73,10 +73,13 @@ class Workspace:
         work[layout.ANGULAR_VELOCITY : layout.ANGULAR_VELOCITY + 3] = twist[3:]
         work[layout.ACCELERATION : layout.ACCELERATION + 3] = acceleration[:3] - gravity
         work[layout.ANGULAR_ACCELERATION : layout.ANGULAR_ACCELERATION + 3] = acceleration[3:]
+        if self._chain is not None:
+            self._chain.move_base(twist, acceleration, rotation)
 
     def _see_link_side(self, arrays: ModelArrays, constants: Array | None) -> None:
         """Name the robot without springs in the record: this one where there are none."""
         self._record[handle.LINK_SIDE] = self.handle
+        self._chain: Workspace | None = None
         if arrays.link_side is None or arrays.link_map is None or constants is None:
             return
         self._chain = type(self)(arrays.link_side, constants)

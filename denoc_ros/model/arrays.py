@@ -1,20 +1,15 @@
-"""The immutable tree as the flat arrays of the kernels.
-
-Beam integrals are exact to rounding without quadrature points at run time: every integrand is a
-product of two functions out of 1, x, s_j and H_jk, so these are replaced by vectors whose inner
-products are the integrals (a QR factorization of their values at many Gauss points). The kernels
-then sum over as many `points` as there are independent functions, seven for two modes per plane.
-"""
+"""The immutable tree as the flat arrays of the kernels."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from denoc_ros.kernels import constraint_layout, derivative_layout, layout
+from denoc_ros.model import floating
+from denoc_ros.model.beam_arrays import beam_points, polar_constants, section_constants
 from denoc_ros.model.branches import mark_branches
 from denoc_ros.model.constraints import constraints_to_arrays
 from denoc_ros.model.coordinates import diagonals, names
@@ -25,18 +20,15 @@ from denoc_ros.model.joint_rows import (
     pose_rows,
 )
 from denoc_ros.model.link_side import has_springs, link_map, without_springs
-from denoc_ros.model.shapes import ShapeFunctions, gauss_rule
 from denoc_ros.model.tree import (
     Array,
     Attachment,
     Beam,
     Body,
-    Deformation,
     RigidInertia,
     Tree,
 )
 
-GAUSS_POINTS = 16
 SLIP_RATE = 1e-3  # rad/s or m/s, of Coulomb friction (design.md, section 1)
 
 
@@ -46,9 +38,11 @@ class ModelArrays:
 
     # (1 + bodies + frames + constraints, TOPOLOGY_COLUMNS), row 0 the base
     topology: NDArray[np.uint32]
-    constants: Array  # constants
+    constants: Array
     diagonals: Array  # (6, n) of coordinates: stiffness, damping, friction, armature, ...
-    bodies: int  # rows of bodies: those of the tree, and the motor sides of elastic joints
+    # rows of bodies: those of the tree, motor sides of elastic joints, massless ones before a
+    # floating base
+    bodies: int
     body_rows: tuple[int, ...]  # of each body of the tree, its row
     work_size: int
     frame_rows: dict[str, int]
@@ -56,6 +50,7 @@ class ModelArrays:
     coordinate_names: tuple[str, ...]
     joint_names: tuple[str, ...]
     joint_indices: NDArray[np.int64]
+    base_indices: NDArray[np.int64]  # (6,) of a floating base, else (0,)
     constraint_names: tuple[str, ...]  # per multiplier, of its loop or mimic joint
     link_side: ModelArrays | None = None  # the robot without springs; None: it has none
     link_map: NDArray[np.uint32] | None = None  # (2, m), see model.link_side
@@ -80,82 +75,6 @@ class ModelArrays:
     def body_axes(self, body: int) -> Array:
         """Return the kernels' axes (3, 3) of a body of the tree, seen from its frame."""
         return self.axes[self.body_rows[body] - 1]
-
-
-def foreshortening(shapes: ShapeFunctions, x: Array) -> Array:
-    """Return H(x) = int_0^x s' s'^T, shape (k, m, m) [1/m], at stations x (k,)."""
-    node, weight = gauss_rule(GAUSS_POINTS)
-    panels = 2 + 2 * shapes.modes
-    share = (np.arange(panels)[:, None] + 0.5 * (node + 1.0)) / panels  # of [0, x]
-    stations = np.outer(x, share.ravel())
-    slope = shapes.slopes(stations.ravel()).reshape(len(x), -1, shapes.modes)
-    weights = np.outer(x, np.tile(weight / (2.0 * panels), panels))
-    product: Array = np.einsum('kp,kpi,kpj->kij', weights, slope, slope)
-    return product
-
-
-def _plane(part: Deformation | None, x: Array, geometric: bool) -> tuple[Array, Array]:
-    """Return values (k, m) and H (k, m, m) of a bending plane at stations x."""
-    if part is None:
-        return np.zeros((len(x), 0)), np.zeros((len(x), 0, 0))
-    values = part.shapes.values(x)
-    if not geometric:
-        return values, np.zeros((len(x), part.modes, part.modes))
-    return values, foreshortening(part.shapes, x)
-
-
-def _gauss_rule(beam: Beam) -> tuple[Array, Array]:
-    """Return stations and weights of a rule that integrates the beam's products to rounding."""
-    node, weight = gauss_rule(GAUSS_POINTS)
-    panels = 4 + 4 * max(beam.modes)
-    width = beam.length / panels
-    start = width * np.arange(panels)
-    return (start[:, None] + 0.5 * width * (node + 1.0)).ravel(), np.tile(
-        0.5 * width * weight, panels
-    )
-
-
-def beam_points(beam: Beam, geometric: bool) -> Array:
-    """Return the rows (points, 2 + ny + nz + ny^2 + nz^2) that stand for a beam's functions."""
-    x, weight = _gauss_rule(beam)
-    y, h_y = _plane(beam.y, x, geometric)
-    z, h_z = _plane(beam.z, x, geometric)
-    functions = np.concatenate(
-        [np.ones((len(x), 1)), x[:, None], y, z, h_y.reshape(len(x), -1), h_z.reshape(len(x), -1)],
-        axis=1,
-    )
-    weighted = np.sqrt(beam.mass_per_length * weight)[:, None] * functions
-    norm = np.linalg.norm(weighted, axis=0)
-    norm[norm == 0.0] = 1.0
-    upper, order = scipy.linalg.qr(weighted / norm, mode='r', pivoting=True)
-    rank = int(np.sum(np.abs(np.diag(upper)) > 1e-15 * len(x)))
-    rows = np.empty((rank, functions.shape[1]))
-    rows[:, order] = upper[:rank]
-    return np.asarray(rows * norm)
-
-
-def _polar(beam: Beam) -> list[Array]:
-    """Return the torsion constants int rho J [1; s; s s^T]."""
-    if beam.torsion is None:
-        return [np.zeros(1)]
-    x, weight = _gauss_rule(beam)
-    s = beam.torsion.shapes.values(x)
-    scaled = beam.polar_inertia * weight
-    return [
-        np.array([beam.polar_inertia * beam.length]),
-        scaled @ s,
-        ((s * scaled[:, None]).T @ s).ravel(),
-    ]
-
-
-def _section(beam: Beam, station: float, geometric: bool) -> Array:
-    """Return the constants of the section at a station."""
-    x = np.array([station])
-    y, h_y = _plane(beam.y, x, geometric)
-    z, h_z = _plane(beam.z, x, geometric)
-    slopes = [part.shapes.slopes(x).ravel() if part else np.zeros(0) for part in (beam.y, beam.z)]
-    twist = beam.torsion.shapes.values(x).ravel() if beam.torsion else np.zeros(0)
-    return np.concatenate([x, y.ravel(), z.ravel(), *slopes, twist, h_y.ravel(), h_z.ravel()])
 
 
 def inertia_row(inertia: RigidInertia, axes: Array) -> Array:
@@ -219,16 +138,18 @@ class _ArrayBuilder:
             return moved
         assert carrier.beam is not None
         row[layout.SECTION] = self.append(
-            _section(carrier.beam, attachment.station, self.geometric)
+            section_constants(carrier.beam, attachment.station, self.geometric)
         )
         modes = sum(carrier.beam.modes)
         row[layout.SECTION_WORK] = self.reserve(layout.COLUMNS + 6 * modes)
         return attachment.placement
 
     def body(self, body: Body) -> None:
-        """Write one body, and before it the motor side of its joint where that is elastic."""
+        """Write one body, and before it the motor side of an elastic joint, or what floats."""
         row = np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)
         placement = self.attach(row, body.attachment)
+        if body.floating:
+            row, placement = self.float_on(row, placement, body.attachment)
         if body.joint is not None:
             self.joint_rows[body.joint.name] = len(self.rows)
         if body.joint is not None and body.joint.spring is not None:
@@ -240,6 +161,28 @@ class _ArrayBuilder:
             placement[:3, :3] = self.axes[-1].T
         self.body_rows.append(len(self.rows))
         self.moving(row, placement, body)
+
+    def float_on(
+        self, row: NDArray[np.int64], placement: Array, at: Attachment
+    ) -> tuple[NDArray[np.int64], Array]:
+        """Write the massless bodies before a floating one; return its row and its placement."""
+        turn = floating.turned(floating.TURNING_AXES)
+        parts = (
+            (True, placement, floating.SLIDING_MODES, floating.SLIDING_SECTION, turn),
+            (False, turn, floating.TURNING_MODES, floating.TURNING_SECTION, turn.T),
+        )
+        for slides, place, modes, section, following in parts:
+            row[[layout.NY, layout.NZ, layout.NT]] = modes
+            row[layout.MODES], row[layout.POINTS] = sum(modes), 1
+            row[layout.BEAM] = self.append(*floating.massless_modes(modes))
+            row[layout.BEAM_WORK] = self.reserve(sum(modes) + 3 + modes[0] + modes[1])
+            self.moving(row, place, floating.massless_body(at, slides))
+            row = np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)
+            row[layout.PARENT] = len(self.rows) - 1
+            row[layout.SECTION] = self.append(section)
+            row[layout.SECTION_WORK] = self.reserve(layout.COLUMNS + 6 * sum(modes))
+            placement = following
+        return row, placement
 
     def moving(self, row: NDArray[np.int64], placement: Array, body: Body) -> None:
         """Write a row that moves by a body's joint, given its carrier and its placement there."""
@@ -276,7 +219,7 @@ class _ArrayBuilder:
         row[[layout.NY, layout.NZ, layout.NT]] = body.beam.modes
         row[layout.MODES] = sum(body.beam.modes)
         row[layout.POINTS] = len(points)
-        row[layout.BEAM] = self.append(*_polar(body.beam), points)
+        row[layout.BEAM] = self.append(*polar_constants(body.beam), points)
         bending = int(row[layout.NY] + row[layout.NZ])
         row[layout.BEAM_WORK] = self.reserve(int(row[layout.MODES]) + len(points) * (3 + bending))
 
@@ -350,6 +293,7 @@ def to_arrays(tree: Tree, gravity: Array, geometric_stiffness: bool) -> ModelArr
         coordinate_names=tuple(coordinates),
         joint_names=tuple(joints),
         joint_indices=np.array(indices, dtype=np.int64),
+        base_indices=floating.indices(tree, coordinates),
         constraint_names=constraint_names,
         link_side=to_arrays(rigid, gravity, geometric_stiffness) if rigid else None,
         link_map=link_map(tree) if rigid else None,

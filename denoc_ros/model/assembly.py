@@ -55,15 +55,20 @@ class Assembly:
         return Attachment(at.body, station, from_section)
 
     def add_body(
-        self, link: str, at: Attachment, joint: Joint | None, inertia: RigidInertia
+        self,
+        link: str,
+        at: Attachment,
+        joint: Joint | None,
+        inertia: RigidInertia,
+        floating: str = '',
     ) -> None:
-        """Add a link as a body of its own."""
+        """Add a link as a body of its own, on a floating joint if that is named."""
         flexible = self.flexible.get(link)
         frame, beam = np.eye(4), None
         if flexible is not None:
             frame, beam, inertia = flexible.origin, flexible.beam, flexible.rest
         self.frames[link] = Attachment(len(self.bodies), 0.0, inverse_transform(frame))
-        self.bodies.append(Body(link, at, joint, frame, inertia, beam))
+        self.bodies.append(Body(link, at, joint, frame, inertia, beam, floating))
 
     def merge(self, link: str, at: Attachment, inertia: RigidInertia) -> None:
         """Add a rigid link to the body that it is fixed to; on the base its mass is nothing."""
@@ -130,7 +135,9 @@ def _add_link(
 ) -> None:
     at = assembly.attach(joint.parent, joint.origin)
     inertia = RigidInertia() if inertia is None else inertia
-    if joint.kind is not JointKind.FIXED:
+    if joint.kind is JointKind.FLOATING:
+        assembly.add_body(joint.child, at, None, inertia, joint.name)
+    elif joint.kind is not JointKind.FIXED:
         assembly.add_body(joint.child, at, moving, inertia)
     elif joint.child in assembly.flexible or at.station > 0.0:
         assembly.add_body(joint.child, at, None, inertia)

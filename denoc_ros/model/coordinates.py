@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.model.floating import PARTS, coordinate_names
 from denoc_ros.model.tree import Body, JointKind, Tree
 
 Array = NDArray[np.float64]
@@ -24,6 +25,8 @@ def diagonals(tree: Tree) -> Array:
     """Return the terms (6, n) of all coordinates, in the order of `TERMS`."""
     columns = [np.zeros((0, len(TERMS)))]
     for body in tree.bodies:
+        if body.floating:
+            columns.append(np.zeros((len(PARTS), len(TERMS))))
         columns += [np.array(list(_joint_terms(body))).reshape(-1, len(TERMS))]
         if body.beam is None:
             continue
@@ -52,6 +55,8 @@ def names(tree: Tree) -> tuple[list[str], list[str], list[int]]:
     joints: list[str] = []
     indices: list[int] = []
     for body in tree.bodies:
+        if body.floating:
+            coordinates += coordinate_names(body.floating)
         joint = body.joint
         if joint is not None and joint.kind is not JointKind.FIXED:
             indices.append(len(coordinates))

@@ -118,7 +118,9 @@ def _add_actuator(
     reader = Reader(element, f'actuator of joint {name!r}', findings)
     reader.only(('joint', 'armature'))
     movable = {
-        joint.get('name') for joint in root.findall('joint') if joint.get('type') != 'fixed'
+        joint.get('name')
+        for joint in root.findall('joint')
+        if joint.get('type') not in ('fixed', 'floating')
     }
     if reader.text('joint') and name not in movable:
         reader.fail('joint', 'be a movable joint of the robot', name)

@@ -23,10 +23,12 @@ KINDS = {
     'revolute': JointKind.REVOLUTE,
     'continuous': JointKind.REVOLUTE,
     'prismatic': JointKind.PRISMATIC,
+    'floating': JointKind.FLOATING,
 }
 ENDS = ('parent', 'child', 'origin')
 # of the largest principal moment, and of moments that are zero [kg m^2]: what rounding leaves
 ROUNDED, ROUNDED_ZERO = 1e-3, 1e-12
+WITHOUT_AXIS = ('fixed', 'floating')
 CHECKED = (*ENDS, 'axis', 'limit', 'dynamics', 'mimic')  # of a joint; the rest is not read
 
 
@@ -87,6 +89,7 @@ def read_rigid_urdf(root: Element, findings: Findings, warnings: list[str]) -> R
         _check_joint(element, links, findings)
     _check_mimics(root, joints, findings)
     _check_structure(root, links, findings)
+    _check_floating(root, findings)
     clean = len(findings.items) == before
     return _load(root.get('name', ''), sound, root.findall('joint') if clean else [])
 
@@ -157,8 +160,8 @@ def _doubts(moments: Sequence[float], products: Sequence[float]) -> list[str]:
 def _check_joint(element: Element, links: set[str], findings: Findings) -> None:
     whose = f'joint {element.get("name", "")!r}'
     reader = Reader(element, whose, findings)
-    if element.get('type') in ('floating', 'planar'):
-        rule = f'be one of {", ".join(KINDS)} (floating and planar are not supported yet)'
+    if element.get('type') == 'planar':
+        rule = f'be one of {", ".join(KINDS)} (planar joints are not supported yet)'
         reader.fail('type', rule, element.get('type'))
     else:
         reader.choice('type', list(KINDS))
@@ -169,7 +172,7 @@ def _check_joint(element: Element, links: set[str], findings: Findings) -> None:
             findings.add(whose, f'{end} must be a link of the robot, got {link!r}')
     if element.find('origin') is not None:
         Reader(element.find('origin'), whose, findings, ' of <origin>').pose()
-    if element.find('axis') is not None and element.get('type') != 'fixed':
+    if element.find('axis') is not None and element.get('type') not in WITHOUT_AXIS:
         Reader(element.find('axis'), whose, findings, ' of <axis>').axis('xyz', '1 0 0')
     _check_limits(element, whose, findings)
     _check_dynamics(element, whose, findings)
@@ -199,7 +202,9 @@ def _check_dynamics(element: Element, whose: str, findings: Findings) -> None:
 def _check_mimics(root: Element, joints: set[str], findings: Findings) -> None:
     leaders: dict[str, str] = {}
     movable = {
-        joint.get('name') for joint in root.findall('joint') if joint.get('type') != 'fixed'
+        joint.get('name')
+        for joint in root.findall('joint')
+        if joint.get('type') not in WITHOUT_AXIS
     }
     for element in root.findall('joint'):
         mimic, name = element.find('mimic'), element.get('name', '')
@@ -256,6 +261,31 @@ def _check_structure(root: Element, links: set[str], findings: Findings) -> None
         )
 
 
+def _check_floating(root: Element, findings: Findings) -> None:
+    """Note floating joints below the root, more than one, and what has no meaning in one."""
+    joints = root.findall('joint')
+    children = {
+        None if (end := joint.find('child')) is None else end.get('link') for joint in joints
+    }
+    afloat = [joint for joint in joints if joint.get('type') == 'floating']
+    for joint in afloat:
+        whose = f'joint {joint.get("name", "")!r}'
+        parent = joint.find('parent')
+        if parent is not None and parent.get('link') in children:
+            rule = "of type floating must be at the root: its parent a link that is nobody's child"
+            findings.add(whose, f'{rule}, got {parent.get("link")!r}')
+        if joint.find('mimic') is not None:
+            findings.add(whose, 'of type floating must not be a mimic joint, got <mimic>')
+        dynamics = joint.find('dynamics')
+        for name in ('damping', 'friction') if dynamics is not None else ():
+            if dynamics.get(name, '0').strip('0.') != '':
+                rule = f'{name} of <dynamics> must be 0 in a floating joint'
+                findings.add(whose, f'{rule}, got {dynamics.get(name)!r}')
+    if len(afloat) > 1:
+        named = ', '.join(repr(joint.get('name', '')) for joint in afloat)
+        findings.add('robot', f'floating joints must be at most one, got {named}')
+
+
 def _load(name: str, links: list[Element], joints: list[Element]) -> RigidUrdf:
     """Return what yourdfpy reads of validated elements."""
     # Imported here: it takes most of a second, and malformed files never get this far.
@@ -267,7 +297,7 @@ def _load(name: str, links: list[Element], joints: list[Element]) -> RigidUrdf:
         bare.extend(deepcopy(link.findall('inertial')))
     for joint in joints:
         bare = etree.SubElement(copy, 'joint', name=joint.get('name'), type=joint.get('type'))
-        for tag in ENDS if joint.get('type') == 'fixed' else CHECKED:
+        for tag in ENDS if joint.get('type') in WITHOUT_AXIS else CHECKED:
             bare.extend(deepcopy(joint.findall(tag)[:1]))
     # as ASCII, a name of other letters would come out malformed, and yourdfpy would mend it
     text = io.BytesIO(etree.tostring(copy, encoding='utf-8'))
@@ -286,7 +316,7 @@ def _inertia(inertial: Any) -> RigidInertia | None:
 
 def _joint(joint: Any) -> RigidUrdfJoint:
     kind = KINDS[joint.type]
-    axis = np.array([1.0, 0.0, 0.0]) if kind is JointKind.FIXED else joint.axis
+    axis = np.array([1.0, 0.0, 0.0]) if joint.type in WITHOUT_AXIS else joint.axis
     dynamics = joint.dynamics
     damping, friction = (
         float(getattr(dynamics, name, None) or 0.0) for name in ('damping', 'friction')

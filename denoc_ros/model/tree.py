@@ -24,6 +24,7 @@ class JointKind(Enum):
     FIXED = 0
     REVOLUTE = 1
     PRISMATIC = 2
+    FLOATING = 3  # in a file only: a body that floats has `floating`
 
 
 @dataclass(frozen=True)
@@ -150,6 +151,7 @@ class Body:
     frame: Array  # (4, 4) body frame seen from the link frame (= joint frame at q = 0)
     inertia: RigidInertia  # the rigid rest and all merged links, in the body frame
     beam: Beam | None = None
+    floating: str = ''  # name of the floating joint that it is on, else empty
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from denoc_ros.kernels.handle import GOOD
 from denoc_ros.simulation.motion import EquationsOfMotion
 
 Array = NDArray[np.float64]
+LONGEST_TURN = 1.0  # rad between two looks at a floating base's attitude
 
 
 class CompiledDOP853(DOP853):  # type: ignore[misc]
@@ -53,7 +54,12 @@ class CompiledDOP853(DOP853):  # type: ignore[misc]
         following = int(np.searchsorted(self._times, self.t, side='right'))
         control = np.zeros(steps.CONTROLS)
         control[steps.TIME], control[steps.STEP] = self.t, self.h_abs
-        control[steps.UNTIL], control[steps.END] = self._times[following], self.t_bound
+        until = self._times[following]
+        if len(self._motion.attitude):
+            # a rotation vector is looked at before it can come near 2 pi
+            rate = float(np.linalg.norm(self.f[self._motion.attitude]))
+            until = min(until, self.t + LONGEST_TURN / max(rate, 1e-9))
+        control[steps.UNTIL], control[steps.END] = until, self.t_bound
         control[steps.RELATIVE], control[steps.ABSOLUTE] = self.rtol, self.atol
         self.K[-1] = self.f
         y, self.y_old = self.y.copy(), np.empty_like(self.y)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError, StateError
 from denoc_ros.simulation.constraint_projection import ConstraintProjection
@@ -24,6 +25,7 @@ Prescribed = Mapping[str, Callable[[float], tuple[float, float, float]]]
 
 # A start this far from the motion prescribed at that time is a mistake, not rounding.
 START_TOLERANCE = 1e-6
+WRAP = 4.0  # rad: a rotation vector this long is brought back; at 2 pi its rates are singular
 
 
 class EquationsOfMotion:
@@ -44,6 +46,8 @@ class EquationsOfMotion:
     ----------
     free : (f,) array of int
         The coordinates that are integrated.
+    attitude : (3,) array of int
+        Where the rotation vector of a floating base stands among the free; (0,) of a fixed one.
     evaluations : int
         How often accelerations were worked out.
 
@@ -82,6 +86,7 @@ class EquationsOfMotion:
         self._offset = np.zeros(robot.n)
         for name, (_, _, offset) in self._leaders.items():
             self._offset[names[name]] = offset
+        self.attitude = np.searchsorted(self.free, robot.base_indices[ATTITUDE])
         self.q, self.qd, self.qdd = (np.zeros(robot.n) for _ in range(3))
         self.tau = np.zeros(robot.n)
         self.evaluations = 0
@@ -101,6 +106,22 @@ class EquationsOfMotion:
     def energy(self) -> Array:
         """Return kinetic and potential energy (2,) [J] at the last state worked out."""
         return self._robot.energy(self.q, self.qd, check=False)
+
+    def must_wrap(self, state: Array) -> bool:
+        """Say whether the rotation vector of a floating base in a state (2 f,) grows long."""
+        return bool(np.linalg.norm(state[self.attitude]) > WRAP)
+
+    def wrapped(self, state: Array) -> Array:
+        """Return the same state (2 f,) with the rotation vector within pi."""
+        state, phi, rate = state.copy(), self.attitude, self.attitude + len(self.free)
+        state[phi], state[rate] = wrap_attitude(state[phi], state[rate])
+        return state
+
+    def wrapped_state(self) -> tuple[Array, Array]:
+        """Return q and qd (n,) of the last state worked out, its rotation vector within pi."""
+        if not len(self.attitude):
+            return self.q, self.qd
+        return self._robot.wrap_base(self.q, self.qd)
 
     @property
     def is_free(self) -> bool:

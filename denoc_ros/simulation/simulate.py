@@ -21,7 +21,8 @@ from denoc_ros.simulation.run import Run
 Array = NDArray[np.float64]
 
 METHODS = {'DOP853': DOP853, 'RK45': RK45, 'LSODA': LSODA, 'Radau': Radau, 'BDF': BDF}
-# A projection onto loops moves the state: methods that remember earlier steps cannot take it.
+# A projection onto loops moves the state, and so does a rotation vector that is brought back:
+# methods that remember earlier steps cannot take it.
 ONE_STEP = ('DOP853', 'RK45', 'Radau')
 
 
@@ -57,7 +58,7 @@ def simulate(
         Tolerances of the integrator per step.
     method : str
         DOP853 (order 8; the right one for lightly damped vibration), RK45, or for overdamped,
-        stiff robots LSODA, Radau or BDF; the first two and Radau with loops.
+        stiff robots LSODA, Radau or BDF; the first two and Radau with loops or a floating base.
     progress : bool
         Show a progress bar on a terminal.
     base : (twist, acceleration[, pose]) or callable, optional
@@ -77,7 +78,8 @@ def simulate(
         If the integrator fails; the message says how far it came.
     """
     times = _checked_times(t)
-    methods = ONE_STEP if robot.tree.loops else tuple(METHODS)
+    one_step = robot.tree.loops or len(robot.base_indices)
+    methods = ONE_STEP if one_step else tuple(METHODS)
     if method not in methods:
         raise StateError(f'simulate: method must be one of {", ".join(methods)}, got {method!r}')
     motion = EquationsOfMotion(robot, torque, prescribed, base)
@@ -161,6 +163,9 @@ def integrate(
             trials.raise_refusal()
             return states[:done], _failure(solver, motion, times[-1], message)
         done = max(done, upto)
+        if motion.must_wrap(solver.y):
+            solver.y = motion.wrapped(solver.y)
+            solver.f = motion.rate(solver.t, solver.y)
         advance(solver.t - before)
         if motion.evaluations > most and solver.status == 'running':
             return states[:done], _failure(solver, motion, times[-1], 'too many evaluations')
@@ -216,7 +221,8 @@ def _sampled(motion: EquationsOfMotion, times: Array, states: Array) -> Run:
     energy = np.empty((len(times), 2))
     for index, time in enumerate(times):
         motion.accelerate(float(time), motion.close(float(time), states[index]))
-        q[index], qd[index], tau[index] = motion.q, motion.qd, motion.tau
+        q[index], qd[index] = motion.wrapped_state()
+        tau[index] = motion.tau
         energy[index] = motion.energy()
     finite = np.isfinite(energy).all(axis=1)
     if not finite.all():

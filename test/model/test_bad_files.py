@@ -45,7 +45,7 @@ PLAIN = [
     (
         'type="revolute"',
         'type="floating"',
-        "type must be one of .* are not supported yet.*, got 'floating'",
+        "damping of <dynamics> must be 0 in a floating joint, got '0.1'",
     ),
     ('type="revolute"', 'type="planar"', "not supported yet.*, got 'planar'"),
     ('<joint name="shoulder" type="revolute">', '<joint name="shoulder">', 'type .* got nothing'),

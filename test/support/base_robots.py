@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from denoc_ros.dynamics.robot import Robot, load_robot
 
 Array = NDArray[np.float64]
-ROBOTS = Path(__file__).resolve().parent.parent / 'config' / 'robots'
+ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 SLIDES = (('x', '1 0 0'), ('y', '0 1 0'), ('z', '0 0 1'))
 SIX = tuple(f'base_{name}' for name in ('x', 'y', 'z', 'rz', 'ry', 'rx'))
 
@@ -70,7 +70,7 @@ def spacecraft(mass: float = 10e3, side: float = 3.0) -> str:
     moment = mass * side**2 / 6.0
     return (
         f'<inertial><origin xyz="0.4 -0.3 0.2"/><mass value="{mass}"/><inertia ixx="{moment}" '
-        f'iyy="{1.3 * moment}" izz="{0.9 * moment}"/></inertial>'
+        f'iyy="{1.3 * moment}" izz="{0.9 * moment}" ixy="0" ixz="0" iyz="0"/></inertial>'
     )
 
 

@@ -1,0 +1,143 @@
+"""The coordinates of a floating base: position and rotation vector, and how they are kept small.
+
+A rotation vector phi turns the base by Exp phi; its rate gives the angular velocity J phi', with
+the left Jacobian J, which is singular at |phi| = 2 pi only. As phi and phi (1 - 2 pi / |phi|) are
+the same attitude, every state is brought back within pi before that comes near.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.dynamics.robot_model import RobotModel
+from denoc_ros.dynamics.validation import as_states, as_vector, same_rows
+from denoc_ros.errors import StateError
+
+Array = NDArray[np.float64]
+
+ATTITUDE = slice(3, 6)  # of a floating base's coordinates
+SMALL = 1e-4  # rad, below which series are exact to rounding
+
+
+def left_jacobian(phi: Array) -> Array:
+    """Return J (3, 3) of angular velocity = J phi'."""
+    angle = float(np.linalg.norm(phi))
+    k = np.array([[0.0, -phi[2], phi[1]], [phi[2], 0.0, -phi[0]], [-phi[1], phi[0], 0.0]])
+    if angle < SMALL:
+        return np.asarray(np.eye(3) + 0.5 * k + k @ k / 6.0)
+    b = (1.0 - np.cos(angle)) / angle**2
+    c = (1.0 - np.sin(angle) / angle) / angle**2
+    return np.asarray(np.eye(3) + b * k + c * k @ k)
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """Return phi (3,), |phi| <= pi, of a rotation (3, 3)."""
+    r = rotation
+    # the quaternion's largest component first: no case in which digits are lost
+    squares = np.array([np.trace(r), r[0, 0], r[1, 1], r[2, 2]])
+    squares[1:] = 2.0 * squares[1:] - squares[0]
+    largest = int(np.argmax(squares))
+    x = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    q = np.empty(4)
+    if largest == 0:
+        q[0], q[1:] = 1.0 + squares[0], x
+    else:
+        i = largest - 1
+        q[0], q[1:] = x[i], r[i] + r[:, i]
+        q[largest] = 1.0 + squares[largest]
+    q *= 1.0 / np.linalg.norm(q) if q[0] >= 0.0 else -1.0 / np.linalg.norm(q)
+    sine = float(np.linalg.norm(q[1:]))
+    if sine < SMALL**2:
+        return np.asarray(2.0 * q[1:])
+    return np.asarray(2.0 * np.arctan2(sine, q[0]) / sine * q[1:])
+
+
+def wrap_attitude(phi: Array, rate: Array) -> tuple[Array, Array]:
+    """Return the same attitude and angular velocity with |phi| <= pi."""
+    angle = float(np.linalg.norm(phi))
+    turns = np.round(angle / (2.0 * np.pi))
+    if turns == 0.0:
+        return phi, rate
+    wrapped = phi * (1.0 - 2.0 * np.pi * turns / angle)
+    spin = left_jacobian(phi) @ rate
+    return wrapped, np.asarray(np.linalg.solve(left_jacobian(wrapped), spin), dtype=np.float64)
+
+
+class FloatingBase(RobotModel):
+    """What a robot on a floating joint says of its base; StateError where it has none.
+
+    The base is the link on the floating joint. Its coordinates, `base_indices`, are the position
+    of its frame [m] and the rotation vector of its attitude [rad] in the joint's frame; nothing
+    drives them.
+    """
+
+    def wrap_base(self, q: ArrayLike, qd: ArrayLike) -> tuple[Array, Array]:
+        """Return the same states (n,) or (k, n) with rotation vectors within pi of zero.
+
+        Between |phi| = pi and 2 pi the equations hold as well, at 2 pi rates become singular:
+        `dn.simulate` and the nodes bring states back in time, and so must a loop of your own.
+        """
+        states = [as_states('q', q, self.n).copy(), as_states('qd', qd, self.n).copy()]
+        self._require_base()
+        single = all(state.ndim == 1 for state in states)
+        positions, rates = same_rows(states)
+        index = self.base_indices[ATTITUDE]
+        for row, rate in zip(positions, rates, strict=True):
+            row[index], rate[index] = wrap_attitude(row[index], rate[index])
+        return (positions[0], rates[0]) if single else (positions, rates)
+
+    def base_coordinates(
+        self, pose: ArrayLike, twist: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """Return coordinates and rates (6,) of the base at a pose and a twist.
+
+        Parameters
+        ----------
+        pose : (4, 4)
+            Of the base link in the URDF's root frame, as `frame_pose` gives it.
+        twist : (6,), optional
+            Velocity of its origin and angular velocity in the root frame's axes, as
+            `frame_motion` gives them; default zero.
+
+        Returns
+        -------
+        q, qd : (6,)
+            What stands at `base_indices` of a state.
+        """
+        placement = self._require_base()
+        wanted = as_vector('pose', pose, (4, 4))
+        motion = np.zeros(6) if twist is None else as_vector('twist', twist, (6,))
+        turn = placement[:3, :3]
+        phi = rotation_vector(turn.T @ wanted[:3, :3])
+        rate = np.linalg.solve(left_jacobian(phi), turn.T @ motion[3:])
+        position = turn.T @ (wanted[:3, 3] - placement[:3, 3])
+        return np.append(position, phi), np.append(turn.T @ motion[:3], rate)
+
+    def base_wrench(self, q: ArrayLike, tau: ArrayLike) -> Array:
+        """Return the wrench (6,) that generalized forces (n,) are on the base link.
+
+        Parameters
+        ----------
+        q, tau : (n,)
+            As `inverse_dynamics` takes and gives them.
+
+        Returns
+        -------
+        (6,) [N, N m]
+            Force, and torque about the base link's origin, in the root frame's axes: what
+            thrusters and wheels must give.
+        """
+        turn = self._require_base()[:3, :3]
+        state, force = as_vector('q', q, (self.n,)), as_vector('tau', tau, (self.n,))
+        index = self.base_indices
+        turning = left_jacobian(state[index[ATTITUDE]]).T
+        torque = np.linalg.solve(turning, force[index[ATTITUDE]])
+        return np.append(turn @ force[index[:3]], turn @ torque)
+
+    def _require_base(self) -> Array:
+        """Return the placement (4, 4) of the floating joint's frame in the root frame."""
+        for body in self.tree.bodies:
+            if body.floating:
+                return body.attachment.placement
+        raise StateError(f'{self.tree.name}: must have a floating joint, got a fixed base')

@@ -1,0 +1,94 @@
+"""A beam's integrals and sections as the constants of the kernels.
+
+Beam integrals are exact to rounding without quadrature points at run time: every integrand is a
+product of two functions out of 1, x, s_j and H_jk, so these are replaced by vectors whose inner
+products are the integrals (a QR factorization of their values at many Gauss points). The kernels
+then sum over as many `points` as there are independent functions, seven for two modes per plane.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+
+from denoc_ros.model.shapes import ShapeFunctions, gauss_rule
+from denoc_ros.model.tree import Array, Beam, Deformation
+
+GAUSS_POINTS = 16
+
+
+def foreshortening(shapes: ShapeFunctions, x: Array) -> Array:
+    """Return H(x) = int_0^x s' s'^T, shape (k, m, m) [1/m], at stations x (k,)."""
+    node, weight = gauss_rule(GAUSS_POINTS)
+    panels = 2 + 2 * shapes.modes
+    share = (np.arange(panels)[:, None] + 0.5 * (node + 1.0)) / panels  # of [0, x]
+    stations = np.outer(x, share.ravel())
+    slope = shapes.slopes(stations.ravel()).reshape(len(x), -1, shapes.modes)
+    weights = np.outer(x, np.tile(weight / (2.0 * panels), panels))
+    product: Array = np.einsum('kp,kpi,kpj->kij', weights, slope, slope)
+    return product
+
+
+def _plane(part: Deformation | None, x: Array, geometric: bool) -> tuple[Array, Array]:
+    """Return values (k, m) and H (k, m, m) of a bending plane at stations x."""
+    if part is None:
+        return np.zeros((len(x), 0)), np.zeros((len(x), 0, 0))
+    values = part.shapes.values(x)
+    if not geometric:
+        return values, np.zeros((len(x), part.modes, part.modes))
+    return values, foreshortening(part.shapes, x)
+
+
+def _gauss_rule(beam: Beam) -> tuple[Array, Array]:
+    """Return stations and weights of a rule that integrates the beam's products to rounding."""
+    node, weight = gauss_rule(GAUSS_POINTS)
+    panels = 4 + 4 * max(beam.modes)
+    width = beam.length / panels
+    start = width * np.arange(panels)
+    return (start[:, None] + 0.5 * width * (node + 1.0)).ravel(), np.tile(
+        0.5 * width * weight, panels
+    )
+
+
+def beam_points(beam: Beam, geometric: bool) -> Array:
+    """Return the rows (points, 2 + ny + nz + ny^2 + nz^2) that stand for a beam's functions."""
+    x, weight = _gauss_rule(beam)
+    y, h_y = _plane(beam.y, x, geometric)
+    z, h_z = _plane(beam.z, x, geometric)
+    functions = np.concatenate(
+        [np.ones((len(x), 1)), x[:, None], y, z, h_y.reshape(len(x), -1), h_z.reshape(len(x), -1)],
+        axis=1,
+    )
+    weighted = np.sqrt(beam.mass_per_length * weight)[:, None] * functions
+    norm = np.linalg.norm(weighted, axis=0)
+    norm[norm == 0.0] = 1.0
+    upper, order = scipy.linalg.qr(weighted / norm, mode='r', pivoting=True)
+    rank = int(np.sum(np.abs(np.diag(upper)) > 1e-15 * len(x)))
+    rows = np.empty((rank, functions.shape[1]))
+    rows[:, order] = upper[:rank]
+    result: Array = rows * norm
+    return result
+
+
+def polar_constants(beam: Beam) -> list[Array]:
+    """Return the torsion constants int rho J [1; s; s s^T]."""
+    if beam.torsion is None:
+        return [np.zeros(1)]
+    x, weight = _gauss_rule(beam)
+    s = beam.torsion.shapes.values(x)
+    scaled = beam.polar_inertia * weight
+    return [
+        np.array([beam.polar_inertia * beam.length]),
+        scaled @ s,
+        ((s * scaled[:, None]).T @ s).ravel(),
+    ]
+
+
+def section_constants(beam: Beam, station: float, geometric: bool) -> Array:
+    """Return the constants of the section at a station."""
+    x = np.array([station])
+    y, h_y = _plane(beam.y, x, geometric)
+    z, h_z = _plane(beam.z, x, geometric)
+    slopes = [part.shapes.slopes(x).ravel() if part else np.zeros(0) for part in (beam.y, beam.z)]
+    twist = beam.torsion.shapes.values(x).ravel() if beam.torsion else np.zeros(0)
+    return np.concatenate([x, y.ravel(), z.ravel(), *slopes, twist, h_y.ravel(), h_z.ravel()])
