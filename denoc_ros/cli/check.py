@@ -82,14 +82,10 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
     import numpy as np
 
     tree = robot.tree
-    carriers = [body.attachment.body for body in tree.bodies]
-    links = [
-        _link(body, 'base' if carrier < 0 else tree.bodies[carrier].name)
-        for body, carrier in zip(tree.bodies, carriers, strict=True)
-    ]
+    links = [_link(body, tree.bodies) for body in tree.bodies if body.segment == 1]
     joints = [_joint(body.joint, body.name) for body in tree.bodies if body.joint is not None]
     springs = [row for body in tree.bodies for row in _spring(body.joint)]
-    beams = [_beam(body.beam, body.name) for body in tree.bodies if body.beam is not None]
+    beams = _beams([body for body in tree.bodies if body.segment == 1])
     frequencies = robot.natural_frequencies(np.zeros(robot.n), held=True)
     return {
         'robot': tree.name,
@@ -153,17 +149,20 @@ def _mechanism(robot: Robot) -> Row:
     return {'loops': loops, 'mechanism': [mechanism]}
 
 
-def _link(body: Body, carrier: str) -> Row:
+def _link(body: Body, bodies: Sequence[Body]) -> Row:
+    """Return what a link is, from its first body and all of the robot's."""
+    rigid = sum(each.inertia.mass for each in bodies if each.link == body.name)
+    carrier = bodies[body.attachment.body] if body.attachment.body >= 0 else None
     beam = body.beam
-    mass = body.inertia.mass + (0.0 if beam is None else beam.mass_per_length * beam.length)
+    mass = rigid + (0.0 if beam is None else beam.mass_per_length * beam.whole_length)
     return {
         'link': body.name,
-        'on': carrier,
-        'station_m': float(body.attachment.station),
+        'on': 'base' if carrier is None else carrier.link,
+        'station_m': float(body.attachment.station + (0.0 if carrier is None else carrier.start)),
         'joint': '(fixed)' if body.joint is None else body.joint.name,
         'mass_kg': float(mass),
-        'beam_mass_kg': float(mass - body.inertia.mass),
-        'modes': 0 if beam is None else sum(beam.modes),
+        'beam_mass_kg': float(mass - rigid),
+        'modes': 0 if beam is None else beam.segments * sum(beam.modes),
     }
 
 
@@ -203,11 +202,21 @@ def _spring(joint: Joint | None) -> list[Row]:
     ]
 
 
+def _beams(bodies: Sequence[Body]) -> list[Row]:
+    """Return the beams; their segments where one has several."""
+    found = [(body.beam, body.name) for body in bodies if body.beam is not None]
+    rows = [_beam(beam, link) for beam, link in found]
+    if any(beam.segments > 1 for beam, _ in found):
+        for row, (beam, _) in zip(rows, found, strict=True):
+            row['segments'] = beam.segments
+    return rows
+
+
 def _beam(beam: Beam, link: str) -> Row:
     y, z, torsion = beam.y, beam.z, beam.torsion
     return {
         'link': link,
-        'length_m': float(beam.length),
+        'length_m': float(beam.whole_length),
         'mass_per_length': float(beam.mass_per_length),
         'ei_y': None if y is None else float(y.stiffness),
         'modes_y': beam.modes[0],

@@ -53,6 +53,6 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         rule = f'the file must be writable, got: {error.strerror}'
         raise ConfigError(args.output, [rule]) from error
-    flexible = sum(body.beam is not None for body in tree.bodies)
+    flexible = sum(body.beam is not None and body.segment == 1 for body in tree.bodies)
     print(f'{args.output}: {len(system.links)} links, {flexible} flexible')
     return 0

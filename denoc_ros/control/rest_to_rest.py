@@ -312,7 +312,7 @@ def _stiffer(robot: Robot, share: float) -> Robot:
     """Return the robot with all beams' frequencies higher by a share."""
     changes = {}
     for body in robot.tree.bodies:
-        if body.beam is None:
+        if body.beam is None or body.segment > 1:
             continue
         for part, path in (('y', 'y.ei'), ('z', 'z.ei'), ('torsion', 'torsion.gj')):
             deformation = getattr(body.beam, part)

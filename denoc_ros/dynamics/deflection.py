@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.model.arrays import is_flexible
+from denoc_ros.dynamics.segmented_section import SegmentedSection
+from denoc_ros.model.segments import whole_beams
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -35,18 +36,22 @@ class TipDeflections:
     -----
     In the beam frame: u_y = s_y . d_y and u_z likewise, the foreshortening
     u_x = -(d_y^T H_y d_y + d_z^T H_z d_z) / 2 with H = int s' s'^T dx, and the section's rotation
-    vector [beta, -u_z', u_y'].
+    vector [beta, -u_z', u_y']. Those of a link's segments are composed.
     """
 
     def __init__(self, robot: Robot) -> None:
-        self.links = tuple(body.name for body in robot.tree.bodies if is_flexible(body))
+        self.links = tuple(beam.link for beam in whole_beams(robot.tree))
         self.names = tuple(f'{link}/{part}' for link in self.links for part in COMPONENTS)
         n, count = robot.n, len(self.links)
         self._rows = np.zeros((6 * count, n))
         self._shortening = np.zeros((n, n))
         self._owner = np.zeros((count, n))  # -1/2 at a link's own amplitudes
+        self._composed: list[tuple[slice, SegmentedSection, slice]] = []
         for index, link in enumerate(self.links):
             tip, own = robot.section(link)
+            if isinstance(tip, SegmentedSection):
+                self._composed.append((slice(6 * index, 6 * index + 6), tip, own))
+                continue
             self._rows[6 * index : 6 * index + 6, own] = tip.linear
             self._shortening[own, own] = tip.shortening
             self._owner[index, own] = -0.5
@@ -77,4 +82,6 @@ class TipDeflections:
         drawn *= qd
         drawn *= 2.0
         rate[::6] = self._owner @ drawn
+        for part, tip, own in self._composed:
+            position[part], rate[part] = tip.motion(q[own], qd[own])
         return position, rate

@@ -13,7 +13,9 @@ from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.section import Section
+from denoc_ros.dynamics.segmented_section import SegmentedSection
 from denoc_ros.dynamics.validation import as_output, as_states, same_rows
+from denoc_ros.errors import StateError
 from denoc_ros.kernels import frame_motion
 from denoc_ros.kernels.compiled import ready
 
@@ -134,7 +136,9 @@ class KinematicDerivatives(RobotModel):
         made = self._of_motion(ACCELERATION, frame, q, qd, qdd, out)
         return made[..., 0, :, :], made[..., 1, :, :], made[..., 2, :, :]
 
-    def section(self, link: str, station: float | None = None) -> tuple[Section, slice]:
+    def section(
+        self, link: str, station: float | None = None
+    ) -> tuple[Section | SegmentedSection, slice]:
         """Return the cross-section of a link's beam (default the tip) and its amplitudes."""
         key = (link, station)
         if key not in self._sections:
@@ -147,28 +151,44 @@ class KinematicDerivatives(RobotModel):
         """Return the derivative (3, n) or (k, 3, n) of :meth:`tip_deflection` by q.
 
         Its time derivative along q', which the rate's derivative by q is too, is that of u_x
-        alone: see :meth:`tip_deflection_jacobian_rate`.
+        alone where the link is one segment: see :meth:`tip_deflection_jacobian_rate`.
         """
         section, own = self.section(link, station)
         q = as_states('q', q, self.n)
         result = as_output(out, (*q.shape[:-1], 3, self.n))
         result[...] = 0.0
-        result[..., own] = section.linear[:3]
-        result[..., 0, own] = -q[..., own] @ section.shortening
+        result[..., own] = section.jacobian(q[..., own])
         return result
 
     def tip_deflection_jacobian_rate(
-        self, link: str, qd: ArrayLike, station: float | None = None, out: Array | None = None
+        self,
+        link: str,
+        qd: ArrayLike,
+        station: float | None = None,
+        out: Array | None = None,
+        q: ArrayLike | None = None,
     ) -> Array:
         """Return the time derivative (3, n) or (k, 3, n) of :meth:`tip_deflection_jacobian`.
 
-        Only foreshortening bends with the state, and its Jacobian is linear in q: no q is needed.
+        Of a link of one segment only foreshortening bends with the state, and its Jacobian is
+        linear in q: no q is needed. A link of several segments needs it.
+
+        Raises
+        ------
+        StateError
+            For a wrong shape or type, or no q for a link of several segments.
         """
         section, own = self.section(link, station)
         qd = as_states('qd', qd, self.n)
-        result = as_output(out, (*qd.shape[:-1], 3, self.n))
+        if isinstance(section, Section):
+            rows = section.jacobian_rate(qd[..., own])
+        elif q is None:
+            raise StateError(f'link {link!r}: q must be given where it has segments, got none')
+        else:
+            rows = section.jacobian_rate(as_states('q', q, self.n)[..., own], qd[..., own])
+        result = as_output(out, (*rows.shape[:-2], 3, self.n))
         result[...] = 0.0
-        result[..., 0, own] = -qd[..., own] @ section.shortening
+        result[..., own] = rows
         return result
 
     def sensor_derivatives(
@@ -180,11 +200,14 @@ class KinematicDerivatives(RobotModel):
         """
         states = [as_states('q', q, self.n)]
         states += [as_states(a, x, self.n) for a, x in (('qd', qd), ('qdd', qdd)) if x is not None]
-        rows = np.zeros((len(self.tree.sensors), self.n))
-        for k, sensor in enumerate(self.tree.sensors):
-            rows[k, structure.amplitudes(self, sensor.link)] = sensor.row
+        rows = structure.sensor_rows(self)
         if any(state.ndim == 2 for state in states):
-            rows = np.tile(rows, (len(same_rows(states)[0]), 1, 1))
+            states = same_rows(states)
+            rows = np.tile(rows, (len(states[0]), 1, 1))
+        for k, sensor in structure.composed_sensors(self):
+            section, own = self.section(sensor.link, sensor.station)
+            axis = 1 if sensor.direction == 'y' else 2
+            rows[..., k, own] = section.jacobian(states[0][..., own])[..., axis, :]
         return rows, np.zeros_like(rows), np.zeros_like(rows)
 
     def _of_motion(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.kernels import layout
-from denoc_ros.model.arrays import inertia_row, is_flexible
+from denoc_ros.model.arrays import inertia_row
 from denoc_ros.model.inertia import from_centre, moved
 from denoc_ros.model.override_elements import SPRING_FIELDS, joint_fields
+from denoc_ros.model.override_values import critical_damping
 from denoc_ros.model.overrides import carrying_links, damping_names
+from denoc_ros.model.segments import whole_beams
 from denoc_ros.model.tree import Beam, Deformation, RigidInertia
 
 if TYPE_CHECKING:
@@ -124,29 +126,35 @@ def _joint(robot: RobotModel, rest: str) -> Column:
 
 def _beam(robot: RobotModel, rest: str) -> Column:
     """Return the column of `<link>.<y|z|torsion>.<field>[.<mode>]` or `<link>.mass_per_length`."""
-    for i, body in enumerate(robot.tree.bodies):
-        if not is_flexible(body) or not rest.startswith(f'{body.name}.'):
+    for whole in whole_beams(robot.tree):
+        if not rest.startswith(f'{whole.link}.'):
             continue
-        beam = body.beam
-        assert beam is not None
-        parts = rest[len(body.name) + 1 :].split('.')
+        beam, parts = whole.segment, rest[len(whole.link) + 1 :].split('.')
+        bodies = range(whole.first, whole.first + whole.segments)
         if parts == ['mass_per_length']:
-            return _mass_per_length(robot, i, beam)
+            return _together([_mass_per_length(robot, i, beam) for i in bodies])
         part = getattr(beam, parts[0]) if parts[0] in PARTS else None
         if part is not None and len(parts) > 1:
-            return _deformation(robot, i, beam, part, parts)
+            return _together([_deformation(robot, i, beam, part, parts) for i in bodies])
     raise _known(_beam_paths(robot))
+
+
+def _together(columns: Sequence[Column]) -> Column:
+    """Return the column of a number that a link's segments have in common."""
+    if columns[0].term != 'inertia':
+        return replace(columns[0], values=np.sum([each.values for each in columns], axis=0))
+    values, constants = zip(*((each.values, each.constants) for each in columns), strict=True)
+    return Column('inertia', np.concatenate(values), np.concatenate(constants))
 
 
 def _beam_paths(robot: RobotModel) -> list[str]:
     known = []
-    for body in robot.tree.bodies:
-        if is_flexible(body) and body.beam is not None:
-            for name in PARTS:
-                if getattr(body.beam, name) is not None:
-                    own = 'gj|polar_inertia' if name == 'torsion' else 'ei'
-                    known.append(f'beam.{body.name}.{name}.<{own}|damping|damping_ratio>')
-            known.append(f'beam.{body.name}.mass_per_length')
+    for whole in whole_beams(robot.tree):
+        for name in PARTS:
+            if getattr(whole.segment, name) is not None:
+                own = 'gj|polar_inertia' if name == 'torsion' else 'ei'
+                known.append(f'beam.{whole.link}.{name}.<{own}|damping|damping_ratio>')
+        known.append(f'beam.{whole.link}.mass_per_length')
     return known
 
 
@@ -168,9 +176,9 @@ def _deformation(
         raise _known(_beam_paths(robot))
     per_unit = np.ones(part.modes)
     if field == 'damping_ratio':
-        inertia = beam.polar_inertia if name == 'torsion' else beam.mass_per_length
-        modal_mass = inertia * np.diag(part.shapes.gram(0))
-        per_unit = 2.0 * np.sqrt(part.modal_stiffness * modal_mass)
+        per_unit = next(each for found, _, each in critical_damping(beam) if found == name)
+        if beam.segments > 1 and len(parts) == 3:
+            raise _Unfit("end with damping_ratio, one for a link of segments, got a mode's")
     if len(parts) == 3:
         per_unit = per_unit * _mode(parts[2], part.modes)
     return _diagonal(robot, 'damping', slice(first, first + part.modes), per_unit)
@@ -198,7 +206,9 @@ def _polar_inertia(robot: RobotModel, i: int, beam: Beam) -> Column:
     row = robot.arrays.topology[robot.arrays.body_rows[i]].astype(int)
     nt, start = int(row[layout.NT]), int(row[layout.BEAM])
     polar = np.arange(start, start + 1 + nt + nt * nt)
-    rest = RigidInertia(inertia=np.diag([-beam.length, 0.0, 0.0]))
+    if robot.tree.bodies[i].segment > 1:
+        return Column('inertia', robot.arrays.constants[polar] / beam.polar_inertia, polar)
+    rest = RigidInertia(inertia=np.diag([-beam.whole_length, 0.0, 0.0]))
     body = inertia_row(rest, robot.arrays.body_axes(i))
     at = int(row[layout.BODY_CONSTANTS]) + layout.MASS
     values = np.concatenate([robot.arrays.constants[polar] / beam.polar_inertia, body])

@@ -300,11 +300,18 @@ class Robot(
         q = as_states('q', q, self.n)
         values = np.empty((*q.shape[:-1], len(self.tree.sensors)))
         for k, sensor in enumerate(self.tree.sensors):
-            values[..., k] = q[..., self.amplitudes(sensor.link)] @ sensor.row
+            first = structure.body_amplitudes(self, sensor.body).start
+            values[..., k] = q[..., first : first + len(sensor.row)] @ sensor.row
+        for k, sensor in structure.composed_sensors(self):
+            moved = self.tip_deflection(sensor.link, q, sensor.station)
+            values[..., k] = moved[..., 1 if sensor.direction == 'y' else 2]
         return values
 
     def amplitudes(self, link: str) -> slice:
-        """Return where the amplitudes of a flexible link stand among the coordinates."""
+        """Return where the amplitudes of a flexible link stand among the coordinates.
+
+        Of a link of several segments all of them; `link/2` is its second segment alone.
+        """
         return structure.amplitudes(self, link)
 
     def _of_frame(

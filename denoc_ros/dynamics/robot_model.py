@@ -19,6 +19,7 @@ from denoc_ros.dynamics.base_motion import (
     on_base,
 )
 from denoc_ros.dynamics.section import Section
+from denoc_ros.dynamics.segmented_section import SegmentedSection
 from denoc_ros.dynamics.springs import require_rotors
 from denoc_ros.dynamics.validation import as_vector, require_finite
 from denoc_ros.dynamics.workspace import Workspace
@@ -122,7 +123,9 @@ class RobotModel:
             self._link_side = arrays.link_side.constants.copy()
         self._use(self.new_workspace())
         self._zero = np.zeros(self.n)
-        self._sections: dict[tuple[str, float | None], tuple[Section, slice]] = {}
+        self._sections: dict[
+            tuple[str, float | None], tuple[Section | SegmentedSection, slice]
+        ] = {}
 
     def _use(self, workspace: Workspace) -> None:
         self._workspace = workspace

@@ -59,6 +59,19 @@ class Section:
         u[..., 0] = -0.5 * np.sum(amplitudes @ self.shortening * amplitudes, axis=-1)
         return u
 
+    def jacobian(self, amplitudes: Array) -> Array:
+        """Return the derivative (3, m), or (..., 3, m), of the displacement."""
+        rows = np.empty((*amplitudes.shape[:-1], 3, amplitudes.shape[-1]))
+        rows[...] = self.linear[:3]
+        rows[..., 0, :] = -amplitudes @ self.shortening
+        return rows
+
+    def jacobian_rate(self, rates: Array) -> Array:
+        """Return the time derivative (3, m), or (..., 3, m), of :meth:`jacobian`."""
+        rows = np.zeros((*rates.shape[:-1], 3, rates.shape[-1]))
+        rows[..., 0, :] = -rates @ self.shortening
+        return rows
+
     def rate(self, amplitudes: Array, rates: Array) -> Array:
         """Return the time rates (6,) of :meth:`deflection`."""
         u: Array = rates @ self.linear.T

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.handle import DAMPING, STIFFNESS
 
@@ -201,10 +202,10 @@ def _gauge(robot: Robot, joint: str) -> tuple[int, Array, float]:
     answer = np.linalg.solve(inertia, unit)
     links = [b.name for b in robot.tree.bodies if b.joint is not None and b.joint.name == joint]
     found = []
-    for place, sensor in enumerate(robot.tree.sensors):
+    for place, (sensor, row) in enumerate(
+        zip(robot.tree.sensors, sensor_rows(robot), strict=True)
+    ):
         if sensor.type == 'strain_gauge' and sensor.link in links and sensor.topic:
-            row = np.zeros(robot.n)
-            row[robot.amplitudes(sensor.link)] = sensor.row
             found.append((place, row, float(row @ answer)))
     if not any(strain for *_, strain in found):
         raise StateError(

@@ -9,12 +9,13 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.section import Section
+from denoc_ros.dynamics.segmented_section import SegmentedSection
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import StateError
 from denoc_ros.kernels import layout, world
-from denoc_ros.model.arrays import is_flexible
 from denoc_ros.model.joint_rows import cross_matrix
-from denoc_ros.model.tree import RigidInertia
+from denoc_ros.model.segments import WholeBeam, whole_beams
+from denoc_ros.model.tree import RigidInertia, Sensor
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot_model import RobotModel
@@ -22,30 +23,76 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def _row(robot: RobotModel, link: str) -> int:
-    for index, body in enumerate(robot.tree.bodies):
-        if body.name == link and is_flexible(body):
-            return robot.arrays.body_rows[index]
-    flexible = [body.name for body in robot.tree.bodies if is_flexible(body)]
+def whole_beam(robot: RobotModel, link: str) -> WholeBeam:
+    """Return a flexible link's beam.
+
+    Raises
+    ------
+    StateError
+        The link is none of the robot's flexible ones.
+    """
+    beams = whole_beams(robot.tree)
+    for beam in beams:
+        if beam.link == link:
+            return beam
+    flexible = [beam.link for beam in beams]
     raise StateError(f'link must be a flexible one of {flexible}, got {link!r}')
 
 
 def amplitudes(robot: RobotModel, link: str) -> slice:
-    """Return where the amplitudes of a flexible link stand among the coordinates."""
-    row = robot.arrays.topology[_row(robot, link)].astype(int)
+    """Return where a flexible link's amplitudes stand; `link/2` is its second segment alone."""
+    for index, body in enumerate(robot.tree.bodies):
+        if body.name == link and body.segment > 1:
+            return body_amplitudes(robot, index)
+    beam = whole_beam(robot, link)
+    first = body_amplitudes(robot, beam.first).start
+    return slice(first, first + beam.segments * beam.modes)
+
+
+def body_amplitudes(robot: RobotModel, index: int) -> slice:
+    """Return where the amplitudes of a body stand, of one segment where a link has several."""
+    row = robot.arrays.topology[robot.arrays.body_rows[index]].astype(int)
     first = int(row[layout.COORDINATE] + row[layout.JOINT])
     return slice(first, first + int(row[layout.MODES]))
 
 
-def find_section(robot: RobotModel, link: str, station: float | None) -> tuple[Section, slice]:
+def find_section(
+    robot: RobotModel, link: str, station: float | None
+) -> tuple[Section | SegmentedSection, slice]:
     """Return a section of a link's beam (default its tip) and its amplitudes' slice."""
-    row = _row(robot, link)
-    beam = robot.tree.bodies[robot.arrays.body_rows.index(row)].beam
-    assert beam is not None
+    beam = whole_beam(robot, link)
     at = beam.length if station is None else float(station)
     if not 0.0 <= at <= beam.length:
         raise StateError(f'station of {link!r} must be in [0, {beam.length}] m, got {at}')
-    return Section(beam, at, robot.geometric_stiffness), amplitudes(robot, link)
+    kind = Section if beam.segments == 1 else SegmentedSection
+    return kind(beam.segment, at, robot.geometric_stiffness), amplitudes(robot, link)
+
+
+def sensor_rows(robot: RobotModel) -> Array:
+    """Return the derivative (sensors, n) of all sensors' values by the coordinates.
+
+    Of a deflection sensor on a link of several segments: where the link bends little.
+    """
+    rows = np.zeros((len(robot.tree.sensors), robot.n))
+    for row, sensor in zip(rows, robot.tree.sensors, strict=True):
+        first = body_amplitudes(robot, sensor.body).start
+        row[first : first + len(sensor.row)] = sensor.row
+    return rows
+
+
+def composed_sensors(robot: RobotModel) -> list[tuple[int, Sensor]]:
+    """Return the places and sensors whose value is not linear in the coordinates."""
+    return [
+        (place, sensor)
+        for place, sensor in enumerate(robot.tree.sensors)
+        if sensor.type == 'deflection' and len(sensor.row) > sum(_modes(robot, sensor))
+    ]
+
+
+def _modes(robot: RobotModel, sensor: Sensor) -> tuple[int, int, int]:
+    beam = robot.tree.bodies[sensor.body].beam
+    assert beam is not None
+    return beam.modes
 
 
 def payload_inertia(

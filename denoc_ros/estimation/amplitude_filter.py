@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.response import response
+from denoc_ros.dynamics.section import Section
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.correction import take_values
@@ -214,11 +215,12 @@ def _loads(robot: Robot) -> tuple[Array, NDArray[np.intp], Array]:
     flexible = robot.flexible_indices
     m = len(flexible)
     shape, first, lengths = np.zeros((m, m)), np.zeros(m, dtype=np.intp), np.zeros(m)
-    for body in robot.tree.bodies:
+    for body in robot.tree.bodies:  # each segment of a link by itself
         if not is_flexible(body):
             continue
         assert body.beam is not None
-        section, own = robot.section(body.name)
+        section = Section(body.beam, body.beam.length, robot.geometric_stiffness)
+        own = robot.amplitudes(body.name)
         base, start = int(np.searchsorted(flexible, own.start)), 0
         for count, component in zip(body.beam.modes, TIP, strict=True):
             part = slice(base + start, base + start + count)

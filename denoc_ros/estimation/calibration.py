@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import IdentificationError, StateError
 
@@ -284,8 +285,8 @@ def sensor_values(robot: Robot, sensor: str, reference: ArrayLike, kind: str = '
     values = as_vector('reference', reference, np.shape(reference))
     if kind == 'value':
         return values
-    row = known[sensor].row
     section, own = robot.section(known[sensor].link)
+    row = sensor_rows(robot)[list(known).index(sensor)][own]
     uy, uz = section.linear[1], section.linear[2]
     tip = uy if np.any(row[uy != 0.0]) else uz
     bent = tip / robot.stiffness[own]

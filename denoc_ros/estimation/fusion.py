@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.state_history import StateHistory
+from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.amplitude_filter import AmplitudeFilter
 
@@ -116,6 +117,8 @@ class StrainFusion:
         self._flexible = robot.flexible_indices
         self._m = m = len(self._flexible)
         self._rows = sensor_rows(robot)[:, self._flexible]
+        self._shift = np.zeros(len(sensors))  # of the values against rows . amplitudes
+        self._bent = robot if composed_sensors(robot) else None
         self._noise = np.array([sensor.noise for sensor in sensors])
         self.filter = AmplitudeFilter(
             robot.copy(),
@@ -195,6 +198,8 @@ class StrainFusion:
         if not waiting or waiting[0][0] > trail.last + near:
             return
         self.filter.linearize(q)
+        if self._bent is not None:
+            self._relinearize(self._bent, q)
         while waiting and waiting[0][0] <= trail.last + near:
             # those of one instant together: their clocks need not agree to the last digit
             first = waiting[0][0]
@@ -208,6 +213,12 @@ class StrainFusion:
         newest = trail.since(trail.last)[1][0]
         q[self._flexible] = newest[: self._m]
         qd[self._flexible] = newest[self._m :]
+
+    def _relinearize(self, robot: Robot, q: Array) -> None:
+        """Take the sensors' rows about a state (n,): deflections of segments are not linear."""
+        rows = robot.sensor_derivatives(q)[0]
+        self._rows = rows[:, self._flexible]
+        self._shift = robot.sensor_values(q) - rows @ q
 
     def unexplained(self) -> Array:
         """Return what part of the sensors' values the loads make, taken as slow (sensors,).
@@ -227,7 +238,7 @@ class StrainFusion:
         if lag:
             # the covariance is of later: the amplitudes of then are led there by their rates
             expected[: self._m] += lag * expected[self._m : 2 * self._m]
-        values = np.array([value for _, _, value in group])
+        values = np.array([value for _, _, value in group]) - self._shift[places]
         state = expected.copy()
         rows = self._rows[places]
         change = rows @ expected[self._m : 2 * self._m]  # of the values per second
@@ -282,14 +293,6 @@ class StrainFusion:
         self.loads[:], self._refused_since[:] = other.loads, other._refused_since
         self.heard, self.counts, self._time = other.heard, other.counts, other._time
         return True
-
-
-def sensor_rows(robot: Robot) -> Array:
-    """Return the derivative (sensors, n) of all sensors' values by the coordinates."""
-    rows = np.zeros((len(robot.tree.sensors), robot.n))
-    for row, sensor in zip(rows, robot.tree.sensors, strict=True):
-        row[robot.amplitudes(sensor.link)] = sensor.row
-    return rows
 
 
 def _require_noise(name: str, sensors: tuple[Sensor, ...]) -> None:

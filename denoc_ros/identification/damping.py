@@ -14,10 +14,12 @@ from denoc_ros.dynamics.linearization import stiffness
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
 from denoc_ros.model.override_values import critical_damping, override_values
+from denoc_ros.model.segments import whole_beams
 
 Floats = NDArray[np.float64]
 
 FARTHEST = 0.3  # of a measured frequency: no mode of the model beyond is taken for it
+FIRST_OF_EQUALS = 1e-6  # of a share
 LOG_RATIO_BOUNDS = (np.log(1e-7), np.log(2.0))
 SCALING = 'shape functions with max |s| = 1 on the beam'
 
@@ -65,11 +67,13 @@ class Assigned:
 
 @dataclass(frozen=True)
 class _Amplitude:
-    coordinate: str
-    index: int
+    """What one damping ratio damps: an amplitude, or a deformation of all segments of a link."""
+
+    coordinate: str  # the first
+    index: NDArray[np.int64]
     path: str
     place: int
-    critical: float
+    critical: Floats  # of each coordinate
     unit: str
 
 
@@ -119,15 +123,18 @@ def assign_damping(
     pairs = _matched(robot.tree.name, modes.frequencies, measured, sizes)
     of, matched = list(pairs), list(pairs.values())
     measured, ratios = measured[of], ratios[of]
-    amplitudes = _amplitudes(robot)
-    energy = robot.stiffness[[a.index for a in amplitudes], None]
-    shares = energy * modes.shapes[np.ix_([a.index for a in amplitudes], matched)] ** 2
+    amplitudes, squares = _amplitudes(robot), modes.shapes[:, matched] ** 2
+    shares = np.array([_sum_of(a.index, robot.stiffness[a.index], squares) for a in amplitudes])
     shares = shares / np.maximum(shares.sum(axis=0), 1e-300)
-    chosen = linear_sum_assignment(-shares.T)[1]
+    # of a link of segments one ratio holds for all its modes: that of the first is taken
+    ranks = FIRST_OF_EQUALS * np.argsort(np.argsort(modes.frequencies[matched]))
+    kept, chosen = linear_sum_assignment(ranks[:, None] - shares.T)
+    of, matched = [of[k] for k in kept], [matched[k] for k in kept]
+    measured, ratios, shares = measured[kept], ratios[kept], shares[:, kept]
     system = _Linearized(robot, state, held)
     picked = [amplitudes[k] for k in chosen]
-    shapes = modes.shapes[np.ix_([one.index for one in picked], matched)]
-    solved = system.solve(picked, measured, ratios, modes.frequencies[matched], shapes)
+    damped = [_sum_of(one.index, one.critical, squares[:, kept]) for one in picked]
+    solved = system.solve(picked, measured, ratios, modes.frequencies[matched], np.array(damped))
     return [
         Assigned(
             mode=of[k],
@@ -139,7 +146,7 @@ def assign_damping(
             model_hz=float(modes.frequencies[matched[k]]),
             share=float(shares[chosen[k], k]),
             damping_ratio=float(solved[k]),
-            coefficient=float(solved[k] * amplitude.critical),
+            coefficient=float(solved[k] * amplitude.critical[0]),
             unit=amplitude.unit,
         )
         for k, amplitude in enumerate(picked)
@@ -180,18 +187,26 @@ def _listed(values: Floats) -> str:
 
 def _amplitudes(robot: Robot) -> list[_Amplitude]:
     found = []
-    for body in robot.tree.bodies:
-        if body.beam is None or not any(body.beam.modes):
-            continue
-        index = robot.amplitudes(body.name).start
-        for name, _, critical in critical_damping(body.beam):
-            path = f'beam.{body.name}.{name}.damping_ratio'
+    for beam in whole_beams(robot.tree):
+        first = robot.amplitudes(beam.link).start
+        for name, _, critical in critical_damping(beam.segment):
+            path = f'beam.{beam.link}.{name}.damping_ratio'
             unit = 'N m s/rad' if name == 'torsion' else 'N s/m'
-            for place, value in enumerate(critical.tolist()):
-                coordinate = robot.coordinate_names[index]
+            own = first + np.arange(len(critical))
+            first += len(critical)
+            alike = (own + beam.modes * np.arange(beam.segments)[:, None]).ravel()
+            each, values = list(own[:, None]), list(critical[:, None])
+            if beam.segments > 1:
+                each, values = [alike], [np.tile(critical, beam.segments)]
+            for place, (index, value) in enumerate(zip(each, values, strict=True)):
+                coordinate = robot.coordinate_names[index[0]]
                 found.append(_Amplitude(coordinate, index, path, place, value, unit))
-                index += 1
     return found
+
+
+def _sum_of(index: NDArray[np.int64], weights: Floats, squares: Floats) -> Floats:
+    """Return the weighted sum (modes,) of squares (n, modes) over some coordinates."""
+    return np.asarray(weights @ squares[index])
 
 
 def _present_ratios(robot: Robot) -> Mapping[str, list[float]]:
@@ -219,15 +234,14 @@ class _Linearized:
         measured: Floats,
         ratios: Floats,
         model: Floats,
-        shapes: Floats,
+        damped: Floats,
     ) -> Floats:
         """Return the damping ratios of amplitudes at which the modes have the measured ratios.
 
-        `model` are the frequencies [Hz] and `shapes` the picked amplitudes, (picked, modes) at
-        unit modal mass, of the undamped modes.
+        `model` are the frequencies [Hz] of the undamped modes, `damped` (picked, modes) what the
+        critical damping of the picked amplitudes is at their unit modal mass.
         """
         target = np.log(ratios)
-        critical = np.array([one.critical for one in picked])
 
         def residual(logs: Floats) -> Floats:
             damping = self._damping.copy()
@@ -236,7 +250,7 @@ class _Linearized:
             return np.log(np.maximum(self._ratios(damping, model), 1e-12)) - target
 
         # to first order in the damping it is linear
-        first = nnls(shapes.T**2 * critical, 4.0 * np.pi * model * ratios)[0]
+        first = nnls(damped.T, 4.0 * np.pi * model * ratios)[0]
         lowest, highest = np.exp(LOG_RATIO_BOUNDS)
         start = np.log(np.clip(first, 10.0 * lowest, 0.9 * highest))
         found = least_squares(residual, start, bounds=LOG_RATIO_BOUNDS, xtol=1e-12, ftol=1e-14)

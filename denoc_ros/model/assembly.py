@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from denoc_ros.model.beams import FlexibleLink
 from denoc_ros.model.inertia import inverse_transform, moved, total
 from denoc_ros.model.rigid_urdf import RigidUrdf, RigidUrdfJoint
+from denoc_ros.model.segments import locate
 from denoc_ros.model.tree import Attachment, Body, Joint, JointKind, RigidInertia, Spring
 
 Array = NDArray[np.float64]
 
 BASE = -1
-ROOT = 1e-12  # of a beam's length: what arithmetic leaves of station 0
 
 
 @dataclass
@@ -46,13 +46,13 @@ class Assembly:
         placement = at.placement @ origin
         if link not in self.flexible:
             return Attachment(at.body, at.station, placement)
-        length = self.flexible[link].beam.length
-        station = float(np.clip(placement[0, 3], 0.0, length))
-        if station < ROOT * length:
+        beam = self.flexible[link].beam
+        segment, station = locate(beam.whole_length, beam.segments, float(placement[0, 3]))
+        if segment == 0 and station == 0.0:
             return Attachment(at.body, 0.0, placement)
         from_section = placement.copy()
-        from_section[0, 3] -= station
-        return Attachment(at.body, station, from_section)
+        from_section[0, 3] -= segment * beam.length + station
+        return Attachment(at.body + segment, station, from_section)
 
     def add_body(
         self,
@@ -62,13 +62,21 @@ class Assembly:
         inertia: RigidInertia,
         floating: str = '',
     ) -> None:
-        """Add a link as a body of its own, on a floating joint if that is named."""
+        """Add a link as a body of its own, or as one per segment.
+
+        On a floating joint if that is named.
+        """
         flexible = self.flexible.get(link)
         frame, beam = np.eye(4), None
         if flexible is not None:
             frame, beam, inertia = flexible.origin, flexible.beam, flexible.rest
         self.frames[link] = Attachment(len(self.bodies), 0.0, inverse_transform(frame))
         self.bodies.append(Body(link, at, joint, frame, inertia, beam, floating))
+        for segment in range(2, 1 if beam is None else beam.segments + 1):
+            assert beam is not None
+            tip = Attachment(len(self.bodies) - 1, beam.length, np.eye(4))
+            name, none = f'{link}/{segment}', RigidInertia()
+            self.bodies.append(Body(name, tip, None, np.eye(4), none, beam, segment=segment))
 
     def merge(self, link: str, at: Attachment, inertia: RigidInertia) -> None:
         """Add a rigid link to the body that it is fixed to; on the base its mass is nothing."""
@@ -101,7 +109,8 @@ def assemble(
     Returns
     -------
     Assembly
-        Bodies depth first, children in the order of their joints in the file.
+        Bodies depth first, children in the order of their joints in the file; those of a link of
+        several segments from its tip inwards, so that the link's segments stand together.
     """
     children: dict[str, list[RigidUrdfJoint]] = {link: [] for link in robot.links}
     for joint in robot.joints:
@@ -110,13 +119,18 @@ def assemble(
     root = next(link for link in robot.links if link not in ends)
     assembly = Assembly(flexible)
     _add_root(assembly, root, robot)
-    stack = children[root][::-1]
+    stack = _inwards(assembly, root, children[root])[::-1]
     while stack:
         joint = stack.pop()
         moving = _moving(joint, armatures, springs)
         _add_link(assembly, joint, robot.links[joint.child], moving)
-        stack.extend(children[joint.child][::-1])
+        stack.extend(_inwards(assembly, joint.child, children[joint.child])[::-1])
     return assembly
+
+
+def _inwards(assembly: Assembly, link: str, joints: list[RigidUrdfJoint]) -> list[RigidUrdfJoint]:
+    """Return a link's joints by the segment that they hang on, outermost first."""
+    return sorted(joints, key=lambda joint: -assembly.attach(link, joint.origin).body)
 
 
 def _add_root(assembly: Assembly, root: str, robot: RigidUrdf) -> None:

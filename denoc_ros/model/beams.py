@@ -18,6 +18,11 @@ from denoc_ros.model.residual_inertia import (
     largest_mass_per_length,
     largest_polar_inertia,
 )
+from denoc_ros.model.segments import (
+    critical_damping,
+    segment_shapes,
+    segment_torsion_shapes,
+)
 from denoc_ros.model.shapes import ShapeFunctions, shape_functions, torsion_shapes
 from denoc_ros.model.tree import Beam, Deformation, RigidInertia
 
@@ -26,7 +31,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FlexibleLink:
-    """A link split in a beam and a rigid rest, both in the beam frame."""
+    """A link split in a beam (each of its segments) and a rigid rest, in the beam frame."""
 
     origin: Array  # (4, 4) beam frame seen from the link frame
     beam: Beam
@@ -138,31 +143,49 @@ def _way_out(whole: RigidInertia, length: float, polar_inertia: float) -> str:
 
 
 def _beam(element: BeamElement, mass_per_length: float, polar_inertia: float) -> Beam:
-    length = element.length
+    """Return the beam, or each of its segments."""
+    parts = (element.y, element.z, element.torsion)
+    bends = any(part is not None and part.modes for part in parts)
+    segments = element.segments if bends else 1
+    length = element.length / segments
     y, z = (
         None
         if part is None or part.modes == 0
         else _deformation(
-            part, shape_functions(element.shape, part.modes, length), 2, mass_per_length
+            part, _bending_shapes(element, part.modes, length, segments), 2, mass_per_length,
+            segments,
         )
         for part in (element.y, element.z)
-    )
+    )  # fmt: skip
     torsion = None
     if element.torsion is not None and element.torsion.modes > 0:
-        shapes = torsion_shapes(element.torsion.modes, length)
-        torsion = _deformation(element.torsion, shapes, 1, polar_inertia)
-    return Beam(length, mass_per_length, polar_inertia, y, z, torsion)
+        make = torsion_shapes if segments == 1 else segment_torsion_shapes
+        shapes = make(element.torsion.modes, length)
+        torsion = _deformation(element.torsion, shapes, 1, polar_inertia, segments)
+    return Beam(length, mass_per_length, polar_inertia, y, z, torsion, segments)
+
+
+def _bending_shapes(
+    element: BeamElement, modes: int, length: float, segments: int
+) -> ShapeFunctions:
+    if segments == 1:
+        return shape_functions(element.shape, modes, length)
+    return segment_shapes(modes, length)
 
 
 def _deformation(
-    element: DeformationElement, shapes: ShapeFunctions, order: int, inertia_per_length: float
+    element: DeformationElement,
+    shapes: ShapeFunctions,
+    order: int,
+    inertia_per_length: float,
+    segments: int,
 ) -> Deformation:
     """Return a deformation whose strain is the derivative of an order of the displacement."""
     stiffness = element.stiffness * np.diag(shapes.gram(order))
-    mass = inertia_per_length * np.diag(shapes.gram(0))
     damping = np.zeros(element.modes)
     if element.damping is not None:
         damping = damping + element.damping
     elif element.damping_ratio is not None:
-        damping = element.damping_ratio * 2.0 * np.sqrt(stiffness * mass)
+        critical = critical_damping(shapes, element.stiffness, inertia_per_length, segments, order)
+        damping = element.damping_ratio * critical
     return Deformation(shapes, element.stiffness, stiffness, damping)

@@ -141,13 +141,14 @@ class Reader:
             return np.full(3, np.nan)
         return np.asarray(vector / size)
 
-    def count(self, attribute: str, most: int) -> int:
-        """Return a whole number from 0 to `most`; 0 when it is not."""
+    def count(self, attribute: str, most: int, least: int = 0) -> int:
+        """Return a whole number from `least` to `most`; `least` when it is not."""
         value = self.element.get(attribute)
         text = '' if value is None else value.strip()
-        if not (text.isascii() and text.isdigit()) or len(text) > 9 or int(text) > most:
-            self.fail(attribute, f'be a whole number from 0 to {most}', value)
-            return 0
+        whole = text.isascii() and text.isdigit() and len(text) <= 9
+        if not whole or not least <= int(text) <= most:
+            self.fail(attribute, f'be a whole number from {least} to {most}', value)
+            return least
         return int(text)
 
     def pose(self) -> Array:

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 MOST_MODES = 50  # more would only be a typing error
 ELEMENTS = ('beam', 'loop', 'sensor', 'actuator', 'spring')
+MOST_SEGMENTS = 200
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class BeamElement:
     y: DeformationElement | None
     z: DeformationElement | None
     torsion: DeformationElement | None
+    segments: int = 1  # equal beams that it is divided into
 
 
 @dataclass
@@ -135,7 +137,7 @@ def _add_beam(
     before, link = len(findings.items), element.get('link', '')
     reader = Reader(element, f'beam {link!r}', findings)
     reader.only(
-        ('link', 'length', 'mass_per_length', 'shape'),
+        ('link', 'length', 'mass_per_length', 'shape', 'segments'),
         ('origin', 'section', 'material', 'bending', 'torsion'),
     )
     if reader.text('link') and link not in links:
@@ -156,9 +158,10 @@ def _read_beam(reader: Reader, link: str) -> BeamElement:
         if section is not None:
             reader.fail('mass_per_length', 'not stand beside a <section>', given)
         mass_per_length = given
-    shape = reader.choice('shape', SHAPES, 'clamped-free')
-    bending = _read_bendings(reader, section, shape)
-    torsion, polar_inertia = _read_torsion(reader, section)
+    segments = _read_segments(reader)
+    shape = _read_shape(reader, segments)
+    bending = _read_bendings(reader, section, shape, segments)
+    torsion, polar_inertia = _read_torsion(reader, section, segments)
     return BeamElement(
         link,
         _read_origin(reader),
@@ -169,7 +172,28 @@ def _read_beam(reader: Reader, link: str) -> BeamElement:
         bending.get('y'),
         bending.get('z'),
         torsion,
+        segments,
     )
+
+
+def _read_segments(reader: Reader) -> int:
+    if reader.element.get('segments') is None:
+        return 1
+    segments = reader.count('segments', MOST_SEGMENTS, 1)
+    deforms = any(reader.element.find(tag) is not None for tag in ('bending', 'torsion'))
+    if segments > 1 and not deforms:
+        reader.fail('segments', 'be 1 without a <bending> or <torsion>', segments)
+    return segments
+
+
+def _read_shape(reader: Reader, segments: int) -> str:
+    """Return the shape; segments need one that hands the load at its tip on."""
+    if segments == 1:
+        return reader.choice('shape', SHAPES, 'clamped-free')
+    shape = reader.choice('shape', SHAPES, 'craig-bampton')
+    if shape not in ('', 'craig-bampton'):
+        reader.fail('shape', 'be craig-bampton (the default) with segments > 1', shape)
+    return shape
 
 
 def _read_origin(reader: Reader) -> Array:
@@ -189,7 +213,7 @@ def _at_most_one(reader: Reader, tag: str) -> Element | None:
 
 
 def _read_bendings(
-    reader: Reader, section: BeamSection | None, shape: str
+    reader: Reader, section: BeamSection | None, shape: str, segments: int
 ) -> dict[str, DeformationElement]:
     found: dict[str, DeformationElement] = {}
     for element in reader.element.findall('bending'):
@@ -202,14 +226,14 @@ def _read_bendings(
         if direction in found:
             bending.fail('direction', 'stand once', direction)
         stiffness = None if section is None else section.flexural_rigidity(direction)
-        found[direction] = _read_deformation(bending, 'ei', stiffness, 'N s/m')
-        if shape == 'craig-bampton' and found[direction].modes == 1:
+        found[direction] = _read_deformation(bending, 'ei', stiffness, 'N s/m', segments)
+        if shape == 'craig-bampton' and segments == 1 and found[direction].modes == 1:
             bending.fail('modes', 'be >= 2 with shape craig-bampton', 1)
     return found
 
 
 def _read_torsion(
-    reader: Reader, section: BeamSection | None
+    reader: Reader, section: BeamSection | None, segments: int
 ) -> tuple[DeformationElement | None, float | None]:
     """Return the deformation and the polar inertia per length, None where not given."""
     element = _at_most_one(reader, 'torsion')
@@ -224,11 +248,12 @@ def _read_torsion(
             torsion.fail('polar_inertia', 'not stand beside a <section>', given)
         polar_inertia = given
     stiffness = None if section is None else section.torsional_rigidity
-    return _read_deformation(torsion, 'gj', stiffness, 'N m s/rad'), polar_inertia
+    read = _read_deformation(torsion, 'gj', stiffness, 'N m s/rad', segments)
+    return read, polar_inertia
 
 
 def _read_deformation(
-    reader: Reader, name: str, stiffness: float | None, damping_unit: str
+    reader: Reader, name: str, stiffness: float | None, damping_unit: str, segments: int
 ) -> DeformationElement:
     if stiffness is None:
         stiffness = reader.number(name, 'N m^2', above=0.0)
@@ -239,6 +264,9 @@ def _read_deformation(
     damping = _read_damping(reader, 'damping', damping_unit, modes)
     if ratio is not None and damping is not None:
         reader.fail('damping', 'not stand beside damping_ratio', reader.element.get('damping'))
+    if segments > 1 and ratio is not None and len(ratio) > 1:
+        rule = "be one number with segments > 1: the ratio of the link's first mode"
+        reader.fail('damping_ratio', rule, reader.element.get('damping_ratio'))
     return DeformationElement(stiffness, modes, ratio, damping)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.model import segments
 from denoc_ros.model.override_elements import JOINT_FIELDS, SPRING_FIELDS
 from denoc_ros.model.overrides import SENSOR_FIELDS, carrying_links
 from denoc_ros.model.tree import Beam, Body, Deformation, Tree
@@ -54,7 +55,7 @@ def _of_joint(body: Body) -> Iterator[tuple[str, float]]:
 
 
 def critical_damping(beam: Beam) -> Iterator[tuple[str, Deformation, NDArray[np.float64]]]:
-    """Yield name (y, z, torsion), deformation and 2 sqrt(k m) (modes,) of a beam's deformations.
+    """Yield name (y, z, torsion), deformation and critical damping (modes,) of a beam.
 
     At a fixed root, of amplitudes scaled as the shape functions are [N s/m or N m s/rad].
     """
@@ -64,12 +65,18 @@ def critical_damping(beam: Beam) -> Iterator[tuple[str, Deformation, NDArray[np.
         ('torsion', beam.torsion, beam.polar_inertia),
     ):
         if part is not None:
-            mass = inertia * np.diag(part.shapes.gram(0))
-            yield name, part, 2.0 * np.sqrt(part.modal_stiffness * mass)
+            order = 1 if name == 'torsion' else 2
+            yield (
+                name,
+                part,
+                segments.critical_damping(
+                    part.shapes, part.stiffness, inertia, beam.segments, order
+                ),
+            )
 
 
 def _of_beam(body: Body) -> Iterator[tuple[str, float | list[float]]]:
-    if body.beam is None:
+    if body.beam is None or body.segment > 1:  # segments are all alike
         return
     for name, part, critical in critical_damping(body.beam):
         rigidity = 'gj' if name == 'torsion' else 'ei'
@@ -77,4 +84,6 @@ def _of_beam(body: Body) -> Iterator[tuple[str, float | list[float]]]:
         yield f'beam.{body.name}.{name}.damping', part.damping.tolist()
         # rounded: 0.005 in the file is to show as such
         ratio = part.damping / critical
+        if body.beam.segments > 1:
+            ratio = ratio[:1]
         yield f'beam.{body.name}.{name}.damping_ratio', [float(f'{r:.12g}') for r in ratio]

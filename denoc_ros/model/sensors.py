@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.model.findings import Element, Findings, Reader
-from denoc_ros.model.tree import Beam, Sensor, Tree
+from denoc_ros.model.segments import locate
+from denoc_ros.model.tree import Beam, Deformation, Sensor, Tree
 
 Array = NDArray[np.float64]
 
@@ -90,57 +91,103 @@ def read_sensor(
     return sensor if len(findings.items) == before else None
 
 
-def sensor_row(element: SensorElement, beam: Beam) -> Array:
-    """Return the derivative of a sensor's value by the amplitudes of its link.
+def sensor_row(element: SensorElement, beam: Beam, station: float) -> Array:
+    """Return the derivative of a sensor's value by the amplitudes of its segment.
 
     Parameters
     ----------
     element : SensorElement
         The sensor.
     beam : Beam
-        Its link's beam, bending in the sensor's direction.
+        The segment of its link's beam that holds it, bending in the sensor's direction.
+    station : float
+        On the segment [m].
 
     Returns
     -------
     ndarray (ny + nz + nt,)
         -surface s'' (strain), s (deflection), EI s''' (shear force), and the bending moment,
         -EI s'' about z for a deflection along y, EI s'' about y for one along z. Force
-        and moment are those on the part outboard of the station, in the beam frame's axes.
+        and moment are those on the part outboard of the station, in the segment's axes.
     """
-    deformation = beam.y if element.direction == 'y' else beam.z
-    assert deformation is not None
-    shapes = deformation.shapes
-    station = np.array([min(element.station, beam.length)])
+    deformation = _bending(element, beam)
+    shapes, at = deformation.shapes, np.array([station])
     if element.type == 'strain_gauge':
-        part = -element.surface * shapes.curvatures(station)
+        part = -element.surface * shapes.curvatures(at)
     elif element.type == 'deflection':
-        part = shapes.values(station)
+        part = shapes.values(at)
     elif element.component == 'shear':
-        part = deformation.stiffness * shapes.third_derivatives(station)
+        part = deformation.stiffness * shapes.third_derivatives(at)
     else:
         sign = -1.0 if element.direction == 'y' else 1.0
-        part = sign * deformation.stiffness * shapes.curvatures(station)
+        part = sign * deformation.stiffness * shapes.curvatures(at)
+    return _among_all(element, beam, part[0])
+
+
+def deflection_row(element: SensorElement, beam: Beam, segment: int, station: float) -> Array:
+    """Return the derivative of a small deflection by all amplitudes up to its segment.
+
+    Parameters
+    ----------
+    element : SensorElement
+        A deflection sensor.
+    beam : Beam
+        Each segment of its link's beam.
+    segment : int
+        Which of them holds it, from 0.
+    station : float
+        On that segment [m].
+
+    Returns
+    -------
+    ndarray ((segment + 1) (ny + nz + nt),)
+        s(tip) + lever s'(tip) of the segments inboard, s of its own.
+    """
+    shapes, tip = _bending(element, beam).shapes, np.array([beam.length])
+    value, slope = shapes.values(tip)[0], shapes.slopes(tip)[0]
+    rows = [
+        _among_all(element, beam, value + ((segment - 1 - k) * beam.length + station) * slope)
+        for k in range(segment)
+    ]
+    return np.concatenate([*rows, sensor_row(element, beam, station)])
+
+
+def _bending(element: SensorElement, beam: Beam) -> Deformation:
+    deformation = beam.y if element.direction == 'y' else beam.z
+    assert deformation is not None
+    return deformation
+
+
+def _among_all(element: SensorElement, beam: Beam, part: Array) -> Array:
+    """Return a row over all amplitudes of a segment from one over those of its direction."""
     ny, nz, nt = beam.modes
     row = np.zeros(ny + nz + nt)
     first = 0 if element.direction == 'y' else ny
-    row[first : first + deformation.modes] = part[0]
+    row[first : first + len(part)] = part
     return row
 
 
 def make_sensor(element: SensorElement, body: int, beam: Beam) -> Sensor:
-    """Return the sensor of a beam, given the index of its body."""
+    """Return the sensor of a beam, given the index of its first segment's body."""
+    segment, station = locate(beam.whole_length, beam.segments, element.station)
+    if element.type == 'deflection' and segment > 0:
+        row = deflection_row(element, beam, segment, station)
+    else:
+        body, row = body + segment, sensor_row(element, beam, station)
     return Sensor(
         element.name,
         element.type,
         element.link,
         body,
-        sensor_row(element, beam),
+        row,
         element.gain,
         element.offset,
         element.noise,
         element.topic,
         element.field,
         element.component,
+        min(element.station, beam.whole_length),
+        element.direction,
     )
 
 

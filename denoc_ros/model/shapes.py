@@ -281,9 +281,11 @@ SHAPES = (*_WAVES, 'craig-bampton')
 def _unit_shapes(shape: str, modes: int) -> ShapeFunctions:
     """Return the scaled shapes of a beam of length 1; the scaled values hold at any length."""
     if shape == 'craig-bampton':
-        return _scaled(_craig_bampton(modes))
+        return scaled_shapes(_craig_bampton(modes))
     beta = wave_numbers(shape, modes)
-    return _scaled(ShapeFunctions(1.0, beta, _WAVES[shape](beta), np.zeros((0, 4)), np.eye(modes)))
+    return scaled_shapes(
+        ShapeFunctions(1.0, beta, _WAVES[shape](beta), np.zeros((0, 4)), np.eye(modes))
+    )
 
 
 def _craig_bampton(modes: int) -> ShapeFunctions:
@@ -295,7 +297,7 @@ def _craig_bampton(modes: int) -> ShapeFunctions:
     return ShapeFunctions(1.0, beta, raw.waves, static, np.asarray(mixing))
 
 
-def _scaled(raw: ShapeFunctions) -> ShapeFunctions:
+def scaled_shapes(raw: ShapeFunctions) -> ShapeFunctions:
     """Return shapes scaled to max |s| = 1 and positive at, or just inboard of, the tip."""
     scale = _largest_values(raw)
     tip = np.array([raw.length])

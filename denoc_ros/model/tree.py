@@ -114,12 +114,18 @@ class Beam:
     y: Deformation | None = None  # bending with deflection along y
     z: Deformation | None = None  # bending with deflection along z
     torsion: Deformation | None = None
+    segments: int = 1  # this beam is one of so many equal ones that make up the link's
 
     @property
     def modes(self) -> tuple[int, int, int]:
         """Numbers of modes (y, z, torsion)."""
         count = [0 if part is None else part.modes for part in (self.y, self.z, self.torsion)]
         return count[0], count[1], count[2]
+
+    @property
+    def whole_length(self) -> float:
+        """Length of the link's beam, all its segments together [m]."""
+        return self.segments * self.length
 
 
 @dataclass(frozen=True)
@@ -142,33 +148,53 @@ class Body:
 
     The body frame is the beam frame of a flexible link, else the link frame. A link that is
     fixed to a beam at station > 0 is a body of its own with a FIXED joint and no coordinates
-    (a lump; links fixed to it in turn merge into it).
+    (a lump; links fixed to it in turn merge into it). A link whose beam is divided into segments
+    is as many bodies, one after the other: the first has the link's name, joint and rigid rest,
+    the others are named `link/2`, ... and fixed to the tip of the one before.
     """
 
-    name: str  # of its link
+    name: str  # of its link; `link/2`, ... of its further segments
     attachment: Attachment  # of the joint frame (URDF: where the joint's origin puts it)
     joint: Joint | None  # None: fixed
     frame: Array  # (4, 4) body frame seen from the link frame (= joint frame at q = 0)
     inertia: RigidInertia  # the rigid rest and all merged links, in the body frame
     beam: Beam | None = None
     floating: str = ''  # name of the floating joint that it is on, else empty
+    segment: int = 1  # which of its link's segments it is, from 1 at the root
+
+    @property
+    def link(self) -> str:
+        """The link that it is, or is a segment of."""
+        return self.name if self.segment == 1 else self.name.rpartition('/')[0]
+
+    @property
+    def start(self) -> float:
+        """Station of the body frame on the link's whole beam [m]."""
+        return 0.0 if self.beam is None else (self.segment - 1) * self.beam.length
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor's row: predicted value = coefficients . amplitudes of its link's body."""
+    """A sensor and its row: predicted value = row . coordinates from its body's amplitudes on.
+
+    A strain gauge or load cell reads the segment that holds its station, in the axes of that
+    segment. A deflection sensor on a link of several segments reads all of them up to its
+    station: then `body` is the first, and the row is that of small deflections.
+    """
 
     name: str
     type: str  # strain_gauge | load_cell | deflection
     link: str
     body: int
-    row: Array  # (ny + nz + nt,) d(value)/d(amplitude), in the value's unit
+    row: Array  # (m,) d(value)/d(amplitude), in the value's unit
     gain: float
     offset: float
     noise: float
     topic: str
     field: str  # index or name in the message, '' if not given
     component: str  # moment | shear for a load cell, else ''
+    station: float = 0.0  # m, on the link's whole beam
+    direction: str = ''  # y | z
 
 
 @dataclass(frozen=True)

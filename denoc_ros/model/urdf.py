@@ -66,6 +66,7 @@ def tree_of(root: Element, where: str, text: str) -> Tree:
     robot = read_rigid_urdf(root, findings, warnings)
     flexibility = read_flexibility(root, findings)
     flexible = _flexible_links(robot, flexibility, findings, warnings)
+    _check_segment_names(robot, flexible, findings)
     sensors = _sensor_elements(flexibility, findings, warnings)
     _check_loop_frames(robot, flexibility, findings)
     springs, armatures = flexibility.springs, flexibility.armatures
@@ -95,6 +96,16 @@ def _flexible_links(
             if made is not None:
                 found[link] = made
     return found
+
+
+def _check_segment_names(
+    robot: RigidUrdf, flexible: dict[str, FlexibleLink], findings: Findings
+) -> None:
+    for link, made in flexible.items():
+        for segment in range(2, made.beam.segments + 1):
+            if f'{link}/{segment}' in robot.links:
+                rule = f'names of its segments, {link}/2 and on, must be no links'
+                findings.add(f'beam {link!r}', f"{rule}, got '{link}/{segment}'")
 
 
 def _sensor_elements(

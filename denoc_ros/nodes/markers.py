@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from denoc_ros.dynamics.centre_line import CentreLine
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.model.tree import Body
+from denoc_ros.model.segments import whole_beams
 from denoc_ros.runtime.stamps import stamp_fields
 
 Array = NDArray[np.float64]
@@ -38,22 +39,21 @@ class CentreLines:
         self._robot = robot
         self._frame_id = frame_id
         tree = robot.tree
-        names = [body.name for body in tree.bodies]
         self._lines = [
             (
                 body,
                 [
-                    names[k]
-                    for k, child in enumerate(tree.bodies)
-                    if child.attachment.body == index
+                    child.name
+                    for child in tree.bodies
+                    if child.attachment.body == index and child.segment == 1
                 ],
             )
             for index, body in enumerate(tree.bodies)
+            if body.segment == 1
         ]
         self._beams = {
-            body.name: _BeamLine(robot, body)
-            for body in tree.bodies
-            if body.beam is not None and any(body.beam.modes)
+            beam.link: CentreLine(robot, beam.link, np.linspace(0.0, beam.length, STATIONS))
+            for beam in whole_beams(tree)
         }
 
     def points(self, q: Array) -> list[tuple[str, bool, Array]]:
@@ -63,7 +63,7 @@ class CentreLines:
             pose = self._robot.frame_pose(body.name, q)
             beam = self._beams.get(body.name)
             if beam is not None:
-                lines.append((body.name, True, beam.points(pose @ body.frame, q)))
+                lines.append((body.name, True, _in_base(pose @ body.frame, beam.place(q)[0])))
                 continue
             ends = [self._robot.frame_pose(child, q)[:3, 3] for child in children]
             strip = [point for end in ends for point in (pose[:3, 3], end)]
@@ -90,20 +90,6 @@ class CentreLines:
         return array
 
 
-class _BeamLine:
-    """A beam's centre line: all stations in one product."""
-
-    def __init__(self, robot: Robot, body: Body) -> None:
-        assert body.beam is not None
-        self._stations = np.linspace(0.0, body.beam.length, STATIONS)
-        found = [robot.section(body.name, float(x)) for x in self._stations]
-        self._amplitudes = found[0][1]
-        self._linear = np.array([section.linear[:3] for section, _ in found])
-        self._shortening = np.array([section.shortening for section, _ in found])
-
-    def points(self, pose: Array, q: Array) -> Array:
-        """Return the points (k, 3) [m, base frame] for the beam frame's pose (4, 4) there."""
-        d = q[self._amplitudes]
-        local = self._linear @ d
-        local[:, 0] = self._stations - 0.5 * (self._shortening @ d @ d)
-        return np.asarray(local @ pose[:3, :3].T + pose[:3, 3])
+def _in_base(pose: Array, points: Array) -> Array:
+    """Return points (k, 3) of a frame with a pose (4, 4) in the base frame."""
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])

@@ -98,7 +98,7 @@ class PlantNode(RobotNode):
 
     def _use(self, physics: Physics) -> None:
         self.robot, self.stepper, self._feedback_stepper, self.start = physics
-        self.sensors.update(self.robot.tree)
+        self.sensors.update(self.robot)
 
     def _start(self, motion: DrivenMotion, settings: Settings) -> Array:
         """Return the state (n,) to start from."""
@@ -164,9 +164,7 @@ class PlantNode(RobotNode):
         self._deviations = tuple(
             settings.number(f'noise.{what}') for what in ('position', 'velocity', 'effort')
         )
-        self.sensors = SensorOutputs(
-            self, robot.tree, settings.flag('noise.sensors'), self._generator
-        )
+        self.sensors = SensorOutputs(self, robot, settings.flag('noise.sensors'), self._generator)
 
     def _connect(self) -> None:
         """Subscribe, once: a node that is configured again keeps its subscriptions."""

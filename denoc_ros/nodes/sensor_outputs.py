@@ -7,7 +7,9 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-from denoc_ros.model.tree import Sensor, Tree
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
+from denoc_ros.model.tree import Sensor
 from denoc_ros.nodes.base import STATE, DenocNode
 from denoc_ros.nodes.messages import CommandMessage, FloatMessage, JointStateMessage
 
@@ -23,17 +25,17 @@ class SensorOutputs:
     Parameters
     ----------
     node : DenocNode
-    tree : Tree
+    robot : Robot
     noisy : bool
         Whether each sensor's `noise` is added.
     generator : numpy.random.Generator
     """
 
     def __init__(
-        self, node: DenocNode, tree: Tree, noisy: bool, generator: np.random.Generator
+        self, node: DenocNode, robot: Robot, noisy: bool, generator: np.random.Generator
     ) -> None:
-        self.update(tree)
-        sensors = [sensor for sensor in tree.sensors if sensor.topic]
+        self.update(robot)
+        sensors = [sensor for sensor in robot.tree.sensors if sensor.topic]
         self._gain = np.array([sensor.gain for sensor in sensors])
         self._offset = np.array([sensor.offset for sensor in sensors])
         self._deviation = np.array([sensor.noise if noisy else 0.0 for sensor in sensors])
@@ -44,16 +46,16 @@ class SensorOutputs:
             for topic in dict.fromkeys(sensor.topic for sensor in sensors)
         ]
 
-    def update(self, tree: Tree) -> None:
+    def update(self, robot: Robot) -> None:
         """Take the rows of a changed model of the same robot."""
-        sensors = [sensor for sensor in tree.sensors if sensor.topic]
-        n = sum(1 for body in tree.bodies if body.joint is not None) + sum(
-            sum(body.beam.modes) for body in tree.bodies if body.beam is not None
-        )
-        self._rows = np.zeros((len(sensors), n))
-        for row, sensor in zip(self._rows, sensors, strict=True):
-            start = _first_amplitude(tree, sensor.body)
-            row[start : start + len(sensor.row)] = sensor.row
+        places = [k for k, sensor in enumerate(robot.tree.sensors) if sensor.topic]
+        self._rows = sensor_rows(robot)[places]
+        self._composed = [
+            (places.index(k), 1 if sensor.direction == 'y' else 2,
+             *robot.section(sensor.link, sensor.station))
+            for k, sensor in composed_sensors(robot)
+            if sensor.topic
+        ]  # fmt: skip
 
     def send(self, stamp_ns: int, q: Array) -> None:
         """Publish what the sensors read at the coordinates q (n,)."""
@@ -61,6 +63,8 @@ class SensorOutputs:
             return
         raw = self._raw
         np.dot(self._rows, q, out=raw)
+        for place, axis, section, own in self._composed:
+            raw[place] = section.deflection(q[own])[axis]
         self._generator.standard_normal(out=self._noise)
         self._noise *= self._deviation
         raw += self._noise
@@ -100,12 +104,3 @@ class _Topic:
         self._values[self._to] = raw[self._from]
         self._message.stamp(stamp_ns)
         self.publisher.publish(self._message.bytes())
-
-
-def _first_amplitude(tree: Tree, index: int) -> int:
-    """Return where a body's amplitudes begin among the coordinates."""
-    start = 0
-    for body in tree.bodies[:index]:
-        start += body.joint is not None
-        start += 0 if body.beam is None else sum(body.beam.modes)
-    return start + (tree.bodies[index].joint is not None)

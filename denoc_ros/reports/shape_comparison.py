@@ -204,7 +204,7 @@ def variations(robot: Robot) -> dict[str, dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
     damping: dict[str, list[float]] = {}
     for body in robot.tree.bodies:
-        for direction in PARTS:
+        for direction in PARTS if body.segment == 1 else ():
             part = getattr(body.beam, direction) if body.beam is not None else None
             if part is None or not part.modes:
                 continue

@@ -106,7 +106,7 @@ def rigid_robot(robot: Robot) -> Robot:
     modes = {
         f'beam.{body.name}.{direction}.modes': 0
         for body in robot.tree.bodies
-        if body.beam is not None
+        if body.beam is not None and body.segment == 1
         for direction in ('y', 'z', 'torsion')
         if getattr(body.beam, direction) is not None
     }

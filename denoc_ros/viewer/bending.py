@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.centre_line import CentreLine
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.structure import whole_beam
 from denoc_ros.errors import StateError
-from denoc_ros.model.arrays import is_flexible
-from denoc_ros.model.tree import Body, Deformation
+from denoc_ros.model.segments import whole_beams
 from denoc_ros.viewer.cutting import cut_along
 from denoc_ros.viewer.outline import Colour, LinkSurface, outlines
 
@@ -85,30 +86,27 @@ class BentLink:
 
     def __init__(self, robot: Robot, outline: LinkSurface) -> None:
         self.outline, self.link, self.colour = outline, outline.link, outline.colour
-        self._body, self._own = _flexible_body(robot, self.link)
-        beam = self._body.beam
-        assert beam is not None
+        self._body = next(body for body in robot.tree.bodies if body.name == self.link)
+        length = whole_beam(robot, self.link).length
         to_beam = np.linalg.inv(self._body.frame)
         vertices = outline.vertices @ to_beam[:3, :3].T + to_beam[:3, 3]
-        vertices, self.faces = cut_along(vertices, outline.faces, beam.length)
+        vertices, self.faces = cut_along(vertices, outline.faces, length)
         self.vertices = len(vertices)
-        on_beam = np.clip(vertices[:, 0], 0.0, beam.length)
+        on_beam = np.clip(vertices[:, 0], 0.0, length)
         self.stations, self._station = np.unique(
-            np.round(on_beam / (SAME * beam.length)) * SAME * beam.length, return_inverse=True
+            np.round(on_beam / (SAME * length)) * SAME * length, return_inverse=True
         )
         self._arm = vertices - self.stations[self._station][:, None] * [1.0, 0.0, 0.0]
-        sections = [robot.section(self.link, float(x))[0] for x in self.stations]
-        self._linear = np.array([section.linear for section in sections])
-        self._shortening = np.array([section.shortening for section in sections])
+        self._line = CentreLine(robot, self.link, self.stations)
         self._strain = self._strain_rows()
 
     def _strain_rows(self) -> Array:
-        """Return the strain per amplitude, (v, m)."""
+        """Return the strain per amplitude of its segment, (v, m)."""
         beam = self._body.beam
         assert beam is not None
         ny, nz, nt = beam.modes
         planes = [
-            -arm[:, None] * _curvatures(part, self.stations)[self._station]
+            -arm[:, None] * part.shapes.curvatures(self._line.local)[self._station]
             for part, arm in ((beam.y, self._arm[:, 1]), (beam.z, self._arm[:, 2]))
             if part is not None and part.modes
         ]
@@ -126,19 +124,17 @@ class BentLink:
         q : (n,) array
             Coordinates, as drawn.
         """
-        d = q[self._own]
-        bend = self._linear @ d
-        centre = bend[:, :3]
-        centre[:, 0] = self.stations - 0.5 * (self._shortening @ d @ d)
+        centre, turns = self._line.place(q)
         frame = pose @ self._body.frame
-        turn = frame[:3, :3] @ rotations(bend[:, 3:])
+        turn = frame[:3, :3] @ turns
         at = centre @ frame[:3, :3].T + frame[:3, 3]
         arms = np.matmul(turn[self._station], self._arm[:, :, None])[:, :, 0]
         return np.asarray(at[self._station] + arms)
 
     def strain(self, q: Array) -> Array:
         """Return the bending strain (v,) [-] of the vertices, positive where stretched."""
-        return np.asarray(self._strain @ q[self._own])
+        own = self._line.amplitudes(q)[self._station]
+        return np.asarray(np.sum(self._strain * own, axis=1))
 
 
 @dataclass(frozen=True)
@@ -177,7 +173,7 @@ class Bending:
 
     def __init__(self, robot: Robot, folder: Path | None = None) -> None:
         self._robot = robot
-        bends = {body.name for body in robot.tree.bodies if is_flexible(body)}
+        bends = {beam.link for beam in whole_beams(robot.tree)}
         drawn = outlines(robot, folder)
         self.rigid = tuple(outline for outline in drawn if outline.link not in bends)
         self.flexible = tuple(BentLink(robot, o) for o in drawn if o.link in bends)
@@ -200,19 +196,6 @@ class Bending:
         return tuple(part.strain(q) for part in self.flexible)
 
 
-def rotations(vectors: Array) -> Array:
-    """Return Exp of rotation vectors: (k, 3) [rad] to (k, 3, 3)."""
-    angle = np.linalg.norm(vectors, axis=1)
-    first = np.sinc(angle / np.pi)
-    second = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
-    x, y, z = vectors.T
-    cross = np.zeros((len(vectors), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
-    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
-    square = np.matmul(cross, cross)
-    return np.asarray(np.eye(3) + first[:, None, None] * cross + second[:, None, None] * square)
-
-
 def strain_colours(strain: Array, limit: float) -> NDArray[np.uint8]:
     """Return red, green, blue (v, 3) of strains: blue pressed, red stretched, full at a limit."""
     share = np.clip(strain / limit, -1.0, 1.0) if limit > 0.0 else np.zeros(len(strain))
@@ -224,12 +207,3 @@ def strain_colours(strain: Array, limit: float) -> NDArray[np.uint8]:
 PRESSED: Colour = (33, 102, 190)
 STILL: Colour = (225, 228, 232)
 STRETCHED: Colour = (200, 40, 40)
-
-
-def _flexible_body(robot: Robot, link: str) -> tuple[Body, slice]:
-    body = next(body for body in robot.tree.bodies if body.name == link)
-    return body, robot.section(link)[1]
-
-
-def _curvatures(part: Deformation, stations: Array) -> Array:
-    return part.shapes.curvatures(stations)

@@ -16,6 +16,7 @@ from denoc_ros.dynamics.mechanism_modes import independent_joints, mechanism_mod
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
 from denoc_ros.model.arrays import is_flexible
+from denoc_ros.model.segments import whole_beams
 from denoc_ros.viewer.outline import reach
 from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.ticker import Ticker
@@ -89,11 +90,10 @@ def settled(robot: Robot, q: Array) -> Array | None:
         Equilibrium(robot, free).find(rest)
     except DenocError:
         return None
-    beams = [(body.name, body.beam) for body in robot.tree.bodies if is_flexible(body)]
     small = all(
-        np.linalg.norm(robot.tip_deflection(name, rest)) <= MOST_SAG * beam.length
-        for name, beam in beams
-        if beam is not None
+        np.linalg.norm(robot.tip_deflection(beam.link, rest)) <= MOST_SAG * beam.length
+        for beam in whole_beams(robot.tree)
+        if beam.segments == 1
     )
     return rest if small else None
 
@@ -117,7 +117,7 @@ def _sizes(robot: Robot) -> Array:
     for body in robot.tree.bodies:
         if is_flexible(body):
             assert body.beam is not None
-            first = robot.section(body.name)[1].start
+            first = robot.amplitudes(body.name).start
             sizes[first : first + sum(body.beam.modes[:2])] = slides
     return sizes
 

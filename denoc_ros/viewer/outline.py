@@ -82,9 +82,9 @@ def reach(robot: Robot) -> float:
     for frame in robot.tree.frames:
         points.append(robot.frame_pose(frame, zero)[:3, 3])
     for body in robot.tree.bodies:
-        if body.beam is not None:
+        if body.beam is not None and body.segment == 1:
             pose = robot.frame_pose(body.name, zero) @ body.frame
-            points.append(pose[:3, 3] + body.beam.length * pose[:3, 0])
+            points.append(pose[:3, 3] + body.beam.whole_length * pose[:3, 0])
     return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
 
 
@@ -154,7 +154,7 @@ def _substitute(robot: Robot, root: Any, link: str) -> list[LinkSurface]:
     for body in robot.tree.bodies:
         if body.name == link and is_flexible(body):
             assert body.beam is not None
-            length = body.beam.length
+            length = body.beam.whole_length
             box = trimesh.creation.box(extents=(length, *[length / SLENDERNESS] * 2))
             box.apply_translation((length / 2.0, 0.0, 0.0))
             box.apply_transform(body.frame)

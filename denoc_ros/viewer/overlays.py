@@ -140,11 +140,15 @@ class Overlays:
             return
         tree, robot = self._robot.tree, self._robot
         origins = [
-            (robot.frame_pose(body.name, drawn) @ body.frame)[:3, 3] for body in tree.bodies
+            (robot.frame_pose(body.name, drawn) @ body.frame)[:3, 3]
+            for body in tree.bodies
+            if body.segment == 1
         ]
+        joints = [wrench for wrench, body in zip(found.joints, tree.bodies, strict=True)
+                  if body.segment == 1]  # fmt: skip
         pins = [robot.frame_pose(loop.child.frame, drawn)[:3, 3] for loop in tree.loops]
         feet = np.reshape([*origins, *pins], (-1, 3))
-        wrenches = np.concatenate([found.joints, found.loops])
+        wrenches = np.concatenate([np.reshape(joints, (-1, 6)), found.loops])
         self.forces.draw(feet, wrenches[:, :3])
         self.moments.draw(feet, wrenches[:, 3:])
 

@@ -17,7 +17,8 @@ from planar_chains import PlanarLink, planar_chain
 
 import denoc_ros as dn
 from denoc_ros.dynamics.deflection import TipDeflections
-from denoc_ros.estimation.fusion import WAITING, FusionSettings, sensor_rows
+from denoc_ros.dynamics.structure import sensor_rows
+from denoc_ros.estimation.fusion import WAITING, FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.simulation.run import Run

@@ -14,7 +14,7 @@ from denoc_ros.model.urdf import load_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / 'docs' / 'flexibility.md').read_text()
-EXAMPLE, LOOP = re.findall(r'```xml\n(.*?)```', TEXT, re.DOTALL)
+EXAMPLE, DIVIDED, LOOP = re.findall(r'```xml\n(.*?)```', TEXT, re.DOTALL)
 
 
 def test_the_example_loads_without_a_warning() -> None:
@@ -24,6 +24,15 @@ def test_the_example_loads_without_a_warning() -> None:
     modes = [body.beam.modes for body in tree.bodies if body.beam is not None]
     assert modes == [(2, 2, 1), (2, 0, 0)]
     assert [sensor.name for sensor in tree.sensors] == ['upper_arm_root', 'forearm_root']
+
+
+def test_the_divided_beam_loads() -> None:
+    boom = (
+        '<link name="boom"><inertial><origin xyz="3 0 0"/><mass value="12"/>'
+        '<inertia ixx="0" ixy="0" ixz="0" iyy="36" iyz="0" izz="36"/></inertial></link>'
+    )
+    tree = load_tree(f'<robot name="r">{boom}<flexibility>{DIVIDED}</flexibility></robot>')
+    assert [body.name for body in tree.bodies] == ['boom', *(f'boom/{k}' for k in range(2, 9))]
 
 
 def test_the_loop_loads() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from segmented_robots import strip
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 
@@ -98,6 +99,23 @@ def rows(load: str) -> Array:
         errors = distance(full, truth), distance(without, truth)
         found.append((truth.y, *errors, abs(full.angle - truth.angle)))
     return np.array(found)
+
+
+def divided_table() -> str:
+    """Return the table of docs/theory.md of links of segments."""
+    counts = (1, 2, 4, 8, 16)
+    lines = [
+        f'| deflection of the tip | {" | ".join(f"{k} segments" for k in counts)} |'.replace(
+            ' 1 segments', ' 1 segment'
+        ),
+        f'|{"---|" * (1 + len(counts))}',
+    ]
+    for size in SIZES['force'][1:]:
+        truth = elastica('force', size)
+        off = [distance(model(strip(k), 'force', size), truth) for k in counts]
+        cells = [f'{100 * truth.y:.1f} %', *(f'{100 * value:.2g} %' for value in off)]
+        lines.append(f'| {" | ".join(cells)} |')
+    return '\n'.join(lines)
 
 
 def table() -> str:

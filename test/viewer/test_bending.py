@@ -14,7 +14,8 @@ from yourdfpy import URDF
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.viewer.bending import Bending, exaggerated, rotations, strain_colours
+from denoc_ros.dynamics.rotations import rotations
+from denoc_ros.viewer.bending import Bending, exaggerated, strain_colours
 from denoc_ros.viewer.cutting import cut_along
 from denoc_ros.viewer.outline import outlines
 

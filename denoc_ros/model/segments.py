@@ -1,0 +1,169 @@
+"""Segments: a link's beam divided into equal beams, each clamped on the one before.
+
+Each segment bends little in its own frame, and its frame takes part in the rotation of the
+segments before it, so the link as a whole may bend far. The shapes of a segment must hand a
+force and a moment at its tip on to its root, or more segments do not come closer to the truth:
+two Craig-Bampton shapes do so exactly, clamped-free ones never do (s'' = 0 at the tip).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from denoc_ros.model.shapes import (
+    ShapeFunctions,
+    scaled_shapes,
+    shape_functions,
+    wave_numbers,
+)
+from denoc_ros.model.tree import Beam, Tree
+
+Array = NDArray[np.float64]
+
+ROOT = 1e-12  # of a beam's length: what arithmetic leaves of station 0
+
+
+@dataclass(frozen=True)
+class WholeBeam:
+    """A flexible link: the bodies of its segments, root first.
+
+    Attributes
+    ----------
+    link : str
+    first : int
+        Index of the first segment's body in `Tree.bodies`; the others follow it.
+    segment : Beam
+        Each of them.
+    """
+
+    link: str
+    first: int
+    segment: Beam
+
+    @property
+    def segments(self) -> int:
+        """Their number."""
+        return self.segment.segments
+
+    @property
+    def length(self) -> float:
+        """Length of the whole beam [m]."""
+        return self.segment.whole_length
+
+    @property
+    def modes(self) -> int:
+        """Number of amplitudes of each segment."""
+        return sum(self.segment.modes)
+
+
+def whole_beams(tree: Tree) -> tuple[WholeBeam, ...]:
+    """Return a tree's flexible links, in coordinate order; beams without modes are none."""
+    return tuple(
+        WholeBeam(body.name, index, body.beam)
+        for index, body in enumerate(tree.bodies)
+        if body.beam is not None and any(body.beam.modes) and body.segment == 1
+    )
+
+
+def locate(length: float, segments: int, station: float) -> tuple[int, float]:
+    """Return the segment (from 0) that holds a station, and the station on it [m].
+
+    Parameters
+    ----------
+    length : float
+        Of the whole beam [m].
+    segments : int
+    station : float
+        On the whole beam [m]; beyond an end is that end.
+
+    Notes
+    -----
+    A station where two segments meet is the root of the outboard one.
+    """
+    own = length / segments
+    index = min(max(math.floor(station / own + segments * ROOT), 0), segments - 1)
+    local = min(max(station - index * own, 0.0), own)
+    return index, local if local >= ROOT * length else 0.0
+
+
+def segment_shapes(modes: int, length: float) -> ShapeFunctions:
+    """Return the bending shapes of a segment.
+
+    Parameters
+    ----------
+    modes : int
+        1: the constant curvature that a moment at the tip makes; else so many Craig-Bampton ones.
+    length : float
+        Of the segment [m].
+
+    Returns
+    -------
+    ShapeFunctions
+    """
+    if modes > 1:
+        return shape_functions('craig-bampton', modes, length)
+    square = np.array([[0.0, 0.0, 1.0, 0.0]])
+    return ShapeFunctions(length, np.zeros(0), np.zeros((0, 4)), square, np.eye(1))
+
+
+def segment_torsion_shapes(modes: int, length: float) -> ShapeFunctions:
+    """Return the shapes of a segment's twist, by rising frequency, scaled to max |s| = 1.
+
+    Parameters
+    ----------
+    modes : int
+        >= 1: the linear twist that a torque at the tip makes, then sines that are 0 at both ends,
+        diagonalized against stiffness and inertia.
+    length : float
+        Of the segment [m].
+
+    Returns
+    -------
+    ShapeFunctions
+    """
+    linear = np.array([[0.0, 1.0, 0.0, 0.0]])
+    waves = np.zeros((modes - 1, 4))
+    waves[:, 3] = 1.0
+    beta = wave_numbers('pinned-pinned', modes - 1)
+    raw = ShapeFunctions(1.0, beta, waves, linear, np.eye(modes))
+    _, mixing = eigh(raw.gram(1), raw.gram(0))
+    unit = scaled_shapes(ShapeFunctions(1.0, beta, waves, linear, np.asarray(mixing)))
+    return ShapeFunctions(length, beta, waves, linear, unit.mixing)
+
+
+def critical_damping(
+    shapes: ShapeFunctions, rigidity: float, inertia: float, segments: int, order: int
+) -> Array:
+    """Return the critical damping (modes,) of a beam's amplitudes, root fixed.
+
+    Parameters
+    ----------
+    shapes : ShapeFunctions
+        Of the beam, or of each segment.
+    rigidity : float
+        EI or GJ [N m^2].
+    inertia : float
+        Mass [kg/m] or polar inertia [kg m^2/m] per length.
+    segments : int
+    order : int
+        2 for bending, 1 for torsion: of the derivative that is the strain.
+
+    Returns
+    -------
+    ndarray (modes,)
+        2 sqrt(k m) [N s/m or N m s/rad] of each mode. Of several segments 2 k / omega with
+        omega the link's lowest frequency, tip free: a damping ratio is then that of the link's
+        first mode, and damping is in proportion to stiffness, as in a viscous material.
+    """
+    stiffness = rigidity * np.diag(shapes.gram(order))
+    if segments == 1:
+        mass = inertia * np.diag(shapes.gram(0))
+        return np.asarray(2.0 * np.sqrt(stiffness * mass))
+    beta = float(wave_numbers('clamped-free', 1)[0]) if order == 2 else 0.5 * np.pi
+    omega = (beta / (segments * shapes.length)) ** order * math.sqrt(rigidity / inertia)
+    return np.asarray(2.0 * stiffness / omega)
