@@ -121,8 +121,8 @@ def divided_table() -> str:
 def table() -> str:
     """Return the table of docs/theory.md."""
     lines = [
-        '| deflection of the tip | force: off by | without foreshortening | slope off by '
-        '| moment: deflection | off by | without foreshortening |',
+        '| deflection of the tip | force: error | without foreshortening | slope error '
+        '| moment: deflection | error | without foreshortening |',
         '|---|---|---|---|---|---|---|',
     ]
     for force, moment in zip(rows('force'), rows('moment'), strict=True):
