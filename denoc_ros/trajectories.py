@@ -11,9 +11,8 @@ from bisect import bisect_right
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class Trajectory(ABC):

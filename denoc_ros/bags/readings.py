@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from denoc_ros.bags.reader import bag_topics, read_bag
 from denoc_ros.bags.series import elapsed
 from denoc_ros.errors import BagError
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 TYPES = (
     'std_msgs/msg/Float64',

@@ -8,13 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.bags.reader import BagMessage, Stamp, read_bag
 from denoc_ros.errors import BagError
-
-Array = NDArray[np.float64]
-Stamps = NDArray[np.int64]
+from denoc_ros.types import Array, Stamps
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,13 @@ from mcap.data_stream import ReadDataStream
 from mcap.reader import Summary, make_reader
 from mcap.records import Chunk, ChunkIndex
 from mcap.stream_reader import get_chunk_data_stream
-from numpy.typing import NDArray
 
 from denoc_ros.bags.reader import mcap_files, only_bag_errors, read_raw, require_readable
 from denoc_ros.bags.storage import require_small_chunks
 from denoc_ros.errors import BagError
+from denoc_ros.types import Stamps
 
 Message = tuple[str, str, int, bytes]  # topic, type, log time [ns], CDR
-Stamps = NDArray[np.int64]
 
 _RECORD = struct.Struct('<BQ')  # opcode and length
 _MESSAGE = struct.Struct('<BQHIQQ')  # and channel, sequence, log time, publish time

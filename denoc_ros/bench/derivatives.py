@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.bench.chains import flexible_chain, rigid_chain
 from denoc_ros.bench.growth import sloped
@@ -15,8 +14,7 @@ from denoc_ros.bench.results import AT_MOST, BenchCheck, BenchLine, Reach
 from denoc_ros.bench.rigid import SIZES, State, beside, check, conditioned, random_states, results
 from denoc_ros.bench.timing import Effort, Subject, compare, ratio
 from denoc_ros.dynamics.robot import Robot, load_robot
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 REACH_INVERSE = (0.9, 0.6, 0.6)
 REACH_FORWARD = (0.9, 0.6, 0.6)

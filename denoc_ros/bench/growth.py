@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.bench.chains import flexible_chain, rigid_chain
 from denoc_ros.bench.peers import Dense
@@ -20,8 +19,6 @@ from denoc_ros.bench.rigid import (
 )
 from denoc_ros.bench.timing import Effort, Spread, Subject, Times, compare, ratio
 from denoc_ros.dynamics.robot import Robot, load_robot
-
-Array = NDArray[np.float64]
 
 LINKS = (8, 16, 32, 64, 128)
 FEWER_LINKS = (8, 16, 32)  # where only results matter

@@ -7,15 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from denoc_ros.bench.peers import Pinocchio
 from denoc_ros.bench.results import AT_MOST, BenchCheck, BenchLine, Reach
 from denoc_ros.bench.rigid import STATES, State, check, random_states
 from denoc_ros.bench.timing import Effort, Subject, compare, ratio
 from denoc_ros.dynamics.robot import Robot, load_robot
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 FLEXIBLE = 'five_bar_ffff'
 RIGID = ('four_bar_rrr', 'five_bar_rrrr')

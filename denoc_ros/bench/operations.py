@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 import denoc_ros.kernels
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.kernels.handle import DIAGONALS, GOOD
+from denoc_ros.types import Array
 
 VECTORS = 'denoc_ros.kernels.vector'
 
-Array = NDArray[np.float64]
 Objects = NDArray[np.object_]
 
 

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
 from denoc_ros.bench.timing import Subject
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 State = tuple[Array, ...]
 
 

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.bench.chains import rigid_chain
 from denoc_ros.bench.peers import Dense, Pinocchio
 from denoc_ros.bench.results import AT_MOST, BenchCheck, BenchLine, Reach, relative_error
 from denoc_ros.bench.timing import Effort, Subject, compare, ratio
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 State = tuple[Array, ...]
 
 SIZES = (6, 30, 100)

@@ -13,9 +13,9 @@ from denoc_ros.reports.text_table import text_table
 if TYPE_CHECKING:
     from denoc_ros.bags.series import JointSeries
     from denoc_ros.identification.commands import Commands
-    from denoc_ros.identification.records import Floats
     from denoc_ros.identification.servo import ServoFit
     from denoc_ros.reports.pages import ReportPage
+    from denoc_ros.types import Array
 
 Document = dict[str, Any]
 
@@ -80,7 +80,7 @@ def run_servo(args: argparse.Namespace) -> int:
     return give_result(args, document, as_text(document), page)
 
 
-def unbroken(values: Floats) -> Any:
+def unbroken(values: Array) -> Any:
     """Say which values (k,) are finite, up to the first gap after the first one."""
     import numpy as np
 
@@ -104,7 +104,7 @@ def _joints(args: argparse.Namespace, commands: Commands) -> list[str]:
 
 def _grid(
     args: argparse.Namespace, commands: Commands, measured: JointSeries
-) -> tuple[Floats, Floats]:
+) -> tuple[Array, Array]:
     """Return times (k,) in equal steps by the commands' clock, and positions (k, joints) then."""
     import numpy as np
 
@@ -126,7 +126,7 @@ def _grid(
     return grid, np.column_stack(rows)
 
 
-def _fit(name: str, t: Floats, told: Floats, was: Floats) -> ServoFit | str:
+def _fit(name: str, t: Array, told: Array, was: Array) -> ServoFit | str:
     """Return the fit, or why there is none."""
     from denoc_ros.identification.servo import fit_servo
 
@@ -136,7 +136,7 @@ def _fit(name: str, t: Floats, told: Floats, was: Floats) -> ServoFit | str:
         return str(error)
 
 
-def servo_result(args: argparse.Namespace, fits: list[ServoFit | str], t: Floats) -> Document:
+def servo_result(args: argparse.Namespace, fits: list[ServoFit | str], t: Array) -> Document:
     """Return all that is kept of an identification of servos."""
     from denoc_ros.bags.digest import file_hash
     from denoc_ros.identification.modes import NOT_IDENTIFIABLE, worst

@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.errors import ConfigError
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.trajectories import Trajectory
 
-Array = NDArray[np.float64]
 
 STEP = 0.01  # s between samples of a motion that is a formula
 

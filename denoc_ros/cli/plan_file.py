@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from denoc_ros.control.grid import GridMotion
 from denoc_ros.control.plan import Plan
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 DIGITS = 12  # of a number in a file
 
 

@@ -6,9 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 FEWEST_POINTS = 16
 WHOLE = 1e-3  # of a step: how far positions may be off a multiple of it

@@ -6,15 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.control.grid import GridMotion
 from denoc_ros.control.plan import Plan
 from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 # times (k,) -> positions, rates and accelerations (k, driven) of the driven joints
 DrivenMotion = Callable[[Array], tuple[Array, Array, Array]]
 

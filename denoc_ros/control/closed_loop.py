@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.control.deviation_model import DeviationModel, PlannedState, deviation_model
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 SHARES = (1.0, 0.8, 1.2)  # of the elastic stiffness, and of the load at the tip
 

@@ -9,8 +9,7 @@ from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 HISTORY = 256  # periods over which values may be late
 # standard deviations of an innovation beyond which a sensor's value is refused: a tick that

@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.linear_model import DiscreteModel, LinearModel
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from denoc_ros.control.ringing import ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class Driven(NamedTuple):

@@ -13,8 +13,7 @@ from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
 from denoc_ros.model.arrays import is_flexible
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 CORRELATION = 0.03  # s over which forces that the model does not know stay alike: Gauss-Markov
 DOUBLINGS = 40

@@ -29,8 +29,8 @@ from denoc_ros.control.feedback_design import (
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Int = NDArray[np.intp]
 
 SPACING = 0.25  # s between gains along a plan, at least

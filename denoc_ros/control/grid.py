@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 REACH = 2  # nodes on either side that a derivative takes
 FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0

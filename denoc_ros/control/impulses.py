@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 METHODS: Final = ('zv', 'zvd', 'ei')
 TOLERATED_SWING = 0.05  # share of the unshaped swing that EI leaves at the modelled frequency
 

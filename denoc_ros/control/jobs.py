@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
+
 _LENGTH = struct.Struct('<Q')
 LONGEST_HEADER = 1 << 26  # bytes: a robot's description is in it
 LARGEST_ARRAY = 1 << 28  # elements

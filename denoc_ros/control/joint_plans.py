@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from denoc_ros.control.end_swing import follow_joints
@@ -20,8 +19,8 @@ from denoc_ros.control.targets import Target
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 OUTPUT = 0.004  # s between rows of a plan
 STEPS_PER_PERIOD = 60.0  # of the fastest mode that is shaped
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
+
 INFEASIBLE = 1e-9  # 1 / (1 + distance^2) below which there is no point within the bounds
 
 

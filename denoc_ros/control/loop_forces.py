@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics import constraints
 from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 STEP = 1e-7  # of a difference of Jacobians [rad, m]: exact to seven digits, as Newton steps need
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.control.deviation_model import PlannedState
 from denoc_ros.control.gain_schedule import spacing
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Sample = Callable[[float, Array, Array, Array], None]
 
 STEP = 4e-3  # s of the integration of the amplitudes, at most

@@ -15,7 +15,6 @@ import time
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.control.jobs import read_message, write_message
 from denoc_ros.control.joint_limits import joint_limits
@@ -25,8 +24,8 @@ from denoc_ros.control.shape import shape_motion
 from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import DenocError, SolverError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 LOOK = 0.5  # s between looks whether the parent is there
 WITHIN = 0.01  # share by which a plan may be beyond a limit
 

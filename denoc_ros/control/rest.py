@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.control.tip_problem import Equations, TipProblem
 from denoc_ros.errors import SolverError
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ITERATIONS = 60
 SETTLED = 1e-11

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
+
 DEGREE = 5
 ENDS = 4  # coefficients fixed at each end: position, velocity, acceleration and jerk 0
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.control.end_swing import Driven, EndSwing
 from denoc_ros.control.joint_limits import JointLimits, joint_limits
@@ -15,8 +15,8 @@ from denoc_ros.control.rest_basis import RestBasis
 from denoc_ros.control.ringing import require_tree, ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 SEGMENTS = (16, 60)  # of the spline, at least and at most
 SEGMENTS_PER_PERIOD = 3.0  # of the fastest mode that is to rest
 STEPS = 300  # of the simulated motion, at least

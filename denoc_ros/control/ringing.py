@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.control.impulses import damped_frequency
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 WIDEST = 10.0  # modes above this multiple of the lowest one are hardly excited, and die quickly
 
 

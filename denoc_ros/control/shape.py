@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.control import impulses
 from denoc_ros.control.joint_plans import (
@@ -21,8 +21,8 @@ from denoc_ros.control.tip import tip_motion
 from denoc_ros.control.tip_options import TipOptions
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Options = TypeVar('Options', TipOptions, ShaperOptions, RestOptions)
 Planner = Callable[..., Plan]  # (robot, times, q_joints, tip frames, **options)
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 from denoc_ros.control.impulses import impulse_weights
 from denoc_ros.control.ringing import modes_along, require_tree, ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 POSTURES = 33  # along a motion at which modes are worked out, at least
 POSTURES_PER_PERIOD = 2.0  # of the slowest mode
 ROUNDS = 3  # the modes are those of the shaped motion, which depends on them

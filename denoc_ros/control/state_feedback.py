@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.control.deviation_filter import DeviationFilter
 from denoc_ros.control.gain_schedule import GainSchedule
 from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 RAMP = 0.5  # s in which feedback comes in
 ROUNDING = 1e-9  # of the largest torque: a change that no limit made

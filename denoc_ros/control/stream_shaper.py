@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.control.impulses import impulse_weights
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 SMOOTHING = 0.02  # s in which new frequencies take over, so that accelerations do not jump
 SLOWEST = 0.5  # of the first frequencies: how slow modes may become
 

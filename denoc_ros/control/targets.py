@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 @dataclass(frozen=True)

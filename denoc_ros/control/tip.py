@@ -24,8 +24,8 @@ from denoc_ros.control.tip_solver import CancelledError, Solved, solve_motion
 from denoc_ros.control.zeros import settling_times
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 Rest = tuple[Array, Array]  # coordinates and multipliers
 Asked = Callable[[Array], Array]  # times (k,) -> joints (k, joints) of the undeformed robot

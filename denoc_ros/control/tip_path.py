@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ITERATIONS = 100
 REACHED = 1e-6  # of the path's size: positions that count as reached

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from denoc_ros.control.loop_forces import LoopForces
 from denoc_ros.control.targets import Target
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 

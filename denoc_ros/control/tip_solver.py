@@ -6,14 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.control.block_band import BlockBand
 from denoc_ros.control.grid import FIRST, REACH, SECOND, differences
 from denoc_ros.control.tip_problem import Equations, TipProblem
 from denoc_ros.errors import SolverError
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ITERATIONS = 14
 EASED = (30.0, 10.0, 3.0)  # times the draw to the asked joints

@@ -7,8 +7,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from denoc_ros.control.tip_problem import TipProblem
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 DECADES = 5.0  # to which what goes before and after has died down at the window's ends
 SHARE = 0.1  # a zero whose real part is less of its size neither grows nor decays

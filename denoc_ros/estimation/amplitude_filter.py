@@ -18,11 +18,11 @@ from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.correction import take_values
 from denoc_ros.kernels.step import GAMMA
 from denoc_ros.model.arrays import is_flexible
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 
 TWIST = 3
 TIP = (1, 2, TWIST)  # u_y, u_z and the twist among a section's six displacements

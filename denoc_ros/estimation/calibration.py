@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import IdentificationError, StateError
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 
 REFERENCES = ('value', 'deflection', 'load')
 LEAST_POINTS = 3

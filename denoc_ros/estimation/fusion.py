@@ -15,12 +15,12 @@ from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.amplitude_filter import AmplitudeFilter
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
     from denoc_ros.model.tree import Sensor
 
-Array = NDArray[np.float64]
 Value = tuple[float, int, float]  # stamp, place, value
 
 WAITING = 1024  # values at most that wait for the joints' motion up to their stamps

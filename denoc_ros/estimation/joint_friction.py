@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.arrays import SLIP_RATE
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import driven_motion
@@ -18,8 +17,8 @@ from denoc_ros.errors import SolverError
 from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.tracking import TrackingFilter, connecting_acceleration
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Reference = Callable[[float], tuple[Array, Array, Array]]
 
 # A longer gap [s] is not integrated over: the observer goes on from the measurement instead.

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import driven_motion
@@ -18,9 +17,7 @@ from denoc_ros.errors import ModelError
 from denoc_ros.estimation.joint_friction import JointFriction
 from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.estimation.tracking import connecting_acceleration
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from denoc_ros.types import Array, Flags
 
 
 @dataclass(frozen=True)

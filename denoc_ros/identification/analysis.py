@@ -13,9 +13,10 @@ from denoc_ros.identification.decrement import Convention, Decrement, log_decrem
 from denoc_ros.identification.fit import fit_modes
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, Modes
 from denoc_ros.identification.quality import Quality, assess
-from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.records import Record
 from denoc_ros.identification.spectra import Method, SpectralDecay, evolving_spectra
 from denoc_ros.identification.windows import Span, decay_window, moving_until
+from denoc_ros.types import Array
 
 CONVENTIONS: tuple[Convention, ...] = ('exact', 'book')
 CLEAR = 5.0  # standard deviations of the noise: lower crests are not counted
@@ -119,13 +120,13 @@ def held_out(record: Record) -> tuple[Modes, float] | None:
         return None
 
 
-def own_decay(analysis: DecayAnalysis, k: int) -> Floats:
+def own_decay(analysis: DecayAnalysis, k: int) -> Array:
     """Return the record without offset, drift and all modes but one, (samples,)."""
     t, modes = analysis.record.t, analysis.modes
     return np.asarray(analysis.record.y - modes.prediction(t) + modes.component(k, t))
 
 
-def residual_spectrum(analysis: DecayAnalysis) -> tuple[Floats, Floats, Floats]:
+def residual_spectrum(analysis: DecayAnalysis) -> tuple[Array, Array, Array]:
     """Return frequencies [Hz], amplitudes of the record and of the residual [unit], each (m,)."""
     record, modes = analysis.record, analysis.modes
     grid = np.linspace(record.t[0], record.t[-1], record.t.size)

@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.bags.reader import Stamp, bag_topics, read_bag
-from denoc_ros.bags.series import Stamps, elapsed, read_arrays, read_joint_states
+from denoc_ros.bags.series import elapsed, read_arrays, read_joint_states
 from denoc_ros.errors import BagError
 from denoc_ros.identification.clock import TIME_NAMES, UNITS, is_time, unit_in
 from denoc_ros.identification.records import Record
 from denoc_ros.identification.tables import READERS, read_table
-
-Floats = NDArray[np.float64]
+from denoc_ros.types import Array, Stamps
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
@@ -176,7 +174,7 @@ def _deflection_unit(channel: Channel) -> str:
     return DEFLECTION_UNITS[component[1]]
 
 
-def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Floats, Floats]:
+def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Array, Array]:
     columns = read_table(path)
     time = channel.time or next((name for name in columns if is_time(name)), '')
     field = channel.field or _only_one(path, 'field', [name for name in columns if name != time])
@@ -194,8 +192,8 @@ def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Floats, Float
 
 
 def table_times(
-    path: Path, columns: Mapping[str, Floats], channel: Channel, rows: int
-) -> tuple[str, str, Floats]:
+    path: Path, columns: Mapping[str, Array], channel: Channel, rows: int
+) -> tuple[str, str, Array]:
     """Return a table's column of times, its unit, and the times from the first row on [s].
 
     Parameters
@@ -229,7 +227,7 @@ def table_times(
     )
 
 
-def _bag_samples(path: Path, channel: Channel) -> tuple[Channel, Stamps, Floats]:
+def _bag_samples(path: Path, channel: Channel) -> tuple[Channel, Stamps, Array]:
     topics = bag_topics(path)
     if not (channel.topic and channel.field):
         channel = _completed(path, channel)

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.bags.reader import BagMessage, Stamp, read_bag
 from denoc_ros.errors import BagError
 from denoc_ros.trajectories import SplineTrajectory
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 STATE = 'sensor_msgs/msg/JointState'
 

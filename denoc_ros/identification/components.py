@@ -20,8 +20,8 @@ from denoc_ros.identification.drifting import drifting_rss
 from denoc_ros.identification.free_decay import later_start_differs, overlapping
 from denoc_ros.identification.lines import find_lines, suspects
 from denoc_ros.identification.modes import AmplitudeCurve, Line
-from denoc_ros.identification.records import Floats
 from denoc_ros.identification.residual import coloured, local_variance
+from denoc_ros.types import Array
 
 CYCLES = 0.75  # in the record: less is part of the drift
 SEEN = 3.5  # time constants that a mode is seen for: 0.1 % of its energy is left
@@ -46,8 +46,8 @@ class Component:
     amplitude: float
     phase: float
     deviation: float
-    formal: Floats
-    windowed: Floats
+    formal: Array
+    windowed: Array
     bound: float
     frequency_deviation: float
     snr_db: float
@@ -59,12 +59,12 @@ class Component:
     overlap: str
 
     @property
-    def interval(self) -> Floats:
+    def interval(self) -> Array:
         """The interval to go by, shape (2,)."""
         return self.windowed if self.curve and self.curve.dependent else self.formal
 
 
-def components(t: Floats, fit: Damped, span: float) -> tuple[list[Component], tuple[Line, ...]]:
+def components(t: Array, fit: Damped, span: float) -> tuple[list[Component], tuple[Line, ...]]:
     """Return the modes of a fit by rising frequency, and the components that are none.
 
     Parameters
@@ -117,7 +117,7 @@ def _time_constant(part: Component) -> float:
     return 1.0 / rate if rate > 0.0 else np.inf
 
 
-def _groups(t: Floats, fit: Damped, kept: list[int], span: float) -> list[list[int]]:
+def _groups(t: Array, fit: Damped, kept: list[int], span: float) -> list[list[int]]:
     """Put together the cosines of one mode that drifts.
 
     Those that one over the duration does not tell apart are one; those that are hardly farther
@@ -158,14 +158,14 @@ def _chains(fit: Damped, groups: list[list[int]], span: float) -> list[list[list
     return chains
 
 
-def _own(t: Floats, fit: Damped, group: list[int], span: float) -> Floats:
+def _own(t: Array, fit: Damped, group: list[int], span: float) -> Array:
     """Return the record without its other components."""
     phi = columns(t, fit.poles[group], span)[:, :-2]
     chosen = [2 * k + part for k in group for part in (0, 1)]
     return np.asarray(fit.residual + phi @ fit.weights[chosen])
 
 
-def _one_drifts(t: Floats, fit: Damped, group: list[int], span: float) -> bool:
+def _one_drifts(t: Array, fit: Damped, group: list[int], span: float) -> bool:
     """Say whether one drifting mode explains a group as well as its steady modes.
 
     By BIC; beside a coloured residual, which no number of modes explains, by what it leaves.
@@ -182,7 +182,7 @@ def _one_drifts(t: Floats, fit: Damped, group: list[int], span: float) -> bool:
     return coloured(fit.residual) and left < DRIFT_LEAVES * float(own @ own)
 
 
-def _component(t: Floats, fit: Damped, group: list[int], span: float) -> Component:
+def _component(t: Array, fit: Damped, group: list[int], span: float) -> Component:
     own = _own(t, fit, group, span)
     index = group[int(np.argmax(np.abs(fit.complex_amplitudes[group])))]
     alone, place = fit, index
@@ -218,7 +218,7 @@ def _component(t: Floats, fit: Damped, group: list[int], span: float) -> Compone
     )
 
 
-def _excess(t: Floats, fit: Damped, span: float, k: int) -> float:
+def _excess(t: Array, fit: Damped, span: float, k: int) -> float:
     """Return by how much a coloured residual near a mode exceeds white noise, 1 for white."""
     if not coloured(fit.residual) or fit.variance == 0.0:
         return 1.0

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from denoc_ros.identification.damped import Damped, fit_damped
 from denoc_ros.identification.modes import AmplitudeCurve
 from denoc_ros.identification.quality import Mask
-from denoc_ros.identification.records import Floats
+from denoc_ros.types import Array
 
 MOST_WINDOWS = 6
 NORMAL_95 = 1.959964
@@ -29,14 +29,14 @@ def zeta_and_rate(sigma: float, omega: float) -> tuple[float, float]:
     return sigma / rate, rate
 
 
-def pole_zeta_deviation(pole: Floats, covariance: Floats, k: int) -> float:
+def pole_zeta_deviation(pole: Array, covariance: Array, k: int) -> float:
     """Return the standard deviation of the damping ratio of pole k of a covariance."""
     sigma, omega = pole
     slope = np.array([omega**2, -sigma * omega]) / np.hypot(sigma, omega) ** 3
     return along(slope, covariance, k)
 
 
-def along(slope: Floats, covariance: Floats, k: int) -> float:
+def along(slope: Array, covariance: Array, k: int) -> float:
     """Return the standard deviation of what has this slope over pole k of a covariance."""
     block = covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
     return float(np.sqrt(max(float(slope @ block @ slope), 0.0)))
@@ -48,7 +48,7 @@ def zeta_deviation(fit: Damped, k: int) -> float:
 
 
 def amplitude_curve(
-    t: Floats, own: Floats, sigma: float, omega: float, noise: float
+    t: Array, own: Array, sigma: float, omega: float, noise: float
 ) -> AmplitudeCurve | None:
     """Return the damping ratio over windows; None where there is room for one window only.
 
@@ -79,7 +79,7 @@ def amplitude_curve(
     return AmplitudeCurve(time, level, frequency, zetas, deviation, trend, dependent)
 
 
-def window_interval(curve: AmplitudeCurve, zeta: float, deviation: float) -> Floats:
+def window_interval(curve: AmplitudeCurve, zeta: float, deviation: float) -> Array:
     """Return the 95 % interval of the damping ratio that the windows give, shape (2,).
 
     The fit's variance and the variance between windows, noise taken off; where the damping ratio
@@ -113,7 +113,7 @@ def frequency_spread(curve: AmplitudeCurve) -> float:
     return float(np.sqrt(_between(curve.frequency, noise)))
 
 
-def _between(values: Floats, deviation: Floats) -> float:
+def _between(values: Array, deviation: Array) -> float:
     """Return the variance between windows by DerSimonian and Laird's moment estimate."""
     weight = 1.0 / deviation**2
     mean = weight @ values / weight.sum()
@@ -121,7 +121,7 @@ def _between(values: Floats, deviation: Floats) -> float:
     return float(max(0.0, excess / (weight.sum() - weight @ weight / weight.sum())))
 
 
-def _windows(t: Floats, own: Floats, omega: float, noise: float) -> list[Mask]:
+def _windows(t: Array, own: Array, omega: float, noise: float) -> list[Mask]:
     cycle = max(int(2.0 * np.pi / omega / np.median(np.diff(t))), 1)
     envelope = np.sqrt(2.0 * uniform_filter1d(own**2, cycle))
     loud = np.flatnonzero(envelope > LOWEST * noise)
@@ -134,7 +134,7 @@ def _windows(t: Floats, own: Floats, omega: float, noise: float) -> list[Mask]:
     return [inside for inside in windows if np.count_nonzero(inside) >= SAMPLES]
 
 
-def _change(level: Floats, zetas: Floats, deviation: Floats) -> tuple[float, bool]:
+def _change(level: Array, zetas: Array, deviation: Array) -> tuple[float, bool]:
     """Return the slope over the log of the amplitude, and whether the windows differ."""
     weight = 1.0 / deviation**2
     mean = weight @ zetas / weight.sum()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from denoc_ros.identification.records import Floats
+from denoc_ros.types import Array
 
 LARGEST_EXPONENT = 30.0
 
@@ -35,13 +35,13 @@ class Damped:
         What the drift is scaled by [s].
     """
 
-    poles: Floats
-    weights: Floats
-    residual: Floats
-    jacobian: Floats
+    poles: Array
+    weights: Array
+    residual: Array
+    jacobian: Array
     span: float
 
-    def prediction(self, t: Floats) -> Floats:
+    def prediction(self, t: Array) -> Array:
         """Return the fitted values at times t [s]."""
         base = self.weights.size > self.poles.size
         return np.asarray(columns(t, self.poles, self.span, base) @ self.weights)
@@ -63,7 +63,7 @@ class Damped:
         pairs = self.weights[: 2 * len(self.poles)].reshape(-1, 2)
         return np.asarray(pairs[:, 0] - 1j * pairs[:, 1])
 
-    def covariance(self) -> Floats:
+    def covariance(self) -> Array:
         """Return the covariance of the poles (row by row), shape (2 m, 2 m)."""
         scale = np.linalg.norm(self.jacobian, axis=0)
         scale[scale == 0.0] = 1.0
@@ -74,7 +74,7 @@ class Damped:
 NDComplex = np.ndarray[tuple[int], np.dtype[np.complex128]]
 
 
-def columns(t: Floats, poles: Floats, span: float, base: bool = True) -> Floats:
+def columns(t: Array, poles: Array, span: float, base: bool = True) -> Array:
     """Return the linear part's columns, shape (k, 2 m + 2); (k, 2 m) without offset and drift."""
     m = len(poles)
     out = np.empty((t.size, 2 * m + 2 * base))
@@ -91,11 +91,11 @@ def columns(t: Floats, poles: Floats, span: float, base: bool = True) -> Floats:
 class _Projection:
     """Residual and Jacobian at given poles; the last evaluation is kept."""
 
-    def __init__(self, t: Floats, y: Floats, span: float, base: bool) -> None:
+    def __init__(self, t: Array, y: Array, span: float, base: bool) -> None:
         self.t, self.y, self.span, self.base = t, y, span, base
-        self.at: Floats | None = None
+        self.at: Array | None = None
 
-    def evaluate(self, flat: Floats) -> None:
+    def evaluate(self, flat: Array) -> None:
         if self.at is not None and np.array_equal(flat, self.at):
             return
         self.at = flat.copy()
@@ -114,19 +114,19 @@ class _Projection:
             slopes[:, 2 * k + 1] = self.t * (b * phi[:, 2 * k] - a * phi[:, 2 * k + 1])
         self.jacobian = slopes - basis @ (basis.T @ slopes)
 
-    def residuals(self, flat: Floats) -> Floats:
+    def residuals(self, flat: Array) -> Array:
         self.evaluate(flat)
         return np.asarray(self.residual)
 
-    def slopes(self, flat: Floats) -> Floats:
+    def slopes(self, flat: Array) -> Array:
         self.evaluate(flat)
         return np.asarray(-self.jacobian)
 
 
 def fit_damped(
-    t: Floats,
-    y: Floats,
-    start: Floats,
+    t: Array,
+    y: Array,
+    start: Array,
     span: float | None = None,
     base: bool = True,
     rounds: int = 40,

@@ -15,8 +15,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
 from denoc_ros.model.override_values import critical_damping, override_values
 from denoc_ros.model.segments import whole_beams
-
-Floats = NDArray[np.float64]
+from denoc_ros.types import Array
 
 FARTHEST = 0.3  # of a measured frequency: no mode of the model beyond is taken for it
 FIRST_OF_EQUALS = 1e-6  # of a share
@@ -73,7 +72,7 @@ class _Amplitude:
     index: NDArray[np.int64]
     path: str
     place: int
-    critical: Floats  # of each coordinate
+    critical: Array  # of each coordinate
     unit: str
 
 
@@ -164,7 +163,7 @@ def damping_overrides(robot: Robot, assigned: Sequence[Assigned]) -> dict[str, l
     return overrides
 
 
-def _matched(name: str, model: Floats, measured: Floats, size: Floats) -> dict[int, int]:
+def _matched(name: str, model: Array, measured: Array, size: Array) -> dict[int, int]:
     """Return the model's mode of each measured one that has one, the largest where several do."""
     vibrating = np.flatnonzero(model > 0.0)
     taken: dict[int, int] = {}
@@ -181,7 +180,7 @@ def _matched(name: str, model: Floats, measured: Floats, size: Floats) -> dict[i
     return {k: mode for mode, k in sorted(taken.items())}
 
 
-def _listed(values: Floats) -> str:
+def _listed(values: Array) -> str:
     return ', '.join(f'{value:.4g}' for value in values) or 'none'
 
 
@@ -204,7 +203,7 @@ def _amplitudes(robot: Robot) -> list[_Amplitude]:
     return found
 
 
-def _sum_of(index: NDArray[np.int64], weights: Floats, squares: Floats) -> Floats:
+def _sum_of(index: NDArray[np.int64], weights: Array, squares: Array) -> Array:
     """Return the weighted sum (modes,) of squares (n, modes) over some coordinates."""
     return np.asarray(weights @ squares[index])
 
@@ -220,7 +219,7 @@ def _present_ratios(robot: Robot) -> Mapping[str, list[float]]:
 class _Linearized:
     """I q'' + C q' + K q = 0 of the coordinates that move."""
 
-    def __init__(self, robot: Robot, q: Floats, held: bool) -> None:
+    def __init__(self, robot: Robot, q: Array, held: bool) -> None:
         self._name = robot.tree.name
         self._moving = robot.flexible_indices if held else np.arange(robot.n)
         block = np.ix_(self._moving, self._moving)
@@ -231,11 +230,11 @@ class _Linearized:
     def solve(
         self,
         picked: Sequence[_Amplitude],
-        measured: Floats,
-        ratios: Floats,
-        model: Floats,
-        damped: Floats,
-    ) -> Floats:
+        measured: Array,
+        ratios: Array,
+        model: Array,
+        damped: Array,
+    ) -> Array:
         """Return the damping ratios of amplitudes at which the modes have the measured ratios.
 
         `model` are the frequencies [Hz] of the undamped modes, `damped` (picked, modes) what the
@@ -243,7 +242,7 @@ class _Linearized:
         """
         target = np.log(ratios)
 
-        def residual(logs: Floats) -> Floats:
+        def residual(logs: Array) -> Array:
             damping = self._damping.copy()
             for one, log in zip(picked, logs, strict=True):
                 damping[one.index] = np.exp(log) * one.critical
@@ -264,7 +263,7 @@ class _Linearized:
             )
         return np.asarray(np.exp(found.x))
 
-    def _ratios(self, damping: Floats, model: Floats) -> Floats:
+    def _ratios(self, damping: Array, model: Array) -> Array:
         """Return the damping ratios of the modes nearest to those of the undamped model [Hz]."""
         size = len(self._moving)
         first = np.zeros((2 * size, 2 * size))

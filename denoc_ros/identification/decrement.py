@@ -11,7 +11,8 @@ from scipy.stats import t as student
 
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.quality import assess
-from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.records import Record
+from denoc_ros.types import Array
 
 Convention = Literal['exact', 'book']
 
@@ -41,10 +42,10 @@ class Decrement:
 
     decrement: float
     damping_ratio: float
-    interval: Floats
+    interval: Array
     frequency: float
-    time: Floats
-    height: Floats
+    time: Array
+    height: Array
     convention: Convention
 
 
@@ -140,7 +141,7 @@ def _require_same(record: Record, frequency: float, found: float) -> None:
         )
 
 
-def _extremes(record: Record, frequency: float | None) -> tuple[Floats, Floats]:
+def _extremes(record: Record, frequency: float | None) -> tuple[Array, Array]:
     """Return times and values of alternating crests and troughs that stand out of the noise."""
     y = record.y - np.mean(record.y)
     prominence = PROMINENCE * max(assess(record).noise, 1e-6 * float(np.ptp(y)))
@@ -173,7 +174,7 @@ def _vertex(record: Record, k: int) -> tuple[float, float]:
     return float(record.t[k] + at), float(np.polyval(curve, at))
 
 
-def _slope(x: Floats, y: Floats, weight: Floats) -> tuple[float, float]:
+def _slope(x: Array, y: Array, weight: Array) -> tuple[float, float]:
     """Return slope of a weighted line and its standard deviation (nan for two points)."""
     away = x - weight @ x / weight.sum()
     inertia = float(weight @ away**2)
@@ -184,7 +185,7 @@ def _slope(x: Floats, y: Floats, weight: Floats) -> tuple[float, float]:
     return slope, float(np.sqrt(weight @ rest**2 / (x.size - 2) / inertia))
 
 
-def _from_crests(record: Record, times: Floats, values: Floats) -> Decrement:
+def _from_crests(record: Record, times: Array, values: Array) -> Decrement:
     cycle = 2.0 * float(np.mean(np.diff(times)))
     level = float(np.mean(record.y[record.t > record.t[-1] - cycle]))
     crests = values > level

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import least_squares
 
-from denoc_ros.identification.records import Floats
+from denoc_ros.types import Array
 
 DEGREES = (2, 3, 4, 5, 6)
 
 
-def drifting_rss(t: Floats, own: Floats, pole: Floats, value: complex) -> list[tuple[int, float]]:
+def drifting_rss(t: Array, own: Array, pole: Array, value: complex) -> list[tuple[int, float]]:
     """Fit Re exp(p(t)), p a complex polynomial, and return (parameters, rss) per degree.
 
     A damping ratio that depends on amplitude bends the logarithm of the envelope, and a stiffness
@@ -36,20 +36,20 @@ def drifting_rss(t: Floats, own: Floats, pole: Floats, value: complex) -> list[t
     return found
 
 
-def _exponent(x: Floats, coefficients: np.ndarray[tuple[int], np.dtype[np.complex128]]) -> Floats:
+def _exponent(x: Array, coefficients: np.ndarray[tuple[int], np.dtype[np.complex128]]) -> Array:
     exponent = np.polynomial.polynomial.polyval(x, coefficients)
     return np.asarray(np.minimum(exponent.real, 50.0) + 1j * exponent.imag)
 
 
 def _fitted(
-    x: Floats, own: Floats, start: np.ndarray[tuple[int], np.dtype[np.complex128]]
+    x: Array, own: Array, start: np.ndarray[tuple[int], np.dtype[np.complex128]]
 ) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
     powers = x[:, None] ** np.arange(start.size)
 
-    def residuals(flat: Floats) -> Floats:
+    def residuals(flat: Array) -> Array:
         return np.asarray(np.exp(_exponent(x, flat.view(complex))).real - own)
 
-    def slopes(flat: Floats) -> Floats:
+    def slopes(flat: Array) -> Array:
         grown = np.exp(_exponent(x, flat.view(complex)))[:, None] * powers
         out = np.empty((x.size, flat.size))
         out[:, ::2], out[:, 1::2] = grown.real, -grown.imag

@@ -12,10 +12,11 @@ from denoc_ros.identification.damped import Damped
 from denoc_ros.identification.modes import Modes
 from denoc_ros.identification.order import MOST_COSINES, Search, refined_cosines, search_cosines
 from denoc_ros.identification.quality import Mask, Quality, assess, sample_noise
-from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.records import Record
 from denoc_ros.identification.residual import coloured
 from denoc_ros.identification.segments import release_time
 from denoc_ros.identification.verdicts import judge
+from denoc_ros.types import Array
 
 CLIP_MARGIN = 3.0  # standard deviations of the noise below the limit
 SMEARED = 0.4  # of the resolution: noise from which on levels are as good as none
@@ -120,7 +121,7 @@ def _fit(record: Record, quality: Quality) -> tuple[Mask, Damped]:
     return seen, refined_cosines(_search(record, t, seen, levels), fit.poles)
 
 
-def _repeated_extremes(y: Floats) -> Mask:
+def _repeated_extremes(y: Array) -> Mask:
     outside = np.zeros(y.size, bool)
     for extreme in (y.min(), y.max()):
         same = y == extreme
@@ -129,7 +130,7 @@ def _repeated_extremes(y: Floats) -> Mask:
     return outside
 
 
-def _beyond(record: Record, outside: Mask, t: Floats, fit: Damped) -> bool:
+def _beyond(record: Record, outside: Mask, t: Array, fit: Damped) -> bool:
     """Say whether a fit to the other samples puts these beyond the limits."""
     middle = 0.5 * (record.y.max() + record.y.min())
     y = record.y[outside]
@@ -146,7 +147,7 @@ def _level_limit(record: Record, quality: Quality) -> float:
     return 0.0 if smeared else 0.5 * quality.resolution
 
 
-def _search(record: Record, t: Floats, seen: Mask, smallest: float) -> Search:
+def _search(record: Record, t: Array, seen: Mask, smallest: float) -> Search:
     if np.count_nonzero(seen) < 8:
         raise IdentificationError(
             f'{record.name}: at least 8 samples must lie within the range of the sensor, got '
@@ -155,7 +156,7 @@ def _search(record: Record, t: Floats, seen: Mask, smallest: float) -> Search:
     return Search(t[seen], record.y[seen], record.duration, smallest)
 
 
-def _inside_limits(record: Record, seen: Mask, t: Floats, fit: Damped) -> Mask:
+def _inside_limits(record: Record, seen: Mask, t: Array, fit: Damped) -> Mask:
     """Leave out what noise alone could have clipped: what is left would lean to the inside."""
     margin = CLIP_MARGIN * np.sqrt(fit.variance)
     expected = fit.prediction(t)
@@ -163,7 +164,7 @@ def _inside_limits(record: Record, seen: Mask, t: Floats, fit: Damped) -> Mask:
     return np.asarray(seen & (expected > low) & (expected < high))
 
 
-def _column(parts: list[Component], name: str) -> Floats:
+def _column(parts: list[Component], name: str) -> Array:
     return np.array([getattr(part, name) for part in parts], float)
 
 

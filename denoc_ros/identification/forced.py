@@ -12,8 +12,9 @@ from scipy.optimize import least_squares
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.curves import NORMAL_95, pole_zeta_deviation, zeta_and_rate
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE, strongest, worst
-from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.records import Record
 from denoc_ros.identification.spectra import even_record
+from denoc_ros.types import Array
 
 Complex = NDArray[np.complex128]
 
@@ -57,14 +58,14 @@ class ForcedModes:
         What concerns the whole record, such as why there is no mode.
     """
 
-    frequency: Floats
-    damping_ratio: Floats
-    interval: Floats
-    formal_interval: Floats
-    window_interval: Floats
-    strength: Floats
+    frequency: Array
+    damping_ratio: Array
+    interval: Array
+    formal_interval: Array
+    window_interval: Array
+    strength: Array
     explained: float
-    line: Floats
+    line: Array
     measured: Complex
     fitted: Complex
     verdict: tuple[str, ...]
@@ -92,11 +93,11 @@ class _Lines:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    poles: Floats  # decay and angle per sample, shape (m, 2)
+    poles: Array  # decay and angle per sample, shape (m, 2)
     residual: Complex
-    jacobian: Floats
+    jacobian: Array
     # per mode a of each input and of the start, b likewise; then the direct terms
-    weights: Floats
+    weights: Array
 
     @property
     def rss(self) -> float:
@@ -146,7 +147,7 @@ def fit_forced(force: Record | Sequence[Record], response: Record) -> ForcedMode
     return _modes(_searched(lines), lines, u, y, step)
 
 
-def _moving(force: Record) -> Floats:
+def _moving(force: Record) -> Array:
     u = even_record(force).y
     u = u - u.mean()
     if not np.any(u):
@@ -154,7 +155,7 @@ def _moving(force: Record) -> Floats:
     return np.asarray(u)
 
 
-def _require_different(u: Floats, name: str) -> None:
+def _require_different(u: Array, name: str) -> None:
     size = np.linalg.svd(u / np.linalg.norm(u, axis=0), compute_uv=False)
     if size[-1] < ALIKE * size[0]:
         raise IdentificationError(
@@ -162,7 +163,7 @@ def _require_different(u: Floats, name: str) -> None:
         )
 
 
-def _excited(u: Floats, y: Floats) -> _Lines:
+def _excited(u: Array, y: Array) -> _Lines:
     turn = np.fft.rfftfreq(len(u)) * 2.0 * np.pi
     spectrum = np.fft.rfft(u, axis=0)
     size = np.abs(spectrum)
@@ -189,7 +190,7 @@ def _searched(lines: _Lines) -> _Fit:
     return best
 
 
-def _first_poles(lines: _Lines, modes: int) -> list[Floats]:
+def _first_poles(lines: _Lines, modes: int) -> list[Array]:
     """Return sets of poles: A y = B u + T solved with the last A's magnitude taken out."""
     order = 2 * modes
     powers = lines.z[:, None] ** -np.arange(order + 1)
@@ -208,13 +209,13 @@ def _first_poles(lines: _Lines, modes: int) -> list[Floats]:
     return found
 
 
-def _upper(roots: Complex) -> Floats:
+def _upper(roots: Complex) -> Array:
     s = np.log(np.where(np.abs(roots) < 1e-9, 1e-9, roots))
     kept = s[(s.imag > 1e-3) & (s.imag < np.pi - 1e-3)]
     return np.column_stack((np.abs(kept.real) + 1e-9, kept.imag))
 
 
-def _columns(lines: _Lines, poles: Floats) -> Complex:
+def _columns(lines: _Lines, poles: Array) -> Complex:
     """Return the linear part: per mode cosine and sine like responses to inputs and to the start.
 
     A pole and its conjugate with residues a -+ i b: a and b are real unknowns.
@@ -230,18 +231,18 @@ def _columns(lines: _Lines, poles: Floats) -> Complex:
     return np.column_stack(columns)
 
 
-def _real(values: Complex) -> Floats:
+def _real(values: Complex) -> Array:
     return np.asarray(np.concatenate((values.real, values.imag), axis=0))
 
 
-def _linear(lines: _Lines, poles: Floats) -> _Fit:
+def _linear(lines: _Lines, poles: Array) -> _Fit:
     phi = _columns(lines, poles)
     weights = np.linalg.lstsq(_real(phi), _real(lines.y), rcond=1e-12)[0]
     return _Fit(poles, lines.y - phi @ weights, np.empty((0, 0)), np.asarray(weights, float))
 
 
-def _nonlinear(lines: _Lines, poles: Floats) -> _Fit:
-    def residuals(flat: Floats) -> Floats:
+def _nonlinear(lines: _Lines, poles: Array) -> _Fit:
+    def residuals(flat: Array) -> Array:
         return _real(_linear(lines, flat.reshape(-1, 2)).residual)
 
     start = poles.reshape(-1)
@@ -250,7 +251,7 @@ def _nonlinear(lines: _Lines, poles: Floats) -> _Fit:
     return _Fit(fit.poles, fit.residual, found.jac, fit.weights)
 
 
-def _modes(fit: _Fit, lines: _Lines, u: Floats, y: Floats, step: float) -> ForcedModes:
+def _modes(fit: _Fit, lines: _Lines, u: Array, y: Array, step: float) -> ForcedModes:
     order = [
         int(k) for k in np.argsort(fit.poles[:, 1]) if _inside(fit.poles[k], np.angle(lines.z))
     ]
@@ -304,7 +305,7 @@ def _responses(fit: _Fit, lines: _Lines) -> tuple[Complex, Complex]:
         return (parts + fit.residual[:, None]) / lines.u, parts / lines.u
 
 
-def _inside(pole: Floats, turns: Floats) -> bool:
+def _inside(pole: Array, turns: Array) -> bool:
     """Say whether a pole is a mode within the excited band."""
     zeta, rate = zeta_and_rate(*pole)
     return bool(turns.min() < rate < turns.max() and 0.0 < zeta < 0.7)
@@ -317,7 +318,7 @@ def _strength(fit: _Fit, k: int) -> float:
     return float(np.hypot(a, b).max() / -np.expm1(-max(fit.poles[k, 0], 1e-12)))
 
 
-def _formal(fit: _Fit) -> Floats:
+def _formal(fit: _Fit) -> Array:
     """Return the standard deviations of zeta from the fit."""
     count = 2 * fit.residual.size
     variance = fit.rss / max(count - fit.poles.size - fit.weights.size, 1)
@@ -329,7 +330,7 @@ def _formal(fit: _Fit) -> Floats:
     )
 
 
-def _over_windows(fit: _Fit, u: Floats, y: Floats) -> Floats:
+def _over_windows(fit: _Fit, u: Array, y: Array) -> Array:
     """Return the standard deviations of the mean of zeta over quarters of the record."""
     parts = [np.array_split(values, WINDOWS) for values in (u, y)]
     rows = []

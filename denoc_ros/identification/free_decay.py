@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from denoc_ros.identification.damped import Damped, fit_damped
-from denoc_ros.identification.records import Floats
 from denoc_ros.identification.residual import coloured, local_variance
+from denoc_ros.types import Array
 
 LATER = 0.5  # time constants
 MOST_CYCLES = 1.5
@@ -24,7 +24,7 @@ HEAVY = 0.05  # damping ratio from which on neighbours are looked at
 COMPARABLE = 0.1  # of its amplitude: smaller neighbours do not count
 
 
-def later_start_differs(t: Floats, fit: Damped, span: float, k: int) -> str:
+def later_start_differs(t: Array, fit: Damped, span: float, k: int) -> str:
     """Return how a later start moves component k of a fit; '' where it finds the same mode.
 
     Parameters
@@ -53,7 +53,7 @@ def later_start_differs(t: Floats, fit: Damped, span: float, k: int) -> str:
     return _difference(t[seen], fit.poles[k], again, int(np.count_nonzero(kept[:k])), late)
 
 
-def _difference(t: Floats, pole: Floats, again: Damped, place: int, late: float) -> str:
+def _difference(t: Array, pole: Array, again: Damped, place: int, late: float) -> str:
     found = again.poles[place]
     change = found - pole
     block = slice(2 * place, 2 * place + 2)
@@ -69,14 +69,14 @@ def _difference(t: Floats, pole: Floats, again: Damped, place: int, late: float)
     )
 
 
-def _excess(t: Floats, fit: Damped, k: int) -> float:
+def _excess(t: Array, fit: Damped, k: int) -> float:
     if not coloured(fit.residual) or fit.variance == 0.0:
         return 1.0
     local = local_variance(t - t[0], fit.residual, float(t[-1] - t[0]), *fit.poles[k])
     return float(np.sqrt(max(local / fit.variance, 1.0)))
 
 
-def overlapping(poles: Floats, size: Floats, k: int) -> str:
+def overlapping(poles: Array, size: Array, k: int) -> str:
     """Return which heavily damped neighbour component k overlaps with; '' where there is none.
 
     Parameters

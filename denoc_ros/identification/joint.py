@@ -11,7 +11,7 @@ from denoc_ros.identification.clock import doubtful_rate
 from denoc_ros.identification.curves import NORMAL_95
 from denoc_ros.identification.friction_choice import choose_terms, open_questions, rejection
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
-from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.records import Record
 from denoc_ros.identification.swing import JointSwing, swing_angles
 from denoc_ros.identification.swing_fit import (
     MODELS,
@@ -21,6 +21,7 @@ from denoc_ros.identification.swing_fit import (
     refine_friction,
     scout_friction,
 )
+from denoc_ros.types import Array
 
 FEWEST_HALF_SWINGS = 2
 AT_REST = 0.01  # of the largest distance from the last value
@@ -87,7 +88,7 @@ class JointFit:
     viscous: float
     coulomb: float
     quadratic: float
-    interval: dict[str, Floats]
+    interval: dict[str, Array]
     inertia: float
     damping_ratio: float
     models: tuple[FrictionModel, ...]
@@ -98,7 +99,7 @@ class JointFit:
     verdict: str
     reasons: tuple[str, ...]
 
-    def prediction(self, t: Floats) -> Floats:
+    def prediction(self, t: Array) -> Array:
         """Return the fitted angle at times t [rad]."""
         return swing_angles(self.swing, np.asarray(t, float) - self.start, self.large)
 

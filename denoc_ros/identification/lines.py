@@ -8,8 +8,8 @@ import numpy as np
 
 from denoc_ros.identification.damped import Damped
 from denoc_ros.identification.modes import Line
-from denoc_ros.identification.records import Floats
 from denoc_ros.identification.residual import coloured
+from denoc_ros.types import Array
 
 HIGHEST_HARMONIC = 5
 MUCH_WEAKER = 0.1  # than the mode a suspect may be a harmonic of
@@ -66,7 +66,7 @@ def suspects(fit: Damped, span: float) -> dict[int, str]:
     return found
 
 
-def _combinations(poles: Floats, k: int) -> Iterator[tuple[Floats, str]]:
+def _combinations(poles: Array, k: int) -> Iterator[tuple[Array, str]]:
     hertz = poles[:, 1] / (2.0 * np.pi)
     others = [i for i in range(len(poles)) if i != k]
     for i in others:
@@ -81,7 +81,7 @@ def _combinations(poles: Floats, k: int) -> Iterator[tuple[Floats, str]]:
                 yield _multiples(len(poles), {high: 1, low: -1}), pair.format('-')
 
 
-def _multiples(count: int, at: dict[int, int]) -> Floats:
+def _multiples(count: int, at: dict[int, int]) -> Array:
     multiples = np.zeros(count)
     for index, value in at.items():
         multiples[index] = value
@@ -89,7 +89,7 @@ def _multiples(count: int, at: dict[int, int]) -> Floats:
 
 
 def _matches(
-    poles: Floats, variance: Floats, k: int, multiples: Floats, span: float, width: float
+    poles: Array, variance: Array, k: int, multiples: Array, span: float, width: float
 ) -> bool:
     decay = float(np.abs(multiples) @ poles[:, 0])
     spread = np.sqrt(variance[k] + multiples**2 @ variance)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from denoc_ros.identification.records import Floats
+from denoc_ros.types import Array
 
 GOOD = 'good'
 DOUBTFUL = 'doubtful'
@@ -21,8 +21,8 @@ def worst(verdicts: tuple[str, ...]) -> str:
 
 
 def strongest(
-    frequency: Floats,
-    strength: Floats,
+    frequency: Array,
+    strength: Array,
     band: tuple[float, float] = (0.0, np.inf),
     count: int | None = None,
 ) -> tuple[int, ...]:
@@ -62,11 +62,11 @@ class AmplitudeCurve:
         The windows differ by more than noise explains.
     """
 
-    time: Floats
-    amplitude: Floats
-    frequency: Floats
-    damping_ratio: Floats
-    deviation: Floats
+    time: Array
+    amplitude: Array
+    frequency: Array
+    damping_ratio: Array
+    deviation: Array
     trend: float
     dependent: bool
 
@@ -137,16 +137,16 @@ class Modes:
         What concerns the whole record.
     """
 
-    frequency: Floats
-    damping_ratio: Floats
-    amplitude: Floats
-    phase: Floats
-    interval: Floats
-    formal_interval: Floats
-    window_interval: Floats
-    bound: Floats
-    frequency_deviation: Floats
-    snr_db: Floats
+    frequency: Array
+    damping_ratio: Array
+    amplitude: Array
+    phase: Array
+    interval: Array
+    formal_interval: Array
+    window_interval: Array
+    bound: Array
+    frequency_deviation: Array
+    snr_db: Array
     verdict: tuple[str, ...]
     reasons: tuple[tuple[str, ...], ...]
     curves: tuple[AmplitudeCurve | None, ...]
@@ -168,7 +168,7 @@ class Modes:
         return worst(tuple(self.verdict[k] for k in asked))
 
     @property
-    def energy(self) -> Floats:
+    def energy(self) -> Array:
         """Integral of each mode's square over the record, (k,): what makes one the strongest."""
         rate = 2.0 * np.pi * self.frequency * self.damping_ratio
         span = self.stop - self.start
@@ -176,7 +176,7 @@ class Modes:
         fall = -np.expm1(-2.0 * rate * span) / np.where(small, 1.0, 2.0 * rate)
         return np.asarray(0.5 * self.amplitude**2 * np.where(small, span, fall))
 
-    def component(self, k: int, t: Floats) -> Floats:
+    def component(self, k: int, t: Array) -> Array:
         """Return mode k alone at times t [s]."""
         rate = 2.0 * np.pi * self.frequency[k]
         zeta = self.damping_ratio[k]
@@ -184,7 +184,7 @@ class Modes:
         turn = rate * np.sqrt(1.0 - zeta**2) * tau + self.phase[k]
         return np.asarray(self.amplitude[k] * np.exp(-zeta * rate * tau) * np.cos(turn))
 
-    def prediction(self, t: Floats) -> Floats:
+    def prediction(self, t: Array) -> Array:
         """Return offset, drift and modes at times t [s] (lines left out)."""
         base = self.offset + self.drift * (np.asarray(t, float) - self.start)
         return np.asarray(base + sum(self.component(k, t) for k in range(self.frequency.size)))

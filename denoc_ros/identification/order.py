@@ -9,8 +9,8 @@ import numpy as np
 from denoc_ros.identification.damped import Damped, columns, fit_damped
 from denoc_ros.identification.pencil import pencil_poles
 from denoc_ros.identification.quality import Mask
-from denoc_ros.identification.records import Floats
 from denoc_ros.identification.residual import even_values, local_variance
+from denoc_ros.types import Array
 
 MOST_COSINES = 12
 COST = 5.0  # of one damped cosine, in log(samples): four parameters and the search for them
@@ -37,8 +37,8 @@ class Search:
         Amplitude below which a component is not looked for.
     """
 
-    t: Floats
-    y: Floats
+    t: Array
+    y: Array
     span: float
     smallest: float = 0.0
 
@@ -59,7 +59,7 @@ class Search:
         cost = COST * len(fit.poles) * np.log(k)
         return float(k * np.log((fit.rss + self.floor) / k) + cost)
 
-    def fit(self, poles: Floats) -> Damped:
+    def fit(self, poles: Array) -> Damped:
         """Fit from these poles and keep those that are damped cosines."""
         fit = fit_damped(self.t, self.y, poles, self.span)
         sound = self.sound(fit.poles)
@@ -67,7 +67,7 @@ class Search:
             return fit
         return self.fit(fit.poles[sound])
 
-    def sound(self, poles: Floats) -> Mask:
+    def sound(self, poles: Array) -> Mask:
         """Return which poles are cosines within what the record can show, shape (m,)."""
         sigma, omega = poles[:, 0], poles[:, 1]
         return np.asarray(
@@ -85,7 +85,7 @@ def search_cosines(search: Search) -> Damped:
     return _pruned(search, best)
 
 
-def refined_cosines(search: Search, poles: Floats) -> Damped:
+def refined_cosines(search: Search, poles: Array) -> Damped:
     """Return the fit that these poles lead to, with what the samples still ask for."""
     return _pruned(search, _grown(search, search.fit(poles)))
 
@@ -142,7 +142,7 @@ def _lasting(search: Search, fit: Damped) -> Mask:
     return np.asarray((samples > FEWEST_SAMPLES) & sized)
 
 
-def _strongest(search: Search, residual: Floats) -> list[Floats]:
+def _strongest(search: Search, residual: Array) -> list[Array]:
     """Return poles whose damped cosines explain most of the residual, apart from each other."""
     even = even_values(search.t, residual, search.span)
     count = even.size
@@ -159,7 +159,7 @@ def _strongest(search: Search, residual: Floats) -> list[Floats]:
         power[~allowed] = 0.0
         k = int(np.argmax(power))
         peaks.append((float(power[k]), np.array([sigma, 2.0 * np.pi * frequency[k]])))
-    apart: list[Floats] = []
+    apart: list[Array] = []
     for _, pole in sorted(peaks, key=lambda peak: -peak[0]):
         if all(abs(pole[1] - other[1]) > 4.0 * np.pi / search.span for other in apart):
             apart.append(pole)

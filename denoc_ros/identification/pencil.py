@@ -6,18 +6,18 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import hankel, svd
 
-from denoc_ros.identification.records import Floats
+from denoc_ros.types import Array
 
 LONGEST = 600
 
 
-def even_samples(t: Floats, y: Floats, step: float, count: int) -> Floats:
+def even_samples(t: Array, y: Array, step: float, count: int) -> Array:
     """Return y at t[0] + k step, k < count (cubic between the samples)."""
     grid = t[0] + step * np.arange(count)
     return np.asarray(CubicSpline(t, y)(np.minimum(grid, t[-1])))
 
 
-def matrix_pencil(y: Floats, step: float, order: int) -> Floats:
+def matrix_pencil(y: Array, step: float, order: int) -> Array:
     """Return poles of a decay (sigma [1/s], damped w [rad/s]), shape (m, 2), w > 0.
 
     Parameters
@@ -43,7 +43,7 @@ def matrix_pencil(y: Floats, step: float, order: int) -> Floats:
     return np.column_stack((-upper.real, upper.imag))
 
 
-def pencil_poles(t: Floats, y: Floats, highest: float, cosines: int) -> Floats:
+def pencil_poles(t: Array, y: Array, highest: float, cosines: int) -> Array:
     """Return poles of up to `cosines` damped cosines below `highest` [Hz], shape (m, 2).
 
     Long records are taken at the lowest rate that holds `highest`, and where that is not short

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.records import Record
+from denoc_ros.types import Array
 
 Mask = NDArray[np.bool_]
 
@@ -83,12 +84,12 @@ def assess(record: Record) -> Quality:
     )
 
 
-def sample_noise(y: Floats) -> float:
+def sample_noise(y: Array) -> float:
     """Return the standard deviation of white noise on a signal smooth at the sample rate."""
     return float(GAUSSIAN_MAD * np.median(np.abs(np.diff(y, 3))) / THIRD_DIFFERENCE)
 
 
-def level_distance(y: Floats) -> float:
+def level_distance(y: Array) -> float:
     """Return the distance between the levels of quantized values; 0 where there are none."""
     levels = np.unique(y)
     if levels.size < 2 or y.size < FEWEST_REPEATS * levels.size:
@@ -96,7 +97,7 @@ def level_distance(y: Floats) -> float:
     return float(np.diff(levels).min())
 
 
-def _fine_level_distance(y: Floats, levels: Floats) -> float:
+def _fine_level_distance(y: Array, levels: Array) -> float:
     """Levels that are many: all distances must be whole multiples of the smallest."""
     if levels.size < 3 or levels.size > 0.9 * y.size:
         return 0.0
@@ -107,7 +108,7 @@ def _fine_level_distance(y: Floats, levels: Floats) -> float:
     return smallest if float(np.max(off / np.maximum(parts, 1.0))) < 1e-3 else 0.0
 
 
-def clipped_samples(y: Floats, resolution: float) -> Mask:
+def clipped_samples(y: Array, resolution: float) -> Mask:
     """Return which samples are at a limit of the sensor's range, shape (k,).
 
     A limit shows as a pile of samples at the largest or the smallest value that is much higher

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.errors import IdentificationError
-
-Floats = NDArray[np.float64]
+from denoc_ros.types import Array
 
 FEWEST_SAMPLES = 8
 
@@ -36,8 +35,8 @@ class Record:
         Shapes differ, a number is not finite, stamps go back, or fewer than 8 samples are left.
     """
 
-    t: Floats
-    y: Floats
+    t: Array
+    y: Array
     name: str = 'record'
     unit: str = ''
 
@@ -86,7 +85,7 @@ class Record:
         return Record(self.t[inside], self.y[inside], self.name, self.unit)
 
 
-def _one_dimensional(name: str, field: str, values: ArrayLike | Sequence[float]) -> Floats:
+def _one_dimensional(name: str, field: str, values: ArrayLike | Sequence[float]) -> Array:
     array = np.array(values, dtype=float)
     if array.ndim != 1:
         raise IdentificationError(

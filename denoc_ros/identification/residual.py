@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from denoc_ros.identification.records import Floats
+from denoc_ros.types import Array
 
 LOCAL_LINES = 16
 COLOURED = 0.5  # correlation of neighbouring residuals
 NEAR = 1.5  # typical steps to the next sample: farther is a gap
 
 
-def neighbour_correlation(residual: Floats) -> float:
+def neighbour_correlation(residual: Array) -> float:
     """Return the correlation of a residual with itself one sample on, 0 to below 1."""
     power = float(residual @ residual)
     if power == 0.0:
@@ -19,18 +19,18 @@ def neighbour_correlation(residual: Floats) -> float:
     return float(np.clip(residual[1:] @ residual[:-1] / power, 0.0, 0.999))
 
 
-def independent_samples(residual: Floats) -> float:
+def independent_samples(residual: Array) -> float:
     """Return how many independent samples a residual is worth (as a first-order process)."""
     correlation = neighbour_correlation(residual)
     return residual.size * (1.0 - correlation) / (1.0 + correlation)
 
 
-def coloured(residual: Floats) -> bool:
+def coloured(residual: Array) -> bool:
     """Say whether a residual hangs together: more than noise of the sensor is in it."""
     return neighbour_correlation(residual) > COLOURED
 
 
-def even_values(t: Floats, residual: Floats, span: float) -> Floats:
+def even_values(t: Array, residual: Array, span: float) -> Array:
     """Return a residual at as many even times from 0 to span, 0 where samples are missing."""
     grid = np.linspace(0.0, span, t.size)
     step = float(np.median(np.diff(t)))
@@ -39,7 +39,7 @@ def even_values(t: Floats, residual: Floats, span: float) -> Floats:
     return np.where(missing, 0.0, np.interp(grid, t, residual))
 
 
-def local_variance(t: Floats, residual: Floats, span: float, sigma: float, omega: float) -> float:
+def local_variance(t: Array, residual: Array, span: float, sigma: float, omega: float) -> float:
     """Return the variance that white noise would have, were it as strong as near a pole.
 
     Parameters

@@ -11,7 +11,8 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import find_peaks
 
 from denoc_ros.identification.quality import Mask, Quality, assess
-from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.records import Record
+from denoc_ros.types import Array
 
 Kind = Literal['decay', 'step', 'rest']
 
@@ -76,7 +77,7 @@ def find_segments(record: Record) -> list[Segment]:
     return tried[0]
 
 
-def _with_cycle(t: Floats, y: Floats, quality: Quality, size: int) -> list[Segment]:
+def _with_cycle(t: Array, y: Array, quality: Quality, size: int) -> list[Segment]:
     ahead, behind = _swings(y, size)
     quiet = max(AT_REST * quality.noise, quality.resolution, SMALLEST * float(ahead.max()))
     found = _rests(t, y, np.maximum(ahead, behind) <= quiet, size)
@@ -104,7 +105,7 @@ def release_time(record: Record) -> float:
     return float(record.t[after[int(np.argmax(np.abs(record.y[after] - level)))]])
 
 
-def _cycles(t: Floats, y: Floats) -> list[float]:
+def _cycles(t: Array, y: Array) -> list[float]:
     """Return the lengths of a cycle of the strong motions, the slowest first [s]."""
     speed = np.diff(y) * np.hanning(y.size - 1)
     frequency = np.fft.rfftfreq(4 * speed.size, t[1] - t[0])[1:]
@@ -115,7 +116,7 @@ def _cycles(t: Floats, y: Floats) -> list[float]:
     return [float(1.0 / frequency[k]) for k in chosen]
 
 
-def _swings(y: Floats, size: int) -> tuple[Floats, Floats]:
+def _swings(y: Array, size: int) -> tuple[Array, Array]:
     """Return the swing in the cycle that begins, and in the one that ends, at each sample."""
     half = size // 2
     middle = 0.5 * (maximum_filter1d(y, size) - minimum_filter1d(y, size))
@@ -130,7 +131,7 @@ def _runs(mask: Mask) -> list[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _rests(t: Floats, y: Floats, still: Mask, size: int) -> list[Segment]:
+def _rests(t: Array, y: Array, still: Mask, size: int) -> list[Segment]:
     return [
         Segment(
             'rest',
@@ -144,14 +145,14 @@ def _rests(t: Floats, y: Floats, still: Mask, size: int) -> list[Segment]:
     ]
 
 
-def _events(ahead: Floats, behind: Floats, quiet: float) -> list[int]:
+def _events(ahead: Array, behind: Array, quiet: float) -> list[int]:
     jump = ahead - behind
     sudden = (jump > max(JUMP * float(ahead.max()), 2.0 * quiet)) & (ahead > RATIO * behind)
     return [first + int(np.argmax(jump[first : last + 1])) for first, last in _runs(sudden)]
 
 
 def _after_event(
-    t: Floats, y: Floats, ahead: Floats, quiet: float, first: int, last: int, size: int
+    t: Array, y: Array, ahead: Array, quiet: float, first: int, last: int, size: int
 ) -> list[Segment]:
     if last - first < size:
         return []

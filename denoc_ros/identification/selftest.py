@@ -13,9 +13,9 @@ from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.cases import CASES, draw_decay
 from denoc_ros.identification.fit import fit_modes
 from denoc_ros.identification.modes import Modes
-from denoc_ros.identification.records import Floats
 from denoc_ros.identification.spectra import evolving_spectra
 from denoc_ros.identification.synthetic import Decay, Truth
+from denoc_ros.types import Array
 
 IDENTIFIABLE = 0.05  # Cramer-Rao bound relative to zeta up to which a mode must be found
 LEAST_ERROR = 0.005
@@ -138,7 +138,7 @@ def measure(job: Job) -> Outcome:
     )
 
 
-def matched(truth: Sequence[Truth], bound: Floats, modes: Modes) -> dict[int, int]:
+def matched(truth: Sequence[Truth], bound: Array, modes: Modes) -> dict[int, int]:
     """Return which reported mode is which true one: the best determined ones choose first."""
     pairs: dict[int, int] = {}
     for i in np.argsort(bound):
@@ -176,7 +176,7 @@ def _spectra_outcome(job: Job, decay: Decay, start: float) -> Outcome:
     )
 
 
-def _inside(interval: Floats, value: float) -> bool:
+def _inside(interval: Array, value: float) -> bool:
     return bool(interval[0] <= value <= interval[1])
 
 

@@ -12,7 +12,7 @@ import scipy.signal
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.curves import NORMAL_95
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
-from denoc_ros.identification.records import Floats
+from denoc_ros.types import Array
 
 FEWEST = 50  # samples
 SMALLEST = 1e-4  # rad or m that a joint must be told to move
@@ -53,16 +53,16 @@ class ServoFit:
     bandwidth: float
     damping: float
     delay: float
-    interval: dict[str, Floats]
+    interval: dict[str, Array]
     offset: float
     lag: float
     residual: float
-    fitted: Floats
+    fitted: Array
     verdict: str
     reasons: tuple[str, ...]
 
 
-def fit_servo(joint: str, t: Floats, command: Floats, measured: Floats) -> ServoFit:
+def fit_servo(joint: str, t: Array, command: Array, measured: Array) -> ServoFit:
     """Fit a second-order lag with a delay to a joint's commands and positions.
 
     Parameters
@@ -129,7 +129,7 @@ def fit_servo(joint: str, t: Floats, command: Floats, measured: Floats) -> Servo
 class _Model:
     """Residuals by log w, log zeta and delay; what is linear is solved for."""
 
-    def __init__(self, t: Floats, command: Floats, measured: Floats) -> None:
+    def __init__(self, t: Array, command: Array, measured: Array) -> None:
         self._t = t - t[0]
         self._step = float(self._t[-1] / (len(t) - 1))
         self._command, self._measured = command, measured
@@ -143,7 +143,7 @@ class _Model:
             np.array([ends[1], np.log(DAMPING[1]), delay]),
         )
 
-    def starts(self) -> list[Floats]:
+    def starts(self) -> list[Array]:
         """Return the best of a grid."""
         frequencies = np.geomspace(min(0.5, 0.2 * self._fastest), 0.8 * self._fastest, 8)
         grid = [
@@ -154,17 +154,17 @@ class _Model:
         ]
         return sorted(grid, key=lambda x: float(np.sum(self.residual(x) ** 2)))[:STARTS]
 
-    def residual(self, x: Floats) -> Floats:
+    def residual(self, x: Array) -> Array:
         """Return measured minus fitted (k,)."""
         off, columns = self._parts(x)
         return np.asarray(off - columns @ np.linalg.lstsq(columns, off, rcond=None)[0])
 
-    def offset(self, x: Floats) -> float:
+    def offset(self, x: Array) -> float:
         """Return what is left of the command at rest."""
         off, columns = self._parts(x)
         return float(np.linalg.lstsq(columns, off, rcond=None)[0][-1])
 
-    def _parts(self, x: Floats) -> tuple[Floats, Floats]:
+    def _parts(self, x: Array) -> tuple[Array, Array]:
         """Return measured minus forced (k,), and the free motions and the offset (k, 3)."""
         omega, zeta, delay = np.exp(x[0]), np.exp(x[1]), x[2]
         lag = ([omega**2], [1.0, 2.0 * zeta * omega, omega**2])
@@ -179,7 +179,7 @@ class _Model:
         return np.asarray(self._measured - forced), columns
 
 
-def _spread(jacobian: Floats, residual: Floats) -> Floats:
+def _spread(jacobian: Array, residual: Array) -> Array:
     """Return the standard deviations (3,), residuals that hang together counted as fewer."""
     variance = float(residual @ residual) / max(1, len(residual) - 6)
     together = 0.0
@@ -192,12 +192,12 @@ def _spread(jacobian: Floats, residual: Floats) -> Floats:
 
 
 def _verdict(
-    values: Floats,
-    deviation: Floats,
+    values: Array,
+    deviation: Array,
     left: float,
     lag: float,
-    x: Floats,
-    bounds: tuple[Floats, Floats],
+    x: Array,
+    bounds: tuple[Array, Array],
 ) -> tuple[str, tuple[str, ...]]:
     reasons = []
     if x[0] > bounds[1][0] - 0.01:

@@ -12,7 +12,8 @@ from scipy.stats import t as student
 
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.quality import sample_noise
-from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.records import Record
+from denoc_ros.types import Array
 
 Method = Literal['weighted', 'book']
 
@@ -44,9 +45,9 @@ class Waterfall:
         Amplitude of a steady cosine that would read the same [record's unit].
     """
 
-    time: Floats
-    frequency: Floats
-    magnitude: Floats
+    time: Array
+    frequency: Array
+    magnitude: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +76,12 @@ class SpectralDecay:
 
     frequency: float
     damping_ratio: float
-    interval: Floats
+    interval: Array
     reading: float
     window: float
-    time: Floats
-    magnitude: Floats
-    floor: Floats
+    time: Array
+    magnitude: Array
+    floor: Array
     used: np.ndarray[tuple[int], np.dtype[np.bool_]]
     reasons: tuple[str, ...]
 
@@ -122,7 +123,7 @@ def even_record(record: Record) -> Record:
 
 def evolving_spectra(
     record: Record,
-    frequencies: Floats | None = None,
+    frequencies: Array | None = None,
     window: float | None = None,
     method: Method = 'weighted',
 ) -> tuple[SpectralDecay, ...]:
@@ -160,7 +161,7 @@ def evolving_spectra(
     return tuple(_decay(even, found, k, window, method) for k in range(found.size))
 
 
-def spectrum_peaks(record: Record) -> Floats:
+def spectrum_peaks(record: Record) -> Array:
     """Return the frequencies of the peaks of a record's spectrum [Hz]."""
     even = even_record(record)
     grid, values = even.t, even.y
@@ -176,7 +177,7 @@ def spectrum_peaks(record: Record) -> Floats:
     return np.asarray(frequency[strong[_apart(frequency[strong], smooth[strong], record)]])
 
 
-def _apart(frequency: Floats, height: Floats, record: Record) -> list[int]:
+def _apart(frequency: Array, height: Array, record: Record) -> list[int]:
     """Keep the highest of peaks that are closer than the resolution."""
     kept: list[int] = []
     for k in np.argsort(-height):
@@ -186,7 +187,7 @@ def _apart(frequency: Floats, height: Floats, record: Record) -> list[int]:
 
 
 def _decay(
-    record: Record, frequencies: Floats, k: int, window: float | None, method: Method
+    record: Record, frequencies: Array, k: int, window: float | None, method: Method
 ) -> SpectralDecay:
     apart = np.append(np.abs(np.delete(frequencies, k) - frequencies[k]), frequencies[k]).min()
     shortest = SHORTEST / apart
@@ -207,7 +208,7 @@ def _time_constant(decay: SpectralDecay) -> float:
 
 
 def _in_windows(
-    record: Record, frequencies: Floats, k: int, window: float, method: Method, shortest: float
+    record: Record, frequencies: Array, k: int, window: float, method: Method, shortest: float
 ) -> SpectralDecay:
     starts = _window_starts(record, window, method)
     amplitudes = np.array(
@@ -234,7 +235,7 @@ def _in_windows(
     return _checked(decay, shortest)
 
 
-def _window_starts(record: Record, window: float, method: Method) -> Floats:
+def _window_starts(record: Record, window: float, method: Method) -> Array:
     last = record.t[-1] - window
     hop = window if method == 'book' else window * (1.0 - OVERLAP)
     hop = max(hop, (last - record.t[0]) / MOST_WINDOWS, record.step)
@@ -260,8 +261,8 @@ def _amplitude(record: Record, start: float, window: float, f: float, method: Me
 
 
 def _floor(
-    record: Record, magnitude: Floats, frequencies: Floats, k: int, window: float, method: Method
-) -> Floats:
+    record: Record, magnitude: Array, frequencies: Array, k: int, window: float, method: Method
+) -> Array:
     """Return what leakage of the other modes and noise can put at mode k's frequency."""
     samples = max(window / record.step, 1.0)
     floor = np.full(len(magnitude), sample_noise(record.y) * np.sqrt(3.0 / samples))
@@ -274,9 +275,7 @@ def _floor(
     return np.asarray(floor)
 
 
-def _slope(
-    decay: SpectralDecay, amplitudes: Floats, used: Floats, method: Method
-) -> SpectralDecay:
+def _slope(decay: SpectralDecay, amplitudes: Array, used: Array, method: Method) -> SpectralDecay:
     time, height = decay.time[used], np.log(np.abs(amplitudes[used]))
     weight = decay.magnitude[used] ** 2 if method == 'weighted' else np.ones(time.size)
     slope, deviation = _line(time, height, weight, decay.window)
@@ -292,7 +291,7 @@ def _slope(
     return replace(decay, frequency=rate / (2.0 * np.pi), reading=zeta, interval=interval)
 
 
-def _line(x: Floats, y: Floats, weight: Floats, window: float) -> tuple[float, float]:
+def _line(x: Array, y: Array, weight: Array, window: float) -> tuple[float, float]:
     """Return weighted slope and the half width of its 95 % interval, overlap considered."""
     middle = weight @ x / weight.sum()
     away = x - middle

@@ -8,7 +8,7 @@ from math import copysign, sin
 
 import numpy as np
 
-from denoc_ros.identification.records import Floats
+from denoc_ros.types import Array
 
 STEPS_PER_CYCLE = 60
 
@@ -42,8 +42,8 @@ class JointSwing:
 
 
 def swing_angles(
-    swing: JointSwing, t: Floats, large: bool = True, steps: int = STEPS_PER_CYCLE
-) -> Floats:
+    swing: JointSwing, t: Array, large: bool = True, steps: int = STEPS_PER_CYCLE
+) -> Array:
     """Return the measured angle at times t from the start [rad].
 
     Parameters
@@ -67,9 +67,7 @@ def swing_angles(
     return np.asarray(swing.rest + _hermite(times, angles, rates, t))
 
 
-def _path(
-    swing: JointSwing, end: float, step: float, large: bool
-) -> tuple[Floats, Floats, Floats]:
+def _path(swing: JointSwing, end: float, step: float, large: bool) -> tuple[Array, Array, Array]:
     time, angle, rate = 0.0, swing.angle - swing.rest, swing.rate
     rows = [(time, angle, rate)]
     side = copysign(1.0, rate if rate else -angle)
@@ -134,7 +132,7 @@ def _turning(slope: Callable[[float, float], float], angle: float, rate: float, 
     return max(middle, 1e-12)
 
 
-def _hermite(times: Floats, angles: Floats, rates: Floats, t: Floats) -> Floats:
+def _hermite(times: Array, angles: Array, rates: Array, t: Array) -> Array:
     k = np.clip(np.searchsorted(times, t, side='right') - 1, 0, times.size - 2)
     h = times[k + 1] - times[k]
     x = (t - times[k]) / h

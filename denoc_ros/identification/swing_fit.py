@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from denoc_ros.identification.records import Floats
 from denoc_ros.identification.residual import coloured, independent_samples
 from denoc_ros.identification.swing import STEPS_PER_CYCLE, JointSwing, swing_angles
+from denoc_ros.types import Array
 
 Terms = tuple[str, ...]
 
@@ -51,9 +51,9 @@ class SwingFit:
     """
 
     terms: Terms
-    values: Floats
-    deviation: Floats
-    residual: Floats
+    values: Array
+    deviation: Array
+    residual: Array
     at_zero: Terms
 
     @property
@@ -85,9 +85,7 @@ class SwingFit:
         )
 
 
-def scout_friction(
-    t: Floats, y: Floats, guess: JointSwing, large: bool
-) -> dict[Terms, JointSwing]:
+def scout_friction(t: Array, y: Array, guess: JointSwing, large: bool) -> dict[Terms, JointSwing]:
     """Return the best of several starts for each set of terms.
 
     Friction stops the joint, and there a fit is caught. So each new term starts from several
@@ -113,7 +111,7 @@ def scout_friction(
 
 
 def refine_friction(
-    t: Floats, y: Floats, starts: dict[Terms, JointSwing], large: bool
+    t: Array, y: Array, starts: dict[Terms, JointSwing], large: bool
 ) -> dict[Terms, SwingFit]:
     """Fit each set of terms from its start, and from the smaller sets where that is better.
 
@@ -132,8 +130,8 @@ def refine_friction(
 
 
 def fit_swing(
-    t: Floats,
-    y: Floats,
+    t: Array,
+    y: Array,
     start: JointSwing,
     terms: Terms,
     large: bool,
@@ -156,7 +154,7 @@ def fit_swing(
     free = (*MOTION, *terms)
     scale = _scale(y, start)
 
-    def residuals(values: Floats) -> Floats:
+    def residuals(values: Array) -> Array:
         swing = JointSwing(**dict(zip(free, values.tolist(), strict=True)))
         return y - swing_angles(swing, t, large, steps)
 
@@ -215,7 +213,7 @@ def _padded(fit: SwingFit, terms: Terms) -> SwingFit:
     return SwingFit(terms, pairs[:, 0], pairs[:, 1], fit.residual, (*fit.at_zero, *new))
 
 
-def _scale(y: Floats, guess: JointSwing) -> dict[str, float]:
+def _scale(y: Array, guess: JointSwing) -> dict[str, float]:
     reach = float(np.abs(y - guess.rest).max())
     rate = float(np.sqrt(guess.stiffness))
     return {
@@ -229,7 +227,7 @@ def _scale(y: Floats, guess: JointSwing) -> dict[str, float]:
     }
 
 
-def _deviation(jacobian: Floats, residual: Floats) -> Floats:
+def _deviation(jacobian: Array, residual: Array) -> Array:
     """Return the standard deviations, inf of what the samples do not determine."""
     size = np.linalg.norm(jacobian, axis=0)
     unseen = size == 0.0

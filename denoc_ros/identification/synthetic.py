@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from denoc_ros.identification.damped import columns
-from denoc_ros.identification.records import Floats, Record
+from denoc_ros.identification.records import Record
+from denoc_ros.types import Array
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class Decay:
 
     record: Record
     truth: tuple[Truth, ...]
-    bound: Floats
+    bound: Array
 
 
 def synthetic_decay(
@@ -134,14 +135,14 @@ def synthetic_decay(
     return Decay(Record(t, y, 'synthetic'), truth, bound)
 
 
-def _stamps(rate: float, duration: float, defects: Defects, draw: np.random.Generator) -> Floats:
+def _stamps(rate: float, duration: float, defects: Defects, draw: np.random.Generator) -> Array:
     t = np.arange(int(duration * rate) + 1) / rate
     t = t + np.clip(defects.jitter * draw.standard_normal(t.size), -0.45, 0.45) / rate
     kept = draw.random(t.size) >= defects.lost
     return np.asarray(np.abs(t[kept]))
 
 
-def damping_bound(t: Floats, truth: Sequence[Truth], noise: float, span: float) -> Floats:
+def damping_bound(t: Array, truth: Sequence[Truth], noise: float, span: float) -> Array:
     """Return the Cramer-Rao bounds of the damping ratios, relative to them, shape (k,).
 
     Parameters

@@ -11,11 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.errors import BagError
-
-Floats = NDArray[np.float64]
+from denoc_ros.types import Array
 
 DECIMAL_COMMA = re.compile(r'[+-]?\d*,\d+([eE][+-]?\d+)?')
 MOST_COLUMNS = 1000
@@ -23,7 +21,7 @@ MOST_SIGNALS = 64  # rows of a text that may be signals, one in each
 FEWEST_SAMPLES = 8
 
 
-def read_table(path: Path) -> dict[str, Floats]:
+def read_table(path: Path) -> dict[str, Array]:
     """Return the columns of a file of numbers by name, each (k,).
 
     Parameters
@@ -57,7 +55,7 @@ def read_table(path: Path) -> dict[str, Floats]:
     return columns
 
 
-def _read_text(path: Path) -> dict[str, Floats]:
+def _read_text(path: Path) -> dict[str, Array]:
     text = path.read_text(encoding='utf-8-sig')
     lines = [
         line for line in text.splitlines() if line.strip() and not line.startswith(('#', '%'))
@@ -100,7 +98,7 @@ def _signals_in_rows(rows: list[list[str]]) -> bool:
     return all(len(row) == width and None not in map(_number, row[1:]) for row in rows)
 
 
-def _columns(rows: list[list[str]]) -> dict[str, Floats]:
+def _columns(rows: list[list[str]]) -> dict[str, Array]:
     named = None in map(_number, rows[0])
     body = rows[named:]
     if not body:
@@ -143,25 +141,25 @@ def _number(cell: str) -> float | None:
         return None
 
 
-def _read_mat(path: Path) -> dict[str, Floats]:
+def _read_mat(path: Path) -> dict[str, Array]:
     from scipy.io import loadmat
 
-    columns: dict[str, Floats] = {}
+    columns: dict[str, Array] = {}
     for name, value in loadmat(path, simplify_cells=True).items():
         if not name.startswith('__'):
             columns |= _mat_columns(name, value)
     return columns
 
 
-def _mat_columns(name: str, value: Any) -> dict[str, Floats]:
+def _mat_columns(name: str, value: Any) -> dict[str, Array]:
     """Return a variable's columns: a vector's, a matrix's, or those of a struct's fields."""
     if isinstance(value, dict):
-        found: dict[str, Floats] = {}
+        found: dict[str, Array] = {}
         for field, inner in value.items():
             found |= _mat_columns(f'{name}.{field}', inner)
         return found
     if isinstance(value, list) and value and all(isinstance(entry, dict) for entry in value):
-        columns: dict[str, Floats] = {}
+        columns: dict[str, Array] = {}
         for field in value[0]:
             _add(columns, f'{name}.{field}', [entry.get(field) for entry in value])
         return columns
@@ -175,8 +173,8 @@ def _mat_columns(name: str, value: Any) -> dict[str, Floats]:
     return {f'{name}[{k}]': column.astype(np.float64) for k, column in enumerate(longer.T)}
 
 
-def _read_json(path: Path) -> dict[str, Floats]:
-    columns: dict[str, Floats] = {}
+def _read_json(path: Path) -> dict[str, Array]:
+    columns: dict[str, Array] = {}
     for name, values in _lists(json.loads(path.read_text(encoding='utf-8')), ''):
         if all(isinstance(entry, dict) for entry in values):
             for key in values[0]:
@@ -194,12 +192,12 @@ def _lists(value: Any, name: str) -> Iterator[tuple[str, list[Any]]]:
             yield from _lists(inner, key)
 
 
-def _add(columns: dict[str, Floats], name: str, values: list[Any]) -> None:
+def _add(columns: dict[str, Array], name: str, values: list[Any]) -> None:
     if all(isinstance(value, (int, float)) for value in values):
         columns[name] = np.array(values, dtype=np.float64)
 
 
-READERS: dict[str, Callable[[Path], dict[str, Floats]]] = {
+READERS: dict[str, Callable[[Path], dict[str, Array]]] = {
     '.csv': _read_text,
     '.tsv': _read_text,
     '.txt': _read_text,

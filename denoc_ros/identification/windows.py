@@ -10,8 +10,9 @@ from denoc_ros.bags.reader import bag_topics
 from denoc_ros.bags.series import read_joint_states
 from denoc_ros.identification.channel import JOINT_STATE, Reading, is_table
 from denoc_ros.identification.quality import Mask
-from denoc_ros.identification.records import FEWEST_SAMPLES, Floats, Record
+from denoc_ros.identification.records import FEWEST_SAMPLES, Record
 from denoc_ros.identification.segments import Segment, find_segments
+from denoc_ros.types import Array
 
 Span = tuple[float, float]  # from when to when [s], on the record's clock
 
@@ -102,7 +103,7 @@ def _end(record: Record, segments: Sequence[Segment], chosen: Segment) -> float:
     return min([float(record.t[-1]), *later])
 
 
-def _moving(t: Floats, position: Floats) -> Mask | None:
+def _moving(t: Array, position: Array) -> Mask | None:
     """Return when a joint moves; None of one that is held, or whose motion is not told."""
     if position.size < 4 * FEWEST_SAMPLES or not np.all(np.isfinite(position)):
         return None

@@ -20,14 +20,8 @@ from denoc_ros.model.joint_rows import (
     pose_rows,
 )
 from denoc_ros.model.link_side import has_springs, link_map, without_springs
-from denoc_ros.model.tree import (
-    Array,
-    Attachment,
-    Beam,
-    Body,
-    RigidInertia,
-    Tree,
-)
+from denoc_ros.model.tree import Attachment, Beam, Body, RigidInertia, Tree
+from denoc_ros.types import Array
 
 SLIP_RATE = 1e-3  # rad/s or m/s, of Coulomb friction (design.md, section 1)
 

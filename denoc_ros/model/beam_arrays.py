@@ -12,7 +12,8 @@ import numpy as np
 import scipy.linalg
 
 from denoc_ros.model.shapes import ShapeFunctions, gauss_rule
-from denoc_ros.model.tree import Array, Beam, Deformation
+from denoc_ros.model.tree import Beam, Deformation
+from denoc_ros.types import Array
 
 GAUSS_POINTS = 16
 

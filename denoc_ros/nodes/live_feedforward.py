@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from std_srvs.srv import SetBool
 
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
@@ -22,8 +20,8 @@ from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.safety import InputMonitor, TorqueLimiter, torque_limits
 from denoc_ros.runtime.status import Status
 from denoc_ros.runtime.torque_status import TorqueStatus
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 WATCH_PERIOD = 0.02  # s between looks at what the feedback needs gains for
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
-from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -13,8 +12,7 @@ from denoc_ros.dynamics.centre_line import CentreLine
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.runtime.stamps import stamp_fields
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 STATIONS = 13
 WIDTH = 0.02  # m

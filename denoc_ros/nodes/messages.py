@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
-from numpy.typing import NDArray
 from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
@@ -22,8 +21,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.bags.definitions import exact_cdr
 from denoc_ros.runtime.stamps import stamp_fields
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 DELIVERY = 0.5  # s
 FIELDS = ('position', 'velocity', 'effort')
 _STAMP = struct.Struct('<iI')

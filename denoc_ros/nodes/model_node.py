@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from std_msgs.msg import String
 
 from denoc_ros.dynamics.robot import Robot, load_robot
@@ -19,8 +18,7 @@ from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.live_model import LiveModel
 from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
 from denoc_ros.runtime.safety import InputMonitor
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class ModelNode(DenocNode):

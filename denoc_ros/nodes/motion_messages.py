@@ -6,13 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
-from numpy.typing import NDArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.runtime.stamps import stamp_fields
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 def planned_message(

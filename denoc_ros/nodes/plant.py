@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
@@ -34,8 +33,8 @@ from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.stamps import StampOf
 from denoc_ros.runtime.status import WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 CATCH_UP = 50  # steps at most per tick after a pause of the machine; more is time lost
 REFERENCE_GAP = 0.2  # s
 

@@ -28,8 +28,8 @@ from denoc_ros.nodes.messages import JointStateMessage, TrajectoryPointMessage
 from denoc_ros.nodes.process import leave
 from denoc_ros.nodes.without_events import WithoutEvents
 from denoc_ros.runtime.signals import SIGNALS, Interrupted
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 LOOK = Duration(seconds=0.2)
 DISCOVERY_TIMEOUT = 20.0  # s to wait for those who are to listen
 

@@ -9,7 +9,6 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -35,8 +34,8 @@ from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.stamps import StampOf
 from denoc_ros.runtime.status import WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Measurement = tuple[float, Array, Array | None, Array | None]
 MOST_STEPS = 20  # periods of a processor's time that measurements may take after a pause
 QUEUE = 64  # measurements kept for a late tick

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
 from denoc_ros.dynamics.deflection import TipDeflections
@@ -16,8 +15,8 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.nodes.base import STATE, DenocNode
 from denoc_ros.nodes.messages import JointStateMessage, PoseMessage
 from denoc_ros.nodes.sensor_inputs import SensorInputs
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 MOTION = ('position', 'velocity')
 
 

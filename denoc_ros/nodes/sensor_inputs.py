@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
@@ -19,8 +18,7 @@ from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.runtime.conversions import CdrReader
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.safety import InputMonitor
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 SEARCH_PERIOD = 0.5  # s between looks for topics that have appeared
 QUEUE = 1024  # values kept for a late tick

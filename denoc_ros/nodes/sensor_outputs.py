@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
@@ -12,8 +11,7 @@ from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.model.tree import Sensor
 from denoc_ros.nodes.base import STATE, DenocNode
 from denoc_ros.nodes.messages import CommandMessage, FloatMessage, JointStateMessage
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class SensorOutputs:

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -38,8 +37,8 @@ from denoc_ros.runtime.trajectory_messages import (
     has_many_points,
     read_trajectory,
 )
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 LOOK_PERIOD = 0.02  # s between looks at the planner
 RETUNE_PERIOD = 0.05  # s between looks at the modes of a stream
 # one whole motion after the other must not lose the first

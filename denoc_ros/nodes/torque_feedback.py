@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
@@ -17,8 +16,7 @@ from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.status import Status
 from denoc_ros.runtime.strain_feedback import StrainFeedback
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class TorqueFeedback:

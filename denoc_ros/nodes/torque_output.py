@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.nodes.base import COMMAND, EVERY_MESSAGE, STATE, DenocNode
 from denoc_ros.nodes.messages import CommandMessage, JointStateMessage, TrajectoryPointMessage
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class TorqueOutput:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.bags.columns import JOINT_STATE, JointStateEncoder
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, read_raw
@@ -22,8 +21,8 @@ from denoc_ros.replay.measures import Agreement, Comparison, Shares
 from denoc_ros.replay.settings import PREFIX, ReplayPlan, ReplaySettings, plan_replay
 from denoc_ros.replay.stream import Block, JointStream
 from denoc_ros.replay.traces import Traces
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Message = tuple[int, str, bytes]  # log time, topic, CDR
 Progress = Callable[[float], object]
 

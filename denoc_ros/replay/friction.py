@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.estimation.joint_friction import JointFriction
 from denoc_ros.model.arrays import SLIP_RATE
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 TERMS = ('viscous', 'coulomb', 'offset')
 WINDOW = 1.0  # s that residuals are taken to hang together for

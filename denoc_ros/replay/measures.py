@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from denoc_ros.types import Array, Flags
 
 LONGEST_LAG = 0.25  # s that a lag is looked for
 LAGS = 25  # periods, at most, to each side

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.bags.columns import JOINT_STATE, JointStateColumns
 from denoc_ros.bags.reader import BagContents, Stamp, bag_contents, read_raw
@@ -18,8 +17,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.estimation.joint_motion import METHODS
 from denoc_ros.replay.stream import Source
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 PREFIX = '/replay/'
 COMMANDED = 'feedforward/effort'

@@ -9,17 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.bags.columns import FIELDS, JointStateColumns
 from denoc_ros.bags.reader import Stamp, read_raw
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.errors import BagError
 from denoc_ros.estimation.joint_motion import SmoothedMotion, settling, smooth
-
-Array = NDArray[np.float64]
-Stamps = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+from denoc_ros.types import Array, Flags, Stamps
 
 MOTION = ('q', 'qd', 'qdd')
 ROWS = 4096  # read at once, more where the smoothing looks further

@@ -13,8 +13,6 @@ from denoc_ros.replay.bag import Replay
 from denoc_ros.replay.friction import TERMS, FrictionFit
 from denoc_ros.replay.measures import Agreement
 
-Array = NDArray[np.float64]
-
 FEW = 0.01  # of all joint states may be left out, of a torque count for nothing
 FAR = 2.0  # standard errors below zero are no chance
 

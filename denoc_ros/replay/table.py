@@ -6,15 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.bags.columns import FIELDS, JOINT_STATE, JointStateEncoder
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 from denoc_ros.identification.channel import Channel, table_times
 from denoc_ros.identification.tables import read_table
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 TOPIC = '/joint_states'
 SEPARATORS = './_ '  # between a joint's name and what of it a column holds

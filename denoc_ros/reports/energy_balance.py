@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.reports.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
 from denoc_ros.reports.pages import Card, PageSection, Verdict, engineering
 from denoc_ros.reports.recording import Recording
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 CLOSED = 1e-9  # m or rad: what a simulation keeps its loops to
 SMALLEST = 1e-17  # what an error of zero is drawn as

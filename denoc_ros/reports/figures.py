@@ -15,11 +15,9 @@ from markupsafe import Markup
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
-from numpy.typing import NDArray
 
 from denoc_ros.reports.measures import LoopMeasure
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 # Names of the page's CSS variables: a phase keeps its colour in every figure and every theme.
 PHASE_COLOURS = ('series-1', 'series-2', 'series-3', 'series-4')

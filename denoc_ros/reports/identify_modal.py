@@ -26,8 +26,7 @@ from denoc_ros.reports.figures import (
 from denoc_ros.reports.identify_result import mode_cards, modes_found, result_page
 from denoc_ros.reports.pages import PageSection, PageTable, ReportPage, engineering
 from denoc_ros.reports.text_table import cell_text
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ROW = 2.3  # inches
 SLICES = 12  # of a waterfall

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from denoc_ros.identification.records import Floats
 from denoc_ros.identification.servo import ServoFit
 from denoc_ros.reports.figures import (
     DIFFERENCE_COLOUR,
@@ -17,9 +16,10 @@ from denoc_ros.reports.figures import (
 )
 from denoc_ros.reports.identify_result import SHOWN, interval_text, result_page
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, engineering
+from denoc_ros.types import Array
 
 ROW = 2.3  # inches
-Curves = Sequence[tuple[Floats, Floats, Floats]]  # times, told, measured
+Curves = Sequence[tuple[Array, Array, Array]]  # times, told, measured
 
 
 def servo_page(
@@ -64,7 +64,7 @@ def servo_page(
     )
 
 
-def _joint(fit: ServoFit, t: Floats, told: Floats, measured: Floats) -> PageSection:
+def _joint(fit: ServoFit, t: Array, told: Array, measured: Array) -> PageSection:
     panels = [
         Panel(
             'position',

@@ -13,11 +13,11 @@ from denoc_ros.bags.series import Diagnostic
 from denoc_ros.errors import SolverError
 from denoc_ros.reports.recording import ASKED_TOPICS, Interval, Recording, Series
 from denoc_ros.trajectories import SplineTrajectory
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 SHOWN_COMPONENTS = ('uy', 'uz', 'rx')
 COUNTED = ('ticks', 'overruns_total', 'skipped_total', 'histogram_counts')
 ROUNDING = 1e-12  # rad

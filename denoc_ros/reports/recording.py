@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.bags.columns import JOINT_STATE, JointStateColumns
 from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.reader import bag_topics, header_stamp_ns, read_raw
 from denoc_ros.bags.series import Diagnostic, JointSeries
 from denoc_ros.errors import BagError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 PHASE_TOPIC = '/up/phase'
 ASKED_TOPICS = ('up/asked', 'shaper/input')  # what a shaped reference was shaped from
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'

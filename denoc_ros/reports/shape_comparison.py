@@ -14,8 +14,7 @@ from denoc_ros.control.plan import Plan
 from denoc_ros.control.shape import tip_frames
 from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ROWS = 1200  # of a run
 PERIODS = 2.0  # of the lowest mode, that are looked at after the stop

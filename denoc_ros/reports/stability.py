@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.reports.figures import (
     PHASE_COLOURS,
@@ -26,8 +25,8 @@ from denoc_ros.simulation.stability import (
     Measures,
     Study,
 )
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Look = tuple[str, str, bool]  # label, colour, dashed
 
 LOOKS: Mapping[str, Look] = {

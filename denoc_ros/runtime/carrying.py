@@ -5,14 +5,13 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.runtime.rate_limiter import Backoff
 from denoc_ros.runtime.safety import is_torque
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 SHARE = 0.1  # of a processor that postures without a torque may cost
 LONGEST_WAIT = 0.25  # s until such a posture is looked at again
 

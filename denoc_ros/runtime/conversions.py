@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 LITTLE_ENDIAN = b'\x00\x01'
 LONGEST = 16384  # bytes of a message that a loop has time for

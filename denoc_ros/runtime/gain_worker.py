@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_schedule import design
@@ -17,8 +16,7 @@ from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.trajectories import SplineTrajectory
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 @dataclass(frozen=True)

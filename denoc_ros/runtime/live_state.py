@@ -6,15 +6,14 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.runtime.conversions import JointStateReader, joint_names
 from denoc_ros.runtime.input_error import InputError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 FARTHEST = 1e6  # rad or m: a coordinate beyond cannot be drawn
 
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.state_feedback import StateFeedback
@@ -18,8 +17,7 @@ from denoc_ros.runtime.gain_worker import FeedbackModel, GainWorker, WantedGains
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.status import ERROR, WARN, Status
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 TURN = 0.1  # rad or m that a streamed reference may move before its gains are made anew
 REACH = 0.3  # rad or m from where they were shown stable within which gains are used

@@ -6,7 +6,6 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.equilibrium import UnsettledError
 from denoc_ros.dynamics.feedforward import Terms, TorqueFeedforward
@@ -15,8 +14,8 @@ from denoc_ros.errors import SolverError, StateError
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.rate_limiter import Backoff
 from denoc_ros.runtime.safety import TorqueLimiter
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 SUBSTEPS = 20  # of the model in one tick after a pause
 SEARCH_SHARE = 0.5  # of a period that a tick may search for an equilibrium
 FAILING_SHARE = 0.1  # of a processor for a model that fails

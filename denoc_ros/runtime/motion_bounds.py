@@ -13,14 +13,13 @@ from operator import le
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.tree import Limits
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.parameters import Settings
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 LARGEST_RATE = 1e4  # rad/s or m/s, where the URDF has no velocity limit
 LARGEST_ACCELERATION = 1e6  # rad/s^2 or m/s^2
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 from denoc_ros.trajectories import SplineTrajectory
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 LONGEST_STEP = 0.01  # s between samples that are planned from
 SAMPLES = 200  # of a motion, at least
 RESTING = 1e-3  # rad/s or m/s at the ends that count as rest

@@ -11,12 +11,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, BinaryIO, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
 from denoc_ros.control.jobs import read_message, write_message
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 ENDING = 1.0  # s that the process has to end by itself
 RESTART_AFTER = 1.0  # s between starts of processes that die
 

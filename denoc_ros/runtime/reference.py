@@ -7,14 +7,13 @@ import threading
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 from denoc_ros.trajectories import SplineTrajectory
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 MOST_COMING = 64  # trajectories that wait for their start
 
 

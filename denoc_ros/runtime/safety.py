@@ -11,14 +11,13 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.runtime.conversions import LARGEST_EFFORT
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.parameters import Settings
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 STALE_ACTIONS = ('hold', 'ramp_to_gravity', 'zero', 'stop_publishing')
 
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.control.ringing import RingingModes
 from denoc_ros.control.servo import JointServo
 from denoc_ros.control.stream_shaper import StreamShaper
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.runtime.reference import ReferenceFollower
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class ShapedStream:

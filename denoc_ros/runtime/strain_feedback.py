@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.strain_damping import StrainDamping
 from denoc_ros.errors import ConfigError
 from denoc_ros.runtime.parameters import Settings
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 DELAY = 1.5  # periods from a gauge's value to the torque: sampling, transport and half a hold
 

@@ -22,8 +22,8 @@ from denoc_ros.runtime.conversions import (
 )
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 COLUMNS = ('positions', 'velocities', 'accelerations', 'effort')
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.bags.columns import JOINT_STATE
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, SESSION_ATTACHMENT
@@ -20,8 +19,6 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.simulation.motion import mimic_ties
 from denoc_ros.simulation.run import Run
 from denoc_ros.trajectories import Trajectory
-
-Array = NDArray[np.float64]
 
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 REFERENCE_STEP = 0.01  # s between the points of the recorded reference

@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.validation import as_output
 from denoc_ros.errors import SolverError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Dense = TypeVar('Dense', bound='CholeskyRobot')
 
 

@@ -7,15 +7,14 @@ times that: stiff beams in loops, whose vibrations keep the steps short, fall mu
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from denoc_ros.kernels import runge_kutta as steps
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.handle import GOOD
 from denoc_ros.simulation.motion import EquationsOfMotion
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 LONGEST_TURN = 1.0  # rad between two looks at a floating base's attitude
 
 

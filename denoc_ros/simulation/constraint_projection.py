@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int_]
 
 # m, rad: where a correction ends; rounding leaves 1e-16 of a robot's size, and each one squares

@@ -11,15 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError, StateError
 from denoc_ros.simulation.constraint_projection import ConstraintProjection
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Torque = Callable[[float, Array, Array], Array]
 Prescribed = Mapping[str, Callable[[float], tuple[float, float, float]]]
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
 from denoc_ros.trajectories import SplineTrajectory
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 KNOTS = 120  # per turn: quintics between them are true to 1e-9 of the radius
 CLOSED = 1e-11  # m, rad

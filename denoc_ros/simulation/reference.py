@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.trajectories import (
@@ -15,8 +14,7 @@ from denoc_ros.trajectories import (
     SplineTrajectory,
     Trajectory,
 )
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 KEYS = {
     'book': {'start', 'rate', 'period', 'form', 'duration'},

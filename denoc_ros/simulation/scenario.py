@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.simulation.motion import Prescribed, Torque, mimic_ties
@@ -17,8 +16,7 @@ from denoc_ros.simulation.scenario_reader import ScenarioReader
 from denoc_ros.simulation.simulate import METHODS, simulate
 from denoc_ros.simulation.time_functions import TimeFunction, of_joint
 from denoc_ros.trajectories import Trajectory
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 KEYS = (
     'gravity',

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 from tqdm import tqdm
 
@@ -17,8 +16,7 @@ from denoc_ros.errors import SolverError, StateError
 from denoc_ros.simulation.compiled import CompiledDOP853
 from denoc_ros.simulation.motion import EquationsOfMotion, Prescribed, Torque
 from denoc_ros.simulation.run import Run
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 METHODS = {'DOP853': DOP853, 'RK45': RK45, 'LSODA': LSODA, 'Radau': Radau, 'BDF': BDF}
 # A projection onto loops moves the state, and so does a rotation vector that is brought back:

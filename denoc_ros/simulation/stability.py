@@ -41,8 +41,7 @@ from denoc_ros.simulation.motion import EquationsOfMotion, Torque, mimic_ties
 from denoc_ros.simulation.scenario import Scenario
 from denoc_ros.simulation.simulate import integrate
 from denoc_ros.simulation.time_functions import TimeFunction
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 SOLUTION_METHOD, SOLUTION_TOLERANCES = 'DOP853', (1e-12, 1e-14)
 ACCEPTED_DEVIATION = 1e-3  # rad or m

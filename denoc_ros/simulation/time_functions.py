@@ -7,13 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.simulation.motion import Torque
 from denoc_ros.trajectories import Trajectory
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class TimeFunction:

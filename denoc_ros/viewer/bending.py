@@ -13,10 +13,9 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.structure import whole_beam
 from denoc_ros.errors import StateError
 from denoc_ros.model.segments import whole_beams
+from denoc_ros.types import Array
 from denoc_ros.viewer.cutting import cut_along
 from denoc_ros.viewer.outline import Colour, LinkSurface, outlines
-
-Array = NDArray[np.float64]
 
 SAME = 1e-9  # of the beam's length: stations that are one
 CLOSED = 1e-6  # m, rad: what loops may be drawn open by

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 FLAT = 0.2  # of the second widest extent: what is narrower than that is seen from its flat side
 AUTO = 'auto'

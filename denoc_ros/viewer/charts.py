@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 WINDOW = 20.0  # s that live charts show
 PERIOD = 0.2  # s between two drawings of live charts

@@ -7,7 +7,8 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
+
 Indices = NDArray[np.int64]
 
 PANELS = 20  # of a beam's length

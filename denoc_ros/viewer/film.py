@@ -14,12 +14,12 @@ from PIL import Image
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, DenocError
+from denoc_ros.types import Array
 from denoc_ros.viewer.camera import AUTO, VIEWS
 from denoc_ros.viewer.picture import Picture, strip
 from denoc_ros.viewer.recorded import RecordedRun
 from denoc_ros.viewer.scene_setup import SceneSetup
 
-Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
 FILM_SUFFIXES, STRIP_SUFFIXES = ('.mp4', '.gif'), ('.png',)

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.linearization import NaturalModes
@@ -17,11 +16,10 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.model.segments import whole_beams
+from denoc_ros.types import Array
 from denoc_ros.viewer.outline import reach
 from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.ticker import Ticker
-
-Array = NDArray[np.float64]
 
 PERIOD = 1.0 / 30.0  # s between two pictures
 QUICKEST = 1.0  # Hz: faster modes are shown as slowly as this

@@ -17,8 +17,8 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.model.mesh_files import mesh_file
 from denoc_ros.model.source import TEXT_NAME, parse_xml
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Colour = tuple[int, int, int]
 

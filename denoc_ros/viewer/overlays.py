@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.reactions import Reactions, reactions
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
 from denoc_ros.model.tree import JointKind
+from denoc_ros.types import Array
 from denoc_ros.viewer.outline import Colour, reach
 from denoc_ros.viewer.snapshot import Snapshot
-
-Array = NDArray[np.float64]
 
 LONGEST = 0.22  # of the robot's reach: the arrow of the largest that was seen
 TORQUE: Colour = (22, 140, 90)

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
+from denoc_ros.types import Array
 from denoc_ros.viewer.bending import strain_colours
 from denoc_ros.viewer.recorded import RecordedRun
 from denoc_ros.viewer.scene_setup import SceneSetup
 from denoc_ros.viewer.strip_charts import GRID, INK, MUTED, chart_groups, draw_charts
 
-Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
 PAPER, GHOST = '#ffffff', '#d3d8df'

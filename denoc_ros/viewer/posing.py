@@ -8,17 +8,15 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.mechanism_modes import independent_joints
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
 from denoc_ros.model.tree import Joint, JointKind
+from denoc_ros.types import Array
 from denoc_ros.viewer.modes import settled
 from denoc_ros.viewer.outline import reach
 from denoc_ros.viewer.snapshot import Snapshot
-
-Array = NDArray[np.float64]
 
 SLIDE_STEPS = 400  # of a slider; one that turns has one per degree
 TOO_MUCH = 'drawn straight: in this gravity links bend more than small deflections'

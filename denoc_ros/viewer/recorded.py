@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
+from denoc_ros.types import Array
 from denoc_ros.viewer.channels import deflection_channel, residual_channel, torque_channels
 from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.thinned_topics import Rows, ThinnedTopics
-
-Array = NDArray[np.float64]
 
 # Where all coordinates come from: the first that the bag has. Joints alone leave links straight.
 STATES = {

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 from denoc_ros.viewer.bending import Bending, exaggerated, strain_colours
 from denoc_ros.viewer.camera import AUTO, Camera, camera
 from denoc_ros.viewer.outline import reach
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 LOOKED_AT = 48  # instants that decide what the pictures have to hold

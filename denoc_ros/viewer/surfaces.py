@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.types import Array
 from denoc_ros.viewer.bending import Bending, Shape, strain_colours
 from denoc_ros.viewer.outline import STEEL, Colour, LinkSurface
-
-Array = NDArray[np.float64]
 
 BANDS = 15  # of colour; a mesh of the page has one colour
 BLOCK = 32  # triangles that a band grows by: its buffers seldom change their size

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.bags.columns import JOINT_STATE, JointStateColumns
 from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.reader import bag_contents, read_raw
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.bags.thinning import read_thinned
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 PHASES = '/up/phase'
 MOST_ROWS = 20_000  # of a topic, whatever the run's length

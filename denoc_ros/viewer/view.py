@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.types import Array
 from denoc_ros.viewer.bending import exaggerated
 from denoc_ros.viewer.outline import reach
 from denoc_ros.viewer.overlays import Overlays
 from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.surfaces import Surfaces
-
-Array = NDArray[np.float64]
 
 STEPS = (1.0, 2.0, 5.0, 10.0)  # of the strain scale, per decade
 LEAST_STRAIN = 1e-6
