@@ -158,27 +158,27 @@ uniform beam on a revolute joint against closed forms, for each `shape` and numb
 link frame is tangent to the beam at its root for the clamped shapes and craig-bampton; for
 pinned-pinned its X axis is the beam's chord.
 
-The eigenvalues of the book's table 3.2 come out to its three decimals. Its last two rows are
-labelled wrongly: 4.730, 7.853, ... are a beam's with *both ends clamped* (a free one has the same,
-besides its two rigid motions, but is no link on a joint), and 3.927, 7.069, ... are those of *one
-end clamped and the other pinned*; with one end fixed and the other free a beam is the cantilever
+The eigenvalues agree with the book's table 3.2 to its three decimals. Its last two rows have wrong
+labels: 4.730, 7.853, ... belong to a beam with *both ends clamped* (a free beam has the same,
+besides its two rigid motions, but is not a link on a joint), and 3.927, 7.069, ... belong to *one
+end clamped and the other pinned*. A beam with one end fixed and the other free is the cantilever
 of its second row.
 """
 
-TAIL = """## What to take
+TAIL = """## Which to use
 
-- **clamped-free** has the bare cantilever's frequencies exactly, as many as modes, and the bare
-  pinned beam's soonest of all. Its shapes have neither moment nor shear at the tip, so what hangs
-  there is met slowly: the sag under a tip load is short by the sum of 12 / beta_j^4 over the modes
+- **clamped-free** has the bare cantilever's frequencies exactly, as many as modes, and converges
+  fastest to the bare pinned beam's. Its shapes have neither moment nor shear at the tip, so a tip
+  load converges slowly: the sag under it is too small by the sum of 12 / beta_j^4 over the modes
   left out (2.9 % with one mode, 0.46 % with two), which falls as 1 / modes^3.
-- **craig-bampton** holds the tip's static deflection and slope, so the tip's sag is exact under
+- **craig-bampton** contains the tip's static deflection and slope, so the tip's sag is exact under
   *any* load from two modes on, and a loaded cantilever's first frequency to 3e-6. With n modes
-  n - 1 frequencies are good, and on a free joint n - 2. It is the one to take where a link carries
+  n - 1 frequencies are good, and on a free joint n - 2. Use it for a link that carries
   a heavy link or payload.
 - **clamped-clamped**, **clamped-pinned** and **pinned-pinned** shapes do not move the tip: with
-  the joint held they do not sag, and vibrate as beams whose tip is supported. On a *free* joint
+  the joint held they do not sag, and vibrate like beams with a supported tip. On a *free* joint
   pinned-pinned is the best of all for a beam with a heavy tip, whose chord turns with the joint
-  and whose ends are all but pinned; so it is for links of loops.
+  and whose ends are almost pinned, and so for links of loops.
 """
 
 
