@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from planar_chains import FLEXIBLE, RIGID, planar_chain
+from segmented_robots import spatial_text
 
 from denoc_ros.cli.main import main
 from denoc_ros.dynamics.robot import load_robot
@@ -130,3 +131,19 @@ def test_bad_file_is_exit_status_1_with_every_finding(
     assert 'ei' in captured.err
     assert 'nobody' in captured.err
     assert 'Traceback' not in captured.err
+
+
+def test_a_link_of_segments_is_one_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / 'arm.urdf'
+    file.write_text(spatial_text(3))
+    assert main(['check', str(file), '--json']) == 0
+    summary = json.loads(capsys.readouterr().out)
+    rows = {row['link']: row for row in summary['links']}
+    assert sorted(rows) == ['fore', 'hand', 'middle', 'side', 'upper']
+    assert summary['mass_kg'] == pytest.approx(2.5 + 0.5 + 4 * 0.2)
+    assert rows['upper']['beam_mass_kg'] == pytest.approx(0.6 * 0.95)
+    assert rows['upper']['modes'] == 18
+    assert (rows['middle']['on'], rows['fore']['on']) == ('fore', 'upper')
+    assert rows['middle']['station_m'] == pytest.approx(0.6)
+    beams = {row['link']: row for row in summary['beams']}
+    assert (beams['upper']['length_m'], beams['upper']['segments']) == (0.95, 3)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.typing import NDArray
+from segmented_robots import strip_text
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import IdentificationError
@@ -103,3 +104,21 @@ def test_damping_that_no_beam_can_explain_is_refused(arm: Robot) -> None:
     frequency, ratio = measured_modes(stiff, placed(arm), False)
     with pytest.raises(IdentificationError, match='other damping in the model'):
         assign_damping(stiff, placed(arm), frequency[:1], 1e-3 * ratio[:1], False)
+
+
+def test_a_link_of_segments_has_one_ratio_for_all_its_modes() -> None:
+    robot = load_robot(
+        strip_text(6).replace('modes="2"', 'modes="2" damping_ratio="0.001"'), gravity=(0, 0, 0)
+    )
+    q = np.zeros(robot.n)
+    frequency, ratio = measured_modes(
+        robot.with_overrides({'beam.strip.y.damping_ratio': 0.02}), q, True
+    )
+    assigned = assign_damping(robot, q, frequency[:3], ratio[:3])
+    assert [one.mode for one in assigned] == [0]  # of the three the first, which names the ratio
+    assert assigned[0].coordinate == 'strip/y1'
+    found = damping_overrides(robot, assigned)
+    assert found.keys() == {'beam.strip.y.damping_ratio'}
+    np.testing.assert_allclose(found['beam.strip.y.damping_ratio'], [0.02], rtol=1e-3)
+    damped = robot.with_overrides(found)
+    np.testing.assert_allclose(measured_modes(damped, q, True)[1][:3], ratio[:3], rtol=2e-3)
