@@ -33,21 +33,29 @@ def add_gravity(
         type=float,
         default=default,
         metavar=('X', 'Y', 'Z'),
-        help=f'in the base frame [m/s^2], default {said}',
+        help=f'gravity in the base frame [m/s^2], default {said}',
     )
 
 
 def add_times(group: Any) -> None:
     """Declare how the times of a table are read."""
-    group.add_argument('--time', metavar='COLUMN', default='', help="a table's times")
+    group.add_argument(
+        '--time', metavar='COLUMN', default='', help='column with the times of a table'
+    )
     group.add_argument(
         '--time-unit',
         choices=('s', 'ms', 'us', 'ns'),
         default='',
-        help="of a table's times; default: what the column's name says (time_ms, t [us]), else s",
+        help=(
+            "unit of a table's times; default: from the column's name (time_ms, t [us]), else s"
+        ),
     )
     group.add_argument(
-        '--rate', metavar='HZ', type=float, default=0.0, help='of a table without times'
+        '--rate',
+        metavar='HZ',
+        type=float,
+        default=0.0,
+        help='sample rate of a table without times',
     )
 
 
@@ -64,7 +72,7 @@ def add_stamp(parser: Any) -> None:
         '--stamp',
         choices=('header', 'log'),
         default='header',
-        help="a bag's times: header stamps (default) or when it was recorded",
+        help='times of a bag: header stamps (default) or times of recording',
     )
 
 

@@ -123,13 +123,13 @@ def add_worker_options(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         type=int,
         default=0,
-        help='processes of a local Dask cluster; default: this process alone',
+        help='number of processes of a local Dask cluster; default: this process alone',
     )
     parser.add_argument(
         '--scheduler',
         metavar='ADDRESS',
         default='',
-        help='a Dask scheduler, such as tcp://head:8786, whose workers do the work',
+        help='address of a Dask scheduler, such as tcp://head:8786, whose workers do the work',
     )
 
 

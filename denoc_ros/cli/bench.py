@@ -29,19 +29,25 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         'bench',
         help='check results, then time the dynamics beside Pinocchio and dense Cholesky',
-        description='Check the results of the dynamics against Pinocchio and dense solutions, '
-        'then time them beside each other in this process: ratios are the result. Exit status 2 '
-        'where a result is wrong; speed never changes it.',
+        description=(
+            'Check the results of the dynamics against Pinocchio and dense solutions, then '
+            'time both in turn in this process. The result is their ratios. Exit status 2 if a'
+            ' result is wrong; speed never changes it.'
+        ),
     )
     parser.add_argument(
-        '--only', nargs='+', choices=GROUPS, metavar='NAME', help=f'of {", ".join(GROUPS)}'
+        '--only',
+        nargs='+',
+        choices=GROUPS,
+        metavar='NAME',
+        help=f'groups to run, of {", ".join(GROUPS)}',
     )
     parser.add_argument(
         '--quick',
         action='store_true',
-        help='check everything on less, in seconds; times mean nothing then, nor does their reach',
+        help='check everything with less work, in seconds; times and limits then mean nothing',
     )
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -25,18 +25,22 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         'calibrate',
         help="fit a sensor's gain and offset to readings at known references",
-        description='Fit value = gain raw + offset to a table, or to the plateaus of a bag. '
-        'Exit status 2: the line is doubtful; 3: there is none in the readings.',
+        description=(
+            'Fit value = gain raw + offset to a table, or to the plateaus of a bag. Exit '
+            'status 2: the line is doubtful; 3: the readings determine no line.'
+        ),
     )
     parser.add_argument('readings', help='a CSV table (columns reference, raw), or a bag')
     parser.add_argument('--robot', required=True, help='the URDF file with the sensor')
-    parser.add_argument('--sensor', required=True, help='its name')
+    parser.add_argument('--sensor', required=True, help='name of the sensor')
     parser.add_argument(
         '--reference',
         choices=KINDS,
         default='value',
-        help="what the references are: the sensor's own values (default), or with its link held "
-        'at the root and loaded at the tip: deflection of the tip [m], load [N]',
+        help=(
+            "kind of the references: the sensor's own values (default), or, for a link held at"
+            ' the root and loaded at the tip, the deflection of the tip [m] or the load [N]'
+        ),
     )
     parser.add_argument(
         '--levels',
@@ -51,8 +55,10 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         '-o', '--output', type=Path, help='write the calibrated URDF to a new file'
     )
-    parser.add_argument('--write', action='store_true', help='write it into the robot file itself')
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    parser.add_argument(
+        '--write', action='store_true', help='write the calibration into the robot file itself'
+    )
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -30,9 +30,9 @@ def add_parser(subparsers: Any) -> None:
         description='Read a URDF with its <flexibility> block, report every finding in it, and '
         'list links, joints, beams, natural frequencies and masses.',
     )
-    parser.add_argument('robot', help='the URDF file, here or where the package is installed')
+    parser.add_argument('robot', help='the URDF file, in this folder or in the installed package')
     add_gravity(parser)
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
     add_postures(parser)
     add_bode(parser)
     add_suggestion(parser)

@@ -14,9 +14,10 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument('table', help='YAML file with one system, or with several by name')
     parser.add_argument('-o', '--output', required=True, help='the URDF to write')
-    parser.add_argument('--system', help='name of the system, in a file with several')
+    parser.add_argument('--system', help='name of the system, for a file with several')
     parser.add_argument(
-        '--kinds', help='R (rigid) or F (flexible) for each link, such as FFR; default: the table'
+        '--kinds',
+        help='R (rigid) or F (flexible) for each link, such as FFR; default: as in the table',
     )
 
 

@@ -22,16 +22,30 @@ def add_film_options(parser: argparse.ArgumentParser) -> None:
     """Declare what films and strips are made by."""
     group = parser.add_argument_group('films and pictures of a recorded run, without a display')
     group.add_argument('--video', type=Path, metavar='FILE', help='write a film, .mp4 or .gif')
-    group.add_argument('--strip', type=Path, metavar='FILE', help='write some moments as one .png')
     group.add_argument(
-        '--moments', type=int, default=6, metavar='N', help='of the strip, default 6'
+        '--strip',
+        type=Path,
+        metavar='FILE',
+        help='write some snapshots of the run into one .png',
     )
     group.add_argument(
-        '--speed', type=float, default=1.0, help='of the film: 0.1 is ten times slower'
+        '--moments',
+        type=int,
+        default=6,
+        metavar='N',
+        help='number of snapshots of the strip, default 6',
     )
-    group.add_argument('--fps', type=float, help='default 30, of a GIF 20')
-    group.add_argument('--size', default='', metavar='WxH', help='pixels, default 1280x720')
-    group.add_argument('--view', choices=VIEWS, default='auto', help='from where')
+    group.add_argument(
+        '--speed',
+        type=float,
+        default=1.0,
+        help='speed of the film: 0.1 is ten times slower than real time',
+    )
+    group.add_argument('--fps', type=float, help='frames per second, default 30, for a GIF 20')
+    group.add_argument(
+        '--size', default='', metavar='WxH', help='size in pixels, default 1280x720'
+    )
+    group.add_argument('--view', choices=VIEWS, default='auto', help='direction of view')
 
 
 def wants_pictures(args: argparse.Namespace) -> bool:

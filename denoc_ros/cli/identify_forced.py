@@ -37,18 +37,20 @@ def add_actions(actions: Any) -> None:
     )
     add_recording_options(parser)
     group = parser.add_argument_group('the input')
-    group.add_argument('--force-topic', default='', help='default: that of the response')
+    group.add_argument(
+        '--force-topic', default='', help='topic of the input; default: that of the response'
+    )
     group.add_argument(
         '--force-field',
         required=True,
         action='append',
-        help='as --field; repeatable: inputs that act together',
+        help='field of the input, as --field; repeat it for inputs that act together',
     )
     group.add_argument(
         '--force-quantity',
         choices=('position', 'velocity', 'effort'),
         default='effort',
-        help='of a JointState; default: effort',
+        help='quantity of a JointState; default: effort',
     )
     add_channel_options(parser)
     add_verdict_options(parser)

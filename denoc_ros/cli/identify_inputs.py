@@ -28,15 +28,21 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """Declare which recording is identified, and where its result goes."""
     parser.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
     parser.add_argument(
-        '-o', '--output', metavar='FOLDER', type=Path, help='result.yaml and report.html'
+        '-o',
+        '--output',
+        metavar='FOLDER',
+        type=Path,
+        help='folder for result.yaml and report.html',
     )
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
 
 
 def add_channel_options(parser: argparse.ArgumentParser, window: bool = True) -> None:
     """Declare the options that say where in a file a signal stands."""
     group = parser.add_argument_group('the signal')
-    group.add_argument('--topic', default='', help='of a bag, such as /predictor/tip_deflection')
+    group.add_argument(
+        '--topic', default='', help='topic of a bag, such as /predictor/tip_deflection'
+    )
     group.add_argument(
         '--field',
         default='',
@@ -47,13 +53,18 @@ def add_channel_options(parser: argparse.ArgumentParser, window: bool = True) ->
         '--quantity',
         choices=('position', 'velocity', 'effort'),
         default='position',
-        help='of a JointState; default: position',
+        help='quantity of a JointState; default: position',
     )
     add_stamp(group)
     add_times(group)
     group.add_argument('--gain', type=float, default=1.0, help='value = gain * raw + offset')
-    group.add_argument('--offset', type=float, default=0.0, help='in the unit of the value')
-    group.add_argument('--unit', default='', help='of the value')
+    group.add_argument(
+        '--offset',
+        type=float,
+        default=0.0,
+        help='offset in value = gain * raw + offset, in the unit of the value',
+    )
+    group.add_argument('--unit', default='', help='unit of the value')
     if window:
         group.add_argument(
             '--begin', metavar='S', type=float, default=0.0, help='since the first sample [s]'
@@ -67,10 +78,16 @@ def add_verdict_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options that say which modes the verdict is of."""
     group = parser.add_argument_group('the verdict (default: that of the strongest mode)')
     group.add_argument(
-        '--band', metavar='LO:HI', default='', help='of all modes between two frequencies [Hz]'
+        '--band',
+        metavar='LO:HI',
+        default='',
+        help='exit status by all modes between two frequencies [Hz]',
     )
     group.add_argument(
-        '--modes', metavar='K', type=int, help='of the K strongest modes, in the band or at all'
+        '--modes',
+        metavar='K',
+        type=int,
+        help='exit status by the K strongest modes, in the band if one is given',
     )
 
 
@@ -133,20 +150,22 @@ def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> No
             '--robot',
             metavar='URDF',
             default='',
-            help='whose coefficients are wanted; default: the one in the bag',
+            help='robot for the damping coefficients; default: the one in the bag',
         )
     group.add_argument(
         '--at',
         metavar='JOINT=VALUE',
         action='append',
         default=[],
-        help="a joint's position [rad, m]; default: the bag's /joint_states, else 0; repeatable",
+        help=(
+            "position of a joint [rad, m]; default: the bag's /joint_states, else 0; repeatable"
+        ),
     )
     group.add_argument(
         '--joints',
         choices=('held', 'free'),
         default='held',
-        help='whether the joints were locked while it rang; default: held',
+        help='whether the joints were held during the decay; default: held',
     )
     add_gravity(group)
 

@@ -24,24 +24,31 @@ def add_actions(actions: Any) -> None:
     parser = actions.add_parser(
         'joint',
         help='viscous and Coulomb friction of a joint from a free swing',
-        description='Fit viscous, Coulomb and quadratic friction to a free swing at large angle, '
-        'say which of them matter, and give the logarithmic decrement, exact and as printed in '
-        'the book.',
+        description=(
+            'Fit viscous, Coulomb and quadratic friction to a free swing at large angle, '
+            'report which of them are significant, and give the logarithmic decrement, exact '
+            'and as printed in the book.'
+        ),
     )
     add_recording_options(parser)
     add_channel_options(parser)
     group = parser.add_argument_group('the joint')
     group.add_argument(
-        '--inertia', metavar='KG_M2', type=float, help='about the joint, motor and gears included'
+        '--inertia',
+        metavar='KG_M2',
+        type=float,
+        help='inertia about the joint, with motor and gears',
     )
     group.add_argument(
         '--gravity-torque',
         metavar='N_M',
         type=float,
-        help='largest torque of gravity, m g l: gives the inertia from the frequency',
+        help='largest gravity torque, m g l: with it the frequency gives the inertia',
     )
     group.add_argument(
-        '--spring', action='store_true', help='a linear spring holds it, not gravity'
+        '--spring',
+        action='store_true',
+        help='the restoring torque is a linear spring, not gravity',
     )
     group.add_argument(
         '--mass-per-length', metavar='KG/M', type=float, help="for the book's coefficient"

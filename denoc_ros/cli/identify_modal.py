@@ -30,8 +30,10 @@ def add_actions(actions: Any) -> None:
     parser = actions.add_parser(
         'modal',
         help='modes and damping ratios of a free decay, or of a folder of them',
-        description='Identify the modes of a free decay: how many there are is found. Several '
-        'recordings, a folder or a quoted pattern give one row each.',
+        description=(
+            'Identify the modes of a free decay and their number. Several recordings, a folder'
+            ' or a quoted pattern give one row each.'
+        ),
     )
     parser.add_argument(
         'paths', metavar='BAG', nargs='+', help="bags, tables, folders, or 'bags/**/*.mcap'"
@@ -41,10 +43,12 @@ def add_actions(actions: Any) -> None:
         '--output',
         metavar='FOLDER',
         type=Path,
-        help='result.yaml, modes.csv and report.html of one recording; Parquet files of several, '
-        'added to',
+        help=(
+            'folder for result.yaml, modes.csv and report.html of one recording, or for '
+            'Parquet files of several, which grow'
+        ),
     )
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
     add_channel_options(parser)
     add_verdict_options(parser)
     add_robot_options(parser)

@@ -21,21 +21,23 @@ def add_actions(actions: Any) -> None:
     info = actions.add_parser(
         'info',
         help='rate, gaps, jitter, clipping, noise of the signals of a recording',
-        description='List the signals of a bag or a table: rate, gaps, jitter, clipping, '
-        'resolution, noise. --topic and --field choose among them.',
+        description=(
+            'List the signals of a bag or a table: rate, gaps, jitter, clipping, resolution, '
+            'noise. --topic and --field select some of them.'
+        ),
     )
     info.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
     add_channel_options(info)
-    info.add_argument('--json', action='store_true', help='print JSON for machines')
+    info.add_argument('--json', action='store_true', help='print machine-readable JSON')
     info.set_defaults(act=run_info)
     segment = actions.add_parser(
         'segment',
         help='find releases, free decays, steps and rests in a signal',
-        description='List what a signal consists of: free decays, steps, rests.',
+        description='List the segments of a signal: free decays, steps, rests.',
     )
     segment.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
     add_channel_options(segment)
-    segment.add_argument('--json', action='store_true', help='print JSON for machines')
+    segment.add_argument('--json', action='store_true', help='print machine-readable JSON')
     segment.set_defaults(act=run_segment)
 
 

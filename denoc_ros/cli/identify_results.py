@@ -23,33 +23,43 @@ def add_actions(actions: Any) -> None:
     apply = actions.add_parser(
         'apply',
         help="write identified damping into a robot's URDF",
-        description='Find the damping with which the robot has the identified modes, and write '
-        'it into its <flexibility> block; or friction of a joint into its <dynamics>. Nothing '
-        'else in the file changes. Several results of modes count together.',
+        description=(
+            'Compute the damping with which the robot has the identified modes, and write it '
+            'into its <flexibility> block; or write the friction of a joint into its '
+            '<dynamics>. Nothing else in the file changes. Several results of modes are '
+            'combined.'
+        ),
     )
     apply.add_argument(
-        'results', metavar='RESULT', nargs='+', type=Path, help='result.yaml, or its folder'
+        'results', metavar='RESULT', nargs='+', type=Path, help='a result.yaml, or its folder'
     )
-    apply.add_argument('--robot', metavar='URDF', required=True, help='the robot')
+    apply.add_argument('--robot', metavar='URDF', required=True, help='URDF file of the robot')
     apply.add_argument(
-        '-o', '--output', metavar='URDF', type=Path, required=True, help='a new file'
+        '-o',
+        '--output',
+        metavar='URDF',
+        type=Path,
+        required=True,
+        help='URDF file to write, must not exist',
     )
-    apply.add_argument('--joint', default='', help='whose friction the result is')
-    apply.add_argument('--doubtful', action='store_true', help='take doubtful modes too')
-    apply.add_argument('--json', action='store_true', help='print JSON for machines')
+    apply.add_argument('--joint', default='', help='joint to which the friction belongs')
+    apply.add_argument('--doubtful', action='store_true', help='use doubtful modes too')
+    apply.add_argument('--json', action='store_true', help='print machine-readable JSON')
     add_robot_options(apply, robot=False)
     apply.set_defaults(act=run_apply)
     compare = actions.add_parser(
         'compare',
         help='modes of several runs: mean, spread, repeatability',
-        description='Put the modes of several results side by side: mean, standard deviation '
-        'between runs, what two runs differ by at most in 95 %% of cases. Exit status 2 when '
-        'runs differ by more than their intervals let expect.',
+        description=(
+            'Compare the modes of several results: mean, standard deviation between runs, '
+            'largest difference of two runs in 95 %% of cases. Exit status 2 if runs differ by'
+            ' more than their intervals allow.'
+        ),
     )
     compare.add_argument(
-        'results', metavar='RESULT', nargs='+', type=Path, help='result.yaml, or its folder'
+        'results', metavar='RESULT', nargs='+', type=Path, help='a result.yaml, or its folder'
     )
-    compare.add_argument('--json', action='store_true', help='print JSON for machines')
+    compare.add_argument('--json', action='store_true', help='print machine-readable JSON')
     compare.set_defaults(act=run_compare)
 
 

@@ -24,12 +24,16 @@ def add_actions(actions: Any) -> None:
     parser = actions.add_parser(
         'selftest',
         help='accuracy of the estimators on synthetic decays with known truth',
-        description='Draw decays with known modes and the defects of a bag, identify them, and '
-        'hold the errors against what must be reached. Exit status 2 where it is not.',
+        description=(
+            'Draw decays with known modes and the defects of a bag, identify them, and compare'
+            ' the errors with the required accuracy. Exit status 2 if it is not reached.'
+        ),
     )
     parser.add_argument('--full', action='store_true', help='ten times as many records')
-    parser.add_argument('--seed', type=int, help='repeat a run; default: drawn now, and printed')
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    parser.add_argument(
+        '--seed', type=int, help='seed, to repeat a run; default: drawn now, and printed'
+    )
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
     add_worker_options(parser)
     parser.set_defaults(act=run_selftest)
 

@@ -25,8 +25,10 @@ def add_actions(actions: Any) -> None:
     parser = actions.add_parser(
         'servo',
         help='bandwidth, damping and delay of position-controlled joints',
-        description='Fit a second-order lag with a delay to where joints were told to be and '
-        "where they were: the shaper's `servo.*`.",
+        description=(
+            'Fit a second-order lag with a delay to the commanded and the measured positions '
+            "of joints. The result is the shaper's `servo.*`."
+        ),
     )
     add_recording_options(parser)
     group = parser.add_argument_group('the signals')
@@ -35,19 +37,33 @@ def add_actions(actions: Any) -> None:
         dest='commanded',
         metavar='TOPIC',
         default='/reference',
-        help='JointTrajectory, whole or streamed, or JointState; default: /reference',
+        help=(
+            'topic of the commands: JointTrajectory, whole or streamed, or JointState; '
+            'default: /reference'
+        ),
     )
     group.add_argument(
-        '--topic', default='/joint_states', help='JointState, measured; default: /joint_states'
+        '--topic',
+        default='/joint_states',
+        help='topic of the measured JointState; default: /joint_states',
     )
     group.add_argument(
-        '--joint', action='append', metavar='NAME', help='repeat; default: all commanded'
+        '--joint',
+        action='append',
+        metavar='NAME',
+        help='joint to identify; repeatable; default: all commanded joints',
     )
     add_stamp(group)
     group.add_argument(
         '--begin', metavar='S', type=float, default=0.0, help='since the first measurement [s]'
     )
-    group.add_argument('--end', metavar='S', type=float, default=float('inf'), help='likewise')
+    group.add_argument(
+        '--end',
+        metavar='S',
+        type=float,
+        default=float('inf'),
+        help='since the first measurement [s]',
+    )
     parser.set_defaults(act=run_servo)
 
 

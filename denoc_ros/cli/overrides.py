@@ -23,7 +23,7 @@ def add_overrides(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='LINK=MASS[,X,Y,Z]',
-        help='hang a mass [kg] on a link, its centre in the link frame [m]; repeatable',
+        help='add a mass [kg] to a link, with its centre in the link frame [m]; repeatable',
     )
 
 

@@ -30,8 +30,10 @@ def add_postures(parser: argparse.ArgumentParser) -> None:
         action='append',
         nargs='+',
         metavar='Q',
-        help='natural frequencies, or --bode, at these joint positions [rad, m], in the order of '
-        'the table of joints; repeatable; default zero',
+        help=(
+            'compute natural frequencies, or --bode, at these joint positions [rad, m], in the'
+            ' order of the table of joints; repeatable; default zero'
+        ),
     )
 
 

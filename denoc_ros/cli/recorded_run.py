@@ -42,20 +42,32 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Declare what says which part of a run is taken, and of which robot it is."""
     group = parser.add_argument_group('a recorded run')
     group.add_argument(
-        '--robot', help='its URDF file, here or where the package is installed; default: the '
-        'one in the bag',
+        '--robot', help=(
+            'URDF file of the robot, in this folder or in the installed package; default: the '
+            'one in the bag'
+        ),
     )  # fmt: skip
     group.add_argument(
         '--source',
         choices=SOURCES,
         default='',
-        help='where the deflection comes from: the first of these that the bag has',
+        help='source of the deflection; default: the first of these in the bag',
     )
     group.add_argument(
-        '--from', dest='start', type=float, metavar='S', default=-math.inf, help='begin there [s]'
+        '--from',
+        dest='start',
+        type=float,
+        metavar='S',
+        default=-math.inf,
+        help='first time to show [s]',
     )
     group.add_argument(
-        '--to', dest='end', type=float, metavar='S', default=math.inf, help='end there [s]'
+        '--to',
+        dest='end',
+        type=float,
+        metavar='S',
+        default=math.inf,
+        help='last time to show [s]',
     )
 
 

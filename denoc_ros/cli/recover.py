@@ -13,8 +13,10 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         'recover',
         help='rebuild a recording that was cut off',
-        description='Rebuild a bag of MCAP from its complete records, the original left as it is. '
-        'Exit status 2 when parts within it were damaged.',
+        description=(
+            'Rebuild an MCAP bag from its complete records, without changing the original. '
+            'Exit status 2 if parts within it were damaged.'
+        ),
     )
     parser.add_argument('bag', type=Path, help='a .mcap file or a folder of them')
     parser.add_argument(

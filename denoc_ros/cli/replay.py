@@ -35,11 +35,16 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'replay',
-        help='recompute torque and deflection on a recorded run, beside what was measured',
-        description='Read the joint states of a bag (MCAP or db3) or of a table, compute the '
-        'torque of the rigid and of the flexible model and the deflection along them, and write '
-        'a new bag with these beside all that was recorded, a table and one HTML page. Exit '
-        'status 2: something speaks against the numbers.',
+        help=(
+            'recompute torque and deflection along a recorded run, and compare them with the '
+            'measurement'
+        ),
+        description=(
+            'Read the joint states of a bag (MCAP or db3) or of a table, and compute the '
+            'torque of the rigid and of the flexible model and the deflection along them. '
+            'Write a new bag with these results beside all recorded messages, a table and one '
+            'HTML page. Exit status 2: the numbers are doubtful.'
+        ),
     )
     parser.add_argument(
         'bag',
@@ -50,7 +55,10 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         '--robot',
-        help='the URDF file, here or where the package is installed; default: the one in the bag',
+        help=(
+            'the URDF file, in this folder or in the installed package; default: the one in '
+            'the bag'
+        ),
     )
     parser.add_argument(
         '-o',
@@ -61,10 +69,13 @@ def add_parser(subparsers: Any) -> None:
         "run's directory)",
     )
     parser.add_argument(
-        '--no-output', action='store_true', help='write no bag, only table and page'
+        '--no-output', action='store_true', help='write only table and page, no bag'
     )
     parser.add_argument(
-        '--report', type=Path, metavar='FILE', help="the page (default: the new bag's name .html)"
+        '--report',
+        type=Path,
+        metavar='FILE',
+        help=("file of the page (default: the new bag's name .html)"),
     )
     _add_table(parser)
     _add_ways(parser)
@@ -79,20 +90,23 @@ def _add_table(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='JOINT.FIELD=COLUMN',
-        help="where a joint's position, velocity or effort stands; repeatable",
+        help="column of a joint's position, velocity or effort; repeatable",
     )
     add_times(group)
 
 
 def _add_ways(parser: argparse.ArgumentParser) -> None:
     add_gravity(parser, None, "the run's, else 0 0 -9.81")
-    parser.add_argument('--topic', default='', help='of the joint states (default: found)')
+    parser.add_argument('--topic', default='', help='topic of the joint states (default: found)')
     parser.add_argument(
         '--joint',
         action='append',
         default=[],
         metavar='NAME',
-        help='a driven joint; in a mechanism they determine its motion (default: all); repeatable',
+        help=(
+            'a driven joint; in a mechanism the driven joints determine the motion (default: '
+            'all); repeatable'
+        ),
     )
     parser.add_argument(
         '--effort', default='', metavar='TOPIC', help='take the measured effort from this topic'
@@ -102,16 +116,20 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='OLD=NEW',
-        help='beginning of joint names in the bag, and what the robot has there; repeatable',
+        help='beginning of joint names in the bag, and its replacement in the robot; repeatable',
     )
     parser.add_argument(
         '--derivative',
         choices=('filter', 'kalman'),
         default='filter',
-        help='how accelerations come about: local polynomials, or a Kalman smoother',
+        help='method for velocities and accelerations: local polynomials, or a Kalman smoother',
     )
     parser.add_argument(
-        '--cutoff', type=float, default=20.0, metavar='HZ', help='of that, default 20'
+        '--cutoff',
+        type=float,
+        default=20.0,
+        metavar='HZ',
+        help='bandwidth of this method, default 20',
     )
     add_stamp(parser)
     parser.add_argument(

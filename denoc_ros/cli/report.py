@@ -17,9 +17,11 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         'report',
         help='write the HTML report of a run or of any bag',
-        description='Write one HTML page: tracking, deflection predicted over true, torque, loop '
-        'periods, node statistics, energy and closed loops of a simulation; whatever of these the '
-        'bag has.',
+        description=(
+            'Write one HTML page with tracking, predicted and true deflection, torque, loop '
+            'periods, node statistics, and for a simulation energy and closure of loops; as '
+            'far as the bag has them.'
+        ),
     )
     parser.add_argument('run', metavar='RUN', type=Path, help="a run's directory, or a bag")
     parser.add_argument(
@@ -27,7 +29,7 @@ def add_parser(subparsers: Any) -> None:
         '--output',
         metavar='FILE',
         type=Path,
-        help='default: report.html in the run, or BAG.html here',
+        help='file of the page; default: report.html in the run, or BAG.html here',
     )
     parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
 

@@ -21,18 +21,26 @@ if TYPE_CHECKING:
 METHODS = ('tip', 'zv', 'zvd', 'ei', 'rest_to_rest')
 TIP_ONLY = ('joints', 'stretch', 'preaction', 'postaction', 'turn', 'step')
 NUMBERS = {
-    'stretch': 'the largest factor by which a motion may be made slower to keep the limits',
-    'preaction': 'how long the joints may move before the motion [s]',
-    'postaction': 'how long the joints may move after it [s]',
-    'turn': 'how many metres of position a radian of turn counts as; 0: only positions matter',
-    'step': 'between the nodes at which the equations hold [s]',
+    'stretch': 'largest factor by which a motion may be slowed down to keep the limits',
+    'preaction': 'longest time that the joints may move before the motion [s]',
+    'postaction': 'longest time that the joints may move after the motion [s]',
+    'turn': 'weight of a radian of rotation, in metres of position; 0: only positions matter',
+    'step': 'time between the nodes at which the equations hold [s]',
 }
 # options of the other methods, and which have them
 SHAPERS = ('zv', 'zvd', 'ei', 'rest_to_rest')
 OTHERS = {
-    'modes': (int, SHAPERS, 'how many modes come to rest, from the lowest'),
-    'duration': (float, ('rest_to_rest',), 'of the motion [s]; 0: the shortest within limits'),
-    'robustness': (float, ('rest_to_rest',), "share by which the modes' frequencies may be off"),
+    'modes': (int, SHAPERS, 'number of modes that come to rest, from the lowest'),
+    'duration': (
+        float,
+        ('rest_to_rest',),
+        'duration of the motion [s]; 0: the shortest within limits',
+    ),
+    'robustness': (
+        float,
+        ('rest_to_rest',),
+        "assumed error of the modes' frequencies, as a share",
+    ),
 }
 
 
@@ -40,10 +48,12 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'shape',
-        help='plan a motion that ends without swing, with the tip where it should be',
-        description='Plan what the joints must do so that the tip of a flexible robot does what '
-        "an undeformed one's would, or so that nothing swings at the end. The plan is a reference "
-        'that `denoc up` and `denoc simulate` read.',
+        help='plan a motion without residual vibration, with the tip on its path',
+        description=(
+            'Plan the motion of the joints so that the tip of a flexible robot moves like that'
+            ' of the undeformed robot, or so that no vibration is left at the end. The plan is'
+            ' a reference that `denoc up` and `denoc simulate` read.'
+        ),
     )
     parser.add_argument('robot', help='the URDF file')
     parser.add_argument(
@@ -56,18 +66,24 @@ def add_parser(subparsers: Any) -> None:
         '--output',
         type=Path,
         required=True,
-        help='the plan: .yaml for a reference of the joints, .csv for a table of everything',
-    )
-    parser.add_argument('--method', choices=METHODS, default='tip', help='default: tip')
-    parser.add_argument(
-        '--tip', metavar='FRAME', action='append', help='a frame that matters; repeatable'
+        help='the plan: .yaml for a reference of the joints, .csv for a table of all quantities',
     )
     parser.add_argument(
-        '--page', metavar='FILE', type=Path, help='also simulate it and write an HTML page'
+        '--method', choices=METHODS, default='tip', help='method of planning; default: tip'
+    )
+    parser.add_argument(
+        '--tip', metavar='FRAME', action='append', help='frame to keep on its path; repeatable'
+    )
+    parser.add_argument(
+        '--page', metavar='FILE', type=Path, help='also simulate the plan and write an HTML page'
     )
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
     parser.add_argument(
-        '--interval', metavar='S', type=float, default=0.02, help='between rows; default: 0.02'
+        '--interval',
+        metavar='S',
+        type=float,
+        default=0.02,
+        help='time between rows; default: 0.02',
     )
     add_gravity(parser, None, "the motion file's, else 0 0 -9.81")
     add_overrides(parser)
@@ -87,14 +103,14 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
             action='append',
             default=[],
             metavar='JOINT=VALUE',
-            help=f'[{unit}]; repeatable',
+            help=f'largest {name} of a joint [{unit}]; repeatable',
         )
 
 
 def _add_tip_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('method tip')
     group.add_argument(
-        '--joints', metavar='NAME,…', help='the driven joints; default all that mimic none'
+        '--joints', metavar='NAME,…', help='the driven joints; default: all but mimic joints'
     )
     for name, text in NUMBERS.items():
         group.add_argument(f'--{name}', metavar='X', type=float, help=text)

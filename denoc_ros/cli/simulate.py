@@ -33,7 +33,7 @@ def add_parser(subparsers: Any) -> None:
         '--output',
         type=Path,
         required=True,
-        help='new .mcap file or bag folder; with --vary a folder of Parquet files, added to',
+        help='new .mcap file or bag folder; with --vary a folder of Parquet files, which grow',
     )
     parser.add_argument(
         '--report', metavar='FILE', type=Path, help='also write the HTML page of the run'
@@ -43,7 +43,7 @@ def add_parser(subparsers: Any) -> None:
         '--smooth',
         metavar='HZ',
         type=float,
-        help='take motion faster than that out of points of the scenario, such as rounding',
+        help='remove faster motion, such as rounding errors, from the points of the scenario',
     )
     varied = parser.add_argument_group('many runs, with the model varied')
     varied.add_argument(
@@ -51,10 +51,15 @@ def add_parser(subparsers: Any) -> None:
         metavar='PATH=LOW:HIGH',
         action='append',
         default=[],
-        help='draw a value of the model evenly (beam.LINK.y.ei=8e4:1.2e5); repeatable',
+        help=(
+            'draw a value of the model from a uniform distribution (beam.LINK.y.ei=8e4:1.2e5);'
+            ' repeatable'
+        ),
     )
-    varied.add_argument('--runs', metavar='N', type=int, default=100, help='default: 100')
-    varied.add_argument('--seed', type=int, default=0, help='of the draws; default: 0')
+    varied.add_argument(
+        '--runs', metavar='N', type=int, default=100, help='number of runs; default: 100'
+    )
+    varied.add_argument('--seed', type=int, default=0, help='seed of the draws; default: 0')
     add_worker_options(varied)
 
 

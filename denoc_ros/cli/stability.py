@@ -19,11 +19,13 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         'stability',
         help="compare the recursion's numerical stability with dense Cholesky's",
-        description='Integrate a scenario twice, with forward dynamics by the recursion and by a '
-        'Cholesky factor of the inertia matrix, and write one HTML page: deviation, power '
-        "difference and roughness of the accelerations (the book's section 7.1), processor times, "
-        'and how fast the motion itself lets small errors grow. Exit status 2: the recursion does '
-        'not stay with the solution to the end.',
+        description=(
+            'Integrate a scenario twice, with forward dynamics by the recursion and by a '
+            'Cholesky factor of the inertia matrix, and write one HTML page: deviation, power '
+            "difference and roughness of the accelerations (the book's section 7.1), processor"
+            ' times, and the growth rate of small errors in the motion itself. Exit status 2: '
+            'the recursion leaves the solution before the end.'
+        ),
     )
     parser.add_argument('robot', help='the URDF file')
     parser.add_argument(
@@ -35,7 +37,7 @@ def add_parser(subparsers: Any) -> None:
         metavar='FILE',
         type=Path,
         default=Path('stability.html'),
-        help='default: stability.html here',
+        help='file of the page; default: stability.html here',
     )
     parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
 

@@ -31,20 +31,24 @@ def add_suggestion(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--material',
         metavar='NAME',
-        help='aluminium (the default), steel, titanium, magnesium, cfrp or gfrp',
+        help='material: aluminium (the default), steel, titanium, magnesium, cfrp or gfrp',
     )
     group.add_argument(
         '--link',
         action='append',
         metavar='NAME',
-        help='make this link flexible, worth it or not; repeatable; default: all worth it',
+        help=(
+            'make this link flexible in any case; repeatable; default: all links that bend enough'
+        ),
     )
     group.add_argument(
         '--bandwidth',
         type=float,
         metavar='HZ',
-        help="of the robot's control, default 10: a link that swings below five times this is "
-        'worth it, modes are kept up to ten times this',
+        help=(
+            "bandwidth of the robot's control, default 10: links with a natural frequency "
+            'below five times this become flexible, with modes up to ten times this'
+        ),
     )
     group.add_argument(
         '-o',

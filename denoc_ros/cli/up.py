@@ -36,22 +36,30 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'up',
-        help='bring the nodes up, run a reference, record and report',
-        description='Start plant, recorder, predictor and feedforward as processes of their own, '
-        'drive the reference, end them in order, and leave a bag and a report in a new directory.',
+        help='start the nodes, run a reference, record and report',
+        description=(
+            'Start plant, recorder, predictor and feedforward as separate processes, run the '
+            'reference, end them in order, and write a bag and a report into a new directory.'
+        ),
     )
-    parser.add_argument('config', metavar='CONFIG.yaml', help='what to bring up')
-    parser.add_argument('--duration', type=float, metavar='S', help='of each phase [s]')
+    parser.add_argument('config', metavar='CONFIG.yaml', help='configuration file of the session')
+    parser.add_argument('--duration', type=float, metavar='S', help='duration of each phase [s]')
     parser.add_argument(
         '--record',
         action=argparse.BooleanOptionalAction,
-        help='record a bag and write the report (default: as the configuration says)',
+        help='record a bag and write the report (default: as in the configuration)',
     )
     parser.add_argument(
-        '--input', type=Path, metavar='BAG', help='recorded joint states to run on, not the plant'
+        '--input',
+        type=Path,
+        metavar='BAG',
+        help='run on recorded joint states instead of the plant',
     )
     parser.add_argument(
-        '--output', type=Path, metavar='DIR', help="the run's new directory; default runs/<time>"
+        '--output',
+        type=Path,
+        metavar='DIR',
+        help='new directory of the run; default: runs/<time>',
     )
     parser.add_argument(
         '--set',

@@ -30,31 +30,39 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'view',
-        help='show a robot or a run in the browser: bent links, forces, natural modes; films',
-        description='Serve a page that shows a robot as it bends, on this machine only unless '
-        '--host says otherwise, until interrupted. Without a robot: a gallery of the systems in '
-        'the book. With --video or --strip: write a film or a picture of a run instead.',
+        help=(
+            'show a robot or a run in the browser: deformed links, forces, natural modes; '
+            'write films'
+        ),
+        description=(
+            'Serve a page that shows the deformed robot until interrupted, on this machine '
+            'only unless --host allows more. Without a robot: a gallery of the systems in the '
+            'book. With --video or --strip: write a film or a picture of a run instead.'
+        ),
     )
     parser.add_argument(
         'shown',
         nargs='?',
         metavar='ROBOT|RUN',
-        help="a URDF file, a bag, or a run's directory; default the gallery",
+        help="a URDF file, a bag, or a run's directory; default: the gallery",
     )
     add_gravity(parser, None, "the run's, else 0 0 -9.81")
     parser.add_argument(
         '--scale',
         type=float,
-        help='what deflections are drawn larger by, 1 to 100; default 1, of films chosen so that '
-        'they are seen',
+        help=(
+            'factor that enlarges deflections, 1 to 100; default 1, for films chosen so that '
+            'they are visible'
+        ),
     )
     parser.add_argument('--host', default='127.0.0.1', help='interface to listen on')
     parser.add_argument(
-        '--port', type=int, default=DEFAULT_PORT, help='0 takes a free one; default %(default)s'
+        '--port',
+        type=int,
+        default=DEFAULT_PORT,
+        help='port of the page, 0 for a free one; default %(default)s',
     )
-    parser.add_argument(
-        '--no-browser', action='store_true', help='open no browser, where there is a display'
-    )
+    parser.add_argument('--no-browser', action='store_true', help='do not open a browser')
     add_run_options(parser)
     add_film_options(parser)
 

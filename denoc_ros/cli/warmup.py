@@ -13,15 +13,20 @@ def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         'warmup',
         help='compile the kernels that nodes and simulations need, once per version and user',
-        description='Compile the kernels that nodes and simulations need, and keep them for all '
-        'processes of this user. What is kept already is loaded only.',
+        description=(
+            'Compile the kernels that nodes and simulations need, and cache them for all '
+            'processes of this user. Cached kernels are only loaded.'
+        ),
     )
     parser.add_argument(
         'robot',
         nargs='?',
         type=Path,
         metavar='ROBOT.urdf',
-        help='only what this robot needs: those for kinematic loops take as long again',
+        help=(
+            'compile only the kernels that this robot needs: those for kinematic loops take as'
+            ' long again'
+        ),
     )
 
 
