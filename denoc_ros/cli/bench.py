@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -112,7 +113,7 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[BenchLine]:
     quick : bool
         Check on less, and call only a few times: no line has a reach then.
     """
-    from denoc_ros.bench import batches, derivatives, growth, loading, loops, rigid
+    from denoc_ros.bench import batches, derivatives, growth, loading, loops, rigid, segments
     from denoc_ros.bench.timing import FULL, QUICK
     from denoc_ros.cli.config import find_file
 
@@ -125,7 +126,9 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[BenchLine]:
         'derivatives': lambda: derivatives.derivative_lines(ssrms, effort, quick),
         'ssrms': lambda: rigid.ssrms_lines(ssrms, effort),
         'loops': lambda: loops.loop_lines(ssrms.parent, effort),
-        'growth': lambda: growth.growth_lines(effort, quick),
+        'growth': lambda: chain(
+            growth.growth_lines(effort, quick), segments.segment_lines(effort)
+        ),
         'dense': lambda: growth.dense_lines(effort, quick),
         'batch': lambda: batches.batch_lines(effort, quick),
         'load': lambda: loading.load_lines(ssrms, cold=not quick),
