@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from denoc_ros.control.deviation_model import DeviationModel, PlannedState
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.springs import spring_indices
 from denoc_ros.errors import SolverError
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array
@@ -234,6 +235,8 @@ def noise_of(
             first[begin : begin + count] = begin
             length[begin : begin + count] = span
             begin += count
+    own = np.searchsorted(flexible, spring_indices(robot))
+    first[own] = own
     stiff = robot.stiffness[flexible]
     least = LEAST_DEFLECTION * (stiff * length)[first]
     alone = np.where(first == np.arange(len(first)), length, 0.0)

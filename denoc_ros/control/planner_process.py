@@ -22,6 +22,7 @@ from denoc_ros.control.plan import Plan
 from denoc_ros.control.servo import JointServo, joint_servo
 from denoc_ros.control.shape import shape_motion
 from denoc_ros.control.shaped_samples import rest_spline
+from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import DenocError, SolverError
 from denoc_ros.types import Array
@@ -41,7 +42,7 @@ class Planning:
         """Return the robot of a job: `source`, `gravity`, `geometric_stiffness`, `overrides`."""
         key = wanted['source'], tuple(wanted['gravity']), wanted['geometric_stiffness']
         if self._base is None or self._base[0] != key:
-            self._base = key, load_robot(*key)
+            self._base = key, measured_robot(load_robot(*key))
             self._changed = None
         overrides = wanted['overrides']
         if self._changed is None or self._changed[0] != overrides:

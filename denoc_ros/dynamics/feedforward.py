@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium, UnsettledError
+from denoc_ros.dynamics.measured_side import MotorSide
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.handle import DAMPING, FRICTION
@@ -63,7 +64,9 @@ class TorqueFeedforward:
     Parameters
     ----------
     robot : Robot
-        Its workspace is used: do not share it with another thread.
+        Its workspace is used: do not share it with another thread. Of one with joints measured
+        behind their springs, what :func:`measured_robot` gives: the motion is then that of the
+        link sides.
     joints : sequence of str, optional
         The joints that are driven, in the order of all arrays here; default all that are not
         mimics. Mimic joints follow their leaders, the loops give the joints they bind, the others
@@ -133,6 +136,7 @@ class TorqueFeedforward:
         self._damping = diagonals[DAMPING][self._index].copy()
         self._friction = diagonals[FRICTION][self._index].copy()
         self._given = np.zeros(len(self.motion.given))
+        self._motors = MotorSide(robot, self.joints)
         self.q[:] = self.motion.posture
         self._rest = self.q.copy()
         self.substeps, self.patience = SUBSTEPS, np.inf
@@ -143,6 +147,7 @@ class TorqueFeedforward:
         """Forget the amplitudes: the next update starts from equilibrium."""
         self._settled = False
         self._spent = 0
+        self._motors.reset()
         self._equilibrium.forget()
         if not (np.isfinite(self.q).all() and np.isfinite(self.qd).all()):
             self.q[:], self.qd[:] = self.motion.posture, 0.0
@@ -193,7 +198,10 @@ class TorqueFeedforward:
             self._given[:] = self.motion.given_accelerations(qdd)
         if self._moves:
             self._stepper.accelerations(self.q, self.qd, self._given, out=self.qdd)
-        return self._joint_torque()
+        torque = self._joint_torque()
+        terms = self.terms
+        self._motors.add(torque, (qd, qdd), elapsed, terms.inertia, terms.friction)
+        return torque
 
     def gravity(self, q: Array) -> Array:
         """Return the torque (driven joints,) that carries the weight at rest at joints q.

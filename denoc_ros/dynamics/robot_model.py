@@ -100,8 +100,13 @@ class RobotModel:
         self.gravity = as_vector('gravity', gravity, (3,)).copy()
         self.gravity.setflags(write=False)
         self.geometric_stiffness = bool(geometric_stiffness)
-        self._adopt(to_arrays(tree, self.gravity, self.geometric_stiffness))
+        self._adopt(to_arrays(self._modelled(tree), self.gravity, self.geometric_stiffness))
         self._payloads: dict[str, Array] = {}
+
+    @staticmethod
+    def _modelled(tree: Tree) -> Tree:
+        """Return the part of a robot that is modelled: all of it."""
+        return tree
 
     def _adopt(self, arrays: ModelArrays) -> None:
         if arrays.constraint_names:
@@ -240,9 +245,7 @@ class RobotModel:
         """
         tree = with_overrides(self.tree, overrides)
         other = type(self)(tree, self.gravity, self.geometric_stiffness)
-        other._payloads = dict(self._payloads)
-        for frame in other._payloads:
-            other._load_body(other._carrier(frame))
+        other._take_payloads(self)
         other.move_base(self._base)
         return other
 
@@ -265,6 +268,12 @@ class RobotModel:
         payload = structure.payload_inertia(attachment.placement, mass, com, inertia)
         self._payloads[frame] = inertia_row(payload, self.arrays.axes[row - 1])
         self._load_body(row)
+
+    def _take_payloads(self, other: RobotModel) -> None:
+        """Carry the payloads that another robot with the same links carries."""
+        self._payloads = dict(other._payloads)
+        for frame in self._payloads:
+            self._load_body(self._carrier(frame))
 
     def with_scaled_load(self: Held, frame: str, factor: float) -> Held:
         """Return a copy whose load at a frame is off: for what must hold of inexact models.

@@ -26,6 +26,14 @@ def half_play(robot: RobotModel) -> Array:
     return play
 
 
+def spring_indices(robot: RobotModel) -> NDArray[np.intp]:
+    """Return where the springs of elastic joints stand among the coordinates."""
+    places = robot.arrays.link_map
+    if places is None:
+        return np.zeros(0, dtype=np.intp)
+    return np.asarray(places[0][places[1] == 1], dtype=np.intp)
+
+
 def elasticity(robot: RobotModel, q: Array) -> tuple[Array, Array]:
     """Return the elastic forces (n,) along the coordinates q (n,), and their derivatives."""
     if not robot.arrays.diagonals[STIFFNESS3 : PLAY + 1].any():

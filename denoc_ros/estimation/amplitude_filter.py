@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.response import response
 from denoc_ros.dynamics.section import Section
+from denoc_ros.dynamics.springs import spring_indices
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.correction import take_values
@@ -210,7 +211,8 @@ class AmplitudeFilter:
 def _loads(robot: Robot) -> tuple[Array, NDArray[np.intp], Array]:
     """Return the loads' covariance (m, m) at unit deviation, and per amplitude two more arrays.
 
-    The first amplitude of its deformation, and the length [m] of its beam, for twist 1 rad.
+    The first amplitude of its deformation, and the length [m] of its beam, for twist 1 rad; the
+    spring of a joint is its own, of 1 rad.
     """
     flexible = robot.flexible_indices
     m = len(flexible)
@@ -229,4 +231,8 @@ def _loads(robot: Robot) -> tuple[Array, NDArray[np.intp], Array]:
             first[part] = part.start
             lengths[part] = 1.0 if component == TWIST else body.beam.length
             start += count
+    springs = np.searchsorted(flexible, spring_indices(robot))
+    shape[springs, springs] = 1.0 + SPREAD**2
+    first[springs] = springs
+    lengths[springs] = 1.0
     return shape, first, lengths

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.model.coordinates import names, spring_name
-from denoc_ros.model.tree import Body, Tree
+from denoc_ros.model.tree import Body, Joint, Tree
 
 
 def has_springs(tree: Tree) -> bool:
@@ -27,13 +27,34 @@ def without_springs(tree: Tree) -> Tree:
 
 
 def _rigid(body: Body) -> Body:
-    joint = body.joint
-    if joint is None:
+    if body.joint is None:
         return body
-    rigid = replace(joint, mimic=None)
-    if joint.spring is not None:
-        rigid = replace(rigid, spring=None, damping=0.0, friction=0.0, armature=0.0)
-    return replace(body, joint=rigid)
+    return replace(body, joint=replace(_behind_spring(body.joint), mimic=None))
+
+
+def _behind_spring(joint: Joint) -> Joint:
+    """Return the joint that the link side of an elastic joint sees."""
+    if joint.spring is None:
+        return joint
+    return replace(joint, spring=None, damping=0.0, friction=0.0, armature=0.0)
+
+
+def is_measured_behind(joint: Joint) -> bool:
+    """Say whether the states of a joint mean the link side of its spring."""
+    return joint.spring is not None and joint.spring.measured == 'link'
+
+
+def seen_from_links(tree: Tree) -> Tree:
+    """Return a robot without the springs behind which its joints are measured; itself if none."""
+    if not any(body.joint is not None and is_measured_behind(body.joint) for body in tree.bodies):
+        return tree
+    bodies = tuple(
+        replace(body, joint=_behind_spring(body.joint))
+        if body.joint is not None and is_measured_behind(body.joint)
+        else body
+        for body in tree.bodies
+    )
+    return replace(tree, bodies=bodies)
 
 
 def link_map(tree: Tree) -> NDArray[np.uint32]:

@@ -44,6 +44,8 @@ class LiveFeedforward(RobotNode):
     _message_time: int | None
     _takeovers: int
 
+    sees_joint_states = True
+
     def __init__(self, table: ParameterTable, **options: Any) -> None:
         super().__init__('feedforward', table, **options)
         self.by_message = self.settings.text('trigger') == 'message'

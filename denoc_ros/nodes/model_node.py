@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from std_msgs.msg import String
 
+from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.overrides import FAMILIES
@@ -34,9 +35,13 @@ class ModelNode(DenocNode):
         What the robot is made from; None until the node is configured.
     description : str
         What robot_description last said.
+    sees_joint_states : bool
+        Whether the robot is the one that joint states describe: without the springs behind which
+        joints are measured.
     """
 
     robot: Robot
+    sees_joint_states = False
 
     def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
         super().__init__(name, table, **options)
@@ -89,7 +94,7 @@ class ModelNode(DenocNode):
             gravity=tuple(gravity),
             geometric_stiffness=settings.flag('geometric_stiffness'),
         )
-        return LiveModel(robot, name)
+        return LiveModel(measured_robot(robot) if self.sees_joint_states else robot, name)
 
     def adopt_model(self, model: LiveModel, settings: Settings) -> None:
         """Take a model for the one that overrides change, and list what they can change."""

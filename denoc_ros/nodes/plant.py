@@ -16,6 +16,7 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.feedback import with_joint_feedback
+from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ConfigError
@@ -97,6 +98,7 @@ class PlantNode(RobotNode):
 
     def _use(self, physics: Physics) -> None:
         self.robot, self.stepper, self._feedback_stepper, self.start = physics
+        self._measured = MeasuredStates(self.robot)
         self.sensors.update(self.robot)
 
     def _start(self, motion: DrivenMotion, settings: Settings) -> Array:
@@ -157,7 +159,6 @@ class PlantNode(RobotNode):
             self.create_publisher(JointState, topic, STATE)
             for topic in ('joint_states', '~/true_deflection', '~/true_modal_state')
         )
-        self._all_index = np.ascontiguousarray(robot.joint_indices)
         self._generator = np.random.default_rng(settings.integer('seed'))
         self._noise = np.zeros(len(robot.joint_names))
         self._deviations = tuple(
@@ -279,11 +280,12 @@ class PlantNode(RobotNode):
         self.stepper.free(self.q, self.qd, tau)
 
     def _publish(self, stamp_ns: int) -> None:
-        q, qd, index, state = self.q, self.qd, self._all_index, self._state_message
-        state.position[:] = q[index]
-        state.velocity[:] = qd[index]
+        q, qd, state = self.q, self.qd, self._state_message
+        self._measured.positions(q, state.position)
+        self._measured.positions(qd, state.velocity)
         state.effort[:] = 0.0
         state.effort[self._drives] = self.effort
+        self._measured.efforts(q, qd, state.effort)
         for values, deviation in zip(
             (state.position, state.velocity, state.effort), self._deviations, strict=True
         ):

@@ -53,6 +53,8 @@ FUSION_SETTINGS = tuple(field.name for field in fields(FusionSettings))
 class PredictorNode(RobotNode):
     """Estimates the deflection of every flexible link, now and `horizon` ahead."""
 
+    sees_joint_states = True
+
     def __init__(self, **options: Any) -> None:
         super().__init__('predictor', TABLE, **options)
         self._connected = False

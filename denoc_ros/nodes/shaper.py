@@ -48,6 +48,8 @@ REFERENCE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 class ShaperNode(RobotNode):
     """Plans whole motions in a process of its own, and shapes streams in its loop."""
 
+    sees_joint_states = True
+
     def __init__(self, **options: Any) -> None:
         super().__init__('shaper', TABLE, **options)
         self.planning = MotionPlanning(self.to_log.append, self._take_answer)

@@ -13,6 +13,7 @@ import numpy as np
 from denoc_ros.bags.columns import JOINT_STATE, JointStateEncoder
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, read_raw
 from denoc_ros.bags.writer import BagWriter
+from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
@@ -121,6 +122,7 @@ def replay_bag(
     StateError, SolverError
         Joints that leave a mechanism free or are tied to each other; loops that do not close.
     """
+    robot = measured_robot(robot)
     settings = settings or ReplaySettings()
     work = _Work(Path(bag), robot, settings, progress)
     if output is None:

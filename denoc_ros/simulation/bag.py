@@ -15,6 +15,7 @@ from denoc_ros.bags.columns import JOINT_STATE
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, SESSION_ATTACHMENT
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.simulation.motion import mimic_ties
 from denoc_ros.simulation.run import Run
@@ -76,18 +77,23 @@ def write_run(
 
 
 def _write_states(bag: BagWriter, run: Run, robot: Robot, progress: Any) -> None:
-    joints = np.asarray(robot.joint_indices)
+    measured = MeasuredStates(robot)
+    position, velocity, effort = np.zeros((3, len(robot.joint_names)))
     tips = TipDeflections(robot)
     for t, q, qd, tau in zip(run.t, run.q, run.qd, run.torque, strict=True):
         stamp_ns = round(float(t) * 1e9)
         deflection, rate = tips.evaluate(q, qd)
+        measured.positions(q, position)
+        measured.positions(qd, velocity)
+        effort[:] = tau[robot.joint_indices]
+        measured.efforts(q, qd, effort)
         bag.write_message(
             '/joint_states',
             stamp_ns,
             name=list(robot.joint_names),
-            position=q[joints],
-            velocity=qd[joints],
-            effort=tau[joints],
+            position=position,
+            velocity=velocity,
+            effort=effort,
         )
         bag.write_message(
             '/plant/true_modal_state',

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from geared_arm import arm_text
 from hypothesis import given
 from numpy.typing import NDArray
 from spring_oracle import GRAVITY, SpringOracle, elastic_robot
@@ -182,3 +183,33 @@ def test_without_a_rotor_only_what_holds_the_motor_can_be_solved(close: Close) -
     ):
         with pytest.raises(SolverError, match=message):
             solve()
+
+
+BEAM = (
+    '<beam link="upper" length="0.6" mass_per_length="1" segments="2">'
+    '<bending direction="y" ei="500" modes="2"/><bending direction="z" ei="700" modes="1"/></beam>'
+)
+FLOATING = (
+    '<link name="world"/><link name="base"><inertial><mass value="5"/>'
+    '<inertia ixx="1" iyy="1" izz="1"/></inertial></link><joint name="float" type="floating">'
+    '<parent link="world"/><child link="base"/></joint>'
+)
+
+
+@pytest.mark.parametrize('floats', [False, True])
+def test_springs_stand_beside_segments_and_a_base_that_moves_or_floats(
+    close: Close, floats: bool
+) -> None:
+    text = arm_text().replace('</flexibility>', f'{BEAM}</flexibility>')
+    text = text.replace('<link name="base"/>', FLOATING) if floats else text
+    robot = load_robot(text)
+    whole = with_motors(robot)
+    rng = np.random.default_rng(1)
+    q, qd, qdd = rng.uniform(-0.02, 0.02, (3, robot.n))
+    q[robot.joint_indices] = 0.4
+    base = None if floats else (rng.uniform(-1, 1, 6), rng.uniform(-1, 1, 6))
+    tau = robot.inverse_dynamics(q, qd, qdd, base=base)
+    close(tau, whole.inverse_dynamics(q, qd, qdd, base=base), 1e-12)
+    # what rounding of torques leaves behind the inertia of 20 g at the tip
+    found = robot.forward_dynamics(q, qd, tau, base=base)
+    np.testing.assert_allclose(found, qdd, rtol=0, atol=1e-8)
