@@ -200,7 +200,8 @@ class BackgroundWriter:
         self._thread.join(timeout)
         if self._thread.is_alive():
             raise BagError(
-                f'{self.path}: disk must take what waits within {timeout} s, got none of the last '
+                f'{self.path}: disk must accept the waiting messages within {timeout} s, got '
+                'none of the last '
                 f'{len(self._queue)} messages through; run denoc recover on it'
             )
         return self.status()

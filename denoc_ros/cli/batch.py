@@ -138,7 +138,7 @@ def worker_config(args: argparse.Namespace) -> WorkerConfig:
     if args.workers < 0:
         raise ConfigError('--workers', [f'it must be >= 0, got {args.workers}'])
     if args.workers and args.scheduler:
-        raise ConfigError('--workers', ['it must not stand beside --scheduler, got both'])
+        raise ConfigError('--workers', ['it must not come with --scheduler, got both'])
     return WorkerConfig(args.workers, args.scheduler)
 
 

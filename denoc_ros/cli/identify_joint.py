@@ -182,6 +182,6 @@ def _check(args: argparse.Namespace) -> None:
         if value is not None and not 0.0 < value < float('inf')
     ]
     if args.inertia is not None and args.gravity_torque is not None:
-        findings.append('--gravity-torque must not stand beside --inertia, got both')
+        findings.append('--gravity-torque must not come with --inertia, got both')
     if findings:
         raise ConfigError('identify joint', findings)

@@ -211,7 +211,7 @@ class Session:
             silence = self._client.silence(name)
             if silence > LONGEST_SILENCE:
                 raise ProcessError(
-                    f'{name}: node must speak on /diagnostics once a second, '
+                    f'{name}: node must report on /diagnostics once a second, '
                     f'got {silence:.0f} s of silence'
                 )
 

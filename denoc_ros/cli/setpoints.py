@@ -34,7 +34,7 @@ def rounded_setpoints(values: Mapping[str, Any]) -> list[str]:
                 found.append(
                     f'{where}: positions of column {column} are rounded to {step:.2g} at steps of '
                     f'{interval:.3g} s: their accelerations are off by about '
-                    f'{_noise(step, interval):.2g} per s^2; --smooth HZ takes that out'
+                    f'{_noise(step, interval):.2g} per s^2; --smooth HZ removes that'
                 )
     return found
 

@@ -70,11 +70,11 @@ def check_options(args: argparse.Namespace) -> None:
 
     given = [name for name in OPTIONS if getattr(args, name) is not None]
     stray = [] if args.suggest else [name for name in given if name != 'output' or not args.bode]
-    findings = [f'--{name} must stand with --suggest, got it alone' for name in stray]
+    findings = [f'--{name} must come with --suggest, got it alone' for name in stray]
     if args.free and not args.bode:
-        findings.append('--free must stand with --bode, got it alone')
+        findings.append('--free must come with --bode, got it alone')
     if args.suggest and (args.bode or args.at):
-        findings.append('--suggest must stand without --bode and --at, got both')
+        findings.append('--suggest must come without --bode and --at, got both')
     if findings:
         raise ConfigError('command line', findings)
 
@@ -226,7 +226,7 @@ def _as_text(row: Row) -> str:
     if row['written']:
         parts.append(f'{row["written"]}: written')
     elif not proposed:
-        parts.append('nothing is written: --link NAME makes a link flexible all the same')
+        parts.append('nothing is written: --link NAME makes a link flexible anyway')
     return '\n\n'.join(parts)
 
 

@@ -103,7 +103,7 @@ def _serve_until_interrupted(args: argparse.Namespace, run_path: Path | None) ->
         if args.host not in LOOPBACK:
             print(
                 f'denoc view: warning: the page is served beyond this machine ({args.host}): '
-                'whoever reaches it can look and move the controls',
+                'everybody who reaches it can watch and move the controls',
                 file=sys.stderr,
             )
         ending = _ending()

@@ -142,7 +142,8 @@ def settled_cost(problem: Regulator) -> Array:
     found = _settled(problem.a, problem.b @ problem.b.T, problem.weight)
     if found is None:
         raise SolverError(
-            'state feedback: the joints must be able to stop every deviation, got one that grows'
+            'state feedback: every growing deviation must be controllable by the joints, got '
+            'one that is not'
         )
     return found
 
@@ -285,8 +286,9 @@ def estimator(
     covariance = _settled(scaled.T, rows[:seen].T @ rows[:seen], added)
     if covariance is None:
         raise SolverError(
-            'state feedback: joints and sensors must show every deviation from the plan, got one '
-            'that they do not; damping, or a sensor per deformation may help'
+            'state feedback: every deviation from the plan must be observable from joints '
+            'and sensors, '
+            'got one that is not; damping, or a sensor per deformation may help'
         )
     every = rows @ covariance @ rows.T + np.eye(len(rows))
     solved = np.linalg.solve(every[:seen, :seen], rows[:seen] @ covariance).T

@@ -135,7 +135,7 @@ def rest_motion(
 def _check(options: ShaperOptions) -> Callable[[], None]:
     def check() -> None:
         if options.cancel is not None and options.cancel():
-            raise SolverError('shape_motion: the search must go on to its end, got cancelled')
+            raise SolverError('shape_motion: planning must run to its end, got cancelled')
 
     return check
 

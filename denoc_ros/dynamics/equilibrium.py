@@ -127,7 +127,8 @@ class Equilibrium:
                     f'{self.robot.tree.name}: an equilibrium must be found in {patience:g} s'
                 )
         raise SolverError(
-            f'{self.robot.tree.name}: what is not driven must have an equilibrium near its '
+            f'{self.robot.tree.name}: the undriven coordinates must have an equilibrium near '
+            'their '
             f'start, got a relative change of {share:.3g} after {ITERATIONS} Newton steps '
             '(buckling?)'
         )

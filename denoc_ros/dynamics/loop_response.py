@@ -116,18 +116,18 @@ def _swinging(values: Complex) -> NDArray[np.bool_]:
 def _collocated(way: LoopResponse) -> str:
     zeros, poles = way.swinging_zeros, way.swinging_poles
     if not zeros:
-        return f'A loop on {way.input} alone has nothing to ring: no link swings while it is held.'
+        return f'A loop on {way.input} alone cannot ring: no link vibrates while it is held.'
     # the lowest of those that are left to swing
     zero = next((one for one in zeros if one.damping_ratio < RINGS), zeros[0])
     damped = f'{100 * zero.damping_ratio:.2g} % of critical damping'
-    left = f'the links swing on at {zero.frequency:.3g} Hz with {damped}{_decay(zero)}'
+    left = f'the links keep vibrating at {zero.frequency:.3g} Hz with {damped}{_decay(zero)}'
     verb = 'is expected to ring' if way.rings else 'is not expected to ring'
     text = f'A collocated loop on {way.input} {verb}: stiff, it clamps the joint, and {left}.'
     if poles:
         delay = 1e3 / (4.0 * poles[0].frequency)
         text += (
-            f' Rate feedback damps the mode at {poles[0].frequency:.3g} Hz while what delays it '
-            f'is under {delay:.3g} ms.'
+            f' Rate feedback damps the mode at {poles[0].frequency:.3g} Hz while its delay is '
+            f'under {delay:.3g} ms.'
         )
     return text
 
@@ -155,7 +155,7 @@ def _elsewhere(way: LoopResponse) -> str:
         listed = ', '.join(f'{mode.frequency:.3g}' for mode in ringing[:4])
         more = ', ...' if len(ringing) > 4 else ''
         reasons.append(
-            f'rate feedback that damps its lowest motion drives the modes at {listed}{more} Hz'
+            f'rate feedback that damps its lowest motion excites the modes at {listed}{more} Hz'
         )
     if reasons:
         return f'{way_to} is expected to ring: {"; ".join(reasons)}.'

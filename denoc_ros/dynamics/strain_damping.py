@@ -210,7 +210,7 @@ def _gauge(robot: Robot, joint: str) -> tuple[int, Array, float]:
     if not any(strain for *_, strain in found):
         raise StateError(
             f'strain damping: joint {joint!r} must have a strain gauge with a topic on the link '
-            'it moves that sees its torque, got none'
+            'it moves that responds to its torque, got none'
         )
     place, row, strain = max(found, key=lambda one: abs(one[2]))
     return place, row, float(np.sign(strain))

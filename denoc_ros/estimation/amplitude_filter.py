@@ -128,8 +128,9 @@ class AmplitudeFilter:
         lowest = np.linalg.eigvalsh(scaled)[0] if np.isfinite(scaled).all() else math.nan
         if not lowest > 0.0:
             raise StateError(
-                f'{self._robot.tree.name}: the amplitudes must be where the model vibrates, got a '
-                f'lowest square of a frequency of {lowest:.3g}'
+                f'{self._robot.tree.name}: the model must vibrate at these amplitudes, got a '
+                'lowest '
+                f'squared frequency of {lowest:.3g}'
             )
         self._omega = omega = math.sqrt(lowest)
         jacobian = np.zeros((3 * m, 3 * m))

@@ -292,7 +292,9 @@ def sensor_values(robot: Robot, sensor: str, reference: ArrayLike, kind: str = '
     bent = tip / robot.stiffness[own]
     shown, moved = float(row @ bent), float(tip @ bent)
     if not moved > 0.0 or shown == 0.0:
-        raise StateError(f'sensor {sensor!r} must see a load at the tip, got one that does not')
+        raise StateError(
+            f'sensor {sensor!r} must respond to a load at the tip, got one that does not'
+        )
     return np.asarray(values * (shown if kind == 'load' else shown / moved))
 
 

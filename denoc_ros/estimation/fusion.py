@@ -297,7 +297,7 @@ class StrainFusion:
 
 def _require_noise(name: str, sensors: tuple[Sensor, ...]) -> None:
     if not sensors:
-        raise StateError(f'{name}: a robot whose sensors are fused must have one, got none')
+        raise StateError(f'{name}: fused sensors must be at least one, got none')
     silent = [sensor.name for sensor in sensors if not sensor.noise > 0.0]
     if silent:
         raise StateError(

@@ -166,7 +166,7 @@ def _spectral_check(method: str, found: SpectralDecay, modes: Modes, k: int) -> 
     low, high = modes.interval[k]
     reason = ''
     if found.interval[1] < low or found.interval[0] > high:
-        reason = 'its interval and that of the fit do not meet'
+        reason = 'its interval and that of the fit do not overlap'
         curve = modes.curves[k]
         if curve is not None and curve.dependent:
             reason += ': they weigh large and small amplitudes differently'
@@ -196,7 +196,7 @@ def _difference(modes: Modes, k: int, found: Decrement) -> str:
     if low <= found.damping_ratio <= high:
         return ''
     if found.interval[0] <= high and found.interval[1] >= low:
-        return 'outside the interval, which meets that of its own crests'
+        return 'outside the interval, which overlaps that of its own crests'
     curve = modes.curves[k]
     if curve is not None and curve.dependent:
         return 'outside the interval: it weighs small amplitudes as much as large ones'

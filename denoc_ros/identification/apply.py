@@ -85,7 +85,7 @@ def joint_overrides(result: Mapping[str, Any], joint: str) -> dict[str, float]:
     if 'quadratic' in terms:
         raise IdentificationError(
             f'joint {joint}: friction must be viscous and Coulomb, got a quadratic term, which '
-            'a URDF has no place for'
+            'a URDF cannot have'
         )
     found = {name: float(term['value']) for name, term in terms.items()}
     return {

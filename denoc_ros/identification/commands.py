@@ -90,7 +90,7 @@ def read_commands(path: Path, topic: str, stamp: Stamp = 'header') -> Commands:
                 f'{path}: topic {topic} must be of type {TRAJECTORY} or {STATE}, got {item.type}'
             )
     if not pieces:
-        raise BagError(f'{path}: {topic} must have positions that joints were told, got none')
+        raise BagError(f'{path}: {topic} must have commanded positions, got none')
     pieces.sort(key=lambda piece: piece[0])
     begin = pieces[0][0]
     names = dict.fromkeys(name for piece in pieces for name in piece[1])

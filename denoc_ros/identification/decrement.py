@@ -137,7 +137,7 @@ def _require_same(record: Record, frequency: float, found: float) -> None:
     if abs(found / frequency - 1.0) > SAME_FREQUENCY:
         raise IdentificationError(
             f'{record.name}: crests must be those of {frequency:.4g} Hz, got some of '
-            f'{found:.4g} Hz: something else swings beside it'
+            f'{found:.4g} Hz: another vibration is present'
         )
 
 

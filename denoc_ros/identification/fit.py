@@ -178,14 +178,16 @@ def _remarks(
 ) -> tuple[str, ...]:
     remarks = []
     if late:
-        remarks.append(f'starts with a rest: taken from {late:.3g} s after its start on')
+        remarks.append(f'starts with a rest: fitted from {late:.3g} s after its start on')
     if len(fit.poles) >= MOST_COSINES:
-        remarks.append(f'{MOST_COSINES} components and more: the record is no free decay')
+        remarks.append(f'{MOST_COSINES} or more components: the record is not a free decay')
     if not parts:
-        remarks.append('nothing stands out of the noise')
-    remarks += [f'what swings at {part.frequency:.4g} Hz grows: no free decay' for part in growing]
+        remarks.append('no mode is above the noise')
+    remarks += [
+        f'the vibration at {part.frequency:.4g} Hz grows: no free decay' for part in growing
+    ]
     if coloured(fit.residual):
-        remarks.append('the residual is no white noise: the modes do not explain the record')
+        remarks.append('the residual is not white noise: the modes do not explain the record')
     if not seen.all():
         remarks.append(f'{np.count_nonzero(~seen)} clipped samples left out')
     if quality.gaps:

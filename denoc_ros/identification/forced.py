@@ -284,9 +284,9 @@ def _modes(fit: _Fit, lines: _Lines, u: Array, y: Array, step: float) -> ForcedM
 def _nothing(fit: _Fit, explained: float) -> str:
     """Return why there is no mode."""
     if not len(fit.poles):
-        return 'nothing of the response follows from the input as a mode does'
+        return 'no mode explains any of the response'
     return (
-        f'{len(fit.poles)} fitted poles are no modes within the excited band '
+        f'{len(fit.poles)} fitted poles are not modes within the excited band '
         f'({100.0 * explained:.1f} % of the response explained)'
     )
 

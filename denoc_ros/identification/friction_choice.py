@@ -13,7 +13,7 @@ from denoc_ros.identification.swing_fit import MODELS, SwingFit, Terms
 CHANCE = 1e-3  # of keeping a term that is none
 SMALLEST_GAIN = 0.05  # that a term must take off a residual which is no white noise
 EVIDENCE = 6.0  # twice the log of the likelihoods' ratio: less does not tell two sets apart
-MUCH = 0.3  # of the residual: what terms that are not told from zero leave open
+MUCH = 0.3  # of the residual: what terms that are not significantly different from zero leave open
 
 Fits = Mapping[Terms, SwingFit]
 
@@ -22,7 +22,7 @@ def choose_terms(fits: Fits) -> Terms:
     """Return the smallest set of terms that no larger one improves on.
 
     A larger set counts where all its terms are told from zero. An F test of its ratio must give
-    less than 0.1 %, and where the residual is no white noise it must take 5 % off it.
+    less than 0.1 %, and where the residual is not white noise it must take 5 % off it.
     """
     chosen = min(MODELS[:2], key=lambda terms: fits[terms].rss)
     for count in (2, 3):
@@ -49,7 +49,7 @@ def rejection(terms: Terms, fits: Fits, chosen: Terms) -> str:
     if fit.at_zero:
         return f'{_listed(fit.at_zero)} at zero'
     if fit.unclear:
-        return f'{_listed(fit.unclear)} not told from zero; {said}'
+        return f'{_listed(fit.unclear)} not significantly different from zero; {said}'
     if set(terms) > set(chosen):
         return f'its further terms take {100.0 * max(1.0 - ratio, 0.0):.1f} % off the residual'
     return said
@@ -58,8 +58,8 @@ def rejection(terms: Terms, fits: Fits, chosen: Terms) -> str:
 def open_questions(fits: Fits, chosen: Terms) -> list[str]:
     """Return which other sets the swing does not rule out.
 
-    Larger ones that leave much less, but whose terms are not told from zero, and those of as many
-    terms that leave about as much.
+    These are larger sets with a much smaller residual whose terms are not significantly different
+    from zero, and sets of as many terms with about the same residual.
     """
     found = []
     best = fits[chosen]
@@ -72,7 +72,7 @@ def open_questions(fits: Fits, chosen: Terms) -> list[str]:
         if len(terms) > len(chosen) and fit.unclear and less > MUCH:
             found.append(
                 f'{" + ".join(terms)} leaves {100.0 * less:.0f} % less, with '
-                f'{_listed(fit.unclear)} not told from zero'
+                f'{_listed(fit.unclear)} not significantly different from zero'
             )
     return found
 

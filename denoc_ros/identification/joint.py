@@ -130,10 +130,10 @@ def fit_joint(
 
     Notes
     -----
-    The equation of motion is integrated, so large angles and stops are as they are. A term stays
-    if it is told from zero, an F test at 0.1 % keeps it, and where the residual is no white noise,
-    it takes at least 5 % off it. For the intervals, residuals that hang together count as fewer
-    samples.
+    The equation of motion is integrated, so large angles and stops are exact. A term stays if it
+    differs significantly from zero, if an F test at 0.1 % keeps it and, for a residual that is
+    not white noise, if it reduces the residual by at least 5 %. For the intervals, correlated
+    residuals count as fewer samples.
     """
     start = _start(record)
     moving = _moving(record, start, 0.25)
@@ -223,7 +223,9 @@ def _verdict(
 ) -> tuple[str, list[str]]:
     fit = fits[chosen]
     if fit.unclear:
-        return NOT_IDENTIFIABLE, [f'{name} term is not told from zero' for name in fit.unclear]
+        return NOT_IDENTIFIABLE, [
+            f'{name} term is not significantly different from zero' for name in fit.unclear
+        ]
     reasons = []
     left = float(np.sqrt(fit.rss / count)) / float(np.ptp(record.y))
     if left > MOST_UNEXPLAINED:

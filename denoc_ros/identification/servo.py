@@ -202,7 +202,7 @@ def _verdict(
     reasons = []
     if x[0] > bounds[1][0] - 0.01:
         return NOT_IDENTIFIABLE, (
-            f'the joint follows faster than the samples can tell: above {values[0]:.3g} Hz',
+            f'the lag of the joint is too short for the samples: above {values[0]:.3g} Hz',
         )
     own = 1.0 / (2.0 * np.pi * values[0])
     for k, name in enumerate(NAMES):
@@ -212,7 +212,7 @@ def _verdict(
     if reasons:
         return NOT_IDENTIFIABLE, tuple(reasons)
     if x[2] > bounds[1][2] - 1e-3:
-        reasons.append(f'the delay is as long as it may be, {values[2]:.3g} s')
+        reasons.append(f'the delay is at its upper limit, {values[2]:.3g} s')
     if left > MOST_UNEXPLAINED * lag:
         reasons.append(f'{100.0 * left / max(lag, 1e-300):.0f} % of the lag is left unexplained')
     return (DOUBTFUL if reasons else GOOD), tuple(reasons)

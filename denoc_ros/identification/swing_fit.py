@@ -77,7 +77,7 @@ class SwingFit:
 
     @property
     def unclear(self) -> Terms:
-        """The terms that are not told from zero: two standard deviations reach it."""
+        """The terms whose interval of two standard deviations contains zero."""
         return tuple(
             name
             for name in self.terms

@@ -121,7 +121,8 @@ def _possible_rest(
         f"the beam axis, and is {lack:.3g} of the link's below zero"
     )
     rule = (
-        'rest of the link beside the beam must be a possible body (mass and inertia not negative)'
+        'rest of the link beside the beam must be physically possible (mass and inertia '
+        'not negative)'
     )
     if lack <= TOLERANCE:
         warnings.append(f'{whose}: {rule}, got within rounding: {numbers}')
@@ -135,11 +136,11 @@ def _way_out(whole: RigidInertia, length: float, polar_inertia: float) -> str:
     if largest > 0.0:
         return f'the largest admissible mass_per_length is {largest:.4g} kg/m'
     if inertia_violation(whole, whole) > TOLERANCE:
-        return "no mass_per_length will do: the link's own inertia is that of no possible body"
+        return "no mass_per_length is possible: the link's own inertia is physically impossible"
     if polar_inertia > 0.0 and largest_mass_per_length(whole, length, 0.0) > 0.0:
         polar = largest_polar_inertia(whole, length)
-        return f'no mass_per_length will do unless polar_inertia is below {polar:.4g} kg m^2/m'
-    return "no mass_per_length will do: the link's mass is not spread along the beam axis"
+        return f'no mass_per_length is possible unless polar_inertia is below {polar:.4g} kg m^2/m'
+    return "no mass_per_length is possible: the link's mass is not spread along the beam axis"
 
 
 def _beam(element: BeamElement, mass_per_length: float, polar_inertia: float) -> Beam:

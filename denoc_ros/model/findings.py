@@ -65,11 +65,11 @@ class Reader:
         """Note every attribute and child element that is not known."""
         for name in self.element.attrib:
             if name not in attributes:
-                known = f'be one of {", ".join(attributes)}' if attributes else 'not stand here'
+                known = f'be one of {", ".join(attributes)}' if attributes else 'not occur here'
                 self.fail(f'attribute of <{self.element.tag}>', known, name)
         for child in self.element.iterchildren('*'):
             if child.tag not in children:
-                known = f'be one of {", ".join(children)}' if children else 'not stand here'
+                known = f'be one of {", ".join(children)}' if children else 'not occur here'
                 self.fail(f'element in <{self.element.tag}>', known, str(child.tag))
 
     def text(self, attribute: str, default: str | None = None) -> str:

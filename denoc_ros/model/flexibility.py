@@ -78,7 +78,7 @@ def read_flexibility(root: Element, findings: Findings) -> Flexibility:
     """
     blocks = root.findall('flexibility')
     if len(blocks) > 1:
-        findings.add('flexibility', f'block must stand once, got {len(blocks)}')
+        findings.add('flexibility', f'block must occur once, got {len(blocks)}')
     flexibility = Flexibility()
     links = {link.get('name') for link in root.findall('link')}
     for block in blocks:
@@ -127,7 +127,7 @@ def _add_actuator(
     if reader.text('joint') and name not in movable:
         reader.fail('joint', 'be a movable joint of the robot', name)
     if name in flexibility.armatures:
-        findings.add(reader.whose, 'must stand once, got it twice')
+        findings.add(reader.whose, 'must occur once, got it twice')
     flexibility.armatures[name] = reader.number('armature', 'kg m^2 or kg', least=0.0)
 
 
@@ -156,7 +156,7 @@ def _read_beam(reader: Reader, link: str) -> BeamElement:
     if reader.element.get('mass_per_length') is not None:
         given = reader.number('mass_per_length', 'kg/m', above=0.0)
         if section is not None:
-            reader.fail('mass_per_length', 'not stand beside a <section>', given)
+            reader.fail('mass_per_length', 'not come with a <section>', given)
         mass_per_length = given
     segments = _read_segments(reader)
     shape = _read_shape(reader, segments)
@@ -208,7 +208,7 @@ def _read_origin(reader: Reader) -> Array:
 def _at_most_one(reader: Reader, tag: str) -> Element | None:
     found = reader.element.findall(tag)
     if len(found) > 1:
-        reader.findings.add(reader.whose, f'<{tag}> must stand once, got {len(found)}')
+        reader.findings.add(reader.whose, f'<{tag}> must occur once, got {len(found)}')
     return found[0] if found else None
 
 
@@ -224,7 +224,7 @@ def _read_bendings(
             'direction', ('y', 'z')
         )
         if direction in found:
-            bending.fail('direction', 'stand once', direction)
+            bending.fail('direction', 'occur once', direction)
         stiffness = None if section is None else section.flexural_rigidity(direction)
         found[direction] = _read_deformation(bending, 'ei', stiffness, 'N s/m', segments)
         if shape == 'craig-bampton' and segments == 1 and found[direction].modes == 1:
@@ -245,7 +245,7 @@ def _read_torsion(
     if element.get('polar_inertia') is not None:
         given = torsion.number('polar_inertia', 'kg m^2/m', above=0.0)
         if section is not None:
-            torsion.fail('polar_inertia', 'not stand beside a <section>', given)
+            torsion.fail('polar_inertia', 'not come with a <section>', given)
         polar_inertia = given
     stiffness = None if section is None else section.torsional_rigidity
     read = _read_deformation(torsion, 'gj', stiffness, 'N m s/rad', segments)
@@ -258,12 +258,12 @@ def _read_deformation(
     if stiffness is None:
         stiffness = reader.number(name, 'N m^2', above=0.0)
     elif reader.element.get(name) is not None:
-        reader.fail(name, 'not stand beside a <section>', reader.element.get(name))
+        reader.fail(name, 'not come with a <section>', reader.element.get(name))
     modes = reader.count('modes', MOST_MODES)
     ratio = _read_damping(reader, 'damping_ratio', '-', modes)
     damping = _read_damping(reader, 'damping', damping_unit, modes)
     if ratio is not None and damping is not None:
-        reader.fail('damping', 'not stand beside damping_ratio', reader.element.get('damping'))
+        reader.fail('damping', 'not come with damping_ratio', reader.element.get('damping'))
     if segments > 1 and ratio is not None and len(ratio) > 1:
         rule = "be one number with segments > 1: the ratio of the link's first mode"
         reader.fail('damping_ratio', rule, reader.element.get('damping_ratio'))
@@ -315,7 +315,7 @@ def _read_section(beam: Reader) -> BeamSection | None:
     materials = beam.element.findall('material')
     if element is None:
         if materials:
-            beam.findings.add(beam.whose, '<material> must stand beside a <section>, got none')
+            beam.findings.add(beam.whose, '<material> must come with a <section>, got none')
         return None
     section = _read_profile(Reader(element, beam.whose, beam.findings, ' of <section>'))
     materials += element.findall('material')

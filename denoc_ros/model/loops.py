@@ -79,7 +79,7 @@ def read_loop(
 def _one(reader: Reader, tag: str, needed: bool) -> Element | None:
     found = reader.element.findall(tag)
     if len(found) > 1 or (needed and not found):
-        reader.findings.add(reader.whose, f'<{tag}> must stand once, got {len(found)}')
+        reader.findings.add(reader.whose, f'<{tag}> must occur once, got {len(found)}')
     return found[0] if found else None
 
 
@@ -100,7 +100,7 @@ def _read_axis(reader: Reader, tag: str, type_: str, types: Collection[str]) -> 
     if element is None:
         return None
     if type_ and type_ not in types:
-        reader.findings.add(reader.whose, f'<{tag}> must not stand in a {type_} loop, got one')
+        reader.findings.add(reader.whose, f'<{tag}> must not occur in a {type_} loop, got one')
     axis = Reader(element, reader.whose, reader.findings, f' of <{tag}>')
     axis.only(('xyz',))
     return axis.axis()
@@ -111,7 +111,7 @@ def _read_dynamics(reader: Reader, type_: str) -> tuple[float, float]:
     if element is None:
         return 0.0, 0.0
     if type_ and type_ not in WITH_DYNAMICS:
-        reader.findings.add(reader.whose, f'<dynamics> must not stand in a {type_} loop, got one')
+        reader.findings.add(reader.whose, f'<dynamics> must not occur in a {type_} loop, got one')
     dynamics = Reader(element, reader.whose, reader.findings, ' of <dynamics>')
     dynamics.only(('damping', 'friction'))
     damping = dynamics.number('damping', least=0.0, default=0.0)

@@ -120,7 +120,7 @@ def _check_link(element: Element, findings: Findings, warnings: list[str]) -> bo
     whose = f'link {element.get("name", "")!r}'
     inertials = element.findall('inertial')
     if len(inertials) > 1:
-        findings.add(whose, f'<inertial> must stand once, got {len(inertials)}')
+        findings.add(whose, f'<inertial> must occur once, got {len(inertials)}')
     for inertial in inertials:
         _check_inertial(inertial, whose, findings, warnings)
     return len(findings.items) == before and bool(element.get('name'))

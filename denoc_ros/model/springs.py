@@ -41,7 +41,7 @@ def read_spring(
     elif found is not None and found.find('mimic') is not None:
         reader.fail('joint', 'be no mimic joint: give the spring to its leader', name)
     if name in springs:
-        findings.add(reader.whose, 'must stand once, got it twice')
+        findings.add(reader.whose, 'must occur once, got it twice')
     unit, of_rate, cubed, along = _units(found)
     return name, Spring(
         reader.number('stiffness', unit, above=0.0),

@@ -105,7 +105,8 @@ class DenocNode(GuardedNode):
         for other in self._for_others(table.unknown(given), options):
             del given[other]
             self.get_logger().warning(
-                f"parameter '{other}' is left out: this node has none of this name, and its "
+                f"parameter '{other}' is ignored: this node has no parameter of this name, "
+                'and its '
                 'section of the file is for all nodes'
             )
         try:

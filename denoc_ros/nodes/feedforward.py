@@ -57,7 +57,7 @@ class FeedforwardNode(LiveFeedforward):
         self.limiter = TorqueLimiter(limits, settings.number('max_delta_tau'))
         for joint, limit in zip(self.joints, limits, strict=True):
             if limit == 0.0:
-                self.get_logger().warning(f'{joint} has effort limit 0: no torque will leave it')
+                self.get_logger().warning(f'{joint} has effort limit 0: its torque is always zero')
         self._build_feedback(self.robot, settings, limits)
         self.carrying = CarryingTorque(n)
         self.safe = SafeCommand(settings.text('stale_action'), settings.number('ramp_time'), n)

@@ -168,7 +168,7 @@ class Player(WithoutEvents):
         end = time.perf_counter() + DISCOVERY_TIMEOUT
         while missing := self._missing(listeners):
             if time.perf_counter() > end:
-                raise BagError(f'player: {", ".join(missing)} must listen, got nobody there')
+                raise BagError(f'player: {", ".join(missing)} must subscribe, got no subscriber')
             time.sleep(0.05)
 
     def _missing(self, listeners: Sequence[str]) -> list[str]:

@@ -304,7 +304,9 @@ class PredictorNode(RobotNode):
             raise ConfigError(self.get_name(), ['the node must have joint states to tare by'])
         names = self.sensors.tare(self._explained(self.robot.copy(), self.observer))
         if not names:
-            raise ConfigError(self.get_name(), ['a sensor must have been heard to be tared'])
+            raise ConfigError(
+                self.get_name(), ['a sensor must have sent a value before it can be tared']
+            )
         # what was fused so far had the offsets in it
         self.sensors.queue.clear()
         self._reset_wanted = self.observer.fusion is not None
@@ -378,7 +380,7 @@ def _fusion_status(fusion: StrainFusion, now: float) -> Status:
         if not age < SILENT:
             silent.append(name)
     if silent:
-        status.worsen(WARN, f'no value of late from {", ".join(silent)}: the model goes on alone')
+        status.worsen(WARN, f'no recent value from {", ".join(silent)}: the model goes on alone')
     return status
 
 

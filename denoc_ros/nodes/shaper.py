@@ -171,7 +171,7 @@ class ShaperNode(RobotNode):
         if (message.held or begins_later) and self._where() is None:
             raise InputError(
                 'missing_joint',
-                'a motion must name all joints from time 0 on while nothing says where they are',
+                'a motion must name all joints from time 0 on while their positions are unknown',
             )
 
     def _take_point(self, message: TrajectoryMessage, now: float) -> None:
@@ -376,7 +376,7 @@ class ShaperNode(RobotNode):
             status.worsen(WARN, f'not shaped: {self._last_failure}')
         self._failures_reported = failures
         if self.planning.planner.pid is None:
-            status.worsen(ERROR, 'no planner: it died and will be started anew')
+            status.worsen(ERROR, 'no planner: it died and will be restarted')
         if self.planning.load_error:
             status.worsen(ERROR, self.planning.load_error)
         return [*found, status]

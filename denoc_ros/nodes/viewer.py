@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 LOOK_PERIOD = 0.2  # s between looks whether anybody watches
 LINGER = 2.0  # s that the inputs stay open when the last one has gone: a page that is reloaded
 
-EXPOSED = 'the page is served beyond this machine ({}): whoever reaches it can look'
+EXPOSED = 'the page is served beyond this machine ({}): everybody who reaches it can watch'
 
 
 class ViewerNode(ModelNode):

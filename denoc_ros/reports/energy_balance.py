@@ -150,9 +150,9 @@ def sections(found: EnergyBalance) -> Sequence[PageSection]:
     shown = [
         PageSection(
             'Energy',
-            'What the joints put in and the total energy does not have went into friction and '
-            'damping, and the little that the sum over the recorded times misses. Potential: '
-            'gravity and strain.',
+            'Work of the joints minus change of total energy is the dissipation by friction and '
+            'damping, and the integration error of the recorded times. Potential energy: gravity '
+            'and strain.',
             [line_figure(panels)],
         )
     ]

@@ -79,7 +79,7 @@ def _swing(record: Record, fit: JointFit) -> PageSection:
     ]
     return PageSection(
         'Measured and simulated',
-        'The equation of motion with the friction that was found. What is left is '
+        'The equation of motion with the fitted friction. The residual is '
         f'{engineering(fit.residual, "rad")} rms while the joint moves.',
         [line_figure(panels, ROW)],
     )
@@ -122,6 +122,6 @@ def _decrement(document: Mapping[str, Any]) -> PageSection:
     return PageSection(
         'Logarithmic decrement',
         'Exact: ζ = δ/√(4π² + δ²) and a critical damping of 2Iω. Book: ζ = δ/2π and 4πρaη, whose '
-        'unit is none of a torque. Either takes viscous friction and small angles for granted.',
+        'unit is not that of a torque. Both assume viscous friction and small angles.',
         tables=[PageTable(head, rows)],
     )

@@ -82,7 +82,7 @@ def _decay(analysis: DecayAnalysis) -> PageSection:
     ]
     return PageSection(
         'Measured and fitted',
-        f'Damped cosines, an offset and a drift. What is left has a standard deviation of '
+        f'Damped cosines, an offset and a drift. The residual has a standard deviation of '
         f'{engineering(modes.noise, record.unit)}.',
         [line_figure(panels, ROW)],
     )
@@ -109,8 +109,9 @@ def _held_out(analysis: DecayAnalysis) -> PageSection | None:
     )
     return PageSection(
         'Measured and simulated, held out',
-        f'Modes identified up to {split:.4g} s, simulated on. They miss what was measured by '
-        f'{engineering(error, record.unit)} rms, {100.0 * error / swing:.2g} % of its own.',
+        f'Modes identified up to {split:.4g} s, and simulated from there. Their error is '
+        f'{engineering(error, record.unit)} rms, {100.0 * error / swing:.2g} % of the rms of '
+        'the measured signal.',
         [line_figure([panel], ROW)],
     )
 
@@ -193,7 +194,7 @@ def _waterfall(analysis: DecayAnalysis) -> PageSection | None:
     return PageSection(
         'Evolving spectra',
         f'Spectra of windows of {window:.3g} s moved along the decay, each a step above the '
-        'one before. Where two modes melt into one peak, or the window is longer than twice the '
+        'one before. If two modes merge into one peak, or the window is longer than twice the '
         "mode's time constant, the method does not hold.",
         [line_figure([panel], 2.0 * ROW)],
     )
@@ -276,6 +277,6 @@ def _methods(document: Mapping[str, Any]) -> PageSection | None:
         return None
     return PageSection(
         'Methods',
-        'What other methods say of the same decay, and why they differ or do not apply.',
+        'Results of other methods for the same decay, and why they differ or do not apply.',
         tables=[PageTable(['mode', 'method', 'ζ', 'remark'], rows)],
     )

@@ -109,6 +109,6 @@ def _about(document: Mapping[str, Any]) -> PageSection:
     rows = [[name.replace('_', ' '), cell_text(value)] for name, value in both.items()]
     return PageSection(
         'Record',
-        'Where it is from and what it is worth.',
+        'Origin and quality of the record.',
         tables=[PageTable(('', ''), rows, folded=True, title='source, calibration, quality')],
     )

@@ -41,7 +41,7 @@ def moments(bag: Path, robot: Robot | None) -> PageSection | None:
         '<img class="picture" alt="{}" width="{}" height="{}" src="data:image/png;base64,{}">'
     ).format(label, *image.size, text)
     said = (
-        'The deflection is exaggerated by the factor that stands there, the strain is not. '
+        'The deflection is exaggerated by the factor in the picture, the strain is not. '
         'For a film of the run: denoc view RUN --video FILE.mp4'
     )
     return PageSection('How it moved', said, picture=shown)

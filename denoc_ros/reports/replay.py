@@ -81,7 +81,7 @@ def _verdict(summary: Summary) -> Verdict:
     if summary['doubts']:
         return Verdict(f'{"; ".join(summary["doubts"])}.', 'doubtful')
     found = [
-        f'the {model} model misses {share} % of the measured effort'
+        f'the error of the {model} model is {share} % of the measured effort'
         for model, share in _missed(summary).items()
     ]
     if worst := _worst_deflections(summary):
@@ -158,9 +158,9 @@ def _torque(replay: Replay, summary: Summary, units: Units) -> PageSection:
         rows.append(row)
     return PageSection(
         'Torque',
-        'Measured effort and what the models give for the recorded motion. rms and bias are of '
-        'measured minus computed; a positive lag means that the measured one comes later, a dash '
-        'that they are not alike enough to say.',
+        'Measured effort and that of the models for the recorded motion. rms and bias are of '
+        'measured minus computed. A positive lag means that the measured effort is later, a dash '
+        'that the two are too different.',
         figures,
         [PageTable(head, rows)] if summary['torque'] else [],
     )
@@ -176,7 +176,7 @@ def _shares(summary: Summary) -> PageSection:
     return PageSection(
         'What explains it',
         f'Share of the {of}, mean square, that each term of the best model explains; a term that '
-        'works against it has a negative share. With the unexplained rest they add up to 100 %.',
+        'opposes it has a negative share. With the unexplained rest they add up to 100 %.',
         [],
         [PageTable(['joint', *shares], rows)],
     )
@@ -202,10 +202,10 @@ def _friction(summary: Summary, units: Units) -> PageSection | None:
         rows.append([joint, *cells, *rms, _percent(fit['explained'])])
     return PageSection(
         'Friction, fitted',
-        'viscous · rate + coulomb · tanh(rate / 1e-3) + offset, SI units, fitted to what the '
-        'model without joint friction leaves of the measured effort, and used here. Standard '
-        'errors with residuals of one second hanging together; in brackets as if all samples were '
-        'independent, which they are not.',
+        'viscous · rate + coulomb · tanh(rate / 1e-3) + offset, SI units, fitted to the '
+        'residual of the model without joint friction, and used here. Standard errors assume '
+        'residuals that are correlated over one second; those in brackets assume independent '
+        'samples, which they are not.',
         [],
         [PageTable(head, rows)],
     )
@@ -234,8 +234,8 @@ def _deflection(replay: Replay, summary: Summary) -> PageSection | None:
     ]
     return PageSection(
         'Deflection of the flexible links',
-        'Tip deflection in the beam frame along the recorded joint motion, beside what the bag '
-        'has of it.',
+        'Tip deflection in the beam frame along the recorded joint motion, beside that of the '
+        'bag.',
         [line_figure(panels)],
         [PageTable(('topic', 'deflection', 'peak', 'replay off by, rms'), rows)] if rows else [],
     )
@@ -277,7 +277,10 @@ def _what(summary: Summary, robot: Robot) -> PageSection:
         rows.append([key.replace('_', ' '), ', '.join(summary[key]) or UNKNOWN])
     rows += [[path, f'{value}'] for path, value in robot.tree.overrides.items()]
     return PageSection(
-        'What was replayed', 'And what was changed of the robot.', [], [PageTable((), rows)]
+        'What was replayed',
+        'The recording, the settings, and the changes of the robot.',
+        [],
+        [PageTable((), rows)],
     )
 
 

@@ -289,7 +289,7 @@ def warned(found: Mapping[str, tuple[int, str]]) -> PageSection | None:
         return None
     rows = [[name, str(count), text] for name, (count, text) in sorted(found.items())]
     table = PageTable(('status', 'times', 'last'), rows)
-    return PageSection('Warnings', 'Each node speaks once a second on /diagnostics.', [], [table])
+    return PageSection('Warnings', 'Each node reports once a second on /diagnostics.', [], [table])
 
 
 def nodes(statuses: Iterable[Diagnostic]) -> PageSection | None:
@@ -310,7 +310,9 @@ def nodes(statuses: Iterable[Diagnostic]) -> PageSection | None:
         )
         for name, status in sorted(last.items())
     ]
-    return PageSection('Node statistics', 'The last word of each on /diagnostics.', [], tables)
+    return PageSection(
+        'Node statistics', 'The last status of each node on /diagnostics.', [], tables
+    )
 
 
 def _without_folder(text: str, status: Diagnostic) -> str:

@@ -109,7 +109,7 @@ class LiveStateFeedback:
         if any(settings.numbers('feedback.strain_gain')):
             findings.append(
                 "parameters 'feedback.state' and 'feedback.strain_gain' must not be set both: the "
-                'stability of the one is not shown with the other'
+                'stability check of one does not cover the other'
             )
         if findings:
             raise ConfigError(self._name, findings)

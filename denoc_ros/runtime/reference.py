@@ -215,8 +215,8 @@ class ReferenceFollower:
         if not going and measured is None:
             raise InputError(
                 'missing_joint',
-                'reference must name all joints while neither a reference nor joint states say '
-                f'where the others are, got none for {len(message.held)} of {self._joints}',
+                'reference must name all joints while neither a reference nor joint states give '
+                f'the positions of the others, got none for {len(message.held)} of {self._joints}',
             )
         return message.holding(q if going or measured is None else measured)
 

@@ -192,7 +192,7 @@ class EquationsOfMotion:
                 if abs(got - must) > START_TOLERANCE * (1.0 + abs(must)):
                     raise StateError(
                         f'simulate: {what} of {name!r} at the start must be {must:.9g} as '
-                        f'prescribed or tied, got {got:.9g}'
+                        f'prescribed or constrained, got {got:.9g}'
                     )
         return state
 

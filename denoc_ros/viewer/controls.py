@@ -33,7 +33,7 @@ class Controls:
                 LARGEST,
                 0.5,
                 scale,
-                hint='How many times larger than they are deflections are drawn',
+                hint='Factor that enlarges the drawn deflections',
             )
             self._strain = gui.add_checkbox('Colour by strain', look.strain)
             self._ghost = gui.add_checkbox('Undeflected ghost', look.ghost)

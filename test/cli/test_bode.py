@@ -38,7 +38,7 @@ def test_a_stiff_loop_leaves_the_clamped_modes_and_a_tip_is_not_minimum_phase() 
     np.testing.assert_allclose(found, clamped, rtol=1e-3)
     assert hub.collocated
     assert hub.rings
-    assert f'is expected to ring: stiff, it clamps the joint, and the links swing on at ' \
+    assert f'is expected to ring: stiff, it clamps the joint, and the links keep vibrating at ' \
         f'{found[0]:.3g} Hz' in hub.sentence()  # fmt: skip
     # damping moves it too
     assert tip.unstable_zero == pytest.approx(roots(BEAM.to_tip, 1, 0.3, 1)[0], rel=1e-2)
@@ -61,7 +61,7 @@ def test_a_damped_or_rigid_link_does_not_ring(repository: Path) -> None:
     way = loop_response(rigid, np.zeros(rigid.n), joint, joint)
     assert not way.rings
     assert way.sentence() == (
-        f'A loop on {joint} alone has nothing to ring: no link swings while it is held.'
+        f'A loop on {joint} alone cannot ring: no link vibrates while it is held.'
     )
 
 
@@ -124,9 +124,9 @@ def test_natural_frequencies_at_postures(capsys: pytest.CaptureFixture[str]) -> 
         (['--bode', 'joint_1'], "--bode must be IN:OUT, such as joint_2:tool, got 'joint_1'"),
         (['--bode', 'joint_9:tool'], "joints must be different ones of ('joint_1', 'joint_2'"),
         (['--bode', 'joint_1:nose'], 'output must be a joint or sensor (joint_1, joint_2, '),
-        (['--free'], '--free must stand with --bode, got it alone'),
-        (['-o', 'x.html'], '--output must stand with --suggest, got it alone'),
-        (['--suggest', '--bode', 'a:b'], '--suggest must stand without --bode and --at, got both'),
+        (['--free'], '--free must come with --bode, got it alone'),
+        (['-o', 'x.html'], '--output must come with --suggest, got it alone'),
+        (['--suggest', '--bode', 'a:b'], '--suggest must come without --bode and --at, got both'),
         (['--bode', 'joint_1:tool', '-o', 'no/x.html'], 'no/x.html: the file must be writable'),
     ],
 )

@@ -73,7 +73,7 @@ def test_bad_wishes_are_exit_status_1(
     boom: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for arguments, message in (
-        (['--material', 'steel'], '--material must stand with --suggest, got it alone'),
+        (['--material', 'steel'], '--material must come with --suggest, got it alone'),
         (['--suggest', '--material', 'cheese'], 'material must be one of aluminium'),
         (['--suggest', '--link', 'nobody'], 'link must be one of base, boom, tool'),
         (['--suggest', '-o', str(tmp_path / 'no' / 'x.urdf')], 'the file must be writable'),

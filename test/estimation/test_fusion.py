@@ -400,7 +400,7 @@ def test_an_observer_goes_on_where_another_was() -> None:
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('', 'a robot whose sensors are fused must have one, got none'),
+        ('', 'fused sensors must be at least one, got none'),
         ('noise="0"', r'must have noise > 0 .* got 0 for link_1_y_root'),
     ],
 )

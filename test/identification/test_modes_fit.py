@@ -114,7 +114,7 @@ def test_noise_alone_has_no_modes() -> None:
     modes = dn.identify_modes(np.arange(2000) / 100.0, y)
     assert modes.frequency.size == 0
     assert modes.status == 'not identifiable'
-    assert modes.remarks == ('nothing stands out of the noise',)
+    assert modes.remarks == ('no mode is above the noise',)
 
 
 def test_damping_that_grows_with_amplitude_is_one_mode() -> None:

@@ -39,7 +39,7 @@ PLAIN = [
     (
         '</inertial>\n    <visual>',
         '</inertial><inertial/>\n    <visual>',
-        "link 'upper_arm': <inertial> must stand once, got 2",
+        "link 'upper_arm': <inertial> must occur once, got 2",
     ),
     ('type="revolute"', 'type="ball"', "joint 'shoulder': type must be one of .*, got 'ball'"),
     (
@@ -93,8 +93,8 @@ PLAIN = [
 ]
 
 BLOCK = [
-    ('</flexibility>', '</flexibility><flexibility/>', 'flexibility: block must stand once'),
-    ('<flexibility>', '<flexibility on="1">', 'attribute of <flexibility> must not stand here'),
+    ('</flexibility>', '</flexibility><flexibility/>', 'flexibility: block must occur once'),
+    ('<flexibility>', '<flexibility on="1">', 'attribute of <flexibility> must not occur here'),
     ('<actuator', '<rotor/><actuator', "element in <flexibility> must be one of .*, got 'rotor'"),
     ('beam link="upper_arm"', 'beam link="arm"', "link must be a link of the robot, got 'arm'"),
     ('beam link="upper_arm"', 'beam', "beam '': link must be given, got nothing"),
@@ -121,10 +121,10 @@ BLOCK = [
     (
         '<origin xyz="0 0 0" rpy="0 0 0"/>\n      <bending',
         '<origin/><origin/>\n      <bending',
-        "beam 'upper_arm': <origin> must stand once, got 2",
+        "beam 'upper_arm': <origin> must occur once, got 2",
     ),
     ('direction="y" ei', 'direction="x" ei', '<bending>: direction must be one of y, z'),
-    ('direction="z" ei', 'direction="y" ei', r'direction \(direction y\) must stand once'),
+    ('direction="z" ei', 'direction="y" ei', r'direction \(direction y\) must occur once'),
     (
         'ei="1.0e5"',
         'ei="-3.2"',
@@ -146,11 +146,11 @@ BLOCK = [
     (
         'damping_ratio="0.005 0.008"',
         'damping_ratio="0" damping="0"',
-        'damping .* must not stand beside damping_ratio',
+        'damping .* must not come with damping_ratio',
     ),
     ('gj="4.0e4"', 'gj="0"', r'gj \(torsion\) must be > 0 N m\^2, got 0'),
     ('polar_inertia="0.02"', 'polar_inertia="-1"', r'polar_inertia \(torsion\) must be > 0'),
-    ('</beam>', '<torsion gj="1" modes="1"/></beam>', '<torsion> must stand once, got 2'),
+    ('</beam>', '<torsion gj="1" modes="1"/></beam>', '<torsion> must occur once, got 2'),
     ('type="tube"', 'type="oval"', r'type of <section> must be one of round, tube, rectangle'),
     ('wall="0.004"', 'wall="0.03"', 'wall of <section> must be at most half the diameter'),
     ('wall="0.004"', '', 'wall of <section> must be > 0 m, got nothing'),
@@ -165,22 +165,22 @@ BLOCK = [
     (
         '<section type="tube" diameter="0.05" wall="0.004"/>',
         '',
-        '<material> must stand beside a <section>, got none',
+        '<material> must come with a <section>, got none',
     ),
     (
         '<bending direction="y" modes="2"/>',
         '<bending direction="y" modes="2" ei="1"/>',
-        r"ei \(direction y\) must not stand beside a <section>, got '1'",
+        r"ei \(direction y\) must not come with a <section>, got '1'",
     ),
     (
         'length="2.0"',
         'length="2.0" mass_per_length="1"',
-        'mass_per_length must not stand beside a <section>, got 1',
+        'mass_per_length must not come with a <section>, got 1',
     ),
     (
         '<bending direction="y" modes="2"/>',
         '<torsion modes="1" polar_inertia="1"/>',
-        r'polar_inertia \(torsion\) must not stand beside a <section>',
+        r'polar_inertia \(torsion\) must not come with a <section>',
     ),
     (
         'length="2.0"',
@@ -190,7 +190,7 @@ BLOCK = [
     (
         '<bending direction="y" modes="2"/>',
         '<bending direction="y" modes="1" ei="1"/>',
-        'must not stand beside',
+        'must not come with',
     ),
     ('joint="shoulder" armature', 'joint="grip" armature', 'movable joint of the robot.*grip'),
     ('armature="0.5"', 'armature="-0.5"', 'armature must be >= 0 kg m\\^2 or kg, got -0.5'),
@@ -198,7 +198,7 @@ BLOCK = [
     (
         '</flexibility>',
         '<actuator joint="shoulder" armature="1"/></flexibility>',
-        "actuator of joint 'shoulder': must stand once, got it twice",
+        "actuator of joint 'shoulder': must occur once, got it twice",
     ),
 ]
 
@@ -211,20 +211,20 @@ LOOPS = [
         '<child link="fore" xyz="1 0 0"/>',
         "loop 'pin': link of <child> must be a link of the robot, got 'fore'",
     ),
-    ('<child link="forearm" xyz="1 0 0"/>', '', '<child> must stand once, got 0'),
+    ('<child link="forearm" xyz="1 0 0"/>', '', '<child> must occur once, got 0'),
     (
         '<child link="forearm" xyz="1 0 0"/>',
         '<child link="upper_arm"/>',
         "parent and child must be two links, got 'upper_arm' twice",
     ),
-    ('<axis xyz="0 0 3"/>', '', "loop 'pin': <axis> must stand once, got 0"),
+    ('<axis xyz="0 0 3"/>', '', "loop 'pin': <axis> must occur once, got 0"),
     ('<axis xyz="0 0 3"/>', '<axis xyz="0 0 0"/>', 'xyz of <axis> must not be zero'),
-    ('<axis2 xyz="0 1 0"/>', '', "loop 'cardan': <axis2> must stand once, got 0"),
-    ('<axis xyz="0 0 3"/>', '<axis xyz="0 0 3"/><axis2 xyz="1 0 0"/>', '<axis2> must not stand'),
+    ('<axis2 xyz="0 1 0"/>', '', "loop 'cardan': <axis2> must occur once, got 0"),
+    ('<axis xyz="0 0 3"/>', '<axis xyz="0 0 3"/><axis2 xyz="1 0 0"/>', '<axis2> must not occur'),
     (
         '<axis2 xyz="0 1 0"/>',
         '<axis2 xyz="0 1 0"/><dynamics/>',
-        '<dynamics> must not stand in a universal loop',
+        '<dynamics> must not occur in a universal loop',
     ),
     (
         '<axis xyz="0 0 3"/><dynamics damping="0.1"',

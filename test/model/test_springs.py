@@ -26,7 +26,7 @@ BAD = [
     ('<spring joint="elbow" stiffness="0"/>', 'stiffness must be > 0 N m/rad, got 0'),
     ('<spring joint="rail" stiffness="-2"/>', "'rail': stiffness must be > 0 N/m, got -2"),
     ('<spring joint="elbow" stiffness="nan"/>', "stiffness must be > 0 N m/rad, got 'nan'"),
-    (f'{GOOD}{GOOD}', "spring of joint 'elbow': must stand once, got it twice"),
+    (f'{GOOD}{GOOD}', "spring of joint 'elbow': must occur once, got it twice"),
     ('<spring joint="elbow" stiffness="1" damping="-1"/>', 'damping must be >= 0 .*, got -1'),
     ('<spring joint="elbow" stiffness="1" stiffness3="-1"/>', 'stiffness3 must be >= 0 .*got -1'),
     ('<spring joint="rail" stiffness="1" backlash="-1"/>', 'backlash must be >= 0 m, got -1'),

@@ -53,7 +53,7 @@ def read_chains(reader: Table, shared: float | None) -> tuple[DHChain, ...]:
     if 'chains' not in reader.table:
         return _named(reader, [((0.0, 0.0, 0.0), read_links(reader, shared))])
     for key in sorted(CHAIN_KEYS & set(reader.table)):
-        reader.fail(key, 'stand in the chains where there are some', reader.table[key])
+        reader.fail(key, 'be given in the chains, if there are some', reader.table[key])
     chains = []
     for chain in reader.tables('chains', 'chain'):
         chain.only(CHAIN_KEYS | angle_keys(chain) | {'base'})

@@ -115,7 +115,7 @@ def suggested_beam(
     outer = outline(element, line.frame, line.length, wish.folder)
     stiff = stiffness(body, line, most, outer, wish.material)
     if outer is None and (lost := lost_mesh(element, wish.folder)):
-        stiff = replace(stiff, why=f'{stiff.why}; its mesh {lost} is not to be had')
+        stiff = replace(stiff, why=f'{stiff.why}; its mesh {lost} is not available')
     tip = _tip_load(load, line)
     mass_per_length, polar, modes = _shares(body, line, most, stiff, tip, wish.bandwidth)
     frequency = _first_frequency(stiff, line.length, most, tip)
@@ -254,6 +254,6 @@ def _judge(
     if by_effort >= VISIBLE * length:
         return True, f'bends by {by_effort / length:.2g} of its length at its rated effort'
     if frequency <= NEAR * bandwidth:
-        return True, f'swings at about {frequency:.2g} Hz, below {NEAR * bandwidth:g} Hz'
+        return True, f'vibrates at about {frequency:.2g} Hz, below {NEAR * bandwidth:g} Hz'
     most = np.nanmax([sag, by_effort]) / length
-    return False, f'stiff: bends by {most:.1g} of its length, swings at about {frequency:.2g} Hz'
+    return False, f'stiff: bends by {most:.1g} of its length, vibrates at about {frequency:.2g} Hz'

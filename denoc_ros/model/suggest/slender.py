@@ -30,7 +30,7 @@ AGREED, DOUBTED = 1.3, 3.0  # ratio of two estimates of EI
 THICK = 0.4  # area over the full section's: a tube's wall of 0.11 of its diameter
 LEAST = 0.95  # of the least polar moment that an area can have: below it, no rounding
 FLAT = 1e-4  # of one second moment to the other: a strip a hundred times as wide as thick
-NO_SECTION = 'the inertia about the axis is that of no section'
+NO_SECTION = 'no section has this inertia about the axis'
 WHOLE = 0.9  # of the link's mass in the beam: the link is a beam and little else
 
 
@@ -174,7 +174,7 @@ def stiffness(
     ei = material.e * np.array([section.moment_y, section.moment_z])
     if not _possible(second * share, area):
         by_inertia = np.full(2, softest)
-        confidence, why = 'low', f'{NO_SECTION}: only the outer size speaks'
+        confidence, why = 'low', f'{NO_SECTION}: only the outer size is used'
     else:
         apart = float(np.max(np.maximum(ei, by_inertia) / np.minimum(ei, by_inertia)))
         confidence, why = _trust(outer, apart, share, fullness)
@@ -213,10 +213,13 @@ def _by_inertia(
     if not _possible(moments, area):
         moments = np.array([full.moment_y, full.moment_z])
         confidence = 'low'
-        why = f'{NO_SECTION}: taken as a full rod'
+        why = f'{NO_SECTION}: taken as a solid rod'
     elif share >= WHOLE:
         confidence = 'medium'
-        why = 'exact if the link is uniform and of this material alone; motors in it: too stiff'
+        why = (
+            'exact if the link is uniform and of this material alone; with motors in it, '
+            'EI is too large'
+        )
     else:
         confidence = 'low'
         why = f'{1.0 - share:.0%} of the mass is no part of the beam, its size is not known'
@@ -261,7 +264,7 @@ def _trust(outer: Outline, apart: float, share: float, fullness: float) -> tuple
     if apart <= AGREED and share >= WHOLE and outer.origin != 'mesh':
         return 'high', between
     if fullness > THICK:
-        return 'low', f'{between}, but a wall so thick is rather motors inside: too stiff'
+        return 'low', f'{between}, but so thick a wall is probably motors inside: EI too large'
     if apart > DOUBTED:
         return 'low', between
     rest = '' if share >= WHOLE else f', {1.0 - share:.0%} of the mass is no part of the beam'

@@ -103,7 +103,7 @@ def test_names_of_links_name_their_joints() -> None:
             "chain 1: base must be a finite number m, got 'x'",
         ),
         ({'planar': False}, r'base must be 3 numbers \[m\], got \[0, 0\]'),
-        ({'m': [1.0]}, r'm must stand in the chains where there are some, got \[1.0\]'),
+        ({'m': [1.0]}, r'm must be given in the chains, if there are some, got \[1.0\]'),
         (
             {'chains': [{'base': [0, 0], 'links': [{**ROD, 'name': 'tool'}]}]},
             "name must be unique, got 'tool'",
