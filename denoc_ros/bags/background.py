@@ -1,4 +1,4 @@
-"""A bag written by a thread of its own: the producer never waits for the disk."""
+"""A bag written by a separate thread: the producer never waits for the disk."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Message definitions and CDR without ROS: what a bag must carry to be read by anybody."""
+"""Message definitions and CDR without ROS, which make a bag readable by every tool."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What tells one recording from another."""
+"""Digest that identifies a recording."""
 
 from __future__ import annotations
 

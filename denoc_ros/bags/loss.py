@@ -1,4 +1,4 @@
-"""What was written and is no longer there: a file deleted, moved, replaced or cut meanwhile."""
+"""Detection of lost files: deleted, moved, replaced or cut during the recording."""
 
 from __future__ import annotations
 

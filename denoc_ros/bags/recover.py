@@ -1,4 +1,4 @@
-"""What a recording that was cut off still holds, as a whole bag."""
+"""Recovery of a truncated recording as a complete bag."""
 
 from __future__ import annotations
 

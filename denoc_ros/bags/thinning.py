@@ -1,4 +1,4 @@
-"""Some of a bag's messages: those between are neither opened nor looked at."""
+"""Thinned reading of a bag: messages in between are neither opened nor parsed."""
 
 from __future__ import annotations
 

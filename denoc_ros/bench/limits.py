@@ -1,4 +1,4 @@
-"""Operations per call beside the book's tables, and beside what an ideal machine would take.
+"""Operations per call, compared with the book's tables and with an ideal machine.
 
 The ideal machine does one scalar multiplication with its addition at the rate measured on this
 one, never waits for a result or for memory, and has no calls: max(M, A) fused operations.

@@ -1,4 +1,4 @@
-"""Floating-point operations of the kernels, counted as their own source executes.
+"""Floating-point operations of the kernels, counted while their own source executes.
 
 The kernels' Python source runs on numbers that count what is done to them. Nothing is estimated:
 what a loop skips is not counted and what it does with a zero is. The compiler may still fold

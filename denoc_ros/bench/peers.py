@@ -1,4 +1,4 @@
-"""What we are measured against: Pinocchio, and dense Cholesky of the same model."""
+"""The peers of the benchmark: Pinocchio, and dense Cholesky of the same model."""
 
 from __future__ import annotations
 

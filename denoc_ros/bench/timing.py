@@ -1,4 +1,4 @@
-"""Timing of calls beside each other: short blocks in turn, so that all see the same machine."""
+"""Interleaved timing of calls: short blocks in turn, so that all see the same machine."""
 
 from __future__ import annotations
 

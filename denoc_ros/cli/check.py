@@ -1,4 +1,4 @@
-"""`denoc check ROBOT`: validate a robot and say what it is made of."""
+"""`denoc check ROBOT`: validate a robot and list its parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One recording's free decay identified: its modes, and what they say of the robot's model."""
+"""Identification of one recording's free decay: its modes, and the damping of the model."""
 
 from __future__ import annotations
 

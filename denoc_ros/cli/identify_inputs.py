@@ -1,4 +1,4 @@
-"""What the verbs of `denoc identify` share: which signal, which robot, in what words."""
+"""Arguments that the actions of `denoc identify` share: signal, robot, window, calibration."""
 
 from __future__ import annotations
 

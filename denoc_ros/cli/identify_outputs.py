@@ -1,4 +1,4 @@
-"""What results of `denoc identify` share: files and page written, text or JSON printed."""
+"""Output that the actions of `denoc identify` share: files, page, text or JSON."""
 
 from __future__ import annotations
 

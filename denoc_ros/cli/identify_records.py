@@ -1,4 +1,4 @@
-"""`denoc identify info` and `segment`: what a recording holds before anything is fitted."""
+"""`denoc identify info` and `segment`: the signals and segments of a recording."""
 
 from __future__ import annotations
 

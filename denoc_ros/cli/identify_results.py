@@ -1,4 +1,4 @@
-"""`denoc identify apply` and `compare`: what becomes of results."""
+"""`denoc identify apply` and `compare`: use results in a robot, compare runs."""
 
 from __future__ import annotations
 

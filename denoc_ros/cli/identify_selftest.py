@@ -1,4 +1,4 @@
-"""`denoc identify selftest`: how good the estimators are, on synthetic decays drawn now."""
+"""`denoc identify selftest`: accuracy of the estimators on newly drawn synthetic decays."""
 
 from __future__ import annotations
 

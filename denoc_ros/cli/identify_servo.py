@@ -1,4 +1,4 @@
-"""`denoc identify servo`: how position-controlled joints follow their commands."""
+"""`denoc identify servo`: bandwidth, damping and delay of position-controlled joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP to a command that has other processes to end in order."""
+"""Ctrl-C, SIGTERM and SIGHUP for a command that must end other processes in order."""
 
 from __future__ import annotations
 

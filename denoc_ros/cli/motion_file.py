@@ -1,4 +1,4 @@
-"""A motion of joints from a file: a reference, what has one, or a ROS JointTrajectory."""
+"""A motion of joints from a file: a reference, a scenario with one, or a ROS JointTrajectory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each node of a session is started with: checked against its own table, written for ROS."""
+"""The parameters of each node of a session: checked against its table, written for ROS."""
 
 from __future__ import annotations
 

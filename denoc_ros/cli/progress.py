@@ -1,4 +1,4 @@
-"""Progress on stderr: bars on a terminal; a session says plain lines elsewhere."""
+"""Progress on stderr: bars on a terminal, plain lines for a session elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recorded run as the command line names it: bag, robot, and what of it is taken."""
+"""A recorded run as the command line names it: bag, robot, and the part to use."""
 
 from __future__ import annotations
 

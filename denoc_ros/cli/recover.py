@@ -1,4 +1,4 @@
-"""`denoc recover`: a whole bag from a recording that was cut off."""
+"""`denoc recover`: a complete bag from a truncated recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`denoc replay BAG`: torque and deflection computed anew beside what was recorded."""
+"""`denoc replay BAG`: torque and deflection recomputed along a recorded run."""
 
 from __future__ import annotations
 

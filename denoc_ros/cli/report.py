@@ -1,4 +1,4 @@
-"""`denoc report RUN`: one self-contained HTML page of what a run or a bag shows."""
+"""`denoc report RUN`: one self-contained HTML page of a run or a bag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scenario made ready to run on a robot, and what its run comes to in numbers."""
+"""A scenario prepared for a robot, and the numbers of its run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Setpoints of a scenario that are rounded so coarsely that their accelerations are noise."""
+"""Detection of setpoints rounded so coarsely that their accelerations are noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`denoc shape ROBOT MOTION -o PLAN`: a motion that leaves no swing, and a page of it."""
+"""`denoc shape ROBOT MOTION -o PLAN`: a motion without residual vibration, and its page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`denoc up CONFIG.yaml`: bring the nodes up, run the reference, record, end cleanly, report."""
+"""`denoc up CONFIG.yaml`: start the nodes, run the reference, record, end cleanly, report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""YAML as people write numbers in it, read safely."""
+"""Safe YAML with the number formats that people write."""
 
 from __future__ import annotations
 

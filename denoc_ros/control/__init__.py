@@ -1,1 +1,1 @@
-"""Motions that leave no swing: tip-exact, input shapers, rest to rest; state feedback."""
+"""Motions without residual vibration: tip-exact, input shapers, rest to rest; state feedback."""

@@ -1,4 +1,4 @@
-"""What a robot does while its driven joints make a motion, and when they have made it."""
+"""Simulation of a planned motion: the robot during the motion and after it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the robot is beside its plan, from joints and sensors as they come."""
+"""Kalman filter of the deviations from the plan, from joints and sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small deviations from a planned motion: what drives them, and what sensors show of them."""
+"""Linear model of small deviations from a planned motion, with sensor rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a joint motion leaves ringing at its end, and how that changes with the motion."""
+"""Residual vibration at the end of a joint motion, and its derivatives by the motion."""
 
 from __future__ import annotations
 

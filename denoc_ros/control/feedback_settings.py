@@ -1,4 +1,4 @@
-"""What the state feedback is asked for, in the user's terms."""
+"""Settings of the state feedback, in the user's terms."""
 
 from __future__ import annotations
 

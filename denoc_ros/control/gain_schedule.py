@@ -1,4 +1,4 @@
-"""Gains of the state feedback along a plan, and their proof."""
+"""Gains of the state feedback along a plan, and the proof of their stability."""
 
 from __future__ import annotations
 

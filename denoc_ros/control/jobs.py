@@ -1,4 +1,4 @@
-"""Messages between a process that wants motions planned and the one that plans them.
+"""Messages between the node and the process that plans its motions.
 
 A length, a JSON header with the shapes of arrays, then the arrays' bytes: nothing that is read is
 ever executed.

@@ -1,4 +1,4 @@
-"""What the joints of a planned motion may do."""
+"""Limits of the joints of a planned motion."""
 
 from __future__ import annotations
 

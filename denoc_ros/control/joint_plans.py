@@ -1,4 +1,4 @@
-"""Plans of joint motions that the tip's path is not part of: shapers and rest to rest."""
+"""Plans of joint motions without a tip path: shapers and rest to rest."""
 
 from __future__ import annotations
 

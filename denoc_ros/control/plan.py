@@ -1,4 +1,4 @@
-"""A planned motion of all coordinates, with the torque that makes it."""
+"""A planned motion of all coordinates, with its torque."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All coordinates along a motion of the joints: what the state feedback is designed about."""
+"""All coordinates along a motion of the joints: operating points of the state feedback."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The modes that a motion of the joints makes ring, along the motion."""
+"""The modes that a motion of the joints excites, along the motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The servo of a position-controlled joint, and the command that makes it do a motion."""
+"""The servo of a position-controlled joint, and its inverse: the command for a motion."""
 
 from __future__ import annotations
 

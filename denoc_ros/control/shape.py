@@ -1,4 +1,4 @@
-"""One door to all ways of planning motions that leave no swing."""
+"""The one entry to all methods that plan motions without residual vibration."""
 
 from __future__ import annotations
 

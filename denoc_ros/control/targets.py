@@ -1,4 +1,4 @@
-"""Where frames are to be: errors of position and turn, weighed, with their derivatives."""
+"""Targets of frames: weighted errors of position and rotation, with their derivatives."""
 
 from __future__ import annotations
 

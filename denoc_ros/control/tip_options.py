@@ -1,4 +1,4 @@
-"""What may be asked of a tip-exact motion, beside the motion."""
+"""Options of a tip-exact motion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LARGEST_STRETCH = 10.0
 
 @dataclass(frozen=True)
 class TipOptions:
-    """What may be asked of a tip-exact motion, beside the motion.
+    """Options of a tip-exact motion.
 
     Attributes
     ----------

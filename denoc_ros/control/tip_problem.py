@@ -1,4 +1,4 @@
-"""What a tip-exact motion must obey and what it should: equations and errors."""
+"""Constraints and costs of a tip-exact motion: equations of motion and tip errors."""
 
 from __future__ import annotations
 

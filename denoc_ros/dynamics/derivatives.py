@@ -286,7 +286,7 @@ class DifferentiableModel(ConstrainedModel):
         result: Derivatives,
         check: bool,
     ) -> Derivatives:
-        """Return what a kernel did not give at the first try: rows, lists, wrong arguments."""
+        """Return a derivative on the slow path: batches, conversions, errors."""
         n = self.n
         arrays = {name: as_rows(name, value, n) for name, value in arguments.items()}
         if status == MISFIT:

@@ -1,4 +1,4 @@
-"""Equilibrium of what is not driven, found once and then followed along a motion."""
+"""Equilibrium of the undriven coordinates, found once and then followed along a motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Torque feedforward: what the joints must give so that they follow a desired motion."""
+"""Torque feedforward: the torques with which the joints follow a desired motion."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ class TorqueFeedforward:
         except UnsettledError:
             raise
         except (StateError, SolverError):
-            # amplitudes out of reach are no start for the next, nor do they have a weight
+            # diverged amplitudes must not start the next update, nor enter the gravity torque
             self.reset()
             self.q[:], self.qd[:], self.qdd[:] = self.motion.posture, 0.0, 0.0
             raise
@@ -241,7 +241,7 @@ class TorqueFeedforward:
             self._stepper.driven(self.q, self.qd, before + share * change)
 
     def _start(self) -> None:
-        """Put the amplitudes where they stand still (or keep them zero)."""
+        """Move the amplitudes to their static equilibrium (or keep them zero)."""
         if self._moves or self._sags:
             self.qd[self._flexible] = 0.0
             self.qdd[self._flexible] = 0.0

@@ -1,4 +1,4 @@
-"""From a joint's torque to a joint, gauge or frame: response, poles, zeros, what would ring."""
+"""Loops from a joint's torque to a joint, gauge or frame: response, poles, zeros, ringing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small motions that locked joints, loops and mimic joints leave: minimal coordinates."""
+"""Minimal coordinates: small motions under locked joints, loops and mimic joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How generalized forces depend on the model's parameters, where they do so linearly."""
+"""Regressor: derivatives of generalized forces by the parameters in which they are linear."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How free coordinates answer forces and impulses while the others' motion is given."""
+"""Response of the free coordinates to forces and impulses, with the others' motion given."""
 
 from __future__ import annotations
 

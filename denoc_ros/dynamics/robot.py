@@ -337,7 +337,7 @@ class Robot(
         result: Array,
         check: bool,
     ) -> Array:
-        """Return the result of a verb that the kernel did not give at the first try.
+        """Return a verb's result on the slow path: batches, conversions, errors.
 
         Rows, lists and wrong arguments come here, and results that are not finite.
         """

@@ -1,4 +1,4 @@
-"""What a robot holds: one immutable model, its payloads and one workspace."""
+"""The data of a robot: one immutable model, its payloads and one workspace."""
 
 from __future__ import annotations
 

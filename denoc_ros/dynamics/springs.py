@@ -1,4 +1,4 @@
-"""Springs of elastic joints: what they give at a state, and what they need."""
+"""Springs of elastic joints: their forces and energy at a state, and their checks."""
 
 from __future__ import annotations
 

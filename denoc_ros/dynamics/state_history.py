@@ -1,4 +1,4 @@
-"""Where amplitudes have been lately: for sensors' values that come late."""
+"""Recent amplitudes, for sensor values that arrive late."""
 
 from __future__ import annotations
 

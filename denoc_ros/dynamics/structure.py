@@ -1,4 +1,4 @@
-"""What can be read off a robot's structure: DeNOC matrices, sections, payload inertia."""
+"""Structure of a robot: DeNOC matrices, sections, payload inertia."""
 
 from __future__ import annotations
 

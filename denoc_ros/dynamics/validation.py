@@ -1,4 +1,4 @@
-"""The border between users' arrays and the kernels: the only place that checks arguments."""
+"""Validation of users' arrays before the kernels: the only place that checks arguments."""
 
 from __future__ import annotations
 

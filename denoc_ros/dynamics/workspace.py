@@ -1,4 +1,4 @@
-"""What a kernel writes into, and the record by which the model is handed to it."""
+"""The workspace of the kernels, and the record that passes the model to them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a stamped message was taken, on the clock of the loop."""
+"""Time of measurement of a stamped message, on the clock of the loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the observer works."""
+"""Settings of the observer."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SOURCES = ('joints', 'torque')
 
 @dataclass(frozen=True)
 class ObserverSettings:
-    """How the observer works.
+    """Settings of the observer.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Torque and deflection that a model has along a joint motion, term by term."""
+"""A model's torque and deflection along a joint motion, term by term."""
 
 from __future__ import annotations
 

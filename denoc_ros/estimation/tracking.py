@@ -1,4 +1,4 @@
-"""Motion of joints from sampled measurements: a tracking filter, and what leads on between two."""
+"""Motion of joints from sampled measurements: a tracking filter with extrapolation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was identified, written into a robot's description."""
+"""Write identified damping and friction into a robot's description."""
 
 from __future__ import annotations
 

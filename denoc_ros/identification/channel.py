@@ -1,4 +1,4 @@
-"""Where a signal stands in a bag or a table, and its record."""
+"""Find a signal in a bag or a table, and read its record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What unit a table's times are in, and whether the rate that they give can be one."""
+"""Unit of a table's times, and plausibility of their rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where joints were told to be, from a bag's trajectories or joint states."""
+"""Commanded joint positions, from a bag's trajectories or joint states."""
 
 from __future__ import annotations
 

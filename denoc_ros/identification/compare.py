@@ -1,4 +1,4 @@
-"""Results of several runs side by side: mean, spread, repeatability."""
+"""Comparison of the results of several runs: mean, spread, repeatability."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the damped cosines of a fit to modes: pairs that are one, lines, deviations."""
+"""From the damped cosines of a fit to modes: merged pairs, lines, standard deviations."""
 
 from __future__ import annotations
 

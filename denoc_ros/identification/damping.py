@@ -1,4 +1,4 @@
-"""Damping of a model's beams and joints from what was measured of its natural modes."""
+"""Damping of a model's beams and joints from measured natural modes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One mode whose decay rate and frequency drift along the decay, against several steady ones."""
+"""One mode with drifting decay rate and frequency, compared with several steady modes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Modes of a free decay: how many, their frequencies and damping ratios, and how sure that is."""
+"""Modes of a free decay: number, frequencies, damping ratios, and their uncertainty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which friction terms a swing asks for, and why the other sets of terms are rejected."""
+"""Selection of the friction terms of a swing, with the reasons against the other sets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Friction of a joint from a free swing: which terms matter, and how large they are."""
+"""Friction of a joint from a free swing: significant terms and their values."""
 
 from __future__ import annotations
 

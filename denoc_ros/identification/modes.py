@@ -1,4 +1,4 @@
-"""What a fit of modes says: values, intervals, verdicts."""
+"""Result of a fit of modes: values, intervals, verdicts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a record is worth before anything is fitted: rate, gaps, jitter, clipping, noise."""
+"""Quality of a record before any fit: rate, gaps, jitter, clipping, noise."""
 
 from __future__ import annotations
 

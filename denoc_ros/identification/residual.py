@@ -1,4 +1,4 @@
-"""What is left after a fit: does it hang together, and how strong is it near a frequency."""
+"""Residual of a fit: its correlation, and its strength near a frequency."""
 
 from __future__ import annotations
 

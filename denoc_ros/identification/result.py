@@ -1,4 +1,4 @@
-"""Results of identification as plain values, and the files they are kept in."""
+"""Results of identification as plain values, and their files."""
 
 from __future__ import annotations
 

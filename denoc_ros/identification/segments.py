@@ -1,4 +1,4 @@
-"""Where a record decays freely, steps, and rests."""
+"""Segments of a record: free decays, steps and rests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How good the estimators are: measured on synthetic decays with known truth."""
+"""Accuracy of the estimators, measured on synthetic decays with known truth."""
 
 from __future__ import annotations
 

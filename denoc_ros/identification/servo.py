@@ -1,4 +1,4 @@
-"""The servo of a position-controlled joint, from where it was told to be and where it was."""
+"""The servo of a position-controlled joint, from commanded and measured positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which part of a record is the free decay: by the signal, and by when the joints stand."""
+"""The free decay within a record, by the signal and by the rest of the joints."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def standing_spans(reading: Reading, topic: str = '/joint_states') -> list[Span]
 
 
 def decay_window(record: Record, standing: Sequence[Span] = ()) -> tuple[Record, str]:
-    """Return the free decay that says most, with the rest that follows, and how it was chosen."""
+    """Return the most informative free decay, with the rest after it, and how it was chosen."""
     found = [_in_span(record, span) for span in standing]
     known = [one for one in found if one is not None]
     if known:

@@ -1,1 +1,1 @@
-"""What a robot is: URDF + `<flexibility>` to the immutable tree, and its arrays."""
+"""The robot model: URDF + `<flexibility>` to the immutable tree, and its arrays."""

@@ -1,4 +1,4 @@
-"""How the branches of a tree lie among its rows: what passes over many coordinates go by."""
+"""Branches of a tree and the ranges of their rows, for passes over many coordinates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands along the coordinates: their names, and elasticity, damping, friction, armature."""
+"""Data per coordinate: names, elasticity, damping, friction, armature."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gather what is wrong with a file, element by element, instead of stopping at the first."""
+"""Gather all findings of a file, element by element, instead of stopping at the first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a body moves by its joint: its axes in the kernels, its pose as constants."""
+"""Arrays of a joint: its axes for the kernels, its pose as constants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be overridden without a change of the coordinates, and the values that a robot has."""
+"""Overrides that keep the coordinates, and the present values of a robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rotations as roll, pitch and yaw, and numbers as text: what a URDF says poses in."""
+"""Poses of a URDF: rotations as roll, pitch and yaw, and numbers as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cross-sections: what a shape and a material give of stiffness and mass per length."""
+"""Cross-sections: stiffness and mass per length from a shape and a material."""
 
 from __future__ import annotations
 

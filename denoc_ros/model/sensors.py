@@ -1,4 +1,4 @@
-"""`<sensor>`: what a gauge, load cell or deflection sensor reads of a beam's amplitudes."""
+"""`<sensor>`: the reading of a gauge, load cell or deflection sensor from the amplitudes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a robot description's XML, refusing what XML can be abused for."""
+"""Read a robot description's XML, and refuse DOCTYPE, entities and oversized text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a robot is: an immutable tree of bodies, ready to be written to arrays.
+"""The robot model as an immutable tree of bodies, ready to be written to arrays.
 
 Produced from URDF + `<flexibility>` by :mod:`denoc_ros.model.urdf`; nothing here knows of files.
 """

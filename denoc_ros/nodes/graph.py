@@ -1,4 +1,4 @@
-"""The end of a process's part in the graph."""
+"""Clean removal of a process from the ROS graph."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A lifecycle node that no request and no message ends, and that leaves nothing when it ends."""
+"""A lifecycle node that survives every request and message, and ends without residue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every callback that an executor calls, guarded: a failure is logged, counted and answered."""
+"""Guarded callbacks: a failure is logged, counted and answered."""
 
 from __future__ import annotations
 

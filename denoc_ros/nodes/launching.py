@@ -1,4 +1,4 @@
-"""What the launch files have in common; `launch` and `launch_ros` come with a full ROS only."""
+"""Parts that the launch files share; `launch` and `launch_ros` need a full ROS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What may change or be asked of the feedforward node while it runs: services, parameters."""
+"""Services and live parameters of the feedforward node."""
 
 from __future__ import annotations
 

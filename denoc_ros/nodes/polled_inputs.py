@@ -1,4 +1,4 @@
-"""Inputs that are looked at when they are wanted: no message wakes the process."""
+"""Polled inputs: read on demand, no message wakes the process."""
 
 from __future__ import annotations
 

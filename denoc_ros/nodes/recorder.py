@@ -1,4 +1,4 @@
-"""The recorder: topics into MCAP that a kill, a slow or a full disk does not spoil."""
+"""The recorder: topics into MCAP files that survive a kill, a slow and a full disk."""
 
 from __future__ import annotations
 

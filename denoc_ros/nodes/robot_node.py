@@ -72,7 +72,7 @@ class RobotNode(ModelNode):
             each.take()
 
     def _take_aside(self) -> None:
-        """Take what the loop leaves over, and everything while there is no loop."""
+        """Process the messages that the loop deferred, or all of them while there is no loop."""
         if self.loop is None or not self.loop.running:
             self._take_inputs()
         for each in self._inputs:

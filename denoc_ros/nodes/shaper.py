@@ -1,4 +1,4 @@
-"""The shaper node: a motion in, the motion of the joints that leaves no swing out."""
+"""The shaper node: a motion in, a joint motion without residual vibration out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The viewer node: what the robot does now, in the browser."""
+"""The viewer node: the robot's present state in the browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Publishers and subscriptions that listen to no events of the middleware."""
+"""Publishers and subscriptions without events of the middleware."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Replay: torque and deflection of a recorded motion, computed anew beside what was measured."""
+"""Replay: torque and deflection recomputed along a recorded motion, beside the measured ones."""

@@ -1,4 +1,4 @@
-"""A recorded run replayed through a model: the bag with computed topics, and what they explain."""
+"""A recorded run replayed through a model: a bag with computed topics, and their fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Friction of joints, by least squares from what torque a model leaves unexplained."""
+"""Friction of joints, by least squares on the torque residual of a model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a computed torque or deflection explains of a measured one: sums over blocks of rows."""
+"""Agreement of computed and measured torque or deflection: sums over blocks of rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a replay is made, and what of a bag it goes by."""
+"""Settings of a replay, and its sources in the bag."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of `denoc check --bode`: magnitude and phase, poles and zeros, at some postures."""
+"""The page of `denoc check --bode`: magnitude, phase, poles and zeros at some postures."""
 
 from __future__ import annotations
 

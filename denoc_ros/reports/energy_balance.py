@@ -1,4 +1,4 @@
-"""What only a simulated run shows: its energies, and how well its loops stay closed."""
+"""Energy balance and loop closure of a simulated run."""
 
 from __future__ import annotations
 

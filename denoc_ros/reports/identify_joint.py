@@ -1,4 +1,4 @@
-"""The page of `denoc identify joint`: the swing, its fit, and which friction matters."""
+"""The page of `denoc identify joint`: the swing, its fit, and the significant friction terms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of `denoc identify modal`: the decay, its fit, and why to trust it."""
+"""The page of `denoc identify modal`: the decay, its fit, and its reliability."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What pages of `denoc identify` share: the verdict, the modes, where the record is from."""
+"""Parts that the pages of `denoc identify` share: verdict, modes, origin of the record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of `denoc identify servo`: where joints were told to be, were, and are by the fit."""
+"""The page of `denoc identify servo`: commanded, measured and fitted positions."""
 
 from __future__ import annotations
 

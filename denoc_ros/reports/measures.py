@@ -1,4 +1,4 @@
-"""What a run shows, in numbers: tracking, deflection, torque, loops."""
+"""The numbers of a run: tracking, deflection, torque, loops."""
 
 from __future__ import annotations
 

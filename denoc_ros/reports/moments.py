@@ -1,4 +1,4 @@
-"""The section of a report that shows the robot at some moments of its run."""
+"""The section of a report with snapshots of the robot."""
 
 from __future__ import annotations
 

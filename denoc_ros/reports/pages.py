@@ -1,4 +1,4 @@
-"""The one look of all HTML pages: a verdict, figures of merit, sections, provenance."""
+"""The layout of all HTML pages: verdict, figures of merit, sections, provenance."""
 
 from __future__ import annotations
 

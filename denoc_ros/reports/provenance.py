@@ -1,4 +1,4 @@
-"""What a page was made from and with, without names of users, hosts or folders."""
+"""Provenance of a page, without names of users, hosts or folders."""
 
 from __future__ import annotations
 

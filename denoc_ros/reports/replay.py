@@ -1,4 +1,4 @@
-"""The page of `denoc replay`: computed beside measured, and what explains it."""
+"""The page of `denoc replay`: computed and measured values, and the share of each term."""
 
 from __future__ import annotations
 

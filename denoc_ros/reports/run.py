@@ -1,4 +1,4 @@
-"""The page of a run: what its bag shows, as one self-contained HTML file, and its numbers."""
+"""The page of a run as one self-contained HTML file, and its numbers."""
 
 from __future__ import annotations
 

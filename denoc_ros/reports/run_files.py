@@ -1,4 +1,4 @@
-"""What a run left: its bag, and the file that says what it was."""
+"""The files of a run: its bag and its session file."""
 
 from __future__ import annotations
 

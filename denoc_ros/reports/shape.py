@@ -1,4 +1,4 @@
-"""The page of `denoc shape`: the tip before and after, joints, torque, and models that are off."""
+"""The page of `denoc shape`: tip error before and after, joints, torque, wrong models."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plan beside the motion it was made of: on the model, and on models that are off."""
+"""A plan compared with its input motion, on the model and on wrong models."""
 
 from __future__ import annotations
 

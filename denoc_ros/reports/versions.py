@@ -1,4 +1,4 @@
-"""What a run was made with: versions of the packages that matter, and the machine."""
+"""Versions of the relevant packages, and the machine."""
 
 from __future__ import annotations
 

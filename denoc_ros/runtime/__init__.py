@@ -1,1 +1,1 @@
-"""What a real-time node needs and no ROS: loop, safety, parameters, references, live models."""
+"""The real-time part of the nodes without ROS: loop, safety, parameters, references, models."""

@@ -1,4 +1,4 @@
-"""How many of a topic's publishers send messages."""
+"""The number of active publishers of a topic."""
 
 from __future__ import annotations
 

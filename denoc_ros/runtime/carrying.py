@@ -1,4 +1,4 @@
-"""The torque that carries a robot where it stands; nothing here needs ROS."""
+"""The torque that holds a robot against gravity; nothing here needs ROS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Raw CDR bytes in, arrays out: what the input topics say, or why it is refused.
+"""Raw CDR bytes in, arrays out: validated input messages, or the reason of refusal.
 
 Parsing a JointState of known layout costs 2-3 us here against 15-20 us through a message object.
 """

@@ -1,4 +1,4 @@
-"""When the reference may be followed; nothing here needs ROS."""
+"""The conditions for following the reference; nothing here needs ROS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Why an input message is refused."""
+"""The error of a refused input message."""
 
 from __future__ import annotations
 

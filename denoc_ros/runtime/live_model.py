@@ -1,4 +1,4 @@
-"""A robot whose numbers change while nodes run on it; nothing here needs ROS."""
+"""A robot model whose parameters change while nodes run; nothing here needs ROS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What topics said last, as snapshots to draw."""
+"""The newest messages of topics, as snapshots to draw."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""State feedback while a node runs: gains come from beside the loop; nothing here needs ROS."""
+"""State feedback in a running node: gains come from another thread; nothing here needs ROS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The torque of a model that changes, fails and is reset while a node runs; no ROS."""
+"""The torque of a live model, which may change, fail and be reset; nothing here needs ROS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole motions on their way through the planner, one at a time; nothing here needs ROS."""
+"""The queue of whole motions through the planner, one at a time; nothing here needs ROS."""
 
 from __future__ import annotations
 

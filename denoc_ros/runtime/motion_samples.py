@@ -1,4 +1,4 @@
-"""Whole motions that came in, sampled; nothing here needs ROS."""
+"""Received whole motions, sampled; nothing here needs ROS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The process that plans motions, as its parent sees it; nothing here needs ROS."""
+"""The parent's side of the planning process; nothing here needs ROS."""
 
 from __future__ import annotations
 

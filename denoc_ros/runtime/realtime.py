@@ -1,4 +1,4 @@
-"""What a process asks of the system to be on time, each wish reported as taken or refused.
+"""Real-time options of a process, each reported as taken or refused.
 
 None of it needs ROS, and none of it fails: a system that does not allow it runs as without.
 """
@@ -52,7 +52,7 @@ def lock_memory(wanted: bool) -> dict[str, str]:
 
 
 def lower_priority(niceness: int) -> dict[str, str]:
-    """Let others go before all threads that are, and those to come; return as for a thread."""
+    """Lower the priority of all present and future threads; return as for a thread."""
     for task in Path('/proc/self/task').iterdir():
         try:
             os.setpriority(os.PRIO_PROCESS, int(task.name), niceness)

@@ -1,4 +1,4 @@
-"""What the `reference` topic asks for at a time: a trajectory to interpolate, or a stream."""
+"""The desired motion of the `reference` topic: an interpolated trajectory, or a stream."""
 
 from __future__ import annotations
 

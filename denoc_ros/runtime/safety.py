@@ -1,4 +1,4 @@
-"""What keeps a robot safe from bad input and late input; nothing here needs ROS.
+"""Safety against bad input and late input; nothing here needs ROS.
 
 All times are seconds of the steady clock (`time.perf_counter`); stamps are nanoseconds of the
 messages' own clock and only ever compared with each other.
@@ -49,7 +49,7 @@ class InputMonitor:
         self._last_time = -math.inf
 
     def check_publishers(self, count: int) -> None:
-        """Refuse everything while more talk than may: nobody knows which one is meant."""
+        """Refuse all messages while too many publishers are active: the right one is unknown."""
         if count > self.max_publishers:
             raise InputError(
                 'second_publisher',
@@ -189,7 +189,7 @@ def is_torque(values: Array) -> bool:
 
 
 class SafeCommand:
-    """The torque while there is no good input: what `stale_action` asks for.
+    """The torque while joint states or reference are stale, according to `stale_action`.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ class SafeCommand:
             self._from[:] = last
 
     def end(self) -> None:
-        """Give back to the good input."""
+        """Resume normal commands."""
         self._since = math.nan
 
     def settled(self, now: float) -> bool:

@@ -1,4 +1,4 @@
-"""What a node says of itself on /diagnostics: its loop, its inputs, its place in real time."""
+"""Diagnostics of a node: its loop, its inputs, its real-time options."""
 
 from __future__ import annotations
 

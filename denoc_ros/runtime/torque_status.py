@@ -1,4 +1,4 @@
-"""What the feedforward says of its torque on /diagnostics."""
+"""Diagnostics of the feedforward's torque."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ends a process whose executor hangs, which no signal could: its main thread never comes back."""
+"""Watchdog: ends a process whose executor hangs, which no signal can end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The conventional way to accelerations: the whole inertia matrix and its Cholesky factor."""
+"""Conventional forward dynamics: the whole inertia matrix and its Cholesky factor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""DOP853 with its steps in compiled code, for motions under no forces but the model's own.
+"""DOP853 with compiled steps, for motions without external forces and torques.
 
 An evaluation of the accelerations takes some microseconds, Python between two of them several
 times that: stiff beams in loops, whose vibrations keep the steps short, fall much faster this way.

@@ -1,4 +1,4 @@
-"""Back onto the loops: positions and rates that a step of an integrator has left a little open."""
+"""Projection onto the loops: removes the closure error of an integrator's step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a simulation gives: times, states, energy and the torques applied."""
+"""Result of a simulation: times, states, energy and applied torques."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to simulate, from a mapping such as a YAML file's: checked, every finding gathered."""
+"""The scenario of a simulation, from a mapping such as a YAML file; all findings gathered."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What moves the robot in a scenario: torques, a reference or prescribed joints."""
+"""Inputs of a scenario: torques, a reference or prescribed joints."""
 
 from __future__ import annotations
 

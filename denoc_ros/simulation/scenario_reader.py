@@ -1,4 +1,4 @@
-"""Read a scenario's values; what does not hold becomes a finding."""
+"""Read a scenario's values; each violated condition becomes a finding."""
 
 from __future__ import annotations
 

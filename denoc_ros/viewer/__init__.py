@@ -1,3 +1,3 @@
-"""Seeing it: the page in the browser and films; the only importer of viser."""
+"""The viewer: page in the browser and films; the only importer of viser."""
 
 NO_VISER = 'viser must be importable, got: {}; pip install "denoc_ros[viewer]"'

@@ -1,4 +1,4 @@
-"""Who may talk to a page, and what it takes from them: its own page only, and possible values."""
+"""Access control of a page: its own origin only, and valid values."""
 
 from __future__ import annotations
 

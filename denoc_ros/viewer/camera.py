@@ -1,4 +1,4 @@
-"""From where a film looks: directions, and what of the motion decides between them."""
+"""Camera of a film: directions of view, and the automatic choice between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The controls of a page: what is drawn, how much larger, and what the colours mean."""
+"""The controls of a page: drawn parts, scale of the deflection, colour scale."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What links look like undeformed: the URDF's visuals, or plain bodies where it has none."""
+"""Undeformed shape of links: the URDF's visuals, or simple bodies without visuals."""
 
 from __future__ import annotations
 

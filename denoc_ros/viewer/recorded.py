@@ -1,4 +1,4 @@
-"""A recorded run as moments: what scrubbing and films go through."""
+"""A recorded run as snapshots, for scrubbing and films."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all pictures of a run share: camera, field of view, exaggeration, strain's colour scale."""
+"""Settings that all pictures of a run share: camera, exaggeration, colour scale of strain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one instant of a robot looks like: all that a page or a film draws from."""
+"""Snapshot: all data of one instant that a page or a film draws."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A thread that does something at a steady rate while it is wanted."""
+"""A thread that calls a function at a steady rate while it is needed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read the entries of a table such as YAML gives it; what does not hold becomes a finding."""
+"""Read the entries of a YAML table; each violated condition becomes a finding."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A link as a beam: its numbers from the plain URDF, and whether it is worth it."""
+"""A link as a beam: its numbers from the plain URDF, and whether it bends enough."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Materials that links are made of: elasticity, density and what is known of their damping."""
+"""Materials of links: elasticity, density and known damping."""
 
 from __future__ import annotations
 

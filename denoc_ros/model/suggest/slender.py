@@ -1,4 +1,4 @@
-"""A rigid link taken as a beam: the line that it lies along, and how stiff it may be."""
+"""A rigid link as a beam: its line, and the range of its stiffness."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each link of a plain robot carries, and where it ends."""
+"""The bodies that each link of a plain robot carries, and the end of the link."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Propose a `<flexibility>` block for a plain URDF: links that are worth it, with numbers."""
+"""Propose a `<flexibility>` block for a plain URDF: links that bend enough, with numbers."""
 
 from __future__ import annotations
 
