@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium, UnsettledError
 from denoc_ros.dynamics.measured_side import MotorSide
+from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.handle import DAMPING, FRICTION
@@ -83,6 +84,10 @@ class TorqueFeedforward:
     posture : (n,) array, optional
         Coordinates near which loops are closed; default 0.
 
+    A base that floats reacts: it starts with a total momentum of zero and moves freely. With the
+    flexible model it is integrated with the amplitudes, with the others its momentum stays zero.
+    As the whole robot falls freely, nothing has a weight: amplitudes start undeformed.
+
     Attributes
     ----------
     q, qd, qdd : (n,) array
@@ -129,6 +134,7 @@ class TorqueFeedforward:
         self._index = robot.joint_indices
         self._equilibrium = Equilibrium(robot, np.union1d(flexible, self.motion.bound))
         self._stepper = Stepper(robot, step, self.motion.given)
+        self._base = ReactingBase(robot)
         self._zero = np.zeros(n)
         self._state, self._full, self._part = np.zeros((3, n))
         self._result = np.zeros(len(self.joints))
@@ -198,6 +204,8 @@ class TorqueFeedforward:
             self._given[:] = self.motion.given_accelerations(qdd)
         if self._moves:
             self._stepper.accelerations(self.q, self.qd, self._given, out=self.qdd)
+        elif self._base.floats:
+            self._react(elapsed)
         torque = self._joint_torque()
         terms = self.terms
         self._motors.add(torque, (qd, qdd), elapsed, terms.inertia, terms.friction)
@@ -206,10 +214,10 @@ class TorqueFeedforward:
     def gravity(self, q: Array) -> Array:
         """Return the torque (driven joints,) that carries the weight at rest at joints q.
 
-        Zero without the gravity term. Does not touch the state of a motion; amplitudes count as
-        they are.
+        Zero without the gravity term, and in free fall, which a base that floats is in. Does not
+        touch the state of a motion; amplitudes count as they are.
         """
-        if not self.terms.gravity:
+        if not self.terms.gravity or self._base.floats:
             self._result[:] = 0.0
             return self._result
         state = self._state
@@ -239,15 +247,32 @@ class TorqueFeedforward:
         for k in range(count):
             share = (k + 0.5) / count
             self._stepper.driven(self.q, self.qd, before + share * change)
+        if self._base.floats:
+            self._base.wrap(self.q, self.qd)
+
+    def _react(self, elapsed: float) -> None:
+        """Move a floating base beside a motion whose amplitudes are given."""
+        q, qd, index = self.q, self.qd, self._base.index
+        before = qd[index]
+        self._base.rates(q, qd)
+        if 0.0 <= elapsed <= LONGEST_GAP:
+            q[index] += 0.5 * elapsed * (before + qd[index])
+            self._base.wrap(q, qd)
+        self._base.accelerations(q, qd, self.qdd)
 
     def _start(self) -> None:
         """Move the amplitudes to their static equilibrium (or keep them zero)."""
-        if self._moves or self._sags:
+        if self._base.floats:
+            self.q[self._flexible] = self.qd[self._flexible] = self.qdd[self._flexible] = 0.0
+            self._settled = True
+        elif self._moves or self._sags:
             self.qd[self._flexible] = 0.0
             self.qdd[self._flexible] = 0.0
             if not (self._sags and self._equilibrium.follow(self.q)):
                 self._find_equilibrium()
             self._settled = True
+        if self._base.floats:
+            self._base.rates(self.q, self.qd)
 
     def _find_equilibrium(self) -> None:
         """Put the amplitudes into equilibrium from scratch."""

@@ -20,6 +20,16 @@ ATTITUDE = slice(3, 6)  # of a floating base's coordinates
 SMALL = 1e-4  # rad, below which series are exact to rounding
 
 
+def exponential(phi: Array) -> Array:
+    """Return the rotation (3, 3) by a rotation vector (3,)."""
+    angle = float(np.linalg.norm(phi))
+    k = np.array([[0.0, -phi[2], phi[1]], [phi[2], 0.0, -phi[0]], [-phi[1], phi[0], 0.0]])
+    if angle < SMALL:
+        return np.asarray(np.eye(3) + k + 0.5 * k @ k)
+    a, b = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
+    return np.asarray(np.eye(3) + a * k + b * k @ k)
+
+
 def left_jacobian(phi: Array) -> Array:
     """Return J (3, 3) of angular velocity = J phi'."""
     angle = float(np.linalg.norm(phi))

@@ -7,19 +7,22 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from denoc_ros.dynamics.base_motion import BaseMotion
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium
+from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.response import impulse_response
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.errors import SolverError
+from denoc_ros.errors import SolverError, StateError
 from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.tracking import TrackingFilter, connecting_acceleration
 from denoc_ros.types import Array
 
 Reference = Callable[[float], tuple[Array, Array, Array]]
+BaseAt = Callable[[float], BaseMotion | None]
 
 # A longer gap [s] is not integrated over: the observer goes on from the measurement instead.
 LONGEST_GAP = 0.25
@@ -61,6 +64,8 @@ class Observer:
         The observer's own.
     deflections : TipDeflections
         The tips' displacements from amplitudes.
+    base : callable or None
+        Motion of the base at a time on the clock of `tick` [s]; None, as at first: it is at rest.
     fusion : StrainFusion or None
         What takes the sensors' values in, if they are fused.
 
@@ -86,7 +91,13 @@ class Observer:
         self._stepper = Stepper(robot.copy(), settings.step, self.motion.given)
         self._joints = self.motion.index
         self._flexible = robot.flexible_indices
-        self._free = np.union1d(robot.flexible_indices, self.motion.bound)
+        self._free = np.union1d(robot.free_indices, self.motion.bound)
+        self._floating = ReactingBase(self.robot)
+        if self._floating.floats and settings.fusion is not None:
+            raise StateError(
+                f'{robot.tree.name}: the base must be fixed or its motion measured where sensors '
+                'are fused, got one that floats'
+            )
         self._equilibrium = Equilibrium(self.robot, self._free)
         self._filter = TrackingFilter(len(self._joints), settings.cutoff)
         self.deflections = TipDeflections(robot)
@@ -102,6 +113,7 @@ class Observer:
                 settings.max_age,
                 self._free if settings.source == 'joints' else np.arange(robot.n),
             )
+        self.base: BaseAt | None = None
         self.late = self.repeated = self.restarts = self.unsettled = 0
         self.reset()
 
@@ -215,12 +227,15 @@ class Observer:
 
     def _start(self, stamp: float, q: Array, qd: Array | None) -> None:
         self.time = self._stamp = stamp
+        if self.base is not None:
+            self.robot.move_base(self.base(stamp))
         self._filter.reset(q, qd)
         self._q[:] = self.motion.posture
         self.motion.positions(self._q, q)
         undeformed = self._q.copy()
         try:
-            if len(self._free):
+            # a base that floats falls freely: nothing has a weight
+            if len(self._free) and not self._floating.floats:
                 self._equilibrium.find(self._q)
         except SolverError:
             # no equilibrium at this posture (buckled): nothing is known of the amplitudes
@@ -228,6 +243,8 @@ class Observer:
             self._q[:] = undeformed
         self._qd[:] = 0.0
         self._follow_joints()
+        if self._floating.floats:
+            self._floating.rates(self._q, self._qd)
         self.q[:], self.qd[:] = self._q, self._qd
         if self.fusion is not None:
             self.fusion.reset(stamp, self._q, self._qd)
@@ -239,11 +256,12 @@ class Observer:
             if self.fusion is not None:
                 self.fusion.restart(self._stamp + interval, self._q, self._qd)
         elif self.settings.source == 'torque':
-            self._go(self._q, self._qd, interval, None, self._follow)
+            self._go(self._q, self._qd, self._stamp, interval, None, self._follow)
             self._correct(interval)
             return
         else:
-            self._go(self._q, self._qd, interval, self._between(interval), self._follow)
+            between = self._between(interval)
+            self._go(self._q, self._qd, self._stamp, interval, between, self._follow)
         self._follow_joints()
 
     def _follow_joints(self) -> None:
@@ -281,12 +299,13 @@ class Observer:
         self,
         q: Array,
         qd: Array,
+        begin: float,
         duration: float,
         acceleration: Callable[[float], Array] | None,
         follow: Callable[[float], None] | None = None,
         most: int = MOST_STEPS,
     ) -> None:
-        """Advance a state in place, the joints by an acceleration of time or by the effort.
+        """Advance a state of time `begin` in place, joints by an acceleration or by the effort.
 
         After each step `follow` hears how far it has gone [s].
         """
@@ -294,6 +313,8 @@ class Observer:
         step = duration / steps
         self._stepper.step = step
         for index in range(steps):
+            if self.base is not None:
+                self._stepper.robot.move_base(self.base(begin + (index + 0.5) * step))
             if acceleration is None:
                 self._stepper.free(q, qd, self._tau)
             else:
@@ -301,6 +322,8 @@ class Observer:
                 self._stepper.driven(q, qd, given, self._tau)
             if follow is not None:
                 follow((index + 1) * step)
+        if self._floating.floats:
+            self._floating.wrap(q, qd)
 
     def _follow(self, gone: float) -> None:
         """Let the fusion know the state so long after the last measurement."""
@@ -322,7 +345,7 @@ class Observer:
         lead = min(self.time - self._stamp, self.settings.max_age)
         if lead > 0.0:
             most = self.settings.horizon_steps
-            self._go(self.q, self.qd, lead, lambda _: self._filter.qdd, most=most)
+            self._go(self.q, self.qd, self._stamp, lead, lambda _: self._filter.qdd, most=most)
 
     def predict(self, reference: Reference | None = None) -> tuple[Array, Array]:
         """Predict the state `horizon` ahead.
@@ -343,7 +366,7 @@ class Observer:
         if horizon > 0.0:
             most = self.settings.horizon_steps
             expected = self._expected(reference)
-            self._go(self.q_ahead, self.qd_ahead, horizon, expected, most=most)
+            self._go(self.q_ahead, self.qd_ahead, self.time, horizon, expected, most=most)
         return self.q_ahead, self.qd_ahead
 
     def _expected(self, reference: Reference | None) -> Callable[[float], Array]:

@@ -13,6 +13,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import EVERY_MESSAGE
+from denoc_ros.nodes.base_input import BaseInput
+from denoc_ros.nodes.base_wrench import BaseWrench
 from denoc_ros.nodes.live_feedforward import LiveFeedforward
 from denoc_ros.nodes.model_node import driven_joints
 from denoc_ros.nodes.process import leave, run
@@ -42,6 +44,7 @@ class FeedforwardNode(LiveFeedforward):
     def __init__(self, **options: Any) -> None:
         super().__init__(TABLE, **options)
         self._connected = False
+        self.base = BaseInput(self)
 
     # ---- configure
 
@@ -70,6 +73,8 @@ class FeedforwardNode(LiveFeedforward):
         self.output = TorqueOutput(
             self, self.joints, self.by_message, settings.flag('publish_joint_trajectory')
         )
+        floating = self.floating_robot(settings)
+        self.wrench = None if floating is None else BaseWrench(self, floating)
         self._reader = JointStateReader(
             self.joints,
             settings.flag('allow_extra_joints'),
@@ -83,6 +88,7 @@ class FeedforwardNode(LiveFeedforward):
         self._said = TorqueStatus()
         self._takeovers = 0
         self.conditions.update(settings)
+        self.base.build(self.robot.gravity)
         self._connect()
 
     def _connect(self) -> None:
@@ -90,6 +96,7 @@ class FeedforwardNode(LiveFeedforward):
         if self._connected:
             return
         self._connected = True
+        self.base.connect()
         self.reference_input: InputMonitor | None = None
         joints, reference = self._on_joint_state, self._on_reference
         if self.by_message:  # the messages are the clock
@@ -149,7 +156,11 @@ class FeedforwardNode(LiveFeedforward):
         """Publish the torque of one message's state, with its stamp."""
         if self.state != 'active':
             return
+        if trouble := self.base.trouble(time.perf_counter()):
+            self._cause = trouble
+            return
         self.torque.take(self.limiter)
+        self._move_base(time.perf_counter())
         before, self._message_time = self._message_time, stamp_ns
         elapsed = 0.0 if before is None else 1e-9 * (stamp_ns - before)
         torque = self.torque.update(q, qd, qdd, elapsed)
@@ -167,6 +178,8 @@ class FeedforwardNode(LiveFeedforward):
     def cleanup(self) -> None:
         """Take the publishers down; the next configure makes them for its joints."""
         self.output.close(self)
+        if self.wrench is not None:
+            self.wrench.close(self)
 
     def begin(self) -> None:
         """Start from rest: nothing is known and nothing has left."""
@@ -178,6 +191,7 @@ class FeedforwardNode(LiveFeedforward):
         self.limiter.reset()
         self.carrying.forget()
         self.safe.end()
+        self.base.begin()
         self.torque.source.reset()
         self.feedback.begin()
 
@@ -195,6 +209,7 @@ class FeedforwardNode(LiveFeedforward):
             self._tick_time = self.loop.deadline
         now = time.perf_counter()
         self.torque.take(self.limiter)
+        self._move_base(self._tick_time + self.conditions.lead)
         # the model goes on along the reference even while torque may not: so a short gap in the
         # joint states does not cost it the amplitudes
         torque = self._along_reference(now)
@@ -213,13 +228,22 @@ class FeedforwardNode(LiveFeedforward):
             left = self.limiter.apply(wanted)
             self.feedback.applied(left)
             self._publish(left)
+            if self.wrench is not None:
+                self.wrench.send(self._stamp_of(self._tick_time), source)
         if cause and self._cause == 'following':
             self._takeovers += 1
         self._cause = cause or 'following'
 
+    def _move_base(self, time: float) -> None:
+        """Let the model's base move as measured, carried on to a time."""
+        if self.base.used:
+            self.torque.source.robot.move_base(self.base.at(time))
+
     def _trouble(self, now: float) -> str:
         """Return why the reference may not be followed, '' if it may."""
         age, has_posture = self.joint_input.age(now), not self.carrying.failure
+        if trouble := self.base.trouble(now):
+            return trouble
         return self.conditions.trouble(now, age, has_posture, self.follower)
 
     def _along_reference(self, now: float) -> Any:

@@ -8,6 +8,7 @@ from std_srvs.srv import SetBool
 
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.model.overrides import FAMILIES
 from denoc_ros.nodes.model_node import is_override
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.torque_feedback import TorqueFeedback
@@ -60,6 +61,22 @@ class LiveFeedforward(RobotNode):
             self.create_timer(WATCH_PERIOD, self._watch, clock=self.steady_clock)
 
     # ---- what depends on the model
+
+    @property
+    def flies(self) -> bool:
+        """Whether thrusters hold a base that would float."""
+        return self.settings.text('base') == 'free_flying'
+
+    @property
+    def holds_base(self) -> bool:
+        """Whether the base's motion is measured, or none."""
+        return self.flies or self.settings.text('base_motion') != 'off'
+
+    def floating_robot(self, settings: Settings) -> Robot | None:
+        """Return the robot whose base would float, if thrusters hold it."""
+        if self.floating is None or not self.flies:
+            return None
+        return self.floating.robot(settings.family(*FAMILIES))
 
     def _build(self, robot: Robot, settings: Settings) -> TorqueFeedforward:
         posture = self.posture(robot, settings)

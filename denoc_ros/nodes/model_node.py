@@ -12,6 +12,7 @@ from std_msgs.msg import String
 from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, ModelError
+from denoc_ros.model.held_base import with_held_base
 from denoc_ros.model.overrides import FAMILIES
 from denoc_ros.model.source import is_text, parse_xml
 from denoc_ros.nodes.base import LATCHED, DenocNode
@@ -33,6 +34,8 @@ class ModelNode(DenocNode):
         The node's own, with the overrides of the parameters.
     model : LiveModel or None
         What the robot is made from; None until the node is configured.
+    floating : LiveModel or None
+        The robot with its floating base, where the node's own has it held.
     description : str
         What robot_description last said.
     sees_joint_states : bool
@@ -46,6 +49,7 @@ class ModelNode(DenocNode):
     def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
         super().__init__(name, table, **options)
         self.model: LiveModel | None = None
+        self.floating: LiveModel | None = None
         self.description = ''
         self.add_post_set_parameters_callback(self._after_parameters)
         if not self.settings.text('urdf_path'):
@@ -89,12 +93,23 @@ class ModelNode(DenocNode):
             )
         if len(gravity) != 3:
             raise ConfigError(name, [f"parameter 'gravity' must have 3 elements, got {gravity}"])
-        robot = load_robot(
-            source,
-            gravity=tuple(gravity),
-            geometric_stiffness=settings.flag('geometric_stiffness'),
-        )
-        return LiveModel(measured_robot(robot) if self.sees_joint_states else robot, name)
+        options: dict[str, Any] = {
+            'gravity': tuple(gravity),
+            'geometric_stiffness': settings.flag('geometric_stiffness'),
+        }
+        robot = load_robot(source, **options)
+        if len(robot.base_indices) and self.holds_base:
+            self.floating = LiveModel(self._seen(robot), name)
+            robot = load_robot(with_held_base(robot.tree.source), **options)
+        return LiveModel(self._seen(robot), name)
+
+    def _seen(self, robot: Robot) -> Robot:
+        return measured_robot(robot) if self.sees_joint_states else robot
+
+    @property
+    def holds_base(self) -> bool:
+        """Whether a floating base counts as one whose motion is known."""
+        return False
 
     def adopt_model(self, model: LiveModel, settings: Settings) -> None:
         """Take a model for the one that overrides change, and list what they can change."""

@@ -16,10 +16,11 @@ from visualization_msgs.msg import MarkerArray
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError, StateError
 from denoc_ros.estimation.clock import StampClock
-from denoc_ros.estimation.fusion import FusionSettings, StrainFusion
+from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.nodes.base import STATE
+from denoc_ros.nodes.base_input import BaseInput
 from denoc_ros.nodes.markers import CentreLines
 from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.predictor_outputs import PredictorOutputs
@@ -27,6 +28,7 @@ from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
 from denoc_ros.runtime.conversions import JointStateReader
+from denoc_ros.runtime.fusion_status import fusion_status
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings, Value
 from denoc_ros.runtime.predictor_parameters import TABLE
@@ -39,7 +41,6 @@ from denoc_ros.types import Array
 Measurement = tuple[float, Array, Array | None, Array | None]
 MOST_STEPS = 20  # periods of a processor's time that measurements may take after a pause
 QUEUE = 64  # measurements kept for a late tick
-SILENT = 0.5  # s without a value after which a fused sensor counts as missing
 OBSERVER_SETTINGS = (
     'horizon',
     'horizon_steps',
@@ -59,9 +60,15 @@ class PredictorNode(RobotNode):
         super().__init__('predictor', TABLE, **options)
         self._connected = False
         self.sensors = SensorInputs(self)
+        self.base = BaseInput(self)
         self.add_trigger_service('~/reset', self._reset)
         self.add_trigger_service('~/tare', self._tare)
         self.add_trigger_service('~/reload_model', self._reload)
+
+    @property
+    def holds_base(self) -> bool:
+        """Whether the base's motion is measured."""
+        return self.base.used
 
     # ---- configure
 
@@ -77,6 +84,7 @@ class PredictorNode(RobotNode):
                 name,
                 [f"parameter 'tip_frame' must be one of {', '.join(frames)}, got {self.tip!r}"],
             )
+        self.base.build(robot.gravity)
         self.observer = self._build(robot, settings)
         self._pending: tuple[Robot, Observer] | None = None
         self._model_failures = 0
@@ -128,6 +136,8 @@ class PredictorNode(RobotNode):
         observer.tick(2.0 * self.period)
         observer.predict()
         observer.reset()
+        if self.base.used:
+            observer.base = self.base.at
         return observer
 
     def _rehearse(self) -> None:
@@ -143,6 +153,7 @@ class PredictorNode(RobotNode):
         if self._connected:
             return
         self._connected = True
+        self.base.connect()
         self.joint_input = self.listen_in_loop(JointState, 'joint_states', self._on_joint_state)
         self.reference_input = self.listen_in_loop(
             JointTrajectory, 'reference', self._on_reference, has_many_points
@@ -201,6 +212,7 @@ class PredictorNode(RobotNode):
         self._queue.clear()
         self.sensors.queue.clear()
         self._stamps.reset()
+        self.base.begin()
         self.observer.reset()
         self._now = time.perf_counter()
         self._stamp_of = StampOf(self.stamp_ns)
@@ -209,6 +221,11 @@ class PredictorNode(RobotNode):
         """Take the measurements in, go on to now and publish."""
         self._now += steps * self.observer.settings.step
         observer = self._swap()
+        if self.base.trouble(self._now):  # without the base's motion there is no estimate
+            self._queue.clear()
+            self.sensors.queue.clear()
+            observer.reset()
+            return
         try:
             self._measure(observer, steps)
             while self.sensors.queue:
@@ -351,11 +368,13 @@ class PredictorNode(RobotNode):
             'model_failures': self._model_failures,
             'sensors_heard': int(np.count_nonzero(np.isfinite(self.sensors.values))),
         }
-        if not observer.started:
+        if trouble := self.base.trouble(time.perf_counter()):
+            status.worsen(WARN, f'{trouble}: nothing is published')
+        elif not observer.started:
             status.worsen(WARN, 'no joint_states yet')
         elif observer.stale:
             status.worsen(WARN, 'stale joint_states: nothing is published')
-        fused = [] if observer.fusion is None else [_fusion_status(observer.fusion, self._now)]
+        fused = [] if observer.fusion is None else [fusion_status(observer.fusion, self._now)]
         return [*found, status, *fused]
 
 
@@ -366,22 +385,6 @@ def is_observers(name: str) -> bool:
 
 def _fusion(settings: Settings) -> dict[str, float]:
     return {name: settings.number(f'fusion.{name}') for name in FUSION_SETTINGS}
-
-
-def _fusion_status(fusion: StrainFusion, now: float) -> Status:
-    """Return what became of each sensor's values."""
-    status = Status('fusion', message='fusing')
-    silent = []
-    for name, counts, heard in zip(fusion.names, fusion.counts, fusion.heard, strict=True):
-        age = now - heard
-        status.values[f'{name} age_s'] = 'never' if np.isnan(age) else float(age)
-        for cause, count in sorted(counts.items()):
-            status.values[f'{name} {cause}'] = count
-        if not age < SILENT:
-            silent.append(name)
-    if silent:
-        status.worsen(WARN, f'no recent value from {", ".join(silent)}: the model goes on alone')
-    return status
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

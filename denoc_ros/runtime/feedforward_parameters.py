@@ -9,6 +9,7 @@ from denoc_ros.runtime.feedback_parameters import feedback_parameters
 from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
 from denoc_ros.runtime.safety import STALE_ACTIONS
 from denoc_ros.runtime.shared_parameters import (
+    base_parameters,
     input_parameters,
     lifecycle_parameters,
     loop_parameters,
@@ -22,6 +23,7 @@ TABLE = ParameterTable(
         *robot_parameters(),
         *loop_parameters(),
         *input_parameters(),
+        *base_parameters(),
         *range_parameters(),
         Parameter(
             'joints',
@@ -37,6 +39,15 @@ TABLE = ParameterTable(
             ' static equilibrium',
             choices=MODELS,
             live=True,
+        ),
+        Parameter(
+            'base',
+            Kind.STRING,
+            'free_floating',
+            'a floating base: free_floating (it reacts to the arm) or free_flying (thrusters hold '
+            'it; the wrench that takes goes to `~/base_wrench`); a measured `base_motion` '
+            'overrides both',
+            choices=('free_floating', 'free_flying'),
         ),
         *(
             Parameter(f'terms.{name}', Kind.BOOL, True, f'include {text}', live=True)

@@ -6,6 +6,7 @@ from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer_settings import SOURCES
 from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
 from denoc_ros.runtime.shared_parameters import (
+    base_parameters,
     input_parameters,
     lifecycle_parameters,
     loop_parameters,
@@ -21,6 +22,7 @@ TABLE = ParameterTable(
         *robot_parameters(),
         *loop_parameters(),
         *input_parameters(),
+        *base_parameters(),
         *range_parameters(),
         Parameter(
             'joints',

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from denoc_ros.runtime.base_messages import SOURCES
 from denoc_ros.runtime.parameters import Kind, Parameter
 
 
@@ -140,6 +141,38 @@ def input_parameters() -> tuple[Parameter, ...]:
             live=True,
         ),
         publishers_parameter(),
+    )
+
+
+def base_parameters() -> tuple[Parameter, ...]:
+    """Return the rows of every node that listens to the motion of the robot's base."""
+    return (
+        Parameter(
+            'base_motion',
+            Kind.STRING,
+            'off',
+            'messages on `base_motion`: odometry (nav_msgs/Odometry, differenced), odometry_accel '
+            '(with geometry_msgs/AccelStamped on `base_acceleration`), accel (AccelStamped), imu '
+            '(sensor_msgs/Imu); off: the base is at rest',
+            choices=SOURCES,
+        ),
+        Parameter(
+            'base_motion_timeout',
+            Kind.DOUBLE,
+            0.1,
+            "age after which the base's motion is stale",
+            's',
+            maximum=10.0,
+            positive=True,
+        ),
+        Parameter(
+            'base_motion_cutoff',
+            Kind.DOUBLE,
+            20.0,
+            "bandwidth of the low-pass filter on the base's differentiated rates",
+            'Hz',
+            positive=True,
+        ),
     )
 
 

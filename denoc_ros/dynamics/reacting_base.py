@@ -1,0 +1,64 @@
+"""How a floating base moves as the rest of the robot is moved: it keeps the momentum at zero."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+WRAP = 4.0  # rad: a rotation vector this long is brought back; at 2 pi its rates are singular
+
+
+class ReactingBase:
+    """The coordinates of a floating base beside given motions of all others.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its workspace is used: do not share it with another thread.
+
+    Notes
+    -----
+    With b the base and r the rest: I_bb q'_b = -I_br q'_r is a momentum of zero, and
+    I_bb q''_b = -(I_br q''_r + h_b) are equations of motion without forces on the base. A momentum
+    that is not zero adds a uniform motion and a spin of the whole robot.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.index = robot.base_indices
+        self._rest = np.setdiff1d(np.arange(robot.n), self.index)
+        self._inertia = np.zeros((robot.n, robot.n))
+        self._force = np.zeros(robot.n)
+
+    @property
+    def floats(self) -> bool:
+        """Whether there is a floating base."""
+        return len(self.index) > 0
+
+    def rates(self, q: Array, qd: Array) -> None:
+        """Write the base's rates into qd (n,) so that the momentum is zero."""
+        inertia = self.robot.inertia_matrix(q, out=self._inertia, check=False)[self.index]
+        momentum = inertia[:, self._rest] @ qd[self._rest]
+        qd[self.index] = -np.linalg.solve(inertia[:, self.index], momentum)
+
+    def accelerations(self, q: Array, qd: Array, qdd: Array) -> None:
+        """Write the base's accelerations into qdd (n,) so that nothing acts on the base."""
+        qdd[self.index] = 0.0
+        self.robot.inverse_dynamics(q, qd, qdd, out=self._force, check=False)
+        inertia = self.robot.inertia_matrix(q, out=self._inertia, check=False)
+        block = inertia[np.ix_(self.index, self.index)]
+        qdd[self.index] = -np.linalg.solve(block, self._force[self.index])
+
+    def wrap(self, q: Array, qd: Array) -> None:
+        """Bring the rotation vector back in place before its rates become singular."""
+        phi = self.index[ATTITUDE]
+        if q[phi] @ q[phi] > WRAP * WRAP:
+            q[phi], qd[phi] = wrap_attitude(q[phi], qd[phi])

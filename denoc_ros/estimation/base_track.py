@@ -1,0 +1,113 @@
+"""The motion of a base from what is measured of it: interpolated, and carried on for a while."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.base_motion import BaseMotion
+from denoc_ros.dynamics.floating_base import exponential
+
+Array = NDArray[np.float64]
+
+
+class BaseTrack:
+    """Twist, acceleration and pose of a base at any time near the last readings.
+
+    All is given and returned in the axes of the base frame, about its origin, as
+    :class:`denoc_ros.dynamics.base_motion.BaseMotion` says. What is not measured is found from
+    differences of what is, low-pass filtered: angular acceleration from rates, acceleration from
+    velocities.
+
+    Parameters
+    ----------
+    cutoff : float
+        Of the low-pass filter on differences [Hz].
+    longest : float
+        How far the motion is carried on beyond the last reading [s].
+    gravity : (3,) array
+        As the robot has it: what an accelerometer shows is acceleration less gravity.
+
+    Attributes
+    ----------
+    time : float
+        Of the last reading [s], NaN before the first.
+    """
+
+    def __init__(self, cutoff: float, longest: float, gravity: Array) -> None:
+        self._cutoff, self._longest = cutoff, longest
+        self._gravity = np.asarray(gravity, dtype=np.float64)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all readings."""
+        self.time = self._before = math.nan
+        self._twist, self._slope, self._last, self._earlier = np.zeros((4, 6))
+        self._pose: Array | None = None
+        self._external: Array | None = None
+        self._differences = 1  # since the last gap; readings of accelerations alone need none
+
+    def take_odometry(self, time: float, pose: Array, twist: Array) -> None:
+        """Take a pose (4, 4) in the world and a twist (6,) in.
+
+        Its acceleration is that of the last `take_acceleration`, if there was one.
+        """
+        self._difference(time, twist)
+        self._pose = pose
+        if self._external is None:
+            found = self._slope.copy()
+            found[:3] += np.cross(twist[3:], twist[:3])
+        else:
+            found = self._external
+        self._note(time, found)
+
+    def take_acceleration(self, time: float, acceleration: Array, alone: bool) -> None:
+        """Take a classical acceleration (6,) without gravity in; `alone`: nothing else comes."""
+        self._external = acceleration
+        if alone:
+            self._note(time, acceleration)
+
+    def take_imu(self, time: float, rate: Array, force: Array) -> None:
+        """Take an angular velocity (3,) and a specific force (3,) in."""
+        self._difference(time, np.concatenate([np.zeros(3), rate]))
+        self._note(time, np.concatenate([force + self._gravity, self._slope[3:]]))
+
+    def _difference(self, time: float, twist: Array) -> None:
+        """Update the filtered slope of the twist's components."""
+        interval = time - self.time
+        if not interval <= self._longest:
+            self._slope[:], self._differences = 0.0, 0  # nothing is known of so long a gap
+        elif interval > 0.0:
+            gain = -math.expm1(-2.0 * math.pi * self._cutoff * interval)
+            gain = gain if self._differences else 1.0
+            self._slope += gain * ((twist - self._twist) / interval - self._slope)
+            self._differences += 1
+        self._twist = twist
+
+    def _note(self, time: float, acceleration: Array) -> None:
+        self._before, self._earlier = self.time, self._last
+        self.time, self._last = time, acceleration
+
+    def at(self, time: float) -> BaseMotion | None:
+        """Return the motion at a time [s], None before there are readings to know it from.
+
+        Accelerations are interpolated between the last two readings and held beyond them; twist
+        and attitude go on by them, for `longest` at most.
+        """
+        if math.isnan(self.time) or not self._differences:
+            return None
+        ahead = min(max(time - self.time, -self._longest), self._longest)
+        acceleration = self._last
+        gap = self.time - self._before
+        if ahead < 0.0 and gap > 0.0:
+            share = min(-ahead / gap, 1.0)
+            acceleration = (1.0 - share) * self._last + share * self._earlier
+        twist = self._twist + ahead * self._slope
+        pose = self._pose
+        if pose is not None:
+            turn, pose = pose[:3, :3], pose.copy()
+            pose[:3, 3] += ahead * turn @ self._twist[:3]
+            pose[:3, :3] = turn @ exponential(ahead * self._twist[3:])
+        return BaseMotion(twist, acceleration, pose)

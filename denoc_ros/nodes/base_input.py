@@ -1,0 +1,102 @@
+"""The topic `base_motion`: how the robot's base moves, as an input of a node's loop."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from geometry_msgs.msg import AccelStamped
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
+from sensor_msgs.msg import Imu
+
+from denoc_ros.dynamics.base_motion import BaseMotion
+from denoc_ros.estimation.base_track import BaseTrack
+from denoc_ros.estimation.clock import StampClock
+from denoc_ros.nodes.robot_node import RobotNode
+from denoc_ros.runtime.base_messages import read_accel, read_imu, read_odometry
+from denoc_ros.runtime.safety import InputMonitor
+
+Array = NDArray[np.float64]
+
+
+class BaseInput:
+    """The base's motion as messages say it.
+
+    Parameters
+    ----------
+    node : RobotNode
+        Its parameters `base_motion`, `base_motion_timeout` and `base_motion_cutoff` say how; it
+        subscribes.
+    """
+
+    def __init__(self, node: RobotNode) -> None:
+        self._node = node
+        self.source = node.settings.text('base_motion')
+        self._timeout = node.settings.number('base_motion_timeout')
+        self._clock = StampClock()
+        self._monitor: InputMonitor | None = None
+        self._beside: InputMonitor | None = None
+        self.track = BaseTrack(1.0, 1.0, np.zeros(3))
+
+    @property
+    def used(self) -> bool:
+        """Whether the node listens to the base's motion."""
+        return self.source != 'off'
+
+    def build(self, gravity: Array) -> None:
+        """Begin anew for a robot with its gravity (3,)."""
+        cutoff = self._node.settings.number('base_motion_cutoff')
+        self.track = BaseTrack(cutoff, self._timeout, gravity)
+
+    def connect(self) -> None:
+        """Subscribe to what the parameter names."""
+        listen = self._node.listen_in_loop
+        if self.source in ('odometry', 'odometry_accel'):
+            self._monitor = listen(Odometry, 'base_motion', self._on_odometry)
+        elif self.source == 'imu':
+            self._monitor = listen(Imu, 'base_motion', self._on_imu)
+        elif self.source == 'accel':
+            self._monitor = listen(AccelStamped, 'base_motion', self._on_accel)
+        if self.source == 'odometry_accel':
+            self._beside = listen(AccelStamped, 'base_acceleration', self._on_accel)
+
+    def begin(self) -> None:
+        """Forget what was heard before the loop starts."""
+        self.track.reset()
+        self._clock.reset()
+
+    def trouble(self, now: float) -> str:
+        """Return why the base's motion is not known, '' if it is or is not listened to."""
+        for monitor, topic in (
+            (self._monitor, 'base_motion'),
+            (self._beside, 'base_acceleration'),
+        ):
+            if monitor is not None and not monitor.age(now) <= self._timeout:
+                return f'stale {topic}' if monitor.received else f'no {topic} yet'
+        return 'no base_motion yet' if self.used and self.track.at(now) is None else ''
+
+    def at(self, time: float) -> BaseMotion | None:
+        """Return the motion at a time of the steady clock [s]; None: at rest, for all we know."""
+        return self.track.at(time) if self.used else None
+
+    def _taken(self, monitor: InputMonitor | None, stamp_ns: int, now: float) -> float:
+        """Admit a message; return when it was measured on the steady clock."""
+        assert monitor is not None
+        monitor.accept(stamp_ns, now)
+        taken = self._clock.taken_at(1e-9 * stamp_ns, now, 1e-9 * self._node.stamp_ns_at(now))
+        return taken if math.isfinite(taken) else now
+
+    def _on_odometry(self, raw: bytes, now: float) -> None:
+        stamp_ns, pose, twist = read_odometry(raw)
+        self.track.take_odometry(self._taken(self._monitor, stamp_ns, now), pose, twist)
+
+    def _on_accel(self, raw: bytes, now: float) -> None:
+        stamp_ns, acceleration = read_accel(raw)
+        alone = self._beside is None
+        monitor = self._monitor if alone else self._beside
+        self.track.take_acceleration(self._taken(monitor, stamp_ns, now), acceleration, alone)
+
+    def _on_imu(self, raw: bytes, now: float) -> None:
+        stamp_ns, rate, force = read_imu(raw)
+        self.track.take_imu(self._taken(self._monitor, stamp_ns, now), rate, force)

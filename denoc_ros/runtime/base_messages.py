@@ -1,0 +1,85 @@
+"""What messages say of a base's motion; nothing here needs ROS."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.runtime.conversions import CdrReader, require_finite
+from denoc_ros.runtime.input_error import InputError
+
+Array = NDArray[np.float64]
+
+# what parameter `base_motion` may be
+SOURCES = ('off', 'odometry', 'odometry_accel', 'accel', 'imu')
+UNIT = 1e-3  # how far a quaternion may be from unit length
+LARGEST = 1e6  # m/s, rad/s, and per s: more is no base's motion
+
+
+def _numbers(reader: CdrReader, count: int) -> Array:
+    return np.array([reader.float64() for _ in range(count)])
+
+
+def _require_motion(what: str, values: Array) -> None:
+    require_finite(what, values)
+    largest = float(np.abs(values).max())
+    if largest > LARGEST:
+        raise InputError('out_of_range', f'{what} must be within {LARGEST:g}, got {largest:.6g}')
+
+
+def _rotation(quaternion: Array) -> Array:
+    """Return the rotation (3, 3) of a quaternion (x, y, z, w)."""
+    length = float(np.linalg.norm(quaternion))
+    if not abs(length - 1.0) <= UNIT:
+        raise InputError('no_rotation', f'orientation must have unit length, got {length:.6g}')
+    x, y, z, w = quaternion / length
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+def read_odometry(raw: bytes) -> tuple[int, Array, Array]:
+    """Return stamp [ns], pose (4, 4) and twist (6,) in the child frame's axes of an Odometry."""
+    reader = CdrReader(raw)
+    stamp_ns = reader.stamp_ns()
+    reader.string()
+    reader.string()
+    position, quaternion = _numbers(reader, 3), _numbers(reader, 4)
+    for _ in range(36):
+        reader.float64()
+    twist = _numbers(reader, 6)
+    require_finite('pose', np.concatenate([position, quaternion]))
+    _require_motion('twist', twist)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = _rotation(quaternion), position
+    return stamp_ns, pose, twist
+
+
+def read_accel(raw: bytes) -> tuple[int, Array]:
+    """Return stamp [ns] and acceleration (6,) of an AccelStamped."""
+    reader = CdrReader(raw)
+    stamp_ns = reader.stamp_ns()
+    reader.string()
+    acceleration = _numbers(reader, 6)
+    _require_motion('accel', acceleration)
+    return stamp_ns, acceleration
+
+
+def read_imu(raw: bytes) -> tuple[int, Array, Array]:
+    """Return stamp [ns], angular velocity (3,) and specific force (3,) of an Imu."""
+    reader = CdrReader(raw)
+    stamp_ns = reader.stamp_ns()
+    reader.string()
+    for _ in range(13):
+        reader.float64()
+    rate = _numbers(reader, 3)
+    for _ in range(9):
+        reader.float64()
+    force = _numbers(reader, 3)
+    _require_motion('angular_velocity', rate)
+    _require_motion('linear_acceleration', force)
+    return stamp_ns, rate, force

@@ -1,0 +1,192 @@
+"""Nodes whose robot stands on a base that moves: `base_motion` in, and what thrusters give out."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from base_robots import floating
+from feedforward_bench import FeedforwardBench, joint_state, point
+from geometry_msgs.msg import AccelStamped, WrenchStamped
+from nav_msgs.msg import Odometry
+from node_robots import GRAVITY, JOINTS, two_links
+from sensor_msgs.msg import Imu, JointState
+
+from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.nodes.predictor import PredictorNode
+
+pytestmark = pytest.mark.ros
+
+FORCE = (3.0, 8.0, 1.0)  # m/s^2, what an accelerometer on the base shows
+RATE = (0.2, -0.1, 0.3)  # rad/s
+HUB = '<inertial><mass value="20"/><inertia ixx="2" iyy="2" izz="2" ixy="0" ixz="0" iyz="0"/>'
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> str:
+    file = tmp_path / 'arm.urdf'
+    file.write_text(two_links())
+    return str(file)
+
+
+@pytest.fixture
+def adrift(tmp_path: Path) -> str:
+    file = tmp_path / 'adrift.urdf'
+    file.write_text(floating(two_links(), f'{HUB}</inertial>'))
+    return str(file)
+
+
+def imu(stamp_ns: int, force: tuple[float, ...] = FORCE) -> Imu:
+    message = Imu()
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+    rate, acceleration = message.angular_velocity, message.linear_acceleration
+    rate.x, rate.y, rate.z = RATE
+    acceleration.x, acceleration.y, acceleration.z = force
+    return message
+
+
+def expected(urdf: str, posture: list[float]) -> Any:
+    """Torque of rigid links at rest on the base that the IMU says."""
+    robot = load_robot(urdf, gravity=(0, 0, 0))
+    q, zero = np.zeros((2, robot.n))
+    q[robot.joint_indices] = posture
+    base = ((0, 0, 0, *RATE), (*FORCE, 0, 0, 0))
+    return robot.inverse_dynamics(q, zero, zero, base=base)[robot.joint_indices]
+
+
+def feed(bench: FeedforwardBench, publisher: Any, make: Any, condition: Any) -> None:
+    sent = [0.0]
+
+    def fed() -> object:
+        if time.perf_counter() - sent[0] > 0.01:
+            sent[0] = time.perf_counter()
+            publisher.publish(make(time.time_ns()))
+        return condition()
+
+    bench.until(fed)
+
+
+def test_feedforward_takes_the_base_from_an_imu(graph: Any, urdf: str) -> None:
+    bench = FeedforwardBench(
+        graph, urdf, base_motion='imu', base_motion_timeout=0.5, enforce_command_limits=False,
+        max_delta_tau=1e3,
+    )  # fmt: skip
+    bench.until(lambda: bench.cause == 'no base_motion yet')
+    publisher = graph.publisher(Imu, 'base_motion')
+    posture = [0.3, -0.5]
+    bench.follow(*(_hold(posture)))
+    feed(bench, publisher, imu, lambda: bench.cause == 'following')
+    wanted = expected(urdf, posture)
+
+    def arrived() -> bool:
+        return bool(
+            bench.commands and np.allclose(bench.commands[-1].data, wanted, rtol=1e-6, atol=1e-6)
+        )
+
+    feed(bench, publisher, imu, arrived)
+    # nothing comes any more: the safe command, which says why
+    bench.until(lambda: bench.cause == 'stale base_motion')
+
+
+def _hold(posture: list[float]) -> list[Any]:
+    return [point(0.0, posture, [0.0, 0.0]), point(9.0, posture, [0.0, 0.0])]
+
+
+def test_bad_readings_of_the_base_are_refused_and_counted(graph: Any, urdf: str) -> None:
+    bench = FeedforwardBench(graph, urdf, base_motion='imu')
+    publisher = graph.publisher(Imu, 'base_motion')
+    monitor = next(m for m in bench.node.monitors if m.topic.endswith('base_motion'))
+    publisher.publish(imu(10**9, (np.nan, 0.0, 0.0)))
+    bench.until(lambda: monitor.rejected['non_finite'] == 1)
+    publisher.publish(imu(10**9, (2e6, 0.0, 0.0)))
+    bench.until(lambda: monitor.rejected['out_of_range'] == 1)
+    publisher.publish(imu(2 * 10**9))
+    publisher.publish(imu(10**9))
+    bench.until(lambda: monitor.rejected['backwards_stamp'] == 1)
+    assert monitor.accepted == 1
+
+
+def test_predictor_on_a_base_by_odometry_and_acceleration(graph: Any, urdf: str) -> None:
+    """A base that accelerates steadily bends the links as so much gravity does."""
+    node = graph.add(
+        PredictorNode, urdf_path=urdf, gravity=GRAVITY, update_rate=200.0,
+        joint_state_timeout=1.0, base_motion='odometry_accel', base_motion_timeout=1.0,
+    )  # fmt: skip
+    found = graph.collect(JointState, 'predictor/modal_state')
+    joints = graph.publisher(JointState, 'joint_states')
+    odometry = graph.publisher(Odometry, 'base_motion')
+    beside = graph.publisher(AccelStamped, 'base_acceleration')
+
+    def send(with_base: bool) -> None:
+        now = time.time_ns()
+        joints.publish(joint_state(JOINTS, [0.2, 0.1], now))
+        if not with_base:
+            return
+        pose, acceleration = Odometry(), AccelStamped()
+        for message in (pose, acceleration):
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 10**9)
+        pose.pose.pose.orientation.z = pose.pose.pose.orientation.w = np.sqrt(0.5)  # a quarter
+        acceleration.accel.linear.x = 2.0
+        beside.publish(acceleration)
+        odometry.publish(pose)
+
+    for _ in range(20):
+        send(False)
+        graph.spin(0.01)
+    assert not found
+    robot = load_robot(urdf, gravity=GRAVITY)
+    turn = np.eye(4)
+    turn[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
+    still = robot.static_deflection([0.2, 0.1], base=((0,) * 6, (2.0, 0, 0, 0, 0, 0), turn))
+    names = list(robot.coordinate_names)
+
+    def settled() -> bool:
+        send(True)
+        if not found:
+            return False
+        got = dict(zip(found[-1].name, found[-1].position, strict=True))
+        return bool(np.allclose([got[name] for name in names], still, atol=2e-5))
+
+    graph.until(settled)
+    assert np.abs(still - robot.static_deflection([0.2, 0.1])).max() > 1e-4
+    assert node.observer.base is not None
+
+
+def test_thrusters_hold_a_base_that_would_float(graph: Any, adrift: str) -> None:
+    wrenches = graph.collect(WrenchStamped, '/feedforward/base_wrench')
+    bench = FeedforwardBench(
+        graph, adrift, base='free_flying', enforce_command_limits=False, max_delta_tau=1e3
+    )
+    posture = [0.3, -0.5]
+    bench.follow(*_hold(posture))
+    bench.until(lambda: bench.cause == 'following' and wrenches)
+    robot = load_robot(adrift, gravity=GRAVITY)
+    q, zero = np.zeros((2, robot.n))
+    q[robot.joint_indices] = posture
+    tau = robot.inverse_dynamics(q, zero, zero)
+    wanted = robot.base_wrench(q, tau)
+
+    def arrived() -> bool:
+        force, torque = wrenches[-1].wrench.force, wrenches[-1].wrench.torque
+        got = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+        return bool(np.allclose(got, wanted, atol=1e-6))
+
+    bench.until(arrived)
+    assert wrenches[-1].header.frame_id == 'base'
+    bench.until(lambda: np.allclose(bench.commands[-1].data, tau[robot.joint_indices], atol=1e-6))
+
+
+@pytest.mark.parametrize('model', ['rigid', 'flexible'])
+def test_a_free_floating_base_falls_and_asks_for_no_torque(
+    graph: Any, adrift: str, model: str
+) -> None:
+    """In free fall nothing has a weight: joints at rest take no torque."""
+    bench = FeedforwardBench(
+        graph, adrift, model=model, enforce_command_limits=False, max_delta_tau=1e3
+    )
+    bench.follow(*_hold([0.3, -0.5]))
+    bench.until(lambda: bench.cause == 'following')
+    bench.until(lambda: bool(np.abs(bench.commands[-1].data).max() < 1e-6))
