@@ -98,6 +98,10 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         'sensors': [
             {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic}
             for s in tree.sensors
+        ]
+        + [
+            {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic}
+            for s in tree.inertial_sensors
         ],
         **_mechanism(robot),
         'natural_frequencies_hz': [float(value) for value in frequencies],

@@ -91,7 +91,7 @@ class DeviationFilter:
         k = self._k
         expected[:k], expected[k : 2 * k] = q[self._joints], qd[self._joints]
         if len(self._sensors):
-            expected[2 * k :] = self._robot.sensor_values(q, qd)[self._sensors]
+            expected[2 * k :] = self._robot.beam_sensor_values(q)[self._sensors]
 
     def take_joints(self, stamp: float, q: Array, qd: Array | None) -> None:
         """Take measured positions (joints,) and, if known, rates of a time [s]."""

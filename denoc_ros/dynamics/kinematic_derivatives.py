@@ -191,25 +191,6 @@ class KinematicDerivatives(RobotModel):
         result[..., own] = rows
         return result
 
-    def sensor_derivatives(
-        self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None
-    ) -> tuple[Array, Array, Array]:
-        """Return the derivatives of the sensors' values by q, q' and q'', (sensors, n) each.
-
-        Of rows (k, sensors, n). All types read the shape of a beam: those by q' and q'' are zero.
-        """
-        states = [as_states('q', q, self.n)]
-        states += [as_states(a, x, self.n) for a, x in (('qd', qd), ('qdd', qdd)) if x is not None]
-        rows = structure.sensor_rows(self)
-        if any(state.ndim == 2 for state in states):
-            states = same_rows(states)
-            rows = np.tile(rows, (len(states[0]), 1, 1))
-        for k, sensor in structure.composed_sensors(self):
-            section, own = self.section(sensor.link, sensor.station)
-            axis = 1 if sensor.direction == 'y' else 2
-            rows[..., k, own] = section.jacobian(states[0][..., own])[..., axis, :]
-        return rows, np.zeros_like(rows), np.zeros_like(rows)
-
     def _of_motion(
         self,
         verb: KernelOperation,

@@ -111,7 +111,7 @@ def _read(robot: Robot, state: tuple[Array, Array, Array], given: str) -> Output
 
 
 def _sensors(robot: Robot, state: tuple[Array, Array, Array], given: str) -> Outputs:
-    names = tuple(sensor.name for sensor in robot.tree.sensors)
+    names = robot.sensor_names
     rows = robot.sensor_derivatives(*state)
     if given == 'sensors':
         return Outputs(names, *rows)

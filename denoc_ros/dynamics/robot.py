@@ -14,11 +14,11 @@ from denoc_ros.dynamics.batch import each_row, run_rows
 from denoc_ros.dynamics.constrained_derivatives import DifferentiableMechanism
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
 from denoc_ros.dynamics.floating_base import FloatingBase
-from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
 from denoc_ros.dynamics.linearize import Linearizable
 from denoc_ros.dynamics.momentum import MassAndMomentum
 from denoc_ros.dynamics.regressor import TorqueRegressor
 from denoc_ros.dynamics.robot_model import Source
+from denoc_ros.dynamics.sensor_values import SensorValues
 from denoc_ros.dynamics.statics import StaticsAndVibration
 from denoc_ros.dynamics.validation import as_output, as_rows, as_states, same_rows
 from denoc_ros.kernels import articulated, composite, inverse, world
@@ -56,7 +56,7 @@ FRAME_JACOBIAN = KernelOperation(world.frame_jacobian, world.frame_jacobian_rows
 
 class Robot(
     DifferentiableMechanism,
-    KinematicDerivatives,
+    SensorValues,
     TorqueRegressor,
     Linearizable,
     StaticsAndVibration,
@@ -289,23 +289,6 @@ class Robot(
         section, amplitudes = self.section(link, station)
         q = as_states('q', q, self.n)
         return section.deflection(q[..., amplitudes])[..., :3]
-
-    def sensor_values(
-        self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None
-    ) -> Array:
-        """Return the predicted values of the sensors, in file order (each in its own unit).
-
-        All types read the shape of a beam, so rates and accelerations do not matter to them.
-        """
-        q = as_states('q', q, self.n)
-        values = np.empty((*q.shape[:-1], len(self.tree.sensors)))
-        for k, sensor in enumerate(self.tree.sensors):
-            first = structure.body_amplitudes(self, sensor.body).start
-            values[..., k] = q[..., first : first + len(sensor.row)] @ sensor.row
-        for k, sensor in structure.composed_sensors(self):
-            moved = self.tip_deflection(sensor.link, q, sensor.station)
-            values[..., k] = moved[..., 1 if sensor.direction == 'y' else 2]
-        return values
 
     def amplitudes(self, link: str) -> slice:
         """Return where the amplitudes of a flexible link stand among the coordinates.

@@ -262,8 +262,8 @@ class RobotModel:
         inertia : (3, 3) [kg m^2] about the centre of mass, frame axes; default a point mass
         """
         row = self._carrier(frame)
-        attachment = self.tree.frames[frame]
-        if row == 0 or attachment.station != 0.0:
+        attachment = self.tree.frames.get(frame)
+        if row == 0 or attachment is None or attachment.station != 0.0:
             raise StateError(f'frame {frame!r} must be a link that moves, got one that does not')
         payload = structure.payload_inertia(attachment.placement, mass, com, inertia)
         self._payloads[frame] = inertia_row(payload, self.arrays.axes[row - 1])
@@ -333,11 +333,18 @@ class RobotModel:
         return self.joint_indices[[self.joint_names.index(name) for name in names]]
 
     def _row(self, frame: str) -> int:
-        row = self.arrays.frame_rows.get(frame)
+        arrays = self.arrays
+        row = arrays.frame_rows.get(frame, arrays.mount_rows.get(frame))
         if row is None:
             known = ', '.join(self.frame_names)
             raise StateError(f'frame must be one of {known}, got {frame!r}')
         return row
+
+    @property
+    def gravity_in_base(self) -> Array:
+        """Gravity (3,) [m/s^2] in the base's axes: of a base that moves by its pose."""
+        pose = None if self._base is None else self._base.pose
+        return self.gravity if pose is None else np.asarray(pose[:3, :3].T @ self.gravity)
 
     def raise_for_status(self, status: int, **arguments: Array) -> None:
         """Raise what a kernel's status says about its arguments."""

@@ -216,9 +216,9 @@ class StrainFusion:
 
     def _relinearize(self, robot: Robot, q: Array) -> None:
         """Take the sensors' rows about a state (n,): deflections of segments are not linear."""
-        rows = robot.sensor_derivatives(q)[0]
+        rows = robot.beam_sensor_rows(q)
         self._rows = rows[:, self._flexible]
-        self._shift = robot.sensor_values(q) - rows @ q
+        self._shift = robot.beam_sensor_values(q) - rows @ q
 
     def unexplained(self) -> Array:
         """Return what part of the sensors' values the loads make, taken as slow (sensors,).

@@ -40,6 +40,7 @@ class ModelArrays:
     body_rows: tuple[int, ...]  # of each body of the tree, its row
     work_size: int
     frame_rows: dict[str, int]
+    mount_rows: dict[str, int]  # of the inertial sensors, by their frames' names
     axes: tuple[Array, ...]  # per row of a body, (3, 3): its axes seen from the body frame
     coordinate_names: tuple[str, ...]
     joint_names: tuple[str, ...]
@@ -270,8 +271,12 @@ def to_arrays(tree: Tree, gravity: Array, geometric_stiffness: bool) -> ModelArr
     builder.derivatives()
     for attachment in tree.frames.values():
         builder.frame(attachment)
+    for sensor in tree.inertial_sensors:
+        builder.frame(sensor.mount)
     bodies = len(builder.axes)
     frame_rows = {name: 1 + bodies + k for k, name in enumerate(tree.frames)}
+    mounts = [sensor.frame for sensor in tree.inertial_sensors]
+    mount_rows = {name: 1 + bodies + len(frame_rows) + k for k, name in enumerate(mounts)}
     constraint_names = builder.constraints(frame_rows)
     coordinates, joints, indices = names(tree)
     rigid = without_springs(tree) if has_springs(tree) else None
@@ -283,6 +288,7 @@ def to_arrays(tree: Tree, gravity: Array, geometric_stiffness: bool) -> ModelArr
         body_rows=tuple(builder.body_rows),
         work_size=builder.work_size,
         frame_rows=frame_rows,
+        mount_rows=mount_rows,
         axes=tuple(builder.axes),
         coordinate_names=tuple(coordinates),
         joint_names=tuple(joints),

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.model.findings import Element, Findings, Reader
+from denoc_ros.model.inertial_sensors import InertialElement, read_inertial_sensor
 from denoc_ros.model.loops import LoopElement, read_loop
 from denoc_ros.model.sections import Section, rectangle_section, round_section, tube_section
 from denoc_ros.model.sensors import SensorElement, read_sensor
 from denoc_ros.model.shapes import SHAPES
 from denoc_ros.model.springs import read_spring
-from denoc_ros.model.tree import Spring
+from denoc_ros.model.tree import INERTIAL_PARTS, Spring
 
 Array = NDArray[np.float64]
 
@@ -56,6 +58,7 @@ class Flexibility:
     beams: dict[str, BeamElement] = field(default_factory=dict)  # by link
     loops: list[LoopElement] = field(default_factory=list)
     sensors: list[SensorElement] = field(default_factory=list)
+    inertial_sensors: list[InertialElement] = field(default_factory=list)
     armatures: dict[str, float] = field(default_factory=dict)  # by joint
     springs: dict[str, Spring] = field(default_factory=dict)  # by joint
     flexible_links: set[str] = field(default_factory=set)  # beams with findings as well
@@ -91,7 +94,7 @@ def read_flexibility(root: Element, findings: Findings) -> Flexibility:
             joint, spring = read_spring(element, root, flexibility.springs, findings)
             flexibility.springs[joint] = spring
         _add_loops(block, links, flexibility, findings)
-        _add_sensors(block, flexibility, findings)
+        _add_sensors(block, links, flexibility, findings)
     return flexibility
 
 
@@ -105,12 +108,23 @@ def _add_loops(
             flexibility.loops.append(loop)
 
 
-def _add_sensors(block: Element, flexibility: Flexibility, findings: Findings) -> None:
+def _add_sensors(
+    block: Element, links: Collection[str], flexibility: Flexibility, findings: Findings
+) -> None:
     names: set[str] = set()
+    flexible = flexibility.flexible_links
+    values = 0  # of the sensors so far
     for element in block.findall('sensor'):
-        sensor = read_sensor(element, flexibility.flexible_links, names, findings)
+        if element.get('type') in INERTIAL_PARTS:
+            inertial = read_inertial_sensor(element, links, flexible, names, values, findings)
+            if inertial is not None:
+                flexibility.inertial_sensors.append(inertial)
+                values += len(inertial.parts)
+            continue
+        sensor = read_sensor(element, flexible, names, findings)
         if sensor is not None:
             flexibility.sensors.append(sensor)
+            values += 1
 
 
 def _add_actuator(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.model import segments
 from denoc_ros.model.override_elements import JOINT_FIELDS, SPRING_FIELDS
-from denoc_ros.model.overrides import SENSOR_FIELDS, carrying_links
+from denoc_ros.model.overrides import INERTIAL_FIELDS, SENSOR_FIELDS, carrying_links
 from denoc_ros.model.tree import Beam, Body, Deformation, Tree
 
 Values = dict[str, float | list[float]]
@@ -37,6 +37,9 @@ def override_values(tree: Tree) -> Values:
     for sensor in tree.sensors:
         for field in SENSOR_FIELDS:
             values[f'sensor.{sensor.name}.{field}'] = float(getattr(sensor, field))
+    for inertial in tree.inertial_sensors:
+        for field in INERTIAL_FIELDS[inertial.type]:
+            values[f'sensor.{inertial.name}.{field}'] = float(getattr(inertial, field))
     for link in carrying_links(tree):
         values[f'payload.{link}.mass'] = 0.0
         values[f'payload.{link}.com'] = [0.0] * 3

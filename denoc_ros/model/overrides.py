@@ -46,6 +46,10 @@ BEAM_FIELDS = {
     'z': ('ei', 'modes', *DAMPING),
     'torsion': ('gj', 'polar_inertia', 'modes', *DAMPING),
 }
+INERTIAL_FIELDS = {
+    'imu': ('gyro_noise', 'accel_noise', 'gyro_bias', 'accel_bias'),
+    'accelerometer': ('accel_noise', 'accel_bias'),
+}
 SENSOR_FIELDS = ('gain', 'offset', 'noise')
 PAYLOAD_SIZES = {'mass': (1,), 'com': (3,), 'inertia': (6, 9)}
 WHERE = 'overrides'
@@ -276,13 +280,15 @@ def _override_sensor(
     name, _, field = rest.rpartition('.')
     sensors = root.findall('flexibility/sensor')
     found = [sensor for sensor in sensors if sensor.get('name') == name]
-    if not found or field not in SENSOR_FIELDS:
-        fields = '|'.join(SENSOR_FIELDS)
-        unknown_path(
-            path, [f'sensor.{sensor.get("name")}.<{fields}>' for sensor in sensors], findings
-        )
+    if not found or field not in _sensor_fields(found[0]):
+        known = [f'{each.get("name")}.<{"|".join(_sensor_fields(each))}>' for each in sensors]
+        unknown_path(path, [f'sensor.{each}' for each in known], findings)
         return
     set_attribute(found[0], field, path, value, findings)
+
+
+def _sensor_fields(sensor: Element) -> tuple[str, ...]:
+    return INERTIAL_FIELDS.get(sensor.get('type', ''), SENSOR_FIELDS)
 
 
 def _override_payload(

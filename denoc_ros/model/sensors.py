@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.segments import locate
-from denoc_ros.model.tree import Beam, Deformation, Sensor, Tree
+from denoc_ros.model.tree import INERTIAL_PARTS, Beam, Deformation, Sensor, Tree
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def read_sensor(
     """
     before, name = len(findings.items), element.get('name', '')
     reader = Reader(element, f'sensor {name!r}', findings)
-    type_ = reader.choice('type', tuple(OWN))
+    type_ = reader.choice('type', (*OWN, *INERTIAL_PARTS))
     own = OWN.get(type_, ('surface', 'component'))
     reader.only((*COMMON, *own, 'topic', 'field'))
     reader.text('name')

@@ -197,6 +197,38 @@ class Sensor:
     direction: str = ''  # y | z
 
 
+INERTIAL_PARTS = {
+    'imu': ('gyro_x', 'gyro_y', 'gyro_z', 'accel_x', 'accel_y', 'accel_z'),
+    'accelerometer': ('accel_x', 'accel_y', 'accel_z'),
+}
+
+
+@dataclass(frozen=True)
+class InertialSensor:
+    """An IMU or accelerometer on a link; noise and bias are standard deviations per axis."""
+
+    name: str
+    type: str  # imu | accelerometer
+    link: str
+    mount: Attachment  # of its axes
+    first: int  # place of its first value among those of all sensors
+    gyro_noise: float  # rad/s
+    accel_noise: float  # m/s^2
+    gyro_bias: float  # rad/s, of a constant that is not known
+    accel_bias: float  # m/s^2
+    topic: str
+
+    @property
+    def frame(self) -> str:
+        """Name of the frame of its axes, as the robot's verbs take it."""
+        return f'sensor:{self.name}'
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of its values: six of an IMU, three of an accelerometer."""
+        return INERTIAL_PARTS[self.type]
+
+
 @dataclass(frozen=True)
 class LoopFrame:
     """One side of a loop joint: its frame's name in `Tree.frames` and its link."""
@@ -231,3 +263,19 @@ class Tree:
     warnings: tuple[str, ...] = ()
     source: str = ''  # the URDF text it was read from
     overrides: Mapping[str, Any] = field(default_factory=dict)  # applied on top, by dotted path
+    inertial_sensors: tuple[InertialSensor, ...] = ()  # `sensors` has those on beams
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """Names of all sensors' values in file order: `gauge`, `imu/gyro_x`, `imu/accel_z`."""
+        names = [sensor.name for sensor in self.sensors]
+        for sensor in self.inertial_sensors:  # in file order: those before stand already
+            own = [f'{sensor.name}/{part}' for part in sensor.parts]
+            names[sensor.first : sensor.first] = own
+        return tuple(names)
+
+    @property
+    def beam_sensor_places(self) -> list[int]:
+        """Places of the values of `sensors` among those of all sensors."""
+        taken = {k for s in self.inertial_sensors for k in range(s.first, s.first + len(s.parts))}
+        return [k for k in range(len(self.sensors) + len(taken)) if k not in taken]

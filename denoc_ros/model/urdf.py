@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import os
 
+import numpy as np
+
 from denoc_ros.errors import ModelError
 from denoc_ros.model.assembly import Assembly, assemble
 from denoc_ros.model.beams import FlexibleLink, flexible_link
 from denoc_ros.model.findings import Element, Findings
 from denoc_ros.model.flexibility import Flexibility, read_flexibility
+from denoc_ros.model.inertial_sensors import InertialElement, make_inertial_sensor
 from denoc_ros.model.loops import LoopElement
 from denoc_ros.model.rigid_urdf import RigidUrdf, read_rigid_urdf
 from denoc_ros.model.sensors import SensorElement, make_sensor
 from denoc_ros.model.source import parse_xml, read_source
 from denoc_ros.model.springs import check_springs
-from denoc_ros.model.tree import Beam, Loop, LoopFrame, Sensor, Tree
+from denoc_ros.model.tree import Beam, InertialSensor, Loop, LoopFrame, Sensor, Tree
 
 
 def load_tree(source: str | os.PathLike[str]) -> Tree:
@@ -83,6 +86,10 @@ def tree_of(root: Element, where: str, text: str) -> Tree:
         tuple(_sensor(sensor, assembly) for sensor in sensors),
         tuple(warnings),
         text,
+        inertial_sensors=tuple(
+            _inertial_sensor(sensor, flexibility, assembly)
+            for sensor in flexibility.inertial_sensors
+        ),
     )
 
 
@@ -123,7 +130,24 @@ def _sensor_elements(
         if sensor.station > beam.length:
             rule = f'station must be at most the length {beam.length:g} m of beam {sensor.link!r}'
             warnings.append(f'{whose}: {rule}, got {sensor.station:g}, taken as the tip')
+    for inertial in flexibility.inertial_sensors:
+        beam = flexibility.beams.get(inertial.link)
+        if beam is not None and inertial.station is not None and inertial.station > beam.length:
+            rule = f'station must be at most the length {beam.length:g} m of beam {beam.link!r}'
+            got = f'{inertial.station:g}, taken as the tip'
+            warnings.append(f'sensor {inertial.name!r}: {rule}, got {got}')
     return flexibility.sensors
+
+
+def _inertial_sensor(
+    sensor: InertialElement, flexibility: Flexibility, assembly: Assembly
+) -> InertialSensor:
+    section = np.eye(4)
+    if sensor.station is not None:
+        beam = flexibility.beams[sensor.link]
+        section[0, 3] = min(sensor.station, beam.length)
+        section = beam.origin @ section
+    return make_inertial_sensor(sensor, section, assembly.attach)
 
 
 def _frame_names(loop: LoopElement) -> tuple[str, str]:

@@ -145,7 +145,7 @@ class PredictorNode(RobotNode):
         zero = np.zeros(self.robot.n)
         self.observer.deflections.evaluate(zero, zero)
         self.robot.frame_pose(self.tip, zero)
-        self.robot.sensor_values(zero)
+        self.robot.beam_sensor_values(zero)
         self._lines.message(zero, 0)
 
     def _connect(self) -> None:
@@ -268,7 +268,7 @@ class PredictorNode(RobotNode):
 
     def _explained(self, robot: Robot, observer: Observer) -> Array:
         """Return what the model says the sensors with a topic show, loads not in it left out."""
-        values = robot.sensor_values(observer.q)
+        values = robot.beam_sensor_values(observer.q)
         if observer.fusion is not None:
             values -= observer.fusion.unexplained()
         return np.asarray(values[self.sensors.places])

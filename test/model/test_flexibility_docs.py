@@ -14,7 +14,7 @@ from denoc_ros.model.urdf import load_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / 'docs' / 'flexibility.md').read_text()
-EXAMPLE, DIVIDED, LOOP = re.findall(r'```xml\n(.*?)```', TEXT, re.DOTALL)
+EXAMPLE, DIVIDED, IMU, LOOP = re.findall(r'```xml\n(.*?)```', TEXT, re.DOTALL)
 
 
 def test_the_example_loads_without_a_warning() -> None:
@@ -31,7 +31,10 @@ def test_the_divided_beam_loads() -> None:
         '<link name="boom"><inertial><origin xyz="3 0 0"/><mass value="12"/>'
         '<inertia ixx="0" ixy="0" ixz="0" iyy="36" iyz="0" izz="36"/></inertial></link>'
     )
-    tree = load_tree(f'<robot name="r">{boom}<flexibility>{DIVIDED}</flexibility></robot>')
+    imu = IMU.replace('link="gripper"', 'link="boom" station="6"')
+    block = f'<flexibility>{DIVIDED}{imu}</flexibility>'
+    tree = load_tree(f'<robot name="r">{boom}{block}</robot>')
+    assert tree.inertial_sensors[0].mount.station == 6.0 / 8
     assert [body.name for body in tree.bodies] == ['boom', *(f'boom/{k}' for k in range(2, 9))]
 
 
@@ -88,11 +91,13 @@ def test_the_dotted_paths_of_the_reference_work() -> None:
         'inertia': '1 0 0 1 0 1',
     }
     paths = [path.replace('\\|', '|') for path in re.findall(r'\| `([a-z]+\.<[^`]*)`', TEXT)]
-    assert len(paths) == 7
+    assert len(paths) == 8
+    robot = EXAMPLE.replace('<actuator', f'{IMU}<actuator', 1)
     for path in paths:
         stem, fields = path.rsplit('.', 1)
         stem = stem.replace('<y|z>', 'y').replace('<link>', 'upper_arm')
-        stem = stem.replace('sensor.<name>', 'sensor.upper_arm_root').replace('<name>', 'shoulder')
+        sensor = 'tip_imu' if 'gyro' in fields else 'upper_arm_root'
+        stem = stem.replace('sensor.<name>', f'sensor.{sensor}').replace('<name>', 'shoulder')
         fields = fields.replace('<joint>', 'shoulder').strip('<>')
         for field in fields.split('|'):
-            with_overrides(EXAMPLE, {f'{stem}.{field}': odd.get(field, 0.01)})
+            with_overrides(robot, {f'{stem}.{field}': odd.get(field, 0.01)})

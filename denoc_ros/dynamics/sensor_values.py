@@ -1,0 +1,175 @@
+"""What a robot's sensors read, and how that changes with its state."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.dynamics import structure
+from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
+from denoc_ros.dynamics.rotations import cross_matrices
+from denoc_ros.dynamics.validation import as_states, same_rows
+from denoc_ros.model.tree import InertialSensor
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+class SensorValues(KinematicDerivatives):
+    """Predicted values of gauges, load cells, deflection sensors, IMUs and accelerometers."""
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """Names of the sensors' values: `gauge`, `imu/gyro_x`, ..., `imu/accel_z`."""
+        return self.tree.sensor_names
+
+    def sensor_values(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        qdd: ArrayLike | None = None,
+        base: Base | None = None,
+    ) -> Array:
+        """Return the predicted values of the sensors, in file order (each in its own unit).
+
+        Parameters
+        ----------
+        q : (n,) or (k, n)
+        qd, qdd : (n,) or (k, n), optional
+            What IMUs and accelerometers need; default zero: the robot stands still.
+        base : (twist, acceleration[, pose]), optional
+            Of a base that moves, as of :meth:`Robot.inverse_dynamics`.
+
+        Returns
+        -------
+        (values,) or (k, values)
+            In the order of `sensor_names`. Of an IMU angular rate [rad/s], then specific force
+            [m/s^2], the acceleration less gravity, each along the sensor's own axes on the
+            deflected link; of an accelerometer the specific force. Without biases.
+        """
+        if base is not None:
+            zero = self._zero
+            return self._on_base(
+                base, self.sensor_values, q, zero if qd is None else qd,
+                zero if qdd is None else qdd,
+            )  # fmt: skip
+        q = as_states('q', q, self.n)
+        on_beams = self.beam_sensor_values(q)
+        if not self.tree.inertial_sensors:
+            return on_beams
+        zero = self._zero
+        states = [
+            q,
+            zero if qd is None else as_states('qd', qd, self.n),
+            zero if qdd is None else as_states('qdd', qdd, self.n),
+        ]
+        if any(state.ndim == 2 for state in states):
+            states = same_rows(states)
+        values = np.empty((*states[0].shape[:-1], len(self.sensor_names)))
+        values[..., self.tree.beam_sensor_places] = on_beams
+        for sensor in self.tree.inertial_sensors:
+            part = slice(sensor.first, sensor.first + len(sensor.parts))
+            values[..., part] = self._inertial_values(sensor, states)
+        return values
+
+    def beam_sensor_values(self, q: ArrayLike) -> Array:
+        """Return the predicted values of the sensors on beams alone, as `tree.sensors` has them.
+
+        They read the shape of a beam, so rates and accelerations do not matter to them.
+        """
+        q = as_states('q', q, self.n)
+        values = np.empty((*q.shape[:-1], len(self.tree.sensors)))
+        for k, sensor in enumerate(self.tree.sensors):
+            first = structure.body_amplitudes(self, sensor.body).start
+            values[..., k] = q[..., first : first + len(sensor.row)] @ sensor.row
+        for k, sensor in structure.composed_sensors(self):
+            section, own = self.section(sensor.link, sensor.station)
+            moved = section.deflection(q[..., own])
+            values[..., k] = moved[..., 1 if sensor.direction == 'y' else 2]
+        return values
+
+    def sensor_derivatives(
+        self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Return the derivatives of the sensors' values by q, q' and q'', (values, n) each.
+
+        Of rows (k, values, n). Sensors on beams read their shape: those by q' and q'' are zero.
+        Of inertial sensors qd and qdd are zero by default.
+        """
+        states = [as_states('q', q, self.n)]
+        states += [
+            self._zero if x is None else as_states(a, x, self.n)
+            for a, x in (('qd', qd), ('qdd', qdd))
+        ]
+        if any(state.ndim == 2 for state in states):
+            states = same_rows(states)
+        shape = (*states[0].shape[:-1], len(self.sensor_names), self.n)
+        by_q, by_qd, by_qdd = (np.zeros(shape) for _ in range(3))
+        by_q[..., self.tree.beam_sensor_places, :] = self.beam_sensor_rows(states[0])
+        for sensor in self.tree.inertial_sensors:
+            part = slice(sensor.first, sensor.first + len(sensor.parts))
+            found = self._inertial_derivatives(sensor, states)
+            by_q[..., part, :], by_qd[..., part, :], by_qdd[..., part, :] = found
+        return by_q, by_qd, by_qdd
+
+    def beam_sensor_rows(self, q: ArrayLike) -> Array:
+        """Return the derivative (sensors, n) or (k, sensors, n) of `beam_sensor_values` by q."""
+        q = as_states('q', q, self.n)
+        linear = structure.sensor_rows(self)
+        rows: Array = np.broadcast_to(linear, (*q.shape[:-1], *linear.shape)).copy()
+        for k, sensor in structure.composed_sensors(self):
+            section, own = self.section(sensor.link, sensor.station)
+            axis = 1 if sensor.direction == 'y' else 2
+            rows[..., k, own] = section.jacobian(q[..., own])[..., axis, :]
+        return rows
+
+    def _inertial_values(self, sensor: InertialSensor, states: list[Array]) -> Array:
+        """Return the values (..., parts) of an IMU or accelerometer."""
+        q, qd, qdd = states
+        axes = cast('Robot', self).frame_pose(sensor.frame, q)[..., :3, :3]
+        motion = self.frame_motion(sensor.frame, q, qd, qdd)
+        seen = [motion[..., 0, 3:], motion[..., 1, :3] - self.gravity_in_base]
+        values = np.concatenate([_turned(axes, vector) for vector in seen], axis=-1)
+        return np.asarray(values[..., -len(sensor.parts) :])
+
+    def _inertial_derivatives(
+        self, sensor: InertialSensor, states: list[Array]
+    ) -> tuple[Array, Array, Array]:
+        """Return the derivatives (..., parts, n) of its values by q, q' and q''.
+
+        Notes
+        -----
+        With the sensor's axes R and the columns T of its angular Jacobian,
+        d(R^T x)/dq_j = R^T (dx/dq_j - T_j x x).
+        """
+        q, qd, qdd = states
+        robot = cast('Robot', self)
+        axes = robot.frame_pose(sensor.frame, q)[..., :3, :3]
+        jacobian = robot.frame_jacobian(sensor.frame, q)
+        motion = self.frame_motion(sensor.frame, q, qd, qdd)
+        rate, force = motion[..., 0, 3:], motion[..., 1, :3] - self.gravity_in_base
+        velocity = self.frame_velocity_derivatives(sensor.frame, q, qd)
+        acceleration = self.frame_acceleration_derivatives(sensor.frame, q, qd, qdd)
+        turned = [np.matmul(cross_matrices(x), jacobian[..., 3:, :]) for x in (rate, force)]
+        zero = np.zeros_like(turned[0])
+        found = (
+            (velocity[0][..., 3:, :] + turned[0], acceleration[0][..., :3, :] + turned[1]),
+            (velocity[1][..., 3:, :], acceleration[1][..., :3, :]),
+            (zero, acceleration[2][..., :3, :]),
+        )
+        back, count = np.swapaxes(axes, -1, -2), len(sensor.parts)
+        by_q, by_qd, by_qdd = (
+            np.concatenate([np.matmul(back, part) for part in parts], axis=-2)[..., -count:, :]
+            for parts in found
+        )
+        return by_q, by_qd, by_qdd
+
+
+def _turned(axes: Array, vector: Array) -> Array:
+    """Return vectors (..., 3) seen from axes (..., 3, 3)."""
+    return np.asarray(np.matmul(np.swapaxes(axes, -1, -2), vector[..., None])[..., 0])
