@@ -8,10 +8,10 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from denoc_ros.bags.cdr import stamp_fields
 from denoc_ros.dynamics.centre_line import CentreLine
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.segments import whole_beams
-from denoc_ros.runtime.stamps import stamp_fields
 from denoc_ros.types import Array
 
 STATIONS = 13

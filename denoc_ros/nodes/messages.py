@@ -15,16 +15,14 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from denoc_ros.bags.cdr import stamp_fields
 from denoc_ros.bags.definitions import exact_cdr
-from denoc_ros.runtime.stamps import stamp_fields
 from denoc_ros.types import Array
 
 DELIVERY = 0.5  # s
-FIELDS = ('position', 'velocity', 'effort')
 _STAMP = struct.Struct('<iI')
 
 
@@ -55,42 +53,6 @@ class _Prebuilt:
     def bytes(self) -> bytes:
         """Return the message, ready for `Publisher.publish`."""
         return bytes(self._raw)
-
-
-class JointStateMessage(_Prebuilt):
-    """A JointState with fixed names: write `position`, `velocity`, `effort` in place.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Joint, deflection or sensor names.
-    fields : sequence of str
-        Which of position, velocity, effort the message has; the others stay empty.
-    frame_id : str
-        Of the header.
-    """
-
-    def __init__(self, names: Sequence[str], fields: Sequence[str], frame_id: str = '') -> None:
-        message = JointState()
-        message.header.frame_id = frame_id
-        message.name = list(names)
-        present = [field for field in FIELDS if field in fields] if names else []
-        markers = []
-        for number, field in enumerate(present):
-            marker = 1.2345e100 + number * 1e90
-            markers.append(marker)
-            setattr(message, field, [marker] * len(names))
-        self._raw, offsets = _template(message, markers)
-        views = {
-            field: np.frombuffer(self._raw, '<f8', len(names), offset)
-            for field, offset in zip(present, offsets, strict=True)
-        }
-        self.names = tuple(names)
-        self.position: Array = views.get('position', np.empty(0))
-        self.velocity: Array = views.get('velocity', np.empty(0))
-        self.effort: Array = views.get('effort', np.empty(0))
-        for view in views.values():
-            view[:] = 0.0
 
 
 class CommandMessage(_Prebuilt):

@@ -8,7 +8,7 @@ import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from denoc_ros.runtime.stamps import stamp_fields
+from denoc_ros.bags.cdr import stamp_fields
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 from denoc_ros.types import Array
 

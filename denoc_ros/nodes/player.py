@@ -20,11 +20,12 @@ from scipy.interpolate import CubicSpline
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
+from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.bags.series import read_joint_states
 from denoc_ros.errors import BagError, DenocError
 from denoc_ros.nodes.base import EVERY_MESSAGE
 from denoc_ros.nodes.graph import leave_graph
-from denoc_ros.nodes.messages import JointStateMessage, TrajectoryPointMessage
+from denoc_ros.nodes.messages import TrajectoryPointMessage
 from denoc_ros.nodes.process import leave
 from denoc_ros.nodes.without_events import WithoutEvents
 from denoc_ros.runtime.signals import SIGNALS, Interrupted

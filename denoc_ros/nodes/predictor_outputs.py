@@ -10,10 +10,11 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
 
+from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.nodes.base import STATE, DenocNode
-from denoc_ros.nodes.messages import JointStateMessage, PoseMessage
+from denoc_ros.nodes.messages import PoseMessage
 from denoc_ros.nodes.sensor_inputs import SensorInputs
 from denoc_ros.types import Array
 

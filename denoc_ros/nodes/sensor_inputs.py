@@ -11,11 +11,12 @@ from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
+from denoc_ros.bags.joint_state import JointStateLayout
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.model.sensors import WRENCH_FIELDS, wrench_field
 from denoc_ros.model.tree import Sensor, Tree
 from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.runtime.conversions import CdrReader
+from denoc_ros.runtime.conversions import MessageReader
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.types import Array
@@ -26,12 +27,12 @@ QUEUE = 1024  # values kept for a late tick
 
 def read_float(raw: bytes, _sensor: Sensor, _wrench_field: str) -> tuple[int, float]:
     """Return stamp [ns], 0 as it has none, and raw value of a Float64."""
-    return 0, CdrReader(raw).float64()
+    return 0, MessageReader(raw).float64()
 
 
 def read_array(raw: bytes, sensor: Sensor, _wrench_field: str) -> tuple[int, float]:
     """Return stamp [ns], 0 as it has none, and the sensor's element of a Float64MultiArray."""
-    reader = CdrReader(raw)
+    reader = MessageReader(raw)
     labels = []
     for _ in range(reader.count()):
         labels.append(reader.string())
@@ -54,11 +55,9 @@ def read_array(raw: bytes, sensor: Sensor, _wrench_field: str) -> tuple[int, flo
 
 def read_joint_state(raw: bytes, sensor: Sensor, _wrench_field: str) -> tuple[int, float]:
     """Return stamp [ns] and the position, effort where it has none, under the sensor's name."""
-    reader = CdrReader(raw)
-    stamp_ns = reader.stamp_ns()
-    reader.string()
-    names = reader.strings()
-    position, _, effort = reader.doubles(), reader.doubles(), reader.doubles()
+    layout = JointStateLayout.of(MessageReader(raw))
+    names = list(layout.names)
+    position, _, effort = layout.values(raw)
     wanted = sensor.field or sensor.name
     if wanted not in names:
         raise InputError('missing_field', f'name must contain {wanted!r}, got {names}')
@@ -68,12 +67,12 @@ def read_joint_state(raw: bytes, sensor: Sensor, _wrench_field: str) -> tuple[in
     values = position if has_position or not len(effort) else effort
     if place >= len(values):
         raise InputError('wrong_length', f'position must have {len(names)} elements')
-    return stamp_ns, float(values[place])
+    return layout.stamp_ns(raw), float(values[place])
 
 
 def read_wrench(raw: bytes, _sensor: Sensor, wrench_field: str) -> tuple[int, float]:
     """Return stamp [ns] and the component that the load cell measures of a WrenchStamped."""
-    reader = CdrReader(raw)
+    reader = MessageReader(raw)
     stamp_ns = reader.stamp_ns()
     reader.string()
     values = [reader.float64() for _ in WRENCH_FIELDS]

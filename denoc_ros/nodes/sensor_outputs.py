@@ -6,11 +6,12 @@ import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
+from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.model.tree import Sensor
 from denoc_ros.nodes.base import STATE, DenocNode
-from denoc_ros.nodes.messages import CommandMessage, FloatMessage, JointStateMessage
+from denoc_ros.nodes.messages import CommandMessage, FloatMessage
 from denoc_ros.types import Array
 
 

@@ -8,8 +8,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
+from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.nodes.base import COMMAND, EVERY_MESSAGE, STATE, DenocNode
-from denoc_ros.nodes.messages import CommandMessage, JointStateMessage, TrajectoryPointMessage
+from denoc_ros.nodes.messages import CommandMessage, TrajectoryPointMessage
 from denoc_ros.types import Array
 
 

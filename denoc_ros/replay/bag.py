@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from denoc_ros.bags.columns import JOINT_STATE, JointStateEncoder
+from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, read_raw
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.measured_side import measured_robot
@@ -312,20 +312,20 @@ class _Work:
     def _comparison(self, columns: int) -> Comparison:
         return Comparison(columns, self._stream.period)
 
-    def _encoders(self) -> dict[str, JointStateEncoder]:
+    def _encoders(self) -> dict[str, JointStateMessage]:
         motion, full = ('position', 'velocity'), ('position', 'velocity', 'effort')
         names = {
             f'{PREFIX}tip_deflection': (self._names, motion),
             f'{PREFIX}modal_state': (self._robot.coordinate_names, motion),
         }
         return {
-            topic: JointStateEncoder(*names.get(topic, (self.plan.joints, full)))
+            topic: JointStateMessage(*names.get(topic, (self.plan.joints, full)))
             for topic in self.topics
         }
 
 
 def _encoded(
-    block: Block, torques: Torques, encoders: dict[str, JointStateEncoder]
+    block: Block, torques: Torques, encoders: dict[str, JointStateMessage]
 ) -> Iterator[Message]:
     """Yield a block's messages, row by row."""
     motion = (block.motion.q, block.motion.qd)

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from denoc_ros.bags.columns import JOINT_STATE, JointStateColumns
+from denoc_ros.bags.columns import JointStateColumns
+from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import BagContents, Stamp, bag_contents, read_raw
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.dynamics.robot import Robot

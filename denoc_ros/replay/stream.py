@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from denoc_ros.bags.columns import FIELDS, JointStateColumns
+from denoc_ros.bags.columns import JointStateColumns
+from denoc_ros.bags.joint_state import FIELDS
 from denoc_ros.bags.reader import Stamp, read_raw
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.errors import BagError

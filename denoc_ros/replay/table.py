@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from denoc_ros.bags.columns import FIELDS, JOINT_STATE, JointStateEncoder
+from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateMessage
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 from denoc_ros.identification.channel import Channel, table_times
@@ -130,7 +130,7 @@ def _messages(
     names: Sequence[str], fields: Sequence[str], t: Array, values: Array
 ) -> Iterator[tuple[int, bytes]]:
     """Yield stamp [ns] and bytes of each row's message; rows without a position are left out."""
-    encoders: dict[tuple[bool, ...], JointStateEncoder] = {}
+    encoders: dict[tuple[bool, ...], JointStateMessage] = {}
     there = np.isfinite(values[:, fields.index('position')]) & np.isfinite(t)[:, None]
     for row in range(len(t)):
         present = tuple(there[row].tolist())
@@ -138,7 +138,7 @@ def _messages(
             continue
         if present not in encoders:
             here = [name for name, is_here in zip(names, present, strict=True) if is_here]
-            encoders[present] = JointStateEncoder(here, fields)
+            encoders[present] = JointStateMessage(here, fields)
         # a stamp of 0 would say that there is none
         stamp_ns = 1_000_000_000 + round(1e9 * float(t[row]))
         yield stamp_ns, encoders[present].encode(stamp_ns, *values[row][:, there[row]])

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.bags.columns import JOINT_STATE, JointStateColumns
+from denoc_ros.bags.columns import JointStateColumns
 from denoc_ros.bags.definitions import decode, message_types
+from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import bag_topics, header_stamp_ns, read_raw
 from denoc_ros.bags.series import Diagnostic, JointSeries
 from denoc_ros.errors import BagError

@@ -9,17 +9,6 @@ from collections.abc import Callable
 TRIES = 4
 NEAR = 2e-5  # s between two readings that count as the same moment
 SET_BACK = 1_000_000_000  # ns by which a clock that goes back has been set back
-MOST_SECONDS = (1 << 31) - 1  # that a stamp can say
-
-
-def stamp_fields(stamp_ns: int) -> tuple[int, int]:
-    """Return seconds and nanoseconds of a stamp [ns].
-
-    One that a message cannot say, as a clock that anybody publishes may show, becomes the nearest
-    that it can.
-    """
-    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
-    return min(max(seconds, -MOST_SECONDS), MOST_SECONDS), nanoseconds
 
 
 class StampOf:

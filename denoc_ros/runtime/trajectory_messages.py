@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.bags.cdr import ENCAPSULATION
 from denoc_ros.runtime.conversions import (
-    ENCAPSULATION,
     LONGEST,
-    CdrReader,
+    MessageReader,
     joint_map,
     require_finite,
 )
@@ -88,7 +88,7 @@ def read_trajectory(
         Causes `malformed`, `empty`, `too_many_joints`, `unknown_joint`, `missing_joint`,
         `repeated_joint`, `wrong_length`, `non_finite`, `times_not_increasing`, `out_of_range`.
     """
-    reader = CdrReader(raw)
+    reader = MessageReader(raw)
     stamp_ns = reader.stamp_ns()
     reader.string()
     names = reader.names()
@@ -136,7 +136,7 @@ def has_many_points(raw: bytes) -> bool:
     if len(raw) > LONGEST:
         return True
     try:
-        reader = CdrReader(raw)
+        reader = MessageReader(raw)
         reader.stamp_ns()
         reader.string()
         reader.names()
@@ -145,7 +145,9 @@ def has_many_points(raw: bytes) -> bool:
         return False
 
 
-def _read_points(reader: CdrReader, count: int, joints: int) -> tuple[list[Array | None], Array]:
+def _read_points(
+    reader: MessageReader, count: int, joints: int
+) -> tuple[list[Array | None], Array]:
     """Return the columns (k, joints), None for one without values, and the times (k,) [s]."""
     first, seconds = _read_point(reader, joints)
     lengths = [len(row) for row in first]
@@ -158,7 +160,7 @@ def _read_points(reader: CdrReader, count: int, joints: int) -> tuple[list[Array
     return [column if column.size else None for column in columns], times
 
 
-def _read_point(reader: CdrReader, joints: int) -> tuple[list[Array], float]:
+def _read_point(reader: MessageReader, joints: int) -> tuple[list[Array], float]:
     """Return a point's rows, of `joints` or no elements, and its time [s]."""
     rows = []
     for what in COLUMNS:
@@ -186,7 +188,7 @@ def _values_at(position: int, length: int) -> int:
     return after + (-(after - ENCAPSULATION) % 8 if length else 0)
 
 
-def _read_rows(reader: CdrReader, count: int, lengths: list[int]) -> tuple[list[Array], Array]:
+def _read_rows(reader: MessageReader, count: int, lengths: list[int]) -> tuple[list[Array], Array]:
     """Return the columns and times [s] of points that all have the layout of the first one."""
     begin = reader.position
     offsets, stride = _layout(begin, lengths)

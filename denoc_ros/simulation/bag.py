@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.bags.columns import JOINT_STATE
+from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, SESSION_ATTACHMENT
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.deflection import TipDeflections

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from denoc_ros.bags import thinning
-from denoc_ros.bags.columns import JOINT_STATE, JointStateEncoder
+from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
 from denoc_ros.bags.reader import read_raw
 from denoc_ros.bags.thinning import read_thinned
 from denoc_ros.bags.writer import BagWriter
@@ -24,7 +24,7 @@ TOPICS = ('/a', '/b')
 
 def write_bag(path: Path, compression: str = 'zstd') -> Path:
     """Write two topics, 1 kHz and 100 Hz, for 2 s, in chunks of 0.2 s; /b begins later."""
-    encoder = JointStateEncoder(['j'], ('position',))
+    encoder = JointStateMessage(['j'], ('position',))
     with BagWriter(path, compression=compression) as bag:
         for topic in (*TOPICS, '/c'):
             bag.add_topic(topic, JOINT_STATE)
@@ -74,7 +74,7 @@ def test_a_bag_without_an_index_gives_the_same(
 
 
 def test_the_parts_of_a_folder_are_one_bag(tmp_path: Path) -> None:
-    encoder = JointStateEncoder(['j'], ('position',))
+    encoder = JointStateMessage(['j'], ('position',))
     with BagWriter(tmp_path / 'bag', max_bag_size=20_000) as bag:
         bag.add_topic('/a', JOINT_STATE)
         for k in range(3000):

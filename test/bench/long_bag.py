@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from denoc_ros.bags.columns import FIELDS, JOINT_STATE, JointStateEncoder
 from denoc_ros.bags.definitions import encode
+from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateMessage
 from denoc_ros.bags.reader import bag_contents
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import load_robot
@@ -41,7 +41,7 @@ AMPLITUDE, PULSATION = (0.4, 0.3, 0.5), (0.5, 0.7, 1.1)
 def write_bag(path: Path, size: float, camera: bool) -> None:
     """Write seconds of joint states, and images, until the file has a size [bytes]."""
     robot = load_robot(ROBOT, gravity=(0.0, 0.0, 0.0))
-    encoder = JointStateEncoder(robot.joint_names, FIELDS)
+    encoder = JointStateMessage(robot.joint_names, FIELDS)
     pixels = np.random.default_rng(0).integers(0, 256, WIDTH * HEIGHT).astype(np.uint8)
     fields = {'height': HEIGHT, 'width': WIDTH, 'encoding': 'mono8', 'step': WIDTH, 'data': pixels}
     image = encode(IMAGE, 0, fields)

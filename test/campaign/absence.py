@@ -34,8 +34,8 @@ def publisher(rate: float, priority: int, file: Path) -> None:
     from rclpy.signals import SignalHandlerOptions
     from sensor_msgs.msg import JointState
 
+    from denoc_ros.bags.joint_state import JointStateMessage
     from denoc_ros.nodes.base import STATE
-    from denoc_ros.nodes.messages import JointStateMessage
     from denoc_ros.nodes.process import SWITCH_INTERVAL
     from denoc_ros.runtime.timing import RealtimeLoop
 

@@ -10,7 +10,7 @@ import pytest
 from page_look import require_one_look
 from simulated_bags import SimulatedBag
 
-from denoc_ros.bags.columns import JOINT_STATE
+from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import bag_contents
 from denoc_ros.bags.series import read_joint_states
 from denoc_ros.bags.writer import BagWriter

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from simulated_bags import SimulatedBag
 
-from denoc_ros.bags.columns import JOINT_STATE
+from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError

@@ -13,8 +13,8 @@ import pytest
 from numpy.typing import NDArray
 from simulated_bags import SimulatedBag
 
-from denoc_ros.bags.columns import FIELDS, JOINT_STATE, JointStateEncoder
 from denoc_ros.bags.definitions import encode
+from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateMessage
 from denoc_ros.bags.reader import bag_contents, read_description, read_raw
 from denoc_ros.bags.series import read_joint_states
 from denoc_ros.bags.writer import BagWriter
@@ -165,7 +165,7 @@ def test_encoder_writes_what_the_definitions_say() -> None:
     for fields in (FIELDS[:2], FIELDS[::2], FIELDS[2:]):
         given = dict(zip(fields, values, strict=False))
         expected = encode(JOINT_STATE, 5_000_000_007, {'name': names, **given})
-        encoder = JointStateEncoder(names, fields)
+        encoder = JointStateMessage(names, fields)
         assert encoder.encode(1, *given.values()) != expected
         assert encoder.encode(5_000_000_007, *given.values()) == expected
 

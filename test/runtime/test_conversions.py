@@ -16,15 +16,15 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.nodes.messages import (
     CommandMessage,
     FloatMessage,
-    JointStateMessage,
     PoseMessage,
     TrajectoryPointMessage,
 )
 from denoc_ros.nodes.sensor_inputs import read_joint_state
-from denoc_ros.runtime.conversions import CdrReader, CommandReader, JointStateReader
+from denoc_ros.runtime.conversions import CommandReader, JointStateReader, MessageReader
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 
@@ -136,9 +136,9 @@ def test_a_sensor_in_a_joint_state_is_read_as_effort_where_it_has_no_position() 
 
 def test_big_endian_is_read_too() -> None:
     raw = b'\x00\x00\x00\x00' + struct.pack('>iI', 3, 500_000_000)
-    assert CdrReader(raw).stamp_ns() == 3_500_000_000
+    assert MessageReader(raw).stamp_ns() == 3_500_000_000
     with pytest.raises(InputError, match='plain CDR'):
-        CdrReader(b'\x00\x07\x00\x00')
+        MessageReader(b'\x00\x07\x00\x00')
 
 
 def point(seconds: int, *rows: list[float]) -> JointTrajectoryPoint:

@@ -8,7 +8,7 @@ import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from denoc_ros.nodes.messages import JointStateMessage
+from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.runtime.stamps import StampOf
 
 
