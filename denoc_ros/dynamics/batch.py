@@ -38,7 +38,7 @@ def run_rows(
     kernel: Any,
     count: int,
     inputs: Sequence[Any],
-    outputs: Sequence[Array],
+    outputs: Sequence[NDArray[Any]],
 ) -> int:
     """Run a `*_rows` kernel over all rows; return the worst status of all threads.
 

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
+from math import prod
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics import constraints
-from denoc_ros.dynamics.batch import each_row
-from denoc_ros.dynamics.constraint_derivatives import (
-    applied_change,
-    row_derivatives,
-    transposed_change,
-)
+from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.batch import run_rows
+from denoc_ros.dynamics.constrained_model import Wrenches
 from denoc_ros.dynamics.derivatives import DifferentiableModel
-from denoc_ros.dynamics.validation import as_outputs, as_states
+from denoc_ros.dynamics.validation import as_outputs, as_rows, as_vector, same_rows
+from denoc_ros.kernels.constrained_derivative_layout import FORWARD, HYBRID, INVERSE
+from denoc_ros.kernels.constrained_derivatives import (
+    constrained_derivatives_rows,
+)
+from denoc_ros.kernels.handle import GOOD
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -89,22 +92,11 @@ class ConstrainedHybridDerivatives(NamedTuple):
     dmultipliers_dtau: Array
 
 
-class TiedDerivatives(NamedTuple):
-    """Derivatives of I q'' + h - J^T multipliers (n, n) with the multipliers constant."""
-
-    by_q: Array
-    by_rate: Array
-    inertia: Array
-    rows: Array  # J (rows, n)
-    bias_by_q: Array  # of g'' (rows, n)
-    bias_by_rate: Array
-
-
 class DifferentiableMechanism(DifferentiableModel):
     """The verbs that say how motion, torques and multipliers change with loops closed.
 
     They hold for changes of state that keep the loops closed; what rows say twice leaves the
-    multipliers of least norm, all along.
+    multipliers of least norm, all along. Their kernel compiles when first asked for.
     """
 
     def constrained_forward_dynamics_derivatives(
@@ -113,6 +105,8 @@ class DifferentiableMechanism(DifferentiableModel):
         qd: ArrayLike,
         tau: ArrayLike,
         out: Sequence[Array] | None = None,
+        wrenches: Wrenches | None = None,
+        base: Base | None = None,
     ) -> ConstrainedForwardDerivatives:
         """Return the derivatives of :meth:`Robot.constrained_forward_dynamics`.
 
@@ -122,6 +116,11 @@ class DifferentiableMechanism(DifferentiableModel):
             A closed state and the generalized forces.
         out : six arrays, optional
             Take the results, in the order of ConstrainedForwardDerivatives.
+        wrenches : {frame: (6,)}, optional
+            External loads, base axes, linear first, at the frame's origin [N, N m]; they keep
+            their direction as the frame moves.
+        base : (twist, acceleration[, pose]), optional
+            A base that moves, as of :meth:`Robot.inverse_dynamics`; its motion stays as it is.
 
         Returns
         -------
@@ -134,10 +133,13 @@ class DifferentiableMechanism(DifferentiableModel):
         SolverError
             A singular configuration in which no accelerations keep the loops closed.
         """
+        if base is not None:
+            verb = self.constrained_forward_dynamics_derivatives
+            return self._on_base(base, verb, q, qd, tau, out=out, wrenches=wrenches)
         robot, n = cast('Robot', self), self.n
-        states = (as_states('q', q, n), as_states('qd', qd, n), as_states('tau', tau, n))
-        found = each_row(lambda q, qd, tau: _forward(robot, q, qd, tau), *states)
-        return ConstrainedForwardDerivatives(*_delivered(found, out))
+        states = [as_rows('q', q, n), as_rows('qd', qd, n), as_rows('tau', tau, n)]
+        call = _Call(FORWARD, np.zeros(0, dtype=np.int64), wrenches)
+        return ConstrainedForwardDerivatives(*_find(robot, call, states, out))
 
     def constrained_inverse_dynamics_derivatives(
         self,
@@ -146,6 +148,8 @@ class DifferentiableMechanism(DifferentiableModel):
         qdd: ArrayLike,
         actuated: Sequence[str] | None = None,
         out: Sequence[Array] | None = None,
+        wrenches: Wrenches | None = None,
+        base: Base | None = None,
     ) -> ConstrainedInverseDerivatives:
         """Return the derivatives of :meth:`Robot.constrained_inverse_dynamics`.
 
@@ -159,6 +163,8 @@ class DifferentiableMechanism(DifferentiableModel):
             Any joints of the tree; default all that mimic none.
         out : six arrays, optional
             Take the results, in the order of ConstrainedInverseDerivatives.
+        wrenches : {frame: (6,)}, optional
+        base : (twist, acceleration[, pose]), optional
 
         Returns
         -------
@@ -170,10 +176,14 @@ class DifferentiableMechanism(DifferentiableModel):
         StateError
             The accelerations open a loop, or are none that these joints can give.
         """
-        robot, n, index = cast('Robot', self), self.n, self._actuated(actuated)
-        states = (as_states('q', q, n), as_states('qd', qd, n), as_states('qdd', qdd, n))
-        found = each_row(lambda q, qd, qdd: _inverse(robot, q, qd, qdd, index), *states)
-        return ConstrainedInverseDerivatives(*_delivered(found, out))
+        if base is not None:
+            options = {'actuated': actuated, 'out': out, 'wrenches': wrenches}
+            verb = self.constrained_inverse_dynamics_derivatives
+            return self._on_base(base, verb, q, qd, qdd, **options)
+        robot, n = cast('Robot', self), self.n
+        states = [as_rows('q', q, n), as_rows('qd', qd, n), as_rows('qdd', qdd, n)]
+        call = _Call(INVERSE, self._actuated(actuated), wrenches)
+        return ConstrainedInverseDerivatives(*_find(robot, call, states, out))
 
     def constrained_hybrid_dynamics_derivatives(
         self,
@@ -183,6 +193,8 @@ class DifferentiableMechanism(DifferentiableModel):
         actuated: Sequence[str] | None = None,
         tau: ArrayLike | None = None,
         out: Sequence[Array] | None = None,
+        wrenches: Wrenches | None = None,
+        base: Base | None = None,
     ) -> ConstrainedHybridDerivatives:
         """Return the derivatives of :meth:`Robot.constrained_hybrid_dynamics`.
 
@@ -196,6 +208,8 @@ class DifferentiableMechanism(DifferentiableModel):
             Generalized forces of the other coordinates; default zero.
         out : twelve arrays, optional
             Take the results, in the order of ConstrainedHybridDerivatives.
+        wrenches : {frame: (6,)}, optional
+        base : (twist, acceleration[, pose]), optional
 
         Returns
         -------
@@ -209,157 +223,133 @@ class DifferentiableMechanism(DifferentiableModel):
         SolverError
             The given accelerations contradict the loops.
         """
+        if base is not None:
+            return self._on_base(
+                base,
+                lambda q, qd, qdd, tau, out=None: self.constrained_hybrid_dynamics_derivatives(
+                    q, qd, qdd, actuated, tau, out, wrenches
+                ),
+                q, qd, qdd_actuated, self._zero if tau is None else tau, out=out,
+            )  # fmt: skip
         robot, n, index = cast('Robot', self), self.n, self._actuated(actuated)
-        states = (as_states('q', q, n), as_states('qd', qd, n))
-        given = as_states('qdd_actuated', qdd_actuated, len(index))
-        loads = as_states('tau', np.zeros(n) if tau is None else tau, n)
-        found = each_row(
-            lambda q, qd, given, tau: _hybrid(robot, q, qd, given, index, tau),
-            *states, given, loads,
-        )  # fmt: skip
-        return ConstrainedHybridDerivatives(*_delivered(found, out))
+        states = [as_rows('q', q, n), as_rows('qd', qd, n)]
+        states.append(as_rows('qdd_actuated', qdd_actuated, len(index)))
+        states.append(self._zero if tau is None else as_rows('tau', tau, n))
+        call = _Call(HYBRID, index, wrenches)
+        return ConstrainedHybridDerivatives(*_find(robot, call, states, out))
 
 
-def _delivered(found: Sequence[Array], out: Sequence[Array] | None) -> Sequence[Array]:
-    """Return results, in the caller's arrays where these are given."""
-    if out is None:
+class _Call(NamedTuple):
+    """Which derivatives are asked for."""
+
+    verb: int  # as the kernel counts them
+    actuated: Int
+    wrenches: Wrenches | None
+
+
+class _Plan(NamedTuple):
+    """Shapes of the results at one state, how many numbers precede each, and all of them."""
+
+    shapes: tuple[tuple[int, ...], ...]
+    before: Int
+    total: int
+
+
+@lru_cache(maxsize=64)
+def _plan(verb: int, a: int, n: int, rows: int) -> _Plan:
+    """Return what the derivatives of a verb with a actuated joints look like."""
+    columns = (n, n, a, n) if verb == HYBRID else (n, n, n)
+    lengths = {FORWARD: (n, rows), INVERSE: (a, rows), HYBRID: (a, n, rows)}[verb]
+    shapes = tuple((length, count) for length in lengths for count in columns)
+    edges = np.cumsum([0, *(length * count for length, count in shapes)])
+    return _Plan(shapes, edges[:-1].astype(np.int64), int(edges[-1]))
+
+
+def _results(
+    plan: _Plan, rows: tuple[int, ...], out: Sequence[Array] | None
+) -> tuple[list[Array], Int]:
+    """Return the results' arrays (*rows, *shape) and their addresses; all are one if not given."""
+    shapes = [(*rows, *shape) for shape in plan.shapes]
+    if out is not None:
+        found = as_outputs(out, shapes)
+        return found, np.array([each.ctypes.data for each in found], dtype=np.int64)
+    k = rows[0] if rows else 1
+    whole, before = np.empty(k * plan.total), k * plan.before
+    found = [
+        whole[start : start + prod(shape)].reshape(shape)
+        for start, shape in zip(before.tolist(), shapes, strict=True)
+    ]
+    return found, whole.ctypes.data + whole.itemsize * before
+
+
+def _find(
+    robot: Robot, call: _Call, states: Sequence[Array], out: Sequence[Array] | None
+) -> Sequence[Array]:
+    """Return the derivatives at states q, q', third and perhaps tau, in `out` where given."""
+    single = all(state.ndim == 1 for state in states)
+    rows = [state[None] for state in states] if single else same_rows(states)
+    k, n = len(rows[0]), robot.n
+    plan = _plan(call.verb, len(call.actuated), n, len(robot.constraint_names))
+    found, targets = _results(plan, () if single else (k,), out)
+    if not robot.constraint_names:
+        return _of_tree(robot, call, states, found)
+    if call.verb != HYBRID:
+        rows.append(robot._zero[None] if k == 1 else np.zeros((k, n)))
+    choice = np.array([call.verb, *call.actuated], dtype=np.int64)
+    inputs = (choice, *rows, _loads(robot, call.wrenches))
+    status = run_rows(robot, constrained_derivatives_rows, k, inputs, (targets,))
+    if status != GOOD:
+        # the verb itself says of the first state that has no answer why
+        _values(robot, call, states)
+        robot.raise_for_status(status, q=rows[0], qd=rows[1])
+    return found
+
+
+def _loads(robot: Robot, wrenches: Wrenches | None) -> Array:
+    """Return wrenches as the kernel takes them, (wrenches, 7)."""
+    loads = np.zeros((len(wrenches or {}), 7))
+    for row, (frame, wrench) in zip(loads, (wrenches or {}).items(), strict=True):
+        row[0], row[1:] = robot._row(frame), as_vector('wrench', wrench, (6,))
+    return loads
+
+
+def _values(robot: Robot, call: _Call, states: Sequence[Array]) -> None:
+    """Call the verb whose derivatives are asked for, to raise what it raises."""
+    names = [robot.coordinate_names[k] for k in call.actuated]
+    (q, qd, third), loads = states[:3], call.wrenches
+    if call.verb == FORWARD:
+        robot.constrained_forward_dynamics(q, qd, third, wrenches=loads)
+    elif call.verb == INVERSE:
+        robot.constrained_inverse_dynamics(q, qd, third, names, wrenches=loads)
+    else:
+        robot.constrained_hybrid_dynamics(q, qd, third, names, tau=states[3], wrenches=loads)
+
+
+def _of_tree(
+    robot: Robot, call: _Call, states: Sequence[Array], found: Sequence[Array]
+) -> Sequence[Array]:
+    """Write the derivatives of a robot without constraints, which are those of its tree."""
+    (q, qd, third), loads, index = states[:3], call.wrenches, call.actuated
+    if call.verb == FORWARD:
+        robot.forward_dynamics_derivatives(q, qd, third, loads, out=found[:3])
         return found
-    given = as_outputs(out, [each.shape for each in found])
-    for target, each in zip(given, found, strict=True):
+    if call.verb == INVERSE:
+        _values(robot, call, states)
+        whole = robot.inverse_dynamics_derivatives(q, qd, third, loads)
+        for target, each in zip(found, whole, strict=False):
+            target[...] = each[..., index, :]
+        return found
+    names = [robot.coordinate_names[k] for k in index]
+    free = np.setdiff1d(np.arange(robot.n), index)
+    made = robot.hybrid_dynamics_derivatives(q, qd, third, names, tau=states[3], wrenches=loads)
+    for target in found:
+        target[...] = 0.0
+    torques, motion = found[:4], found[4:8]
+    for target, each in zip(torques[:3], made[:3], strict=True):
         target[...] = each
-    return given
-
-
-def _resistance(robot: Robot, axes: Array, qd: Array, friction: bool) -> tuple[Array, Array]:
-    """Return force and slope (axes,) of damping and friction along the loops' free axes."""
-    loops = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
-    damping, dry = np.array([(x.damping, x.friction) for x in loops]).reshape(-1, 2).T
-    rates, scale = axes @ qd, robot.slip_rate
-    slip = np.tanh(rates / scale)
-    slope = damping + dry / scale * (1.0 - slip**2) if friction else damping
-    return damping * rates + dry * slip, slope
-
-
-def tied_derivatives(
-    robot: Robot, q: Array, qd: Array, qdd: Array, multipliers: Array, friction: bool = True
-) -> TiedDerivatives:
-    """Return how the forces that motion in the loops asks for change, and the rows.
-
-    friction: False leaves out the slope of the loops' own friction.
-    """
-    rows, axes = constraints.jacobian(robot, q)
-    force, slope = _resistance(robot, axes, qd, friction)
-    by_q, by_rate, inertia = robot.inverse_dynamics_derivatives(q, qd, qdd)
-    change = row_derivatives(robot, q, qd, qdd)
-    by_q = by_q - transposed_change(robot, q, multipliers, -force)
-    by_q = by_q + axes.T @ (slope[:, None] * change.axis_rates_by_q)
-    by_rate = by_rate + axes.T @ (slope[:, None] * axes)
-    return TiedDerivatives(by_q, by_rate, inertia, rows, change.by_q, change.by_rate)
-
-
-def _accelerations(
-    tied: TiedDerivatives, held: Int, changes: Sequence[tuple[Array, Array, Array]]
-) -> list[Array]:
-    """Return the changes of q'' (n, c) for each (force left, bias of rows, given) (…, c)."""
-    n = len(tied.inertia)
-    rows = np.vstack([tied.rows, np.eye(n)[held]])
-    factor = np.linalg.inv(np.linalg.cholesky(tied.inertia))
-    # in coordinates in which the inertia is 1, J's least solution and its null space
-    white = np.linalg.pinv(rows @ factor.T, rcond=constraints.RANK)
-    open_to = np.eye(n) - white @ (rows @ factor.T)
-    found = []
-    for left, bias, given in changes:
-        wanted = np.concatenate([-bias, given])
-        found.append(factor.T @ (white @ wanted - open_to @ (factor @ left)))
+    torques[3][..., free] = made.dtau_dtau
+    for target, each in zip(motion[:3], made[4:7], strict=True):
+        target[..., free, :] = each
+    motion[2][..., index, np.arange(len(index))] = 1.0
+    motion[3][..., free[:, None], free] = made.inverse_inertia
     return found
-
-
-def _multipliers(
-    robot: Robot, tied: TiedDerivatives, q: Array, multipliers: Array, changes: Sequence[Array]
-) -> list[Array]:
-    """Return their changes (rows, c) for changes (n, c) of J^T multipliers, J constant.
-
-    The first changes are by q: with them turns what redundant rows leave open.
-    """
-    back = np.linalg.pinv(tied.rows.T, rcond=constraints.RANK)
-    found = [back @ change for change in changes]
-    if len(tied.rows):
-        left = constraints.least_solution(tied.rows, multipliers)[0]
-        turning = applied_change(robot, q, left)
-        found[0] = found[0] + turning - back @ (tied.rows.T @ turning)
-    return found
-
-
-def _forward(robot: Robot, q: Array, qd: Array, tau: Array) -> tuple[Array, ...]:
-    """Return q'' by q, q' and tau (n, n each), then the multipliers so (rows, n each)."""
-    n = robot.n
-    qdd, multipliers = constraints.forward(robot, q, qd, tau)
-    tied = tied_derivatives(robot, q, qd, qdd, multipliers)
-    none, still, unit = np.zeros((0, n)), np.zeros_like(tied.rows), -np.eye(n)
-    left = (tied.by_q, tied.by_rate, unit)
-    biases = (tied.bias_by_q, tied.bias_by_rate, still)
-    held = np.zeros(0, dtype=np.int64)
-    changes = [(a, b, none) for a, b in zip(left, biases, strict=True)]
-    motion = _accelerations(tied, held, changes)
-    pushed = [tied.inertia @ up + a for up, a in zip(motion, left, strict=True)]
-    return (*motion, *_multipliers(robot, tied, q, multipliers, pushed))
-
-
-def _inverse(robot: Robot, q: Array, qd: Array, qdd: Array, actuated: Int) -> tuple[Array, ...]:
-    """Return torques (a, n) by q, q' and q'', then the multipliers so (rows, n each)."""
-    load = np.zeros(robot.n)
-    torque, multipliers = constraints.inverse_torques(robot, q, qd, qdd, actuated, load)
-    tied = tied_derivatives(robot, q, qd, qdd, multipliers)
-    asked = (tied.by_q, tied.by_rate, tied.inertia)
-    return _forces(robot, tied, q, torque, multipliers, actuated, asked)
-
-
-def _hybrid(
-    robot: Robot, q: Array, qd: Array, given: Array, actuated: Int, tau: Array
-) -> tuple[Array, ...]:
-    """Return torques, accelerations and multipliers, each by q, q', given accelerations, tau."""
-    n, a = robot.n, len(actuated)
-    loads = tau.copy()
-    loads[actuated] = 0.0
-    qdd, _ = constraints.accelerations(robot, q, qd, loads, actuated, given)
-    torque, multipliers = constraints.inverse_torques(robot, q, qd, qdd, actuated, loads)
-    tied = tied_derivatives(robot, q, qd, qdd, multipliers)
-    loaded = -np.eye(n)
-    loaded[actuated, actuated] = 0.0
-    still, held = np.zeros_like(tied.rows), np.zeros((a, n))
-    left = (tied.by_q, tied.by_rate, np.zeros((n, a)), loaded)
-    biases = (tied.bias_by_q, tied.bias_by_rate, still[:, :a], still)
-    wanted = (held, held, np.eye(a), held)
-    motion = _accelerations(tied, actuated, list(zip(left, biases, wanted, strict=True)))
-    asked = [tied.inertia @ up + other for up, other in zip(motion, left, strict=True)]
-    found = _forces(robot, tied, q, torque, multipliers, actuated, asked)
-    return (*found[:4], *motion, *found[4:])
-
-
-def _forces(
-    robot: Robot,
-    tied: TiedDerivatives,
-    q: Array,
-    torque: Array,
-    multipliers: Array,
-    actuated: Int,
-    asked: Sequence[Array],
-) -> tuple[Array, ...]:
-    """Return changes of torques (a, c), then of multipliers (rows, c), for forces asked (n, c).
-
-    The first forces are by q. Torques are least where J v = 0, v the torques at the actuated
-    joints and multipliers of the other coordinates' equations; as J changes, the torques turn.
-    """
-    n, r = tied.rows.shape[1], len(tied.rows)
-    passive = np.setdiff1d(np.arange(n), actuated)
-    v, select = np.zeros(n), np.zeros((n, n))
-    v[actuated], select[actuated, actuated] = torque, 1.0
-    if r and len(passive):
-        v[passive] = constraints.least_solution(tied.rows[:, passive], -tied.rows @ v)[0]
-    saddle = np.block([[select, tied.rows.T], [tied.rows, np.zeros((r, r))]])
-    below = [np.zeros((r, each.shape[1])) for each in asked]
-    below[0] = -applied_change(robot, q, v)
-    solve = np.linalg.pinv(saddle, rcond=constraints.RANK, hermitian=True)[actuated]
-    torques = [solve @ np.vstack(parts) for parts in zip(asked, below, strict=True)]
-    pushed = [each - select[:, actuated] @ t for each, t in zip(asked, torques, strict=True)]
-    return (*torques, *_multipliers(robot, tied, q, multipliers, pushed))

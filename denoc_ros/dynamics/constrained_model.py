@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,13 +11,14 @@ from denoc_ros.dynamics import assembling, constraints
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import each_row
 from denoc_ros.dynamics.robot_model import RobotModel
-from denoc_ros.dynamics.validation import as_states, same_rows
-from denoc_ros.kernels import constrained
+from denoc_ros.dynamics.validation import as_states, as_vector, require_finite, same_rows
+from denoc_ros.kernels import constrained, world
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.handle import GOOD, MISFIT
 from denoc_ros.model.arrays import ModelArrays
 
 Array = NDArray[np.float64]
+Wrenches = Mapping[str, ArrayLike]
 _empty = np.empty  # a global name is found more quickly than a module's
 
 
@@ -87,7 +88,12 @@ class ConstrainedModel(RobotModel):
         return qd
 
     def constrained_forward_dynamics(
-        self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, base: Base | None = None
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        base: Base | None = None,
+        wrenches: Wrenches | None = None,
     ) -> tuple[Array, Array]:
         """Return accelerations (n,) and multipliers (rows,), or rows of them.
 
@@ -97,6 +103,8 @@ class ConstrainedModel(RobotModel):
             A state that is closed (see :meth:`assemble`) and the generalized forces.
         base : (twist, acceleration[, pose]), optional
             A base that moves, as of :meth:`Robot.inverse_dynamics`.
+        wrenches : {frame: (6,)}, optional
+            External loads, base axes, linear first, at the frame's origin [N, N m].
 
         Raises
         ------
@@ -104,8 +112,11 @@ class ConstrainedModel(RobotModel):
             A singular configuration in which no accelerations keep the loops closed.
         """
         if base is not None:
-            return self._on_base(base, self.constrained_forward_dynamics, q, qd, tau)
+            verb = self.constrained_forward_dynamics
+            return self._on_base(base, verb, q, qd, tau, wrenches=wrenches)
         n = self.n
+        if wrenches:
+            tau = as_states('tau', tau, n) + self._load(as_states('q', q, n), wrenches)
         qdd, multipliers = _empty(n), _empty(self._rows)
         zero = self._zero
         if self._constrained(self.handle, zero, q, qd, zero, tau, qdd, multipliers) == GOOD:
@@ -122,6 +133,7 @@ class ConstrainedModel(RobotModel):
         qdd: ArrayLike,
         actuated: Sequence[str] | None = None,
         base: Base | None = None,
+        wrenches: Wrenches | None = None,
     ) -> tuple[Array, Array]:
         """Return the torques of actuated joints and the multipliers, both of least norm.
 
@@ -134,6 +146,7 @@ class ConstrainedModel(RobotModel):
             of freedom the torques are those of least norm.
         base : (twist, acceleration[, pose]), optional
             A base that moves, as of :meth:`Robot.inverse_dynamics`.
+        wrenches : {frame: (6,)}, optional
 
         Returns
         -------
@@ -147,13 +160,15 @@ class ConstrainedModel(RobotModel):
             residual.
         """
         if base is not None:
-            return self._on_base(
-                base, self.constrained_inverse_dynamics, q, qd, qdd, actuated=actuated
-            )
+            options = {'actuated': actuated, 'wrenches': wrenches}
+            return self._on_base(base, self.constrained_inverse_dynamics, q, qd, qdd, **options)
         index, n = self._actuated(actuated), self.n
         states = (as_states('q', q, n), as_states('qd', qd, n), as_states('qdd', qdd, n))
+        load = self._load(states[0], wrenches or {})
         torque, multipliers = each_row(
-            lambda q, qd, qdd: constraints.inverse_torques(self, q, qd, qdd, index), *states
+            lambda q, qd, qdd, load: constraints.inverse_torques(self, q, qd, qdd, index, load),
+            *states,
+            load,
         )
         return torque, multipliers
 
@@ -165,6 +180,7 @@ class ConstrainedModel(RobotModel):
         actuated: Sequence[str] | None = None,
         tau: ArrayLike | None = None,
         base: Base | None = None,
+        wrenches: Wrenches | None = None,
     ) -> tuple[Array, Array, Array]:
         """Return torques, accelerations and multipliers for given actuated accelerations.
 
@@ -180,6 +196,7 @@ class ConstrainedModel(RobotModel):
             Generalized forces of the other coordinates; default zero.
         base : (twist, acceleration[, pose]), optional
             A base that moves, as of :meth:`Robot.inverse_dynamics`.
+        wrenches : {frame: (6,)}, optional
 
         Returns
         -------
@@ -196,7 +213,7 @@ class ConstrainedModel(RobotModel):
             return self._on_base(
                 base,
                 lambda q, qd, qdd, tau: self.constrained_hybrid_dynamics(
-                    q, qd, qdd, actuated, tau
+                    q, qd, qdd, actuated, tau, wrenches=wrenches
                 ),
                 q, qd, qdd_actuated, np.zeros(self.n) if tau is None else tau,
             )  # fmt: skip
@@ -205,12 +222,24 @@ class ConstrainedModel(RobotModel):
         given = as_states('qdd_actuated', qdd_actuated, len(index))
         loads = as_states('tau', np.zeros(n) if tau is None else tau, n)
         torque, qdd, multipliers = each_row(
-            lambda q, qd, qdd, tau: constraints.hybrid(self, q, qd, qdd, index, tau),
+            lambda q, qd, qdd, tau, load: constraints.hybrid(self, q, qd, qdd, index, tau, load),
             *states,
             given,
             loads,
+            self._load(states[0], wrenches or {}),
         )
         return torque, qdd, multipliers
+
+    def _load(self, q: Array, wrenches: Wrenches) -> Array:
+        """Return the generalized forces (n,) or (k, n) of wrenches on frames."""
+        if q.ndim == 2:
+            return np.array([self._load(row, wrenches) for row in q])
+        require_finite({'q': q})
+        load, jacobian = np.zeros(self.n), np.empty((6, self.n))
+        for frame, wrench in wrenches.items():
+            world.frame_jacobian(self.handle, q, self._row(frame), jacobian)
+            load += jacobian.T @ as_vector('wrench', wrench, (6,))
+        return load
 
     def _actuated(self, names: Sequence[str] | None) -> NDArray[np.int64]:
         if names is None:

@@ -140,7 +140,7 @@ def inverse_torques(
 ) -> tuple[Array, Array]:
     """Return torques of the actuated coordinates and multipliers, both of least norm.
 
-    tau (n,) are generalized forces of the other coordinates, zero at the actuated ones.
+    tau (n,) are generalized forces that act beside these torques.
 
     The multipliers come from the equations of the coordinates without an actuator (section 5.1.2);
     what these leave open goes to make the torques small.
@@ -169,11 +169,21 @@ def inverse_torques(
 
 
 def hybrid(
-    robot: RobotModel, q: Array, qd: Array, qdd_actuated: Array, actuated: Int, tau: Array
+    robot: RobotModel,
+    q: Array,
+    qd: Array,
+    qdd_actuated: Array,
+    actuated: Int,
+    tau: Array,
+    load: Array,
 ) -> tuple[Array, Array, Array]:
-    """Return torques of the actuated coordinates, all accelerations and multipliers."""
+    """Return torques of the actuated coordinates, all accelerations and multipliers.
+
+    tau (n,) are generalized forces of the other coordinates, load (n,) those of wrenches.
+    """
     loads = tau.copy()
     loads[actuated] = 0.0
+    loads += load
     qdd, _ = accelerations(robot, q, qd, loads, actuated, qdd_actuated)
     torque, multipliers = inverse_torques(robot, q, qd, qdd, actuated, loads)
     return torque, qdd, multipliers

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -11,13 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.constrained_model import ConstrainedModel
+from denoc_ros.dynamics.constrained_model import ConstrainedModel, Wrenches
 from denoc_ros.dynamics.validation import (
     as_output,
     as_outputs,
     as_rows,
     as_vector,
-    require_finite,
     same_rows,
 )
 from denoc_ros.errors import StateError
@@ -25,13 +24,11 @@ from denoc_ros.kernels import (
     forward_derivatives,
     inverse_derivatives,
     load_derivatives,
-    world,
 )
 from denoc_ros.kernels.compiled import entry, ready
 from denoc_ros.kernels.handle import GOOD, MISFIT
 
 Array = NDArray[np.float64]
-Wrenches = Mapping[str, ArrayLike]
 Derivatives = tuple[Array, Array, Array]
 _empty = np.empty  # a global name is found more quickly than a module's
 
@@ -265,17 +262,6 @@ class DifferentiableModel(ConstrainedModel):
         out = np.zeros((*q.shape, self.n))
         self._subtract_loads(q, wrenches, out)
         return -out
-
-    def _load(self, q: Array, wrenches: Wrenches) -> Array:
-        """Return the generalized forces (n,) or (k, n) of wrenches on frames."""
-        if q.ndim == 2:
-            return np.array([self._load(row, wrenches) for row in q])
-        require_finite({'q': q})
-        load, jacobian = np.zeros(self.n), np.empty((6, self.n))
-        for frame, wrench in wrenches.items():
-            world.frame_jacobian(self.handle, q, self._row(frame), jacobian)
-            load += jacobian.T @ as_vector('wrench', wrench, (6,))
-        return load
 
     def _settle_derivatives(
         self,

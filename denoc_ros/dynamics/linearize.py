@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import constraints
-from denoc_ros.dynamics.constrained_derivatives import tied_derivatives
+from denoc_ros.dynamics.constraint_derivatives import force_derivatives
 from denoc_ros.dynamics.linear_model import LinearModel
 from denoc_ros.dynamics.linear_signals import read_inputs, read_outputs
 from denoc_ros.dynamics.mechanism_modes import independent_joints
@@ -137,7 +137,7 @@ def _nominal(
         return forces, qdd, multipliers
     driven = np.union1d(robot.indices(independent_joints(robot, q)), locked)
     torque, qdd, multipliers = constraints.hybrid(
-        robot, q, qd, np.zeros(len(driven)), driven, zero
+        robot, q, qd, np.zeros(len(driven)), driven, zero, zero
     )
     forces = zero
     forces[driven] = torque
@@ -149,7 +149,7 @@ def _forces(
 ) -> tuple[Array, Array, Array]:
     """Return the derivatives (n, n) by q and q' of I q'' + h - J^T lambda, and I."""
     _q, qd, _qdd = state
-    tied = tied_derivatives(robot, *state, multipliers, friction)
+    tied = force_derivatives(robot, *state, multipliers, friction)
     by_qd = tied.by_rate if friction else tied.by_rate - np.diag(friction_slope(robot, qd))
     return tied.by_q, by_qd, tied.inertia
 

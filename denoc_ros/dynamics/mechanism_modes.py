@@ -8,12 +8,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.constraint_derivatives import transposed_change
+from denoc_ros.dynamics.constraint_derivatives import force_change_is_ready, transposed_change
 from denoc_ros.dynamics.constraints import RANK, jacobian, least_solution
 from denoc_ros.dynamics.linearization import (
     NaturalModes,
     derivative,
-    derivatives_are_ready,
     difference_steps,
     stiffness,
 )
@@ -105,8 +104,8 @@ def mechanism_modes(robot: Robot, q: Array, held: Sequence[str]) -> NaturalModes
 
 
 def _turning(robot: Robot, q: Array, multipliers: Array) -> Array:
-    """Return d(J^T multipliers)/dq (n, n): analytical where `stiffness` is."""
-    if derivatives_are_ready(loaded=True):
+    """Return d(J^T multipliers)/dq (n, n): analytical once its kernel is compiled."""
+    if force_change_is_ready():
         return transposed_change(robot, q, multipliers, np.zeros(0))
     return derivative(lambda x: multipliers @ jacobian(robot, x)[0], q, difference_steps(robot))
 

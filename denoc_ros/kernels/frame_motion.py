@@ -164,6 +164,17 @@ def move_world(topology, constants, work, bodies, q, qd, qdd, i):
 
 
 @inlined
+def write_columns(write, topology, constants, work, qd, qdd, i, frame, out, n):
+    """Let `write` write what every coordinate does to frame i, which moves as `frame` says."""
+    while i > 0:
+        if at(topology, i, JOINT) == 1:
+            joint_columns(write, topology, constants, work, i, frame, out, n)
+        if at(topology, i, SECTION) > 0:
+            section_columns(write, topology, constants, work, qd, qdd, i, frame, out, n)
+        i = at(topology, i, PARENT)
+
+
+@inlined
 def walk(write, blocks, handle, q, qd, qdd, i, out):
     """Write the blocks (6, n) that `write` makes of every column of row i's Jacobian."""
     topology, constants, work, _diagonals, bodies = model_arrays(handle)
@@ -171,12 +182,7 @@ def walk(write, blocks, handle, q, qd, qdd, i, out):
     frame = move_world(topology, constants, work, bodies, q, qd, qdd, i)
     for k in range(6 * n * blocks):
         out[k] = 0.0
-    while i > 0:
-        if at(topology, i, JOINT) == 1:
-            joint_columns(write, topology, constants, work, i, frame, out, n)
-        if at(topology, i, SECTION) > 0:
-            section_columns(write, topology, constants, work, qd, qdd, i, frame, out, n)
-        i = at(topology, i, PARENT)
+    write_columns(write, topology, constants, work, qd, qdd, i, frame, out, n)
 
 
 @inlined

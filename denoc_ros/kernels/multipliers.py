@@ -236,6 +236,32 @@ def solve_backward(work, t, rows, lower, rank):
 
 
 @shared
+def keep_consistent(work, t, rows, count, n, which):
+    """Replace a vector over the rows by C (C^T C)^-1 C^T of it: what rows can agree on."""
+    rank = np.int64(work[t + RANK])
+    if rank == count:
+        return
+    gram = columns_of(t, rows, n) + rows * n
+    combined = gram + 2 * rows * rows
+    order, part = vector(t, rows, ORDER), vector(t, rows, PART)
+    given = vector(t, rows, which)
+    for r in range(rank):
+        total = work[given + np.int64(work[order + r])]
+        for k in range(rank, count):
+            i = np.int64(work[order + k])
+            total += work[combined + rows * i + r] * work[given + i]
+        work[part + r] = total
+    solve_factored(work, gram, rank, part)
+    for k in range(count):
+        i = np.int64(work[order + k])
+        total = work[part + k] if k < rank else 0.0
+        if k >= rank:
+            for r in range(rank):
+                total += work[combined + rows * i + r] * work[part + r]
+        work[given + i] = total
+
+
+@shared
 def solve_rows(work, t, rows, count, n):
     """Write the multipliers of least norm for WANTED; say whether the rows agree."""
     gram = columns_of(t, rows, n) + rows * n

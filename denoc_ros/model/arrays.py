@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.kernels import constraint_layout, derivative_layout, layout
+from denoc_ros.kernels.constrained_derivative_layout import lay_out
 from denoc_ros.model import floating
 from denoc_ros.model.beam_arrays import beam_points, polar_constants, section_constants
 from denoc_ros.model.branches import mark_branches
@@ -248,9 +249,9 @@ class _ArrayBuilder:
         base[constraint_layout.FIRST_CONSTRAINT] = len(self.rows)
         base[constraint_layout.ROWS] = made.rows
         base[constraint_layout.AXIS_ROWS] = made.axis_rows
-        base[constraint_layout.CONSTRAINTS_WORK] = self.reserve(
-            constraint_layout.work_size(made.rows, made.axis_rows, self.coordinate)
-        )
+        size = constraint_layout.work_size(made.rows, made.axis_rows, self.coordinate)
+        places = lay_out(size, made.rows, made.axis_rows, len(made.topology), self.coordinate)
+        base[constraint_layout.CONSTRAINTS_WORK] = self.reserve(places.end if made.rows else 0)
         self.rows += made.topology
         return made.names
 

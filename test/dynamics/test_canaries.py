@@ -128,6 +128,43 @@ def call_constrained(robot: Robot, canaries: Canaries, q: Array, qd: Array) -> N
     canaries.check()
 
 
+def guarded_out(canaries: Canaries, robot: Robot, a: int, rows: tuple[int, ...]) -> list[Array]:
+    """Guarded arrays for the derivatives of constrained hybrid dynamics, a joints actuated."""
+    n, r = robot.n, len(robot.constraint_names)
+    shapes = [(length, count) for length in (a, n, r) for count in (n, n, a, n)]
+    return [canaries.array(f'result {k}', (*rows, *x)) for k, x in enumerate(shapes)]
+
+
+def call_constrained_derivatives(robot: Robot, canaries: Canaries, q: Array, qd: Array) -> None:
+    """Call the derivatives of the verbs of loops on guarded arrays, with wrenches."""
+    q, qd = canaries.of('q', q), canaries.of('qd', qd)
+    tau = canaries.array('tau', q.shape, 0.1)
+    wrenches = {robot.tree.bodies[-1].name: np.ones(6)}
+    names = robot.joint_names[:1]
+    given = np.ascontiguousarray(tau[..., :1])
+    out = guarded_out(canaries, robot, 1, q.shape[:-1])
+    hybrid = robot.constrained_hybrid_dynamics_derivatives
+    forward = robot.constrained_forward_dynamics_derivatives
+    inverse = robot.constrained_inverse_dynamics_derivatives
+    qdd = robot.constrained_forward_dynamics(q, qd, canaries.array('none', q.shape, 0.0))[0]
+    for found in (
+        hybrid(q, qd, given, names, tau, out=out, wrenches=wrenches),
+        forward(q, qd, tau, out=[*out[4:6], out[7], *out[8:10], out[11]], wrenches=wrenches),
+        inverse(q, qd, qdd, names, out=[*out[:2], out[3], *out[8:10], out[11]]),
+    ):
+        assert all(np.isfinite(result).all() for result in found)
+        canaries.check()
+
+
+@pytest.mark.parametrize('kind', ['revolute', 'prismatic', 'universal', 'spherical', 'fixed'])
+def test_derivatives_of_loops_write_where_they_should(canaries: Canaries, kind: str) -> None:
+    closed = random_closed(4, kind, mimic=kind == 'spherical')
+    q, qd = closed.q, closed.qd
+    call_constrained_derivatives(closed.robot, canaries, q, qd)
+    q, qd = np.tile(q, (ROWS, 1)), np.tile(qd, (ROWS, 1))
+    call_constrained_derivatives(closed.robot, canaries, q, qd)
+
+
 @pytest.mark.parametrize('kind', ['revolute', 'prismatic', 'universal', 'spherical', 'fixed'])
 def test_random_loops_write_where_they_should(canaries: Canaries, kind: str) -> None:
     closed = random_closed(4, kind, mimic=kind == 'spherical')

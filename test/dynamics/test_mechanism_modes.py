@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics import mechanism_modes as mechanism_modes_of
+from denoc_ros.dynamics.constraint_derivatives import (
+    force_change_is_ready,
+    transposed_change,
+)
 from denoc_ros.dynamics.equilibrium import Equilibrium
-from denoc_ros.dynamics.linearization import derivatives_are_ready
 from denoc_ros.dynamics.mechanism_modes import independent_joints, mechanism_modes
 from denoc_ros.dynamics.mobility import mobility
 from denoc_ros.dynamics.robot import Robot
@@ -93,12 +96,11 @@ def test_turning_of_the_loops_forces_is_that_of_differences(
     repository: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     robot, q, _held = mechanism(repository, name)
-    frame, zero = next(iter(robot.tree.frames)), np.zeros(robot.n)
-    robot.inverse_dynamics_derivatives(q, zero, zero, {frame: np.zeros(6)})  # compiles
-    assert derivatives_are_ready(loaded=True)
     multipliers = np.random.default_rng(3).normal(size=len(robot.closure(q)))
+    transposed_change(robot, q, multipliers, np.zeros(0))  # compiles
+    assert force_change_is_ready()
     exact = mechanism_modes_of._turning(robot, q, multipliers)
     with monkeypatch.context() as patch:
-        patch.setattr(mechanism_modes_of, 'derivatives_are_ready', lambda **_: False)
+        patch.setattr(mechanism_modes_of, 'force_change_is_ready', lambda: False)
         differences = mechanism_modes_of._turning(robot, q, multipliers)
     np.testing.assert_allclose(exact, differences, rtol=0, atol=1e-9 * np.abs(exact).max())

@@ -6,7 +6,7 @@ J q'' + J' q' = 0, with q'' of the held coordinates given: linear in what they d
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from derivative_oracle import complex_step
@@ -19,6 +19,7 @@ def motion_derivatives(
     state: tuple[Array, Array, Array],
     multipliers: Array,
     held: Sequence[int] = (),
+    wrenches: Mapping[str, Array] | None = None,
 ) -> tuple[list[Array], list[Array], list[Array]]:
     """Return q'' (n), multipliers and torques of the held coordinates; (…, columns) each.
 
@@ -32,7 +33,7 @@ def motion_derivatives(
 
     def equations(q: Array, qd: Array) -> Array:
         rows = oracle.rows(q, qd)
-        force = oracle.inverse_dynamics(q, qd, qdd) - oracle.loop_forces(q, qd)
+        force = oracle.inverse_dynamics(q, qd, qdd, wrenches) - oracle.loop_forces(q, qd)
         return np.concatenate(
             [force - rows.jacobian.T @ multipliers, rows.jacobian @ qdd + rows.bias]
         )
