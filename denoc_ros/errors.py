@@ -39,7 +39,7 @@ class StateError(DenocError):
 
 
 class SolverError(DenocError):
-    """A solver found no solution; the message has the number that says why."""
+    """A solver found no solution; the message has the relevant number."""
 
 
 class BagError(DenocError):
@@ -47,4 +47,4 @@ class BagError(DenocError):
 
 
 class IdentificationError(DenocError):
-    """A record does not identify what was asked of it."""
+    """A record does not identify the requested quantity."""

@@ -29,7 +29,7 @@ BY_FILE = 'file'
 
 @dataclass(frozen=True)
 class WriterStatus:
-    """Where a background writer stands.
+    """Status of a background writer.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class BackgroundWriter:
         self._queue.append(self._bag.split)
 
     def status(self) -> WriterStatus:
-        """Return where it stands; from any thread."""
+        """Return the status; from any thread."""
         losses = self._bag.losses
         lost = {**self._lost, BY_FILE: _counts(loss.contents for loss in losses)}
         return WriterStatus(
@@ -188,7 +188,7 @@ class BackgroundWriter:
         )
 
     def close(self, timeout: float = 10.0) -> WriterStatus:
-        """Write what waits, finish the bag and return the last status.
+        """Write the waiting messages, finish the bag and return the last status.
 
         Raises
         ------

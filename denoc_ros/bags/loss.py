@@ -39,7 +39,7 @@ class Identity:
 
 @dataclass(frozen=True)
 class Loss:
-    """A file of a bag that is no longer where it was written, or not whole.
+    """A file of a bag that was moved, deleted or damaged during the recording.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Loss:
 
 
 def free_paths(path: Path, suffix: str) -> Iterator[Path]:
-    """Yield where a recording may go on when its folder or file is gone: names by time."""
+    """Yield paths for a recording whose folder or file is gone: names by time."""
     name = f'{path.name.removesuffix(suffix)}_{time.strftime("%Y%m%d_%H%M%S")}'
     yield path.with_name(f'{name}{suffix}')
     for number in count(2):

@@ -126,7 +126,7 @@ def read_raw(
 
 
 def bag_contents(path: str | Path) -> BagContents:
-    """Return what a bag holds, without reading its messages; errors as `read_bag`."""
+    """Return the contents of a bag without reading its messages; errors as `read_bag`."""
     with _open(Path(path)) as reader:
         topics: dict[str, RecordedTopic] = {}
         for connection in reader.connections:
@@ -248,7 +248,7 @@ def _open(path: Path) -> Iterator[Any]:
 
 @contextmanager
 def only_bag_errors(path: Path) -> Iterator[None]:
-    """Turn whatever is raised while a bag is read into a BagError that names it."""
+    """Convert every exception during the reading of a bag into a BagError that names it."""
     # damaged files lead the readers below to errors of nearly every kind
     try:
         yield
@@ -260,7 +260,7 @@ def only_bag_errors(path: Path) -> Iterator[None]:
 
 
 def require_readable(path: Path) -> Path:
-    """Return what is to be opened of a bag: a finished folder or a file.
+    """Return the path to open for a bag: a finished folder or a file.
 
     Raises
     ------

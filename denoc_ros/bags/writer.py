@@ -223,7 +223,7 @@ class BagWriter:
             self._give_up(error)
 
     def check(self) -> bool:
-        """Look whether what is written is still there; where not, go on in a new file.
+        """Check that the written file is still there; if not, go on in a new file.
 
         The new file lies beside the old one, or in a new folder with a name by time when the
         folder is gone. Nothing is overwritten. `losses` tells what is no longer in the bag.

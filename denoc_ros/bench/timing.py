@@ -105,7 +105,7 @@ def _rounds(subject: Subject, seconds: float) -> int:
 
 
 def _sample(subject: Subject, rounds: int) -> Array:
-    """Return what each call took [s], the clock's own time taken off."""
+    """Return the time of each call [s], without the clock's own time."""
     clock, call = time.perf_counter_ns, subject.call
     taken: list[int] = []
     add = taken.append

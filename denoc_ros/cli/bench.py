@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def machine() -> dict[str, Any]:
-    """Return what the times were taken on: processors, load, versions."""
+    """Return the machine of the measurement: processors, load, versions."""
     import platform
     from importlib.metadata import version
 
@@ -154,7 +154,7 @@ def _print(text: str) -> None:
 
 
 def _silent(_: str) -> None:
-    """Show nothing: standard output is for JSON."""
+    """Suppress progress: standard output is for JSON."""
 
 
 def _heading() -> str:

@@ -32,7 +32,7 @@ def add_bode(parser: argparse.ArgumentParser) -> None:
 
 
 def run_bode(args: argparse.Namespace, robot: Robot) -> int:
-    """Write the page and say what it says; return the exit status."""
+    """Write the page, print its conclusion, and return the exit status."""
     from denoc_ros.cli.arguments import given_file
     from denoc_ros.cli.postures import posture, read_postures
     from denoc_ros.dynamics.loop_response import loop_response

@@ -165,7 +165,7 @@ def _number(cells: list[str], column: int) -> float:
 
 
 def _write(args: argparse.Namespace, file: Path, found: Calibration) -> str:
-    """Write the calibrated description where it is wanted; return where, '' if nowhere."""
+    """Write the calibrated description to the chosen file; return its path, '' without one."""
     from denoc_ros.errors import ConfigError
     from denoc_ros.estimation.calibration import calibration_paths
     from denoc_ros.model.overrides import edited_description

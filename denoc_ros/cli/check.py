@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
-    """Return what a robot is made of, as plain lists and numbers ready for JSON.
+    """Return the parts of a robot as plain lists and numbers, ready for JSON.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
 
 
 def _mechanism(robot: Robot) -> Row:
-    """Return the loops and mimic joints, and what they leave to move."""
+    """Return the loops and mimic joints, and the remaining degrees of freedom."""
     from denoc_ros.dynamics.mobility import mobility
 
     if not robot.constraint_names:

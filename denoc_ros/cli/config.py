@@ -135,7 +135,7 @@ def load_config(path: str | os.PathLike[str], settings: Sequence[str] = ()) -> S
 
 
 def read_yaml(file: Path) -> dict[str, Any]:
-    """Return a YAML file's mapping; ConfigError with the line where it is none."""
+    """Return a YAML file's mapping; ConfigError with the line of the error."""
     try:
         value = load_yaml(file.read_text(encoding='utf-8'))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -154,7 +154,7 @@ def find_file(path: Path, folder: Path) -> Path | None:
 
 
 def share_directory() -> Path:
-    """Return where the package's config/ is: the source tree, else share/denoc_ros."""
+    """Return the package's config/ folder: in the source tree, else share/denoc_ros."""
     source = Path(__file__).resolve().parents[2]
     if (source / 'package.xml').is_file():
         return source
@@ -264,7 +264,7 @@ class _Checker:
         return str(value)
 
     def _mechanism(self, raw: Mapping[str, Any]) -> Parameters:
-        """Return the parameters that say how every node takes the robot's loops."""
+        """Return the parameters for the robot's loops, which all nodes share."""
         joints, posture = raw.get('joints', []), raw.get('posture', [])
         if not (isinstance(joints, list) and all(isinstance(name, str) for name in joints)):
             self._find(f'joints must be a list of the driven joints, got {joints!r}')

@@ -19,7 +19,7 @@ STRIP_RATE = 60.0  # Hz
 
 
 def add_film_options(parser: argparse.ArgumentParser) -> None:
-    """Declare what films and strips are made by."""
+    """Declare the options of films and strips."""
     group = parser.add_argument_group('films and pictures of a recorded run, without a display')
     group.add_argument('--video', type=Path, metavar='FILE', help='write a film, .mp4 or .gif')
     group.add_argument(

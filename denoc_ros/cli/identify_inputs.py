@@ -38,7 +38,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_channel_options(parser: argparse.ArgumentParser, window: bool = True) -> None:
-    """Declare the options that say where in a file a signal stands."""
+    """Declare the options that select a signal of a file."""
     group = parser.add_argument_group('the signal')
     group.add_argument(
         '--topic', default='', help='topic of a bag, such as /predictor/tip_deflection'
@@ -75,7 +75,7 @@ def add_channel_options(parser: argparse.ArgumentParser, window: bool = True) ->
 
 
 def add_verdict_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options that say which modes the verdict is of."""
+    """Declare the options that select the modes of the verdict."""
     group = parser.add_argument_group('the verdict (default: that of the strongest mode)')
     group.add_argument(
         '--band',
@@ -92,7 +92,7 @@ def add_verdict_options(parser: argparse.ArgumentParser) -> None:
 
 
 def asked_of(args: argparse.Namespace) -> tuple[tuple[float, float], int | None]:
-    """Return band [Hz] and number of the modes that are asked for; ConfigError with findings."""
+    """Return band [Hz] and number of the requested modes; ConfigError with findings."""
     findings, band = [], (0.0, math.inf)
     if args.band:
         try:
@@ -178,7 +178,7 @@ def load_named_robot(path: str, gravity: Sequence[float]) -> Robot:
 
 
 def attached_robot(path: Path, gravity: Sequence[float]) -> Robot | None:
-    """Return the robot that a bag came with, None where it came with none."""
+    """Return the robot attached to a bag, None without one."""
     from denoc_ros.bags.reader import read_description
     from denoc_ros.dynamics.robot import load_robot
     from denoc_ros.identification.channel import is_table

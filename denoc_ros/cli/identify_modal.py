@@ -77,7 +77,7 @@ def run_modal(args: argparse.Namespace) -> int:
 
 
 def recordings(names: Sequence[str]) -> list[Path]:
-    """Return the recordings that paths, folders and patterns stand for, each once.
+    """Return the recordings that match paths, folders and patterns, each once.
 
     Raises
     ------

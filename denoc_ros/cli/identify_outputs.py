@@ -18,7 +18,7 @@ def give_result(
     text: str,
     page: Callable[[], ReportPage],
 ) -> int:
-    """Write a result and its page where they are wanted, print it, return its exit status."""
+    """Write a result and its page if requested, print it, return its exit status."""
     if args.output:
         if (args.output / RESULT_FILE).exists():
             print(

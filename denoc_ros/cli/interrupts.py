@@ -50,7 +50,7 @@ class Interrupts:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Hold a signal back that comes meanwhile: what is done must not be left half done."""
+        """Defer signals during the block, so that its work is completed."""
         self._held += 1
         try:
             yield
@@ -60,7 +60,7 @@ class Interrupts:
             self._interrupt()
 
     def check(self) -> None:
-        """Raise again what has come to nothing: not every place hands a KeyboardInterrupt on.
+        """Raise a swallowed interrupt again: not every caller passes a KeyboardInterrupt on.
 
         For work that goes on only while there was no signal, not for an end.
         """

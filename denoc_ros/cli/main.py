@@ -131,7 +131,7 @@ def _verb_module(verb: str) -> ModuleType:
 
 
 def _show_log() -> None:
-    """Let what the package logs, such as the compilation of its kernels, go to stderr."""
+    """Send the package's log, such as the compilation of its kernels, to stderr."""
     import logging
 
     log = logging.getLogger('denoc_ros')
@@ -149,7 +149,7 @@ def _complain(verb: str, message: str) -> int:
 
 
 def _discard_output() -> None:
-    """Let the interpreter's last flush go nowhere: the reader of our output has left."""
+    """Discard the interpreter's last flush: the reader of our output has gone."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -97,7 +97,7 @@ def draw(ranges: Ranges, seed: int, run: int) -> dict[str, float]:
 
 
 def simulate_row(item: tuple[str, Mapping[str, Any], Mapping[str, float]]) -> Row:
-    """Simulate once and return the drawn values and what came out."""
+    """Simulate once and return the drawn values and the results."""
     from denoc_ros.cli.scenario_runs import prepare, summarize
 
     text, scenario, drawn = item

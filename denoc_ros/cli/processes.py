@@ -109,7 +109,7 @@ class Processes:
 
 
 def free_domain() -> int:
-    """Return a ROS domain that nobody on this machine uses.
+    """Return a ROS domain that no process on this machine uses.
 
     Raises
     ------

@@ -30,7 +30,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Recover and say what was found; return the exit status."""
+    """Recover, print the result, and return the exit status."""
     from tqdm import tqdm
 
     from denoc_ros.bags.recover import recover

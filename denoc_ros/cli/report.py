@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def default_output(run_path: Path) -> Path:
-    """Return where the page goes when nothing is said."""
+    """Return the default path of the page."""
     if (run_path / BAG_FOLDER).is_dir():
         return run_path / 'report.html'
     return unused(Path(f'{recording_name(run_path)}.html'))

@@ -31,7 +31,7 @@ SHAPING = 2.0  # s that a shaper has to plan, and a shaped motion to come to its
 
 @dataclass(frozen=True)
 class Task:
-    """What a session does: follow a trajectory, phase by phase, or play a bag.
+    """The task of a session: follow a trajectory, phase by phase, or play a bag.
 
     Attributes
     ----------

@@ -203,7 +203,7 @@ def _robot(args: argparse.Namespace, values: Mapping[str, Any]) -> Robot:
 
 
 def summarize(plan: Plan, times: NDArray[Any]) -> dict[str, Any]:
-    """Return what a plan does, ready for JSON."""
+    """Return the numbers of a plan, ready for JSON."""
     import numpy as np
 
     first, last = float(times[0]), float(times[0]) + plan.stretch * float(times[-1] - times[0])

@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
 def session_of(
     args: argparse.Namespace, robot: Robot, scenario: Scenario, result: Run
 ) -> dict[str, Any]:
-    """Return what a run was, ready for JSON, so that its bag alone tells it."""
+    """Return the settings of a run, ready for JSON, so that its bag is self-contained."""
     from denoc_ros.reports.provenance import named_file
     from denoc_ros.reports.run_files import SIMULATED
     from denoc_ros.reports.versions import versions

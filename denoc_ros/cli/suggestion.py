@@ -80,7 +80,7 @@ def check_options(args: argparse.Namespace) -> None:
 
 
 def run_suggestion(args: argparse.Namespace, file: Path | str) -> int:
-    """Propose, print and write; return 0, or 2 where no link is worth it."""
+    """Propose, print and write; return 0, or 2 if no link bends enough."""
     from denoc_ros.dynamics.robot import load_robot
     from denoc_ros.model.suggest.suggestion import suggest_flexibility
 

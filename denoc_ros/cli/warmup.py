@@ -31,7 +31,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compile, say how long it took.
+    """Compile and print the time it took.
 
     Returns
     -------

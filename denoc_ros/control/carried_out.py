@@ -35,7 +35,7 @@ class CarriedOut:
         return np.asarray(robot.frame_pose(frame, self.q)[:, :3, 3])
 
     def swing(self, robot: Robot, frame: str, since: float) -> float:
-        """Return how far a frame is at most from where it comes to rest, from a time on [m]."""
+        """Return the largest distance of a frame from its rest position, from a time on [m]."""
         rest = robot.frame_pose(frame, self.rest)[:3, 3]
         apart = self.tip(robot, frame)[self.t >= since] - rest
         return float(np.linalg.norm(apart, axis=1).max(initial=0.0))
@@ -103,7 +103,7 @@ def carry_out(
 
 
 def _parts(robot: Robot, q: Array, interval: float, rows: int) -> int:
-    """Return in how many steps an interval is gone through."""
+    """Return the number of steps of an interval."""
     longest = LONGEST_STEP
     if len(robot.flexible_indices):
         fastest = float(np.max(robot.natural_frequencies(q)))

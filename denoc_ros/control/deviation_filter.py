@@ -108,7 +108,7 @@ class DeviationFilter:
             self._values[slot], self._stamps[slot], self._new[slot] = value, stamp, True
 
     def correct(self, now: float, gains: PostureGains) -> None:
-        """Take what has come into the estimate of now [s], and say whether to believe that."""
+        """Correct the estimate by the received values, and say whether it is reliable."""
         if np.isnan(self._doubted_at):
             self._doubted_at = now
         measured = gains.measured
@@ -159,7 +159,7 @@ class DeviationFilter:
         )
 
     def _begin(self, now: float, gains: PostureGains) -> None:
-        """Start from what is measured: a jump would look like swing."""
+        """Start from the measured state: a jump would look like vibration."""
         most = FAR * gains.reach
         most[: 2 * self._k] = np.inf
         fits = self._new & (np.abs(self._innovation) <= most) & np.isfinite(gains.spread)

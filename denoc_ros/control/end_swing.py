@@ -88,7 +88,7 @@ class EndSwing:
         return follow_joints(self._stepper, self._rest, q, qd, between)
 
     def error(self, motion: Driven) -> Array:
-        """Return what rings at the end (count,): modal amplitudes times omega, modal rates."""
+        """Return the residual vibration (count,): modal amplitudes times omega, modal rates."""
         flexible = self.robot.flexible_indices
         off = (motion.q[-1] - self._goal)[flexible]
         return np.asarray(self._observe @ np.concatenate((off, motion.qd[-1][flexible])))

@@ -34,7 +34,7 @@ class JointMotion(Protocol):
 
 @dataclass(frozen=True)
 class ShaperOptions:
-    """What may be asked of an input shaper.
+    """Options of an input shaper.
 
     The plan's `tip_error` is from the asked motion half the delay later.
 
@@ -62,7 +62,7 @@ class ShaperOptions:
 
 @dataclass(frozen=True)
 class RestOptions(ShaperOptions):
-    """What may be asked of a motion from rest to rest, beside its ends.
+    """Options of a motion from rest to rest.
 
     Attributes
     ----------

@@ -13,7 +13,7 @@ STEP = 1e-7  # of a difference of Jacobians [rad, m]: exact to seven digits, as 
 
 
 class LoopForces:
-    """The rows of a robot's loops and mimic joints that say different things.
+    """The independent rows of a robot's loops and mimic joints.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class LoopForces:
         return np.asarray(self._robot.closure_jacobian(q)[:, self._rows])
 
     def forces(self, q: Array, qd: Array, multipliers: Array) -> Array:
-        """Return what loops exert (k, n): J^T multipliers less friction of the loops' own axes."""
+        """Return the forces of loops (k, n): J^T multipliers minus friction of the loops' axes."""
         force = np.zeros_like(q)
         if not self.count:
             return force

@@ -9,7 +9,7 @@ from denoc_ros.types import Array
 
 @dataclass(frozen=True)
 class Plan:
-    """What all coordinates do so that the tip does what was asked.
+    """A plan: the motion of all coordinates, with torque and tip error.
 
     Attributes
     ----------

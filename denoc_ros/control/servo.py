@@ -46,11 +46,11 @@ class JointServo:
 
     @property
     def is_exact(self) -> bool:
-        """Whether every joint is where it is told to be, at once."""
+        """Whether every joint follows its command exactly and at once."""
         return bool(np.isinf(self.bandwidth).all() and not self.delay.any())
 
     def command(self, times: ArrayLike, motion: Motion) -> tuple[Array, Array, Array]:
-        """Return what to command so that the joints do a motion.
+        """Return the commands for a motion of the joints.
 
         Parameters
         ----------
@@ -77,7 +77,7 @@ class JointServo:
         return first, second, third
 
     def response(self, times: Array, command: Array) -> Array:
-        """Return where the joints go (k, joints) under commands (k, joints) in equal steps.
+        """Return the joint positions (k, joints) under commands (k, joints) in equal steps.
 
         At rest at the first command before it; commands are linear between their times.
         """

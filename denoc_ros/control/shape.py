@@ -74,7 +74,7 @@ def shape_motion(
     tip: str | Sequence[str] | None = None,
     **options: Any,
 ) -> Plan:
-    """Plan a motion of a flexible robot that ends without swing.
+    """Plan a motion of a flexible robot without residual vibration.
 
     Parameters
     ----------

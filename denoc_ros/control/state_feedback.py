@@ -88,7 +88,7 @@ class StateFeedback:
         return same
 
     def is_near(self, now: float, position: Array, reach: float) -> bool:
-        """Say whether joints (joints,) stand within reach [rad, m] of where the gains are for."""
+        """Say whether joints (joints,) are within reach [rad, m] of the posture of the gains."""
         before, share = self.schedule.place(now - self._start)
         postures = self.schedule.postures
         there = postures[before]

@@ -62,7 +62,7 @@ class StreamShaper:
         return float((0.5 * self._turns / self._frequency).sum())
 
     def reset(self, start: Array) -> None:
-        """Forget all samples: the joints stand at `start` (joints,)."""
+        """Discard all samples: the joints rest at `start` (joints,)."""
         for line, frequency in zip(self._lines, self._frequency, strict=True):
             line.reset(np.asarray(start, dtype=np.float64), float(frequency))
 

@@ -96,7 +96,7 @@ def _at_pace(
     driven: Int,
     options: TipOptions,
 ) -> Plan:
-    """Return the plan of a motion that takes just the time that was asked for."""
+    """Return the plan of a motion that takes exactly the requested time."""
     usual = min(duration / NODES, LONGEST_STEP)
     step = options.step or usual
     step = duration / max(FEWEST, math.ceil(duration / step - 1e-9))
@@ -205,7 +205,7 @@ def _distance(poses: Sequence[Array]) -> float:
 
 
 def _turn(poses: Sequence[Array], options: TipOptions) -> float:
-    """Return how many metres a radian of turn counts as."""
+    """Return the weight of a radian of rotation [m]."""
     return TURN * _distance(poses) if options.turn is None else options.turn
 
 
@@ -258,7 +258,7 @@ def _guess(problem: TipProblem, ends: list[Rest], share: Array) -> Rest:
 
 
 def _reporter(options: TipOptions) -> Callable[[int, float], None]:
-    """Return what is called at each iteration: it tells how far it is, and looks for an end."""
+    """Return the callback of each iteration: it reports progress and checks for cancellation."""
 
     def report(iteration: int, left: float) -> None:
         if options.progress is not None:

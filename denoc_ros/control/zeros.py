@@ -64,7 +64,7 @@ def _reachable(jacobian: Array, joints: Array) -> Array:
 
 
 def settling_times(problem: TipProblem, q: Array) -> tuple[float, float]:
-    """Return how long [s] the joints must move before and after the tip, near q (n,).
+    """Return the times [s] that the joints move before and after the tip, near q (n,).
 
     Zero where there is nothing that grows or decays.
     """

@@ -21,7 +21,7 @@ ORTHONORMAL = 1e-6  # of a pose's rotation: what a message's float32 or a rounde
 
 
 class BaseMotion(NamedTuple):
-    """How the base frame of a robot moves, in its own axes; a plain tuple serves as well.
+    """Motion of a robot's base frame, in its own axes; a plain tuple works as well.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ def on_base(
     *states: ArrayLike,
     **options: Any,
 ) -> Result:
-    """Return what a verb gives while the base moves; it is then as it was before.
+    """Return a verb's result under a base motion; the previous base motion is then restored.
 
     Parameters
     ----------

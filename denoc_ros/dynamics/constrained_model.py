@@ -53,7 +53,7 @@ class ConstrainedModel(RobotModel):
         return rows
 
     def closure_bias(self, q: ArrayLike, qd: ArrayLike) -> Array:
-        """Return J' q' (rows,) or (k, rows): what accelerations J q'' must make up for."""
+        """Return J' q' (rows,) or (k, rows), which accelerations J q'' must cancel."""
         states = as_states('q', q, self.n), as_states('qd', qd, self.n)
         bias: Array = each_row(lambda q, qd: constraints.closure_rows(self, q, qd)[2], *states)
         return bias

@@ -204,7 +204,7 @@ def require_closed_accelerations(robot: RobotModel, rows: Array, bias: Array, qd
 
 
 def raise_status(robot: RobotModel, status: int, **arguments: Array) -> None:
-    """Raise what the status of a kernel with constraints says."""
+    """Raise the error of a constrained kernel's status."""
     if status not in (CONTRADICTED, OPENED):
         robot.raise_for_status(status, **arguments)
         return

@@ -70,7 +70,7 @@ def _prepared(kernel: Any) -> Callable[..., int]:
 
 
 class DifferentiableModel(ConstrainedModel):
-    """The verbs that say how torque and acceleration change with state.
+    """The verbs for derivatives of torque and acceleration by the state.
 
     Derivatives are matrices, a row per force or acceleration, a column per coordinate. Their
     kernels compile when the first of these verbs is called.

@@ -27,7 +27,7 @@ NEARLY_CLOSED = 1e-8  # m or rad; Newton's next step squares it
 
 
 class DrivenMotion:
-    """Joints of a tree: mimic joints follow their leaders, the rest stand still.
+    """Joints of a tree: mimic joints follow their leaders, the others are fixed.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class DrivenMotion:
         return driven if self._plain else np.asarray(self._ties @ driven)
 
     def reduce(self, force: Array, out: Array) -> Array:
-        """Return what generalized forces (n,) ask of the driven joints, at the last positions."""
+        """Return the driven joints' torques for generalized forces (n,), at the last positions."""
         if self._plain:
             out[:] = force[self._all]
             return out
@@ -164,7 +164,7 @@ class LoopedMotion(DrivenMotion):
         if rank_of(rows[:, np.union1d(free, self.index)]) > rank:
             raise StateError(
                 f'{robot.tree.name}: the driven joints must move independently of each other, '
-                f'got {list(self.joints)}, which the loops constraint together'
+                f'got {list(self.joints)}, which the loops constrain together'
             )
         everything = np.union1d(free, robot.flexible_indices)
         return everything if flexible and rank_of(rows[:, everything]) > rank else free
@@ -247,7 +247,7 @@ class LoopedMotion(DrivenMotion):
         return np.asarray(self._ties[self._picked] @ driven)
 
     def reduce(self, force: Array, out: Array) -> Array:
-        """Return what generalized forces (n,) ask of the driven joints, at the last positions."""
+        """Return the driven joints' torques for generalized forces (n,), at the last positions."""
         multipliers = force[self.bound] @ self._least
         out[:] = force[self.index] - multipliers @ self._rows[:, self.index]
         return out

@@ -83,7 +83,7 @@ class Equilibrium:
         self._found = self._unsettled = False
 
     def forget(self) -> None:
-        """Forget the tangent: what was followed is no longer nearby."""
+        """Discard the tangent: the followed equilibrium is no longer nearby."""
         self._found = self._unsettled = False
 
     def find(self, q: Array, patience: float = np.inf) -> None:

@@ -75,7 +75,7 @@ def wrap_attitude(phi: Array, rate: Array) -> tuple[Array, Array]:
 
 
 class FloatingBase(RobotModel):
-    """What a robot on a floating joint says of its base; StateError where it has none.
+    """The base coordinates of a robot on a floating joint; StateError for a fixed base.
 
     The base is the link on the floating joint. Its coordinates, `base_indices`, are the position
     of its frame [m] and the rotation vector of its attitude [rad] in the joint's frame; nothing
@@ -125,7 +125,7 @@ class FloatingBase(RobotModel):
         return np.append(position, phi), np.append(turn.T @ motion[:3], rate)
 
     def base_wrench(self, q: ArrayLike, tau: ArrayLike) -> Array:
-        """Return the wrench (6,) that generalized forces (n,) are on the base link.
+        """Return the wrench (6,) on the base link that equals generalized forces (n,).
 
         Parameters
         ----------

@@ -38,7 +38,7 @@ class Linearizable(RobotModel):
         locked: Sequence[str] = (),
         friction: bool = True,
     ) -> LinearModel:
-        """Return the linear model about a state: an equilibrium, or a moment of a motion.
+        """Return the linear model about a state: an equilibrium, or an instant of a motion.
 
         Parameters
         ----------

@@ -47,7 +47,7 @@ def measured_robot(robot: Robot) -> Robot:
 
 
 class MeasuredStates:
-    """What joint states say of a whole robot's motion.
+    """The motion of a whole robot from joint states.
 
     Parameters
     ----------

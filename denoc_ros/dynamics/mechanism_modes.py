@@ -111,7 +111,7 @@ def _turning(robot: Robot, q: Array, multipliers: Array) -> Array:
 
 
 def _depth(robot: Robot, joint: str) -> int:
-    """Return how many bodies carry a joint's body."""
+    """Return the number of bodies that carry a joint's body."""
     bodies = robot.tree.bodies
     at = next(k for k, body in enumerate(bodies) if body.joint and body.joint.name == joint)
     depth = 0

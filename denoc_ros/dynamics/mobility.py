@@ -32,7 +32,7 @@ class ConstraintMobility:
 
     @property
     def redundant(self) -> int:
-        """Number of rows that say nothing new."""
+        """Number of redundant rows."""
         return self.rows - self.rank
 
 
@@ -56,7 +56,7 @@ def rank_of(rows: Array) -> int:
 
 
 def mobility(robot: RobotModel) -> Mobility:
-    """Return what loops and mimic joints leave a robot to move."""
+    """Return the degrees of freedom of a robot under loops and mimic joints."""
     zero = np.zeros(robot.n)
     names = np.array(robot.constraint_names)
     errors = np.abs(closure_rows(robot, zero, zero)[0])

@@ -84,7 +84,7 @@ def find_columns(robot: RobotModel, paths: Sequence[str]) -> list[Column]:
 
 
 def beam_constants(row: Int) -> slice:
-    """Return where a body's beam stands in `constants`, by its row of `topology`."""
+    """Return the offset of a body's beam in `constants`, by its row of `topology`."""
     ny, nz, nt = (int(row[k]) for k in (layout.NY, layout.NZ, layout.NT))
     size = 1 + nt + nt * nt + int(row[layout.POINTS]) * (2 + ny + nz + ny * ny + nz * nz)
     start = int(row[layout.BEAM])

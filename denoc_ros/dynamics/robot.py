@@ -291,7 +291,7 @@ class Robot(
         return section.deflection(q[..., amplitudes])[..., :3]
 
     def amplitudes(self, link: str) -> slice:
-        """Return where the amplitudes of a flexible link stand among the coordinates.
+        """Return the indices of a flexible link's amplitudes among the coordinates.
 
         Of a link of several segments all of them; `link/2` is its second segment alone.
         """

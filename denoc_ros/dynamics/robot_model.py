@@ -172,12 +172,12 @@ class RobotModel:
 
     @property
     def work(self) -> Array:
-        """The workspace of the kernels; what stands where says `kernels.layout`."""
+        """The workspace of the kernels, with the layout of `kernels.layout`."""
         work: Array = self._workspace.work
         return work
 
     def new_workspace(self) -> Workspace:
-        """Return another workspace over this model, its base moving alike, for another thread."""
+        """Return another workspace over this model, with the same base motion, for a thread."""
         workspace = Workspace(self.arrays, self._constants, self._link_side)
         if self._base is not None:
             workspace.move_base(*self._base.for_kernels())
@@ -185,11 +185,11 @@ class RobotModel:
 
     @property
     def base_motion(self) -> BaseMotion | None:
-        """How the base moves now; None: it is at rest."""
+        """The present motion of the base; None: it is at rest."""
         return self._base
 
     def move_base(self, base: Base | None) -> None:
-        """Let the base move so from now on, for every verb; live, no allocation of a model.
+        """Set the motion of the base for every verb from now on; live, no allocation of a model.
 
         Parameters
         ----------
@@ -210,7 +210,7 @@ class RobotModel:
         self._workspace.move_base(*(motion or AT_REST).for_kernels())
 
     def copy(self: Held) -> Held:
-        """Return a robot alike, with its payloads and base motion and a workspace of its own."""
+        """Return a copy with the same payloads and base motion, and its own workspace."""
         other = type(self).__new__(type(self))
         other.__dict__.update(self.__dict__)
         base = self._base
@@ -252,7 +252,7 @@ class RobotModel:
     def set_payload(
         self, frame: str, mass: float, com: ArrayLike = (0, 0, 0), inertia: ArrayLike | None = None
     ) -> None:
-        """Hang a rigid payload on a frame, in place of the one set there before; live.
+        """Set the rigid payload of a frame, which replaces the previous one; live.
 
         Parameters
         ----------
@@ -276,7 +276,7 @@ class RobotModel:
             self._load_body(self._carrier(frame))
 
     def with_scaled_load(self: Held, frame: str, factor: float) -> Held:
-        """Return a copy whose load at a frame is off: for what must hold of inexact models.
+        """Return a copy with a scaled load at a frame, for checks with inexact models.
 
         The inertia of the body that carries the frame, payloads included, is multiplied by the
         factor; of a beam only what is rigid on its root.
@@ -324,7 +324,7 @@ class RobotModel:
         return flags
 
     def indices(self, names: Sequence[str]) -> NDArray[np.int64]:
-        """Return where joints stand among the coordinates; StateError for unknown or repeated."""
+        """Return the coordinate indices of joints; StateError for unknown or repeated names."""
         unknown = [name for name in names if name not in self.joint_names]
         if unknown or len(set(names)) != len(names):
             raise StateError(
@@ -347,7 +347,7 @@ class RobotModel:
         return self.gravity if pose is None else np.asarray(pose[:3, :3].T @ self.gravity)
 
     def raise_for_status(self, status: int, **arguments: Array) -> None:
-        """Raise what a kernel's status says about its arguments."""
+        """Raise the error of a kernel's status about its arguments."""
         self._raise_for_status(status, True, **arguments)
 
     def _on_base(

@@ -27,7 +27,7 @@ def half_play(robot: RobotModel) -> Array:
 
 
 def spring_indices(robot: RobotModel) -> NDArray[np.intp]:
-    """Return where the springs of elastic joints stand among the coordinates."""
+    """Return the indices of elastic joints' springs among the coordinates."""
     places = robot.arrays.link_map
     if places is None:
         return np.zeros(0, dtype=np.intp)

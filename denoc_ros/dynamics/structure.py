@@ -40,7 +40,7 @@ def whole_beam(robot: RobotModel, link: str) -> WholeBeam:
 
 
 def amplitudes(robot: RobotModel, link: str) -> slice:
-    """Return where a flexible link's amplitudes stand; `link/2` is its second segment alone."""
+    """Return the indices of a flexible link's amplitudes; `link/2` is its second segment alone."""
     for index, body in enumerate(robot.tree.bodies):
         if body.name == link and body.segment > 1:
             return body_amplitudes(robot, index)
@@ -50,7 +50,7 @@ def amplitudes(robot: RobotModel, link: str) -> slice:
 
 
 def body_amplitudes(robot: RobotModel, index: int) -> slice:
-    """Return where the amplitudes of a body stand, of one segment where a link has several."""
+    """Return the indices of a body's amplitudes, of one segment if a link has several."""
     row = robot.arrays.topology[robot.arrays.body_rows[index]].astype(int)
     first = int(row[layout.COORDINATE] + row[layout.JOINT])
     return slice(first, first + int(row[layout.MODES]))

@@ -109,7 +109,7 @@ class AmplitudeFilter:
         self._floor = np.where(np.isfinite(least), least, 0.0)
 
     def linearize(self, q: Array) -> None:
-        """Linearize the model at coordinates q (n,), unless its joints stand as the last time.
+        """Linearize the model at coordinates q (n,), unless its joints have not moved.
 
         Raises
         ------
@@ -145,7 +145,7 @@ class AmplitudeFilter:
         self.decay = float(self._transition[-1, -1])
 
     def reset(self, q: Array) -> None:
-        """Start at coordinates q (n,), nothing known but how far beams may be off."""
+        """Start at coordinates q (n,), with only the assumed initial error of the beams known."""
         self._posture[:] = np.inf
         self.linearize(q)
         m, force = self._m, self._start_force
@@ -200,7 +200,7 @@ class AmplitudeFilter:
         return np.asarray(taken > 0.0)
 
     def carry(self, correction: Array) -> Array:
-        """Return what a correction (3 m,) of x has become one step later."""
+        """Return a correction (3 m,) of x propagated by one step."""
         return self._transition @ correction
 
     def adopt(self, other: AmplitudeFilter) -> None:

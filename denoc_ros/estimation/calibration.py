@@ -33,7 +33,7 @@ MOST_GAIN_ERROR = 0.01
 
 @dataclass(frozen=True)
 class Calibration:
-    """value = gain raw + offset, and how well it holds.
+    """value = gain raw + offset, with its uncertainty and quality.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Plateaus:
-    """Where a signal stood still: means (k,), and the pooled standard deviation within."""
+    """Plateaus of a signal: means (k,), and the pooled standard deviation within."""
 
     means: Array
     deviation: float
@@ -195,7 +195,7 @@ def _curvature(value: Array, reference: Array) -> float:
 
 
 def find_plateaus(t: ArrayLike, raw: ArrayLike, hold: float = 1.0) -> Plateaus:
-    """Find where a signal stands still.
+    """Find the plateaus of a signal.
 
     Parameters
     ----------

@@ -221,7 +221,7 @@ class StrainFusion:
         self._shift = robot.beam_sensor_values(q) - rows @ q
 
     def unexplained(self) -> Array:
-        """Return what part of the sensors' values the loads make, taken as slow (sensors,).
+        """Return the part of the sensors' values due to the loads, taken as slow (sensors,).
 
         The rest is what the model alone explains.
         """

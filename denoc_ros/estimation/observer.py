@@ -265,7 +265,7 @@ class Observer:
         self._follow_joints()
 
     def _follow_joints(self) -> None:
-        """Put the joints where they were measured, and with them what they bind."""
+        """Set the joints to their measured positions, and the dependent joints with them."""
         self.motion.positions(self._q, self._filter.q)
         self.motion.rates(self._qd, self._filter.qd)
 

@@ -106,7 +106,7 @@ class TorqueReplay:
 
     @property
     def held(self) -> tuple[str, ...]:
-        """The joints that stand at 0: not driven, not a mimic, not given by loops."""
+        """The joints fixed at 0: not driven, not a mimic, not given by loops."""
         bodies = self._robot.tree.bodies
         free = {body.joint.name for body in bodies if body.joint and body.joint.mimic is None}
         places = zip(self._robot.joint_names, self._robot.joint_indices, strict=True)
@@ -119,7 +119,7 @@ class TorqueReplay:
         return ('rigid', 'flexible') if self._bends else ('rigid',)
 
     def torques(self, t: Array, motion: SmoothedMotion, starts: Flags) -> Torques:
-        """Return what the model says of the next rows.
+        """Return the model's torques and deflection of the next rows.
 
         Parameters
         ----------

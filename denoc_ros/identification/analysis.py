@@ -72,7 +72,7 @@ class DecayAnalysis:
 def analyse_decay(
     record: Record, given: bool = False, standing: Sequence[Span] = ()
 ) -> DecayAnalysis:
-    """Return the modes of a record of a free decay, and what other methods say of them.
+    """Return the modes of a free decay, and the results of other methods for them.
 
     Parameters
     ----------

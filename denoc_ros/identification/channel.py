@@ -78,7 +78,7 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """A record and where it is from.
+    """A record and its source.
 
     Attributes
     ----------

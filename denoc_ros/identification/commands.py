@@ -70,7 +70,7 @@ def _position(
 
 
 def read_commands(path: Path, topic: str, stamp: Stamp = 'header') -> Commands:
-    """Read what joints were told on a topic.
+    """Read the commands of joints on a topic.
 
     Raises
     ------

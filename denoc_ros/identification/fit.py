@@ -157,7 +157,7 @@ def _search(record: Record, t: Array, seen: Mask, smallest: float) -> Search:
 
 
 def _inside_limits(record: Record, seen: Mask, t: Array, fit: Damped) -> Mask:
-    """Leave out what noise alone could have clipped: what is left would lean to the inside."""
+    """Leave out samples that noise alone could have clipped: the rest would be biased inwards."""
     margin = CLIP_MARGIN * np.sqrt(fit.variance)
     expected = fit.prediction(t)
     low, high = record.y.min() + margin, record.y.max() - margin

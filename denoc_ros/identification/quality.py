@@ -60,7 +60,7 @@ class Quality:
 
 
 def assess(record: Record) -> Quality:
-    """Return what a record is worth."""
+    """Return the quality of a record."""
     steps = np.diff(record.t)
     typical = record.step
     regular = steps[steps <= GAP * typical]

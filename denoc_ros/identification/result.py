@@ -61,7 +61,7 @@ def _clock_of(channel: Channel) -> str:
 
 
 def quality_of(quality: Quality) -> Document:
-    """Return what a record is worth."""
+    """Return the quality of a record."""
     values = {field.name: getattr(quality, field.name) for field in dataclasses.fields(quality)}
     values['clipped'] = int(np.count_nonzero(quality.clipped))
     return {name: plain(value) for name, value in values.items()}

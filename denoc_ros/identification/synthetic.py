@@ -69,7 +69,7 @@ class Defects:
 
 @dataclass(frozen=True, eq=False)
 class Decay:
-    """A synthetic record and what is true of it.
+    """A synthetic record and its true parameters.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ TOLERANCE = 0.01  # s
 
 
 def standing_spans(reading: Reading, topic: str = '/joint_states') -> list[Span]:
-    """Return when a bag's joints stand [s], on a record's clock.
+    """Return the time spans in which a bag's joints rest [s], on a record's clock.
 
     [] where the bag does not say: no joint states, joints that never move or never stand, or a
     record that is itself the motion of the joints. Errors as `read_record`.
@@ -104,7 +104,7 @@ def _end(record: Record, segments: Sequence[Segment], chosen: Segment) -> float:
 
 
 def _moving(t: Array, position: Array) -> Mask | None:
-    """Return when a joint moves; None of one that is held, or whose motion is not told."""
+    """Return when a joint moves; None for a held joint, or without a recorded motion."""
     if position.size < 4 * FEWEST_SAMPLES or not np.all(np.isfinite(position)):
         return None
     if np.ptp(position) < SMALLEST_MOTION:

@@ -31,7 +31,7 @@ class Findings:
 
 
 class Reader:
-    """Reads the attributes of one XML element; what does not hold becomes a finding.
+    """Reads the attributes of one XML element; each violated condition becomes a finding.
 
     A value that cannot be read comes back as nan (or empty), so that reading goes on.
 

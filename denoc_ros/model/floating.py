@@ -38,7 +38,7 @@ def coordinate_names(joint: str) -> list[str]:
 
 
 def indices(tree: Tree, coordinates: Sequence[str]) -> NDArray[np.int64]:
-    """Return where the coordinates of a floating base stand (6,), else (0,)."""
+    """Return the indices of a floating base's coordinates (6,), else (0,)."""
     own = [
         name for body in tree.bodies if body.floating for name in coordinate_names(body.floating)
     ]

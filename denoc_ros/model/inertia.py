@@ -76,7 +76,7 @@ def total(first: RigidInertia, second: RigidInertia) -> RigidInertia:
 
 
 def difference(whole: RigidInertia, part: RigidInertia) -> RigidInertia:
-    """Return what is left of a body without a part, both in the same frame."""
+    """Return the rest of a body without a part, both in the same frame."""
     return RigidInertia(
         whole.mass - part.mass,
         whole.first_moment - part.first_moment,

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class JointKind(Enum):
-    """How a body moves on what carries it."""
+    """The kind of a joint."""
 
     FIXED = 0
     REVOLUTE = 1

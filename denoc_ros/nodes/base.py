@@ -276,7 +276,7 @@ class DenocNode(GuardedNode):
         self.create_service(service, name, on_request)
 
     def stamp_ns_at(self, moment: float) -> int:
-        """Return what the clock that stamps showed [ns] at a moment of the steady clock [s]."""
+        """Return the time of the stamping clock [ns] at a time of the steady clock [s]."""
         return self.stamp_ns() - round(1e9 * (time.perf_counter() - moment))
 
     def stamp_ns(self) -> int:

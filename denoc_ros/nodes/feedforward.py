@@ -261,7 +261,7 @@ class FeedforwardNode(LiveFeedforward):
         self.output.send(self._stamp_of(self._tick_time), self.q, self.qd, self.qdd, torque)
 
     def _carry(self, now: float) -> bool:
-        """Find what carries the robot where it stands; say whether anything is known of that."""
+        """Find the torque that holds the robot; say whether it is known."""
         measured = self.joint_input.received
         if measured:
             self._posture[:] = self._reader.position
@@ -281,7 +281,7 @@ class FeedforwardNode(LiveFeedforward):
             self._carry(now)
 
     def _start_torque(self, now: float) -> None:
-        """Let the first torque start from what carries the robot: from zero it would drop."""
+        """Start the first torque from the holding torque: from zero the robot would drop."""
         self._fresh = False
         if self._carry(now):
             self.limiter.reset(self.carrying.torque)
@@ -302,7 +302,7 @@ class FeedforwardNode(LiveFeedforward):
             self._publish(self.limiter.apply(torque))
 
     def rescue(self) -> bool:
-        """Send what left last once more; say whether anything has left."""
+        """Repeat the last command; say whether there was one."""
         if not self._fresh:
             self.qd[:] = self.qdd[:] = 0.0
             self._publish(self.limiter.apply(self.limiter.last))

@@ -175,7 +175,7 @@ class Input:
             self._take(self._numbered)
 
     def take_heavy(self) -> None:
-        """Handle some of what was too long for the loop, in a share of the time."""
+        """Handle some of the messages that were too long for the loop, in a share of the time."""
         begin = now = time.perf_counter()
         if now < self._heavy_due:
             return

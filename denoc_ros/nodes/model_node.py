@@ -153,7 +153,7 @@ class ModelNode(DenocNode):
         return q
 
     def require_configured(self, why: str) -> None:
-        """Refuse what needs a robot while there is none.
+        """Refuse a request that needs a robot while there is none.
 
         Raises
         ------
@@ -215,7 +215,7 @@ class ModelNode(DenocNode):
 
 
 def check_description(topic: str, text: str) -> None:
-    """Refuse what is no description: above all a path is never opened that a topic says.
+    """Refuse text that is not a description: a path from a topic is never opened.
 
     Raises
     ------

@@ -50,7 +50,7 @@ class Physics(NamedTuple):
 
 
 class PlantNode(RobotNode):
-    """Moves as the model says under the commanded effort and says what real sensors would."""
+    """Simulates the robot under the commanded effort and publishes its sensors' values."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('plant', TABLE, **options)

@@ -85,7 +85,7 @@ class PolledInputs:
         self.listen(())
 
     def forget(self) -> None:
-        """Forget the last stamps: what comes next may be older."""
+        """Discard the last stamps: the next messages may be older."""
         for monitor in self._monitors.values():
             monitor.reset()
 

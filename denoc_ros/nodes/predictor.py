@@ -141,7 +141,7 @@ class PredictorNode(RobotNode):
         return observer
 
     def _rehearse(self) -> None:
-        """Run what the tick and the timers call once, so that nothing compiles in the loop."""
+        """Run all functions of tick and timers once, so that nothing compiles in the loop."""
         zero = np.zeros(self.robot.n)
         self.observer.deflections.evaluate(zero, zero)
         self.robot.frame_pose(self.tip, zero)
@@ -316,7 +316,7 @@ class PredictorNode(RobotNode):
         return 'reset: starts from the next joint state'
 
     def _tare(self) -> str:
-        """Take what the sensors show beyond the prediction for their offset."""
+        """Set the difference between sensors and prediction as offset."""
         if self.state != 'active' or not self.observer.started:
             raise ConfigError(self.get_name(), ['the node must have joint states to tare by'])
         names = self.sensors.tare(self._explained(self.robot.copy(), self.observer))

@@ -88,7 +88,7 @@ def leave(status: int) -> NoReturn:
 
 
 def _show_log() -> None:
-    """Let what the package logs, such as the compilation of its kernels, go to stdout."""
+    """Send the package's log, such as the compilation of its kernels, to stdout."""
     log = logging.getLogger('denoc_ros')
     if not log.handlers:
         log.addHandler(logging.StreamHandler(sys.stdout))

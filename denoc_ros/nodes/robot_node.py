@@ -111,7 +111,7 @@ class RobotNode(ModelNode):
         """Advance by `steps` periods; called in the loop thread."""
 
     def rescue(self) -> bool:
-        """Do what is safe after a tick that failed; say whether that can go on for ever."""
+        """Act safely after a failed tick; say whether this can continue indefinitely."""
         return False
 
     def begin(self) -> None:

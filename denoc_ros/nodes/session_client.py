@@ -35,7 +35,7 @@ PATIENCE = 10.0  # s that a service may take to answer
 
 
 class NodeError(DenocError):
-    """A node did not do what the session asked of it."""
+    """A node did not answer a request of the session as required."""
 
 
 class SessionClient:

@@ -128,7 +128,7 @@ class ShaperNode(RobotNode):
         self._reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now))
 
     def _where(self) -> Array | None:
-        """Return where the joints stand (joints,), None where nothing says it."""
+        """Return the joint positions (joints,), None if they are unknown."""
         if self._known is not None:
             return self._known
         return self._reader.position.copy() if self.joint_input.received else None
@@ -199,7 +199,7 @@ class ShaperNode(RobotNode):
         )
 
     def _cancel(self) -> None:
-        """Drop what is planned or streamed; what has left has left."""
+        """Drop what is planned or streamed; published motions go on."""
         self.planning.drop()
         self.stream.end()
         self._moving_until = 0.0

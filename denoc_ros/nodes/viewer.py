@@ -122,7 +122,7 @@ class ViewerNode(ModelNode):
             self._thread.join(5.0)
 
     def _reset(self) -> str:
-        """Forget the topics' last stamps: what comes next may be older."""
+        """Discard the topics' last stamps: the next messages may be older."""
         self._reset_wanted = True
         return 'from the next message on'
 

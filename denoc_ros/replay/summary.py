@@ -45,7 +45,7 @@ def summarize(replay: Replay) -> dict[str, Any]:
 
 
 def doubts(replay: Replay) -> list[str]:
-    """Return what speaks against a replay's numbers, in words."""
+    """Return the doubts about a replay's numbers, in words."""
     found = []
     left_out = replay.incomplete + replay.repeated
     if left_out > FEW * (left_out + replay.samples):

@@ -18,7 +18,7 @@ MACHINE = ('system', 'processors')
 def provenance(
     command: str, sources: Mapping[str, str], made_with: Mapping[str, str] | None = None
 ) -> dict[str, str]:
-    """Return what stands at the foot of a page.
+    """Return the provenance at the foot of a page.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class Units:
 def cards(
     phases: Sequence[PhaseMeasures], loops: Sequence[LoopMeasure], units: Units
 ) -> list[Card]:
-    """Return what a reader wants to know first."""
+    """Return the figures of merit of a run."""
     found = []
     for label, series, unit in (
         ('Joint tracking error, rms', 'error', _common(phases, units)),

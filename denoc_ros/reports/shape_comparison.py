@@ -45,7 +45,7 @@ class Tracked:
 
 @dataclass(frozen=True)
 class Variation:
-    """A model that is off, and what the motion as it is and the plan leave on it."""
+    """A wrong model, with the tip errors of the input motion and of the plan on it."""
 
     name: str
     plain: Tracked
@@ -169,7 +169,7 @@ def compare(
     tip: str | Sequence[str] | None,
     progress: Callable[[float], object] | None = None,
 ) -> PlanComparison:
-    """Return what a plan does beside the motion that it was made of.
+    """Return the results of a plan and of its input motion.
 
     Parameters
     ----------

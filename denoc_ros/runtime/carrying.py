@@ -44,7 +44,7 @@ class CarryingTorque:
         self.forget()
 
     def forget(self) -> None:
-        """Forget what was found."""
+        """Discard the result."""
         self.found = False
         self.failure = ''
 

@@ -42,7 +42,7 @@ class MessageReader(CdrReader):
 def joint_map(
     given: Sequence[str], wanted: Sequence[str], known: Sequence[str] | None = None
 ) -> NDArray[np.intp]:
-    """Return where in `given` each of `wanted` stands.
+    """Return the index in `given` of each of `wanted`.
 
     Raises
     ------

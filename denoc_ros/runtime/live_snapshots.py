@@ -73,7 +73,7 @@ class LiveMoments:
         self._heard[topic] = time.perf_counter()
 
     def forget(self) -> None:
-        """Forget what was said, and begin the time anew."""
+        """Discard all messages, and restart the time."""
         self._heard.clear()
         self._start = time.perf_counter()
         self.source = ''

@@ -86,7 +86,7 @@ class LiveTorque:
         self._reset_wanted = True
 
     def take(self, limiter: TorqueLimiter) -> None:
-        """Take over between two ticks what was asked for."""
+        """Apply the requested change between two ticks."""
         if self._reset_wanted:
             self._reset_wanted = False
             self.source.reset()

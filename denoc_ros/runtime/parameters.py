@@ -34,7 +34,7 @@ EXPONENTIAL = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+|[-+]?inf')
 
 @dataclass(frozen=True)
 class Parameter:
-    """One row of the table; a name that ends in `.*` stands for all names that start so."""
+    """One row of the table; a name that ends in `.*` is a family of names."""
 
     name: str
     kind: Kind

@@ -20,7 +20,7 @@ RESTART_AFTER = 1.0  # s between starts of processes that die
 
 @dataclass(frozen=True)
 class Answer:
-    """What the process says to a job: `error` is '' where it was done."""
+    """The answer of the process to a job: `error` is '' on success."""
 
     job: int
     error: str

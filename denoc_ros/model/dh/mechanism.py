@@ -84,7 +84,7 @@ def read_loops(reader: Table, chains: Collection[DHChain]) -> tuple[DHLoop, ...]
 
 
 def read_tool(reader: Table, chains: tuple[DHChain, ...]) -> DHPoint | None:
-    """Return where the tool stands: by default at the end of a serial robot."""
+    """Return the position of the tool: by default at the end of a serial robot."""
     if 'tool' in reader.table:
         return read_point(reader, 'tool', chains)
     if len(chains) == 1 and chains[0].links:

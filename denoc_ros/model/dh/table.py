@@ -10,7 +10,7 @@ from denoc_ros.model.findings import Findings, finite
 
 
 class Table:
-    """Reads the entries of a mapping; what does not hold becomes a finding."""
+    """Reads the entries of a mapping; each violated condition becomes a finding."""
 
     def __init__(self, table: Mapping[str, Any], whose: str, findings: Findings) -> None:
         self.table = table

@@ -88,7 +88,7 @@ class Wish:
 def suggested_beam(
     link: str, load: SubtreeInertia, element: Element, wish: Wish, asked: bool
 ) -> BeamSuggestion | str:
-    """Return what a link would be as a beam, or why it cannot be one.
+    """Return a link as a beam, or the reason why it cannot be one.
 
     Parameters
     ----------

@@ -135,7 +135,7 @@ def stiffness(
     outer: Outline | None,
     material: Material,
 ) -> Stiffness:
-    """Return what is to be thought of a beam's stiffness.
+    """Return the estimated stiffness of a beam, with its range and confidence.
 
     Parameters
     ----------
