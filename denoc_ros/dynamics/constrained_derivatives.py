@@ -93,7 +93,7 @@ class ConstrainedHybridDerivatives(NamedTuple):
 
 
 class DifferentiableMechanism(DifferentiableModel):
-    """The verbs that say how motion, torques and multipliers change with loops closed.
+    """The verbs for derivatives of motion, torques and multipliers with loops closed.
 
     They hold for changes of state that keep the loops closed; what rows say twice leaves the
     multipliers of least norm, all along. Their kernel compiles when first asked for.
