@@ -45,7 +45,7 @@ TABLE = ParameterTable(
             Kind.STRING,
             'free_floating',
             'a floating base: free_floating (it reacts to the arm) or free_flying (thrusters hold '
-            'it; the wrench that takes goes to `~/base_wrench`); a measured `base_motion` '
+            'it; the required wrench goes to `~/base_wrench`); a measured `base_motion` '
             'overrides both',
             choices=('free_floating', 'free_flying'),
         ),

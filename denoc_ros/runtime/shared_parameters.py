@@ -151,8 +151,9 @@ def base_parameters() -> tuple[Parameter, ...]:
             'base_motion',
             Kind.STRING,
             'off',
-            'messages on `base_motion`: odometry (nav_msgs/Odometry, differenced), odometry_accel '
-            '(with geometry_msgs/AccelStamped on `base_acceleration`), accel (AccelStamped), imu '
+            'messages on `base_motion`: odometry (nav_msgs/Odometry, differentiated), '
+            'odometry_accel (with geometry_msgs/AccelStamped on `base_acceleration`), accel '
+            '(AccelStamped), imu '
             '(sensor_msgs/Imu); off: the base is at rest',
             choices=SOURCES,
         ),
