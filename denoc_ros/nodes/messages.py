@@ -12,9 +12,10 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import AccelStamped, PoseStamped
 from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -106,6 +107,49 @@ class TrajectoryPointMessage(_Prebuilt):
         self.effort: Array = views[3]
         for view in views:
             view[:] = 0.0
+
+
+class ImuMessage(_Prebuilt):
+    """An Imu without orientation.
+
+    Parameters
+    ----------
+    frame_id : str
+    gyro_noise, accel_noise : float
+        Standard deviations of each axis, for the covariances.
+    """
+
+    def __init__(self, frame_id: str, gyro_noise: float, accel_noise: float) -> None:
+        message = Imu()
+        message.header.frame_id = frame_id
+        message.orientation_covariance[0] = -1.0  # the type's word for none
+        for axis in range(3):
+            message.angular_velocity_covariance[4 * axis] = gyro_noise**2
+            message.linear_acceleration_covariance[4 * axis] = accel_noise**2
+        message.angular_velocity.x, message.linear_acceleration.x = 1.2345e100, 1.3345e100
+        self._raw, offsets = _template(message, [1.2345e100, 1.3345e100])
+        self._rate, self._force = (np.frombuffer(self._raw, '<f8', 3, k) for k in offsets)
+        self.write(np.zeros(6))
+
+    def write(self, values: Array) -> None:
+        """Write angular rate and specific force (6,)."""
+        self._rate[:], self._force[:] = values[:3], values[3:]
+
+
+class AccelMessage(_Prebuilt):
+    """An AccelStamped of an accelerometer, its angular part zero."""
+
+    def __init__(self, frame_id: str) -> None:
+        message = AccelStamped()
+        message.header.frame_id = frame_id
+        message.accel.linear.x = 1.2345e100
+        self._raw, offsets = _template(message, [1.2345e100])
+        self._force: Array = np.frombuffer(self._raw, '<f8', 3, offsets[0])
+        self.write(np.zeros(3))
+
+    def write(self, values: Array) -> None:
+        """Write the specific force (3,)."""
+        self._force[:] = values
 
 
 class PoseMessage(_Prebuilt):

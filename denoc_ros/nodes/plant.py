@@ -22,6 +22,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import LATCHED, STATE
+from denoc_ros.nodes.inertial_outputs import InertialOutputs
 from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
@@ -67,7 +68,7 @@ class PlantNode(RobotNode):
         self.joints = driven_joints(robot, settings.texts('joints'), name)
         self._drives = np.array([robot.joint_names.index(joint) for joint in self.joints])
         self._index = np.ascontiguousarray(robot.joint_indices[self._drives])
-        self.q, self.qd, self._tau = np.zeros((3, robot.n))
+        self.q, self.qd, self._acceleration, self._tau = np.zeros((4, robot.n))
         self._prepare_drives(settings)
         physics = self._build(robot, settings)
         self._prepare_messages(settings)
@@ -100,6 +101,7 @@ class PlantNode(RobotNode):
         self.robot, self.stepper, self._feedback_stepper, self.start = physics
         self._measured = MeasuredStates(self.robot)
         self.sensors.update(self.robot)
+        self.inertial_sensors.update(self.robot)
 
     def _start(self, motion: DrivenMotion, settings: Settings) -> Array:
         """Return the state (n,) to start from."""
@@ -164,7 +166,9 @@ class PlantNode(RobotNode):
         self._deviations = tuple(
             settings.number(f'noise.{what}') for what in ('position', 'velocity', 'effort')
         )
-        self.sensors = SensorOutputs(self, robot, settings.flag('noise.sensors'), self._generator)
+        noisy = settings.flag('noise.sensors')
+        self.sensors = SensorOutputs(self, robot, noisy, self._generator)
+        self.inertial_sensors = InertialOutputs(self, robot, noisy, self._generator)
 
     def _connect(self) -> None:
         """Subscribe, once: a node that is configured again keeps its subscriptions."""
@@ -184,6 +188,7 @@ class PlantNode(RobotNode):
         for publisher in (self._state_out, self._deflection_out, self._modal_out):
             self.destroy_publisher(publisher)
         self.sensors.close(self)
+        self.inertial_sensors.close(self)
 
     # ---- inputs
 
@@ -224,6 +229,7 @@ class PlantNode(RobotNode):
     def _place(self) -> None:
         self.q[:] = self.start
         self.qd[:] = 0.0
+        self._acceleration[:] = 0.0
         self.effort[:] = 0.0
 
     def tick(self, steps: int) -> None:
@@ -241,13 +247,21 @@ class PlantNode(RobotNode):
             self._tick_time = self.loop.deadline - steps * self.stepper.step
         for _ in range(min(steps, CATCH_UP)):
             self._tick_time += self.stepper.step
-            if braked:
-                self.stepper.driven(self.q, self.qd, self._still)
-            else:
-                self._advance()
+            self._step(braked)
         self._tick_time += self.stepper.step * max(0, steps - CATCH_UP)
         # the state is that of the deadline, however late the machine let the tick begin
         self._publish(self._stamp_of(self._tick_time))
+
+    def _step(self, braked: bool) -> None:
+        """Take one step; the accelerations are the mean over it."""
+        before = self._acceleration
+        before[:] = self.qd
+        if braked:
+            self.stepper.driven(self.q, self.qd, self._still)
+        else:
+            self._advance()
+        np.subtract(self.qd, before, out=before)
+        before /= self.stepper.step
 
     def rescue(self) -> bool:
         """Start anew, as ~/reset does: the model cannot go on from where it failed."""
@@ -296,6 +310,7 @@ class PlantNode(RobotNode):
         state.stamp(stamp_ns)
         self._state_out.publish(state.bytes())
         self.sensors.send(stamp_ns, q)
+        self.inertial_sensors.send(stamp_ns, q, qd, self._acceleration)
         self.deflections.evaluate(q, qd, out=(self._bent, self._bending))
         for message, publisher, position, rate in (
             (self._deflection_message, self._deflection_out, self._bent, self._bending),

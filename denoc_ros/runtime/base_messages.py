@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.runtime.conversions import CdrReader, require_finite
+from denoc_ros.runtime.conversions import MessageReader, require_finite
 from denoc_ros.runtime.input_error import InputError
 
 Array = NDArray[np.float64]
@@ -16,7 +16,7 @@ UNIT = 1e-3  # how far a quaternion may be from unit length
 LARGEST = 1e6  # m/s, rad/s, and per s: more is no base's motion
 
 
-def _numbers(reader: CdrReader, count: int) -> Array:
+def _numbers(reader: MessageReader, count: int) -> Array:
     return np.array([reader.float64() for _ in range(count)])
 
 
@@ -44,7 +44,7 @@ def _rotation(quaternion: Array) -> Array:
 
 def read_odometry(raw: bytes) -> tuple[int, Array, Array]:
     """Return stamp [ns], pose (4, 4) and twist (6,) in the child frame's axes of an Odometry."""
-    reader = CdrReader(raw)
+    reader = MessageReader(raw)
     stamp_ns = reader.stamp_ns()
     reader.string()
     reader.string()
@@ -61,7 +61,7 @@ def read_odometry(raw: bytes) -> tuple[int, Array, Array]:
 
 def read_accel(raw: bytes) -> tuple[int, Array]:
     """Return stamp [ns] and acceleration (6,) of an AccelStamped."""
-    reader = CdrReader(raw)
+    reader = MessageReader(raw)
     stamp_ns = reader.stamp_ns()
     reader.string()
     acceleration = _numbers(reader, 6)
@@ -71,7 +71,7 @@ def read_accel(raw: bytes) -> tuple[int, Array]:
 
 def read_imu(raw: bytes) -> tuple[int, Array, Array]:
     """Return stamp [ns], angular velocity (3,) and specific force (3,) of an Imu."""
-    reader = CdrReader(raw)
+    reader = MessageReader(raw)
     stamp_ns = reader.stamp_ns()
     reader.string()
     for _ in range(13):

@@ -1,0 +1,98 @@
+"""The simulated robot's IMUs and accelerometers as topics."""
+
+from __future__ import annotations
+
+import numpy as np
+from geometry_msgs.msg import AccelStamped
+from sensor_msgs.msg import Imu
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.model.tree import InertialSensor
+from denoc_ros.nodes.base import STATE, DenocNode
+from denoc_ros.nodes.messages import AccelMessage, ImuMessage
+from denoc_ros.types import Array
+
+
+class InertialOutputs:
+    """Publishes what every IMU and accelerometer that has a topic reads.
+
+    Parameters
+    ----------
+    node : DenocNode
+    robot : Robot
+    noisy : bool
+        Whether noise is added, and a constant bias of each axis that is drawn once.
+    generator : numpy.random.Generator
+    """
+
+    def __init__(
+        self, node: DenocNode, robot: Robot, noisy: bool, generator: np.random.Generator
+    ) -> None:
+        self._robot, self._generator = robot, generator
+        self._outputs = [
+            _Output(node, sensor, noisy, generator)
+            for sensor in robot.tree.inertial_sensors
+            if sensor.topic
+        ]
+        self.update(robot)
+
+    def __bool__(self) -> bool:
+        return bool(self._outputs)
+
+    def update(self, robot: Robot) -> None:
+        """Take a changed model of the same robot; compiles what its values need."""
+        self._robot = robot
+        if self._outputs:
+            robot.sensor_values(np.zeros(robot.n))
+
+    def send(self, stamp_ns: int, q: Array, qd: Array, qdd: Array) -> None:
+        """Publish the readings at coordinates, rates and accelerations (n,)."""
+        if self._outputs:
+            values = self._robot.sensor_values(q, qd, qdd)
+            for output in self._outputs:
+                output.send(stamp_ns, values, self._generator)
+
+    def close(self, node: DenocNode) -> None:
+        """Destroy the publishers."""
+        for output in self._outputs:
+            node.destroy_publisher(output.publisher)
+
+
+class _Output:
+    """One sensor's topic."""
+
+    def __init__(
+        self,
+        node: DenocNode,
+        sensor: InertialSensor,
+        noisy: bool,
+        generator: np.random.Generator,
+    ) -> None:
+        count = len(sensor.parts)
+        self._part = slice(sensor.first, sensor.first + count)
+        gyro, accel = (sensor.gyro_noise, sensor.accel_noise) if noisy else (0.0, 0.0)
+        self._deviation = _per_axis(gyro, accel, count)
+        bias = _per_axis(sensor.gyro_bias, sensor.accel_bias, count)
+        self._bias = bias * generator.standard_normal(count) if noisy else np.zeros(count)
+        self._is_noisy = noisy
+        kind: type = Imu
+        self._message: ImuMessage | AccelMessage
+        if sensor.type == 'imu':
+            self._message = ImuMessage(sensor.name, gyro, accel)
+        else:
+            self._message, kind = AccelMessage(sensor.name), AccelStamped
+        self.publisher = node.create_publisher(kind, sensor.topic, STATE)
+
+    def send(self, stamp_ns: int, values: Array, generator: np.random.Generator) -> None:
+        """Publish this sensor's part of all values, with bias and noise."""
+        reading = values[self._part] + self._bias
+        if self._is_noisy:
+            reading += self._deviation * generator.standard_normal(len(reading))
+        self._message.write(reading)
+        self._message.stamp(stamp_ns)
+        self.publisher.publish(self._message.bytes())
+
+
+def _per_axis(gyro: float, accel: float, count: int) -> Array:
+    """Return a number for each value: rates first, of which an accelerometer has none."""
+    return np.array([gyro] * (count - 3) + [accel] * 3)
