@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from denoc_ros.model.suggest.suggestion import Suggestion
 
 DOUBTFUL = 2
-OPTIONS = ('material', 'link', 'bandwidth', 'output')
+OPTIONS = ('material', 'link', 'bandwidth', 'gears', 'output')
 
 
 def add_suggestion(parser: argparse.ArgumentParser) -> None:
@@ -51,10 +51,18 @@ def add_suggestion(parser: argparse.ArgumentParser) -> None:
         ),
     )
     group.add_argument(
+        '--gears',
+        metavar='NAME',
+        help=(
+            'propose springs for its joints as well, by the effort limits, as gears of this kind '
+            'would be: strain_wave, cycloidal or planetary; an assumption'
+        ),
+    )
+    group.add_argument(
         '-o',
         '--output',
         metavar='FILE',
-        help='write the URDF with its beams here; with --bode, the page',
+        help='write the URDF with its beams and springs here; with --bode, the page',
     )
 
 
@@ -87,13 +95,13 @@ def run_suggestion(args: argparse.Namespace, file: Path | str) -> int:
     wishes: dict[str, Any] = {'links': args.link, 'gravity': math.hypot(*args.gravity)}
     wishes |= {
         name: getattr(args, name)
-        for name in ('material', 'bandwidth')
+        for name in ('material', 'bandwidth', 'gears')
         if getattr(args, name) is not None
     }
     suggestion = suggest_flexibility(file, **wishes)
     robot = load_robot(suggestion.text, gravity=tuple(args.gravity))
     row = summarize_suggestion(suggestion, robot)
-    proposed = any(beam.worth for beam in suggestion.beams)
+    proposed = bool(suggestion.springs) or any(beam.worth for beam in suggestion.beams)
     if args.output and proposed:
         _write(Path(args.output), suggestion.text)
         row['written'] = args.output
@@ -129,7 +137,8 @@ def summarize_suggestion(suggestion: Suggestion, robot: Robot) -> Row:
         `robot`, `material`, `beams` (all links that could be one, with `proposed`), `refused`
         (links that could not, with `why`), `natural_frequencies_hz` of the proposed robot
         (joints held at zero), `without_armature` (joints whose drives have no rotor inertia)
-        and `written`, the file or None.
+        `gears` (None: not asked for), `springs` (assumed; `armature` None: the robot says it),
+        `stiff` (joints without a proposal, with `why`) and `written`, the file or None.
     """
     import numpy as np
 
@@ -154,7 +163,22 @@ def summarize_suggestion(suggestion: Suggestion, robot: Robot) -> Row:
             for body in robot.tree.bodies
             if body.joint is not None and not body.joint.armature and not body.joint.mimic
         ],
+        'gears': _gears(suggestion),
+        'springs': [vars(spring) for spring in suggestion.springs],
+        'stiff': [{'joint': joint, 'why': why} for joint, why in suggestion.stiff.items()],
         'written': None,
+    }
+
+
+def _gears(suggestion: Suggestion) -> Row | None:
+    family = suggestion.gears
+    if family is None:
+        return None
+    return {
+        'name': family.name,
+        'description': family.description,
+        'source': family.source,
+        'spread': family.spread,
     }
 
 
@@ -209,6 +233,7 @@ def _as_text(row: Row) -> str:
     rigid = [{'link': b['link'], 'why': b['reason']} for b in row['beams'] if not b['proposed']]
     if rigid or row['refused']:
         parts.append('left rigid\n' + text_table(rigid + row['refused']))
+    parts += _springs_text(row)
     if row['natural_frequencies_hz']:
         listed = '  '.join(cell_text(value) for value in row['natural_frequencies_hz'])
         parts.append(
@@ -225,9 +250,26 @@ def _as_text(row: Row) -> str:
             )
     if row['written']:
         parts.append(f'{row["written"]}: written')
-    elif not proposed:
+    elif not proposed and not row['springs']:
         parts.append('nothing is written: --link NAME makes a link flexible anyway')
     return '\n\n'.join(parts)
+
+
+def _springs_text(row: Row) -> list[str]:
+    """Return what is proposed for joints, for a terminal."""
+    gears = row['gears']
+    if gears is None:
+        return []
+    parts = []
+    if row['springs']:
+        parts.append(
+            f'springs, assumed: {gears["description"]}, {gears["source"]}; single gears differ by '
+            f"a factor of {gears['spread']:g}: use your gears' data sheets\n"
+            + text_table(row['springs'])
+        )
+    if row['stiff']:
+        parts.append('joints left stiff\n' + text_table(row['stiff']))
+    return parts
 
 
 def _explained(beam: Row) -> str:

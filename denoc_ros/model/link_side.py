@@ -39,6 +39,22 @@ def _behind_spring(joint: Joint) -> Joint:
     return replace(joint, spring=None, damping=0.0, friction=0.0, armature=0.0)
 
 
+def looped_joints(tree: Tree) -> set[str]:
+    """Return the joints that loops close over: those on the way between their two sides."""
+    found: set[str] = set()
+    for loop in tree.loops:
+        ways = []
+        for frame in (loop.parent.frame, loop.child.frame):
+            way, place = set(), tree.frames[frame].body
+            while place >= 0:
+                joint = tree.bodies[place].joint
+                way |= set() if joint is None else {joint.name}
+                place = tree.bodies[place].attachment.body
+            ways.append(way)
+        found |= ways[0] ^ ways[1]
+    return found
+
+
 def is_measured_behind(joint: Joint) -> bool:
     """Say whether the states of a joint mean the link side of its spring."""
     return joint.spring is not None and joint.spring.measured == 'link'

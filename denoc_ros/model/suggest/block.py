@@ -33,14 +33,14 @@ def with_beams(
     """
     block = root.find('flexibility')
     if block is None:
-        block = _appended(root, etree.Element('flexibility'), 0)
+        block = appended(root, etree.Element('flexibility'), 0)
     for beam in beams:
-        _appended(block, etree.Comment(_remark(beam, material)), 1)
-        _appended(block, _element(beam), 1)
+        appended(block, etree.Comment(_remark(beam, material)), 1)
+        appended(block, _element(beam), 1)
     return written(root, text)
 
 
-def _appended(parent: Element, child: Element, level: int) -> Element:
+def appended(parent: Element, child: Element, level: int) -> Element:
     """Add a child on a line of its own behind the others."""
     if len(child):
         etree.indent(child, INDENT, level=level + 1)

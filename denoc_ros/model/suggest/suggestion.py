@@ -5,15 +5,23 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.findings import Element, Findings
+from denoc_ros.model.link_side import looped_joints
 from denoc_ros.model.rigid_urdf import read_rigid_urdf
 from denoc_ros.model.source import TEXT_NAME, parse_xml, read_source
 from denoc_ros.model.suggest.beam import BeamSuggestion, Wish, suggested_beam
 from denoc_ros.model.suggest.block import with_beams
+from denoc_ros.model.suggest.gears import (
+    GearFamily,
+    SpringSuggestion,
+    gear_family,
+    suggested_springs,
+    with_springs,
+)
 from denoc_ros.model.suggest.materials import MATERIALS, Material
 from denoc_ros.model.suggest.subtree import SubtreeInertia, link_loads
 from denoc_ros.model.urdf import tree_of
@@ -33,12 +41,21 @@ class Suggestion:
         Moving links that cannot be one, and why.
     text : str
         The URDF with the block; the unchanged one where no link is worth it.
+    gears : GearFamily or None
+        What gears the joints are taken to have, where that was asked for.
+    springs : tuple of SpringSuggestion
+        Springs proposed for joints.
+    stiff : dict of str to str
+        Joints without a spring for which none is proposed, and why.
     """
 
     material: Material
     beams: tuple[BeamSuggestion, ...]
     refused: dict[str, str]
     text: str
+    gears: GearFamily | None = None
+    springs: tuple[SpringSuggestion, ...] = ()
+    stiff: dict[str, str] = field(default_factory=dict)
 
 
 def suggest_flexibility(
@@ -47,6 +64,7 @@ def suggest_flexibility(
     links: Sequence[str] | None = None,
     bandwidth: float = 10.0,
     gravity: float = 9.81,
+    gears: str | None = None,
 ) -> Suggestion:
     """Propose beams for a robot's links from their inertia, joints, geometry and a material.
 
@@ -64,6 +82,9 @@ def suggest_flexibility(
         or its joint's effort; modes are kept up to ten times this.
     gravity : float
         Its size where the robot works [m/s^2]; 0 in space.
+    gears : str, optional
+        Propose springs for the joints as well: one of `denoc_ros.model.suggest.gears.GEARS`. The
+        stiffness follows from the effort of a joint's limit, and is an assumption.
 
     Returns
     -------
@@ -75,13 +96,15 @@ def suggest_flexibility(
     ModelError
         With every finding of the file, or for links that cannot be beams.
     ConfigError
-        For an unknown material or link, a bad bandwidth or gravity.
+        For unknown gears, an unknown material or link, a bad bandwidth or gravity.
     """
     _check_wishes(material, bandwidth, gravity)
+    family = None if gears is None else gear_family(gears)
     where, text = read_source(source)
     root = parse_xml(where, text, whole=True)
-    tree_of(parse_xml(where, text), where, text)  # a bad file is to be mended first
-    loads = link_loads(read_rigid_urdf(root, Findings(), []))
+    tree = tree_of(parse_xml(where, text), where, text)  # a bad file is to be mended first
+    robot = read_rigid_urdf(root, Findings(), [])
+    loads = link_loads(robot)
     _check_links(where, links, loads, root)
     wish = Wish(
         MATERIALS[material],
@@ -105,8 +128,15 @@ def suggest_flexibility(
         raise ModelError(where, hopeless)
     worth = [beam for beam in beams if beam.worth]
     suggested = with_beams(root, text, worth, MATERIALS[material]) if worth else text
+    springs: tuple[SpringSuggestion, ...] = ()
+    stiff: dict[str, str] = {}
+    if family is not None:
+        springs, stiff = suggested_springs(robot, root, family, looped_joints(tree))
+        suggested = with_springs(root, suggested, springs, family) if springs else suggested
     tree_of(parse_xml(where, suggested), where, suggested)
-    return Suggestion(MATERIALS[material], tuple(beams), refused, suggested)
+    return Suggestion(
+        MATERIALS[material], tuple(beams), refused, suggested, family, springs, stiff
+    )
 
 
 def _check_wishes(material: str, bandwidth: float, gravity: float) -> None:
