@@ -153,6 +153,12 @@ def _mechanism(robot: Robot) -> Row:
     return {'loops': loops, 'mechanism': [mechanism]}
 
 
+def _joint_name(body: Body) -> str:
+    if body.floating:
+        return f'{body.floating} (floating)'
+    return '(fixed)' if body.joint is None else body.joint.name
+
+
 def _link(body: Body, bodies: Sequence[Body]) -> Row:
     """Return what a link is, from its first body and all of the robot's."""
     rigid = sum(each.inertia.mass for each in bodies if each.link == body.name)
@@ -163,7 +169,7 @@ def _link(body: Body, bodies: Sequence[Body]) -> Row:
         'link': body.name,
         'on': 'base' if carrier is None else carrier.link,
         'station_m': float(body.attachment.station + (0.0 if carrier is None else carrier.start)),
-        'joint': '(fixed)' if body.joint is None else body.joint.name,
+        'joint': _joint_name(body),
         'mass_kg': float(mass),
         'beam_mass_kg': float(mass - rigid),
         'modes': 0 if beam is None else beam.segments * sum(beam.modes),

@@ -19,6 +19,7 @@ from denoc_ros.control.joint_plans import (
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.tip import tip_motion
 from denoc_ros.control.tip_options import TipOptions
+from denoc_ros.dynamics.floating_base import require_known_base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
@@ -106,6 +107,7 @@ def shape_motion(
     SolverError
         No such motion was found; with what is left.
     """
+    require_known_base(robot, 'shape_motion')
     planner = METHODS.get(method)
     if planner is None:
         raise StateError(

@@ -74,6 +74,21 @@ def wrap_attitude(phi: Array, rate: Array) -> tuple[Array, Array]:
     return wrapped, np.asarray(np.linalg.solve(left_jacobian(wrapped), spin), dtype=np.float64)
 
 
+def require_known_base(robot: RobotModel, whose: str) -> None:
+    """Refuse a robot whose base floats, for what is made for a base whose motion is known.
+
+    Raises
+    ------
+    StateError
+        With a way out.
+    """
+    if len(robot.base_indices):
+        raise StateError(
+            f'{whose}: the base of {robot.tree.name} must be fixed, got one that floats '
+            '(make the floating joint a fixed one where the base is held)'
+        )
+
+
 class FloatingBase(RobotModel):
     """The base coordinates of a robot on a floating joint; StateError for a fixed base.
 

@@ -58,7 +58,10 @@ class ReactingBase:
         qdd[self.index] = -np.linalg.solve(block, self._force[self.index])
 
     def wrap(self, q: Array, qd: Array) -> None:
-        """Bring the rotation vector back in place before its rates become singular."""
+        """Bring the rotation vector back in place before its rates become singular.
+
+        Nothing where no base floats.
+        """
         phi = self.index[ATTITUDE]
         if q[phi] @ q[phi] > WRAP * WRAP:
             q[phi], qd[phi] = wrap_attitude(q[phi], qd[phi])

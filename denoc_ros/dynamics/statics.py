@@ -68,8 +68,13 @@ class StaticsAndVibration(RobotModel):
 
         Gravity and load stiffness are as they are at q. `held` joints stay still, a floating
         base moves; else all n coordinates move. Rigid motions have frequency 0 and unstable ones a
-        negative one.
+        negative one. A robot whose base floats falls freely: gravity does nothing to its modes.
         """
+        if len(self.base_indices) and self.base_motion is None:
+            falling = np.append(self.gravity, np.zeros(3))
+            return self._on_base(
+                (np.zeros(6), falling), lambda rows: self.natural_modes(rows, held), q
+            )
         q = as_states('q', q, self.n)
         modes = each_row(
             lambda row: tuple(linearization.natural_modes(cast('Robot', self), row, held)), q

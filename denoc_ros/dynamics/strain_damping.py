@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from denoc_ros.dynamics.floating_base import require_known_base
 from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.handle import DAMPING, STIFFNESS
@@ -74,6 +75,7 @@ class StrainDamping:
         bandwidth: float,
         delay: float = 0.0,
     ) -> None:
+        require_known_base(robot, 'strain feedback')
         given = np.asarray(gains, dtype=np.float64)
         if given.shape != (len(joints),) or not (np.isfinite(given) & (given >= 0.0)).all():
             raise StateError(

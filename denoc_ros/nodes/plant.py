@@ -18,6 +18,7 @@ from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.feedback import with_joint_feedback
 from denoc_ros.dynamics.measured_side import MeasuredStates
+from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ConfigError
@@ -100,6 +101,7 @@ class PlantNode(RobotNode):
     def _use(self, physics: Physics) -> None:
         self.robot, self.stepper, self._feedback_stepper, self.start = physics
         self._measured = MeasuredStates(self.robot)
+        self._base = ReactingBase(self.robot)
         self.sensors.update(self.robot)
         self.inertial_sensors.update(self.robot)
 
@@ -113,7 +115,8 @@ class PlantNode(RobotNode):
             raise ConfigError(name, [f'{rule}, got {len(given)}'])
         motion.positions(q, np.array(given))
         free = np.union1d(motion.bound, motion.robot.flexible_indices)
-        if len(free) and settings.text('start_deflection') == 'static':
+        falls = len(motion.robot.base_indices) > 0  # freely: nothing has a weight
+        if len(free) and not falls and settings.text('start_deflection') == 'static':
             Equilibrium(motion.robot, free).find(q)
         return q
 
@@ -287,11 +290,13 @@ class PlantNode(RobotNode):
             effort += self._kd * (self._wanted_rate - self.qd[self._index])
         if controlled and (np.abs(effort) <= self._limit).all():
             self._feedback_stepper.free(self.q, self.qd, tau)
+            self._base.wrap(self.q, self.qd)
             return
         np.minimum(effort, self._limit, out=effort)
         np.maximum(effort, -self._limit, out=effort)
         tau[self._index] = effort
         self.stepper.free(self.q, self.qd, tau)
+        self._base.wrap(self.q, self.qd)
 
     def _publish(self, stamp_ns: int) -> None:
         q, qd, state = self.q, self.qd, self._state_message

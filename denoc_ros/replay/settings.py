@@ -14,6 +14,7 @@ from denoc_ros.bags.columns import JointStateColumns
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import BagContents, Stamp, bag_contents, read_raw
 from denoc_ros.bags.series import JointSeries
+from denoc_ros.dynamics.floating_base import require_known_base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.estimation.joint_motion import METHODS
@@ -124,7 +125,10 @@ def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> ReplayPla
     ------
     BagError
         The bag cannot be read, or has no joint states of the robot.
+    StateError
+        The base floats: joint states do not say how it moved.
     """
+    require_known_base(robot, 'replay')
     contents = bag_contents(path)
     series = [topic.name for topic in contents.topics if topic.type == JOINT_STATE]
     present = [t.name for t in contents.topics if t.type == JOINT_STATE and t.messages]

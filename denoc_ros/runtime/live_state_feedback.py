@@ -9,6 +9,7 @@ import numpy as np
 
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.state_feedback import StateFeedback
+from denoc_ros.dynamics.floating_base import require_known_base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.clock import StampClock
@@ -88,6 +89,7 @@ class LiveStateFeedback:
             **{name: settings.number(f'feedback.{name}') for name, *_ in SETTINGS},
         )
         position = np.array(posture[index])
+        require_known_base(robot, 'feedback.state')
         model = FeedbackModel(robot, tuple(joints), limits.copy(), posture.copy(), wanted)
         if self._worker.task is not None:  # the model of a node that runs: where it is
             position = self._worker.task.position

@@ -12,8 +12,9 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.simulation.motion import Prescribed, Torque, mimic_ties
 from denoc_ros.simulation.run import Run
 from denoc_ros.simulation.scenario_inputs import ScenarioInputs
-from denoc_ros.simulation.scenario_reader import ScenarioReader
+from denoc_ros.simulation.scenario_reader import ScenarioReader, is_number
 from denoc_ros.simulation.simulate import METHODS, simulate
+from denoc_ros.simulation.swaying_base import SHIFTS, TURNS, Harmonic, SwayingBase
 from denoc_ros.simulation.time_functions import TimeFunction, of_joint
 from denoc_ros.trajectories import Trajectory
 from denoc_ros.types import Array
@@ -26,6 +27,7 @@ KEYS = (
     'torque',
     'reference',
     'prescribed',
+    'base',
     'duration',
     'output_rate',
     'rtol',
@@ -73,6 +75,8 @@ class Scenario:
         Tolerance.
     method : str
         Integrator.
+    base : SwayingBase or None
+        The motion of the base; None: at rest, or floating.
     """
 
     q0: Array
@@ -83,6 +87,7 @@ class Scenario:
     reference: Trajectory | None = None
     rtol: float = 1e-8
     method: str = 'DOP853'
+    base: SwayingBase | None = None
 
     def run(self, robot: Robot, progress: bool = False) -> Run:
         """Simulate; raises what `simulate` raises."""
@@ -96,6 +101,7 @@ class Scenario:
             rtol=self.rtol,
             method=self.method,
             progress=progress,
+            base=self.base,
         )
 
 
@@ -135,7 +141,7 @@ def scenario_from_config(values: Mapping[str, Any], robot: Robot, where: str) ->
     values : mapping
         `duration` [s] and `output_rate` [Hz, default 100]; one of `torque` (kind zero, step or
         rigid_inverse_dynamics), `reference` (all joints follow it exactly) and `prescribed` (the
-        joints named do); `start`, `rtol`, `method`.
+        joints named do); `base`, the harmonics of a base that sways; `start`, `rtol`, `method`.
     robot : Robot
         The robot.
     where : str
@@ -154,6 +160,7 @@ def scenario_from_config(values: Mapping[str, Any], robot: Robot, where: str) ->
     rtol, method = reader.positive('rtol', 1e-8), values.get('method', 'DOP853')
     if method not in METHODS:
         reader.find(f'method must be one of {", ".join(METHODS)}, got {method!r}')
+    base = _base(reader)
     start = _start(reader, robot, inputs)
     if 'duration' not in values:
         if inputs.reference is None:
@@ -170,7 +177,28 @@ def scenario_from_config(values: Mapping[str, Any], robot: Robot, where: str) ->
         inputs.reference,
         rtol,
         str(method),
+        base,
     )
+
+
+def _base(reader: ScenarioReader) -> SwayingBase | None:
+    """Return the motion of a base that sways, if one is given."""
+    values = reader.mapping('base', reader.values.get('base'))
+    reader.only('base', values, (*SHIFTS, *TURNS))
+    motions = {}
+    for name, given in values.items():
+        motion = reader.mapping(f'base {name}', given)
+        reader.only(f'base {name}', motion, ('amplitude', 'period', 'phase'))
+        numbers = {'phase': 0.0, **motion}
+        bad = [key for key in ('amplitude', 'period', 'phase') if not is_number(numbers.get(key))]
+        if bad or numbers['period'] <= 0.0:
+            reader.find(
+                f'base {name} must have numbers amplitude, period > 0 s and, if not 0, phase, '
+                f'got {given!r}'
+            )
+            continue
+        motions[name] = Harmonic(*(float(numbers[k]) for k in ('amplitude', 'period', 'phase')))
+    return SwayingBase(motions) if motions else None
 
 
 def _start(reader: ScenarioReader, robot: Robot, inputs: ScenarioInputs) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.simulation.motion import Torque
 from denoc_ros.trajectories import Trajectory
@@ -82,16 +83,21 @@ def rigid_torque(robot: Robot, reference: Trajectory) -> Torque:
     """Return the torques with which the robot, its links taken as rigid, follows a reference.
 
     The scheme of fig. 3.3: what comes of them in the flexible robot shows what flexibility does.
-    The joint rows of inverse dynamics with all amplitudes at rest are the rigid robot's.
+    The joint rows of inverse dynamics with all amplitudes at rest are the rigid robot's. A base
+    that floats reacts.
     """
     model = robot.copy()
     joints = np.asarray(robot.joint_indices)
     law = TimeFunction(reference)
     q, qd, qdd = np.zeros((3, robot.n))
     needed, tau = np.zeros(robot.n), np.zeros(robot.n)
+    base = ReactingBase(model)
 
     def torque(t: float, _q: Array, _qd: Array) -> Array:
         q[joints], qd[joints], qdd[joints] = law(t)
+        if base.floats:
+            base.rates(q, qd)
+            base.accelerations(q, qd, qdd)
         model.inverse_dynamics(q, qd, qdd, out=needed, check=False)
         tau[joints] = needed[joints]
         return tau

@@ -31,6 +31,8 @@ SCENARIOS = {
     'planar_3dof': ['planar_3dof_3rr', 'planar_3dof_3rf', 'planar_3dof_3ff'],
     'planar_3dof_circle': ['planar_3dof_3rr', 'planar_3dof_3ff'],
     'rssr': ['rssr_rrr', 'rssr_rrf', 'rssr_frr', 'rssr_fff'],
+    'ship_boom': ['ship_boom'],
+    'ssrms_10t': ['ssrms_10t', 'ssrms_100t'],
     'stability_puma': ['puma'],
     'stability_canadarm': ['canadarm'],
     'stability_ssrms': ['ssrms'],

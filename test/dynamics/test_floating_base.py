@@ -24,6 +24,7 @@ from small_robots import link
 import denoc_ros as dn
 from denoc_ros.dynamics.floating_base import left_jacobian, rotation_vector, wrap_attitude
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.strain_damping import StrainDamping
 from denoc_ros.errors import StateError
 
 Array = NDArray[np.float64]
@@ -259,3 +260,20 @@ def test_elastic_joints_on_bases_that_move_and_float() -> None:
     by_q = still.inverse_dynamics_derivatives(q6[6:], qd6[6:], qdd6[6:], base=base)[0]
     close(by_q, carried.inverse_dynamics_derivatives(q6, qd6, qdd6)[0][6:, 6:])
     close(still.energy(q6[6:], qd6[6:], base=base), carried.energy(q6, qd6))
+
+
+def test_what_needs_a_known_base_says_so() -> None:
+    robot = afloat('two_link_ff')
+    times, rest = np.linspace(0.0, 1.0, 5), np.zeros((5, 2))
+    with pytest.raises(StateError, match=r'shape_motion: the base of .* must be fixed'):
+        dn.shape_motion(robot, times, rest)
+    with pytest.raises(StateError, match=r'strain feedback: the base of .* must be fixed'):
+        StrainDamping(robot, robot.joint_names, [1.0, 1.0], [9.0, 9.0], 10.0)
+
+
+def test_weight_does_nothing_to_the_modes_of_a_robot_that_falls(robot: Robot) -> None:
+    weightless = load_robot(robot.tree.source, (0, 0, 0))
+    q = np.zeros(robot.n)
+    np.testing.assert_allclose(
+        robot.natural_frequencies(q), weightless.natural_frequencies(q), rtol=1e-6, atol=1e-3
+    )
