@@ -1,4 +1,4 @@
-"""As sim.launch.py, recorded into the folder `run`, or `run_` and the time where that exists."""
+"""Like sim.launch.py, recorded into the folder `run`, or `run_` and the time if that exists."""
 
 from __future__ import annotations
 
