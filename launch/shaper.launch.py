@@ -1,4 +1,4 @@
-"""The shaper node in front of a position-controlled arm: ros2 launch denoc_ros shaper.launch.py."""
+"""The shaper node for a position-controlled arm: ros2 launch denoc_ros shaper.launch.py."""
 
 from __future__ import annotations
 
