@@ -199,13 +199,7 @@ def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
     from denoc_ros.cli.session import Task
     from denoc_ros.simulation.reference import trajectory_from_config
 
-    joints = list(config.joints) or [
-        body.joint.name
-        for body in robot.tree.bodies
-        if body.joint is not None
-        and body.joint.name in robot.joint_names
-        and body.joint.mimic is None
-    ]
+    joints = list(config.joints or robot.tree.non_mimic_joints)
     if bag is not None:
         from denoc_ros.bags.series import read_joint_states
 

@@ -139,6 +139,5 @@ def require_same_coordinates(models: Sequence[DeviationModel]) -> None:
 
 def _standing(robot: Robot, joints: Sequence[str]) -> list[str]:
     """Return the fixed joints: neither driven nor moved by loops or leaders."""
-    described = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint}
-    given = driven_motion(robot, joints).given
-    return [name for name in given if name not in joints and described[name].mimic is None]
+    standing = {*robot.tree.non_mimic_joints} - {*joints}
+    return [name for name in driven_motion(robot, joints).given if name in standing]

@@ -64,7 +64,7 @@ def tip_motion(
         Those that are to be where the undeformed robot would have them.
     options : TipOptions
     """
-    driven = robot.indices(options.joints or driven_joints(robot))
+    driven = robot.indices(options.joints or robot.tree.non_mimic_joints)
     if options.path is not None:
         poses = checked_path(options.path, frames, len(times))
         turn = _turn(poses, options)
@@ -207,12 +207,6 @@ def _distance(poses: Sequence[Array]) -> float:
 def _turn(poses: Sequence[Array], options: TipOptions) -> float:
     """Return the weight of a radian of rotation [m]."""
     return TURN * _distance(poses) if options.turn is None else options.turn
-
-
-def driven_joints(robot: Robot) -> tuple[str, ...]:
-    """Return the names of the joints that mimic none."""
-    joints = (body.joint for body in robot.tree.bodies)
-    return tuple(joint.name for joint in joints if joint is not None and joint.mimic is None)
 
 
 def _closed(robot: Robot, driven: Int, joints: Array) -> Array:

@@ -46,9 +46,7 @@ def read_inputs(
         For a name that the robot does not have.
     """
     if inputs is None:
-        joints = [body.joint for body in robot.tree.bodies if body.joint is not None]
-        mimics = {joint.name for joint in joints if joint.mimic is not None}
-        inputs = [name for name in robot.joint_names if name not in mimics]
+        inputs = robot.tree.non_mimic_joints
     names: list[str] = []
     columns = [np.zeros((robot.n, 0))]
     for given in inputs:

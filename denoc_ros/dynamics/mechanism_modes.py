@@ -43,7 +43,7 @@ def independent_joints(robot: Robot, q: Array) -> tuple[str, ...]:
     rows = jacobian(robot, q)[0]
     bound = list(robot.joint_indices)
     rank = rank_of(rows[:, bound]) if len(rows) else 0
-    followers = {b.joint.name for b in robot.tree.bodies if b.joint and b.joint.mimic}
+    followers = robot.tree.mimics
     held = []
     for name, index in sorted(
         zip(robot.joint_names, robot.joint_indices, strict=True),

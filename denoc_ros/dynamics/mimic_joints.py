@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.errors import StateError
+from denoc_ros.model.tree import Mimic
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -26,22 +27,17 @@ def mimic_ties(
     StateError
         A driven joint is unknown, repeated or a mimic; a mimic's leader is unknown.
     """
-    described = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint}
-    free = [name for name in robot.joint_names if described[name].mimic is None]
+    free, mimics = list(robot.tree.non_mimic_joints), robot.tree.mimics
     driven = tuple(joints) if joints is not None else tuple(free)
     if len(set(driven)) != len(driven) or not set(driven) <= set(free):
         raise StateError(f'driven joints must be different ones of {free}, got {list(driven)}')
     constraints = np.zeros((len(robot.joint_names), len(driven)))
     offsets = np.zeros(len(robot.joint_names))
     for row, name in enumerate(robot.joint_names):
-        factor, offset, leader = 1.0, 0.0, name
-        while (mimic := described[leader].mimic) is not None:
-            offset += factor * mimic.offset
-            factor *= mimic.multiplier
-            leader = mimic.leader
-        if leader in driven:
-            constraints[row, driven.index(leader)] = factor
-            offsets[row] = offset
+        mimic = mimics.get(name, Mimic(name, 1.0, 0.0))
+        if mimic.leader in driven:
+            constraints[row, driven.index(mimic.leader)] = mimic.multiplier
+            offsets[row] = mimic.offset
         else:
-            offsets[row] = factor * held.get(leader, 0.0) + offset
+            offsets[row] = mimic.multiplier * held.get(mimic.leader, 0.0) + mimic.offset
     return constraints, offsets, driven

@@ -107,8 +107,7 @@ class TorqueReplay:
     @property
     def held(self) -> tuple[str, ...]:
         """The joints fixed at 0: not driven, not a mimic, not given by loops."""
-        bodies = self._robot.tree.bodies
-        free = {body.joint.name for body in bodies if body.joint and body.joint.mimic is None}
+        free = {*self._robot.tree.non_mimic_joints}
         places = zip(self._robot.joint_names, self._robot.joint_indices, strict=True)
         unbound = {name for name, place in places if place not in self._motion.bound}
         return tuple(n for n in self._robot.joint_names if n in (free & unbound) - {*self.joints})

@@ -279,3 +279,22 @@ class Tree:
         """Places of the values of `sensors` among those of all sensors."""
         taken = {k for s in self.inertial_sensors for k in range(s.first, s.first + len(s.parts))}
         return [k for k in range(len(self.sensors) + len(taken)) if k not in taken]
+
+    @property
+    def non_mimic_joints(self) -> tuple[str, ...]:
+        """Names of the joints that move and mimic none, in coordinate order."""
+        joints = [body.joint for body in self.bodies if body.joint is not None]
+        moving = [joint for joint in joints if joint.name and joint.kind is not JointKind.FIXED]
+        return tuple(joint.name for joint in moving if joint.mimic is None)
+
+    @property
+    def mimics(self) -> dict[str, Mimic]:
+        """Each mimic joint's constraint to a joint that mimics none: chains are resolved."""
+        direct = {b.joint.name: b.joint.mimic for b in self.bodies if b.joint and b.joint.mimic}
+        resolved = {}
+        for name, mimic in direct.items():
+            while (further := direct.get(mimic.leader)) is not None:
+                offset = mimic.multiplier * further.offset + mimic.offset
+                mimic = Mimic(further.leader, mimic.multiplier * further.multiplier, offset)
+            resolved[name] = mimic
+        return resolved

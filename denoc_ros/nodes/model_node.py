@@ -248,8 +248,7 @@ def driven_joints(robot: Robot, given: Sequence[str], where: str) -> list[str]:
     if robot.tree.loops and not given:
         rule = "parameter 'joints' must name the driven joints of a robot with loops"
         raise ConfigError(where, [f'{rule}, some of {list(robot.joint_names)}, got none'])
-    joints = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint is not None}
-    free = [name for name in robot.joint_names if joints[name].mimic is None]
+    free = list(robot.tree.non_mimic_joints)
     wrong = [name for name in given if name not in free]
     if wrong or len(set(given)) != len(given):
         raise ConfigError(

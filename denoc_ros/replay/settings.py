@@ -14,6 +14,7 @@ from denoc_ros.bags.columns import JointStateColumns
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import BagContents, Stamp, bag_contents, read_raw
 from denoc_ros.bags.series import JointSeries
+from denoc_ros.bags.topics import find_topic
 from denoc_ros.dynamics.floating_base import require_known_base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError
@@ -132,7 +133,7 @@ def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> ReplayPla
     contents = bag_contents(path)
     series = [topic.name for topic in contents.topics if topic.type == JOINT_STATE]
     present = [t.name for t in contents.topics if t.type == JOINT_STATE and t.messages]
-    topic = settings.topic or _ending(present, 'joint_states')
+    topic = settings.topic or find_topic(present, 'joint_states')
     if topic not in present:
         raise BagError(
             f'{path}: bag must have messages of {JOINT_STATE} on '
@@ -146,7 +147,7 @@ def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> ReplayPla
         )
     beginning = _beginning(path, topic)
     found = _renamed(beginning.names, settings.rename)
-    driven = [b.joint.name for b in robot.tree.bodies if b.joint and b.joint.mimic is None]
+    driven = robot.tree.non_mimic_joints
     joints = settings.joints or tuple(name for name in driven if name in found)
     if not joints:
         raise BagError(
@@ -158,8 +159,8 @@ def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> ReplayPla
             f'{path}: joints must be among those on {topic} ({_listed(found)}), '
             f'got {_listed(unknown)}'
         )
-    commanded = _ending(present, COMMANDED)
-    deflections = [_ending(present, ending) for ending in DEFLECTIONS]
+    commanded = find_topic(present, COMMANDED)
+    deflections = [find_topic(present, ending) for ending in DEFLECTIONS]
     deflections = [name for name in deflections if name and len(robot.flexible_indices)]
     efforts = dict.fromkeys([settings.effort, commanded], 'effort')
     beside = {**efforts, **dict.fromkeys(deflections, 'position')}
@@ -174,13 +175,6 @@ def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> ReplayPla
         commanded,
         tuple(deflections),
     )
-
-
-def _ending(topics: list[str], ending: str) -> str:
-    """Return the topic with this name or, failing that, ending; '' if there is none."""
-    exact = [name for name in topics if name.lstrip('/') == ending]
-    ending = f'/{ending}'
-    return next(iter(exact + sorted(name for name in topics if name.endswith(ending))), '')
 
 
 def _beginning(path: Path, topic: str) -> JointSeries:

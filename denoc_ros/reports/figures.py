@@ -18,6 +18,7 @@ from matplotlib.figure import Figure as Canvas
 
 from denoc_ros.reports.measures import LoopMeasure
 from denoc_ros.types import Array
+from denoc_ros.units import NONE, si_prefix
 
 # Names of the page's CSS variables: a phase keeps its colour in every figure and every theme.
 PHASE_COLOURS = ('series-1', 'series-2', 'series-3', 'series-4')
@@ -38,8 +39,7 @@ PIXELS = 900  # columns a curve is thinned to: finer than a page shows
 WIDTH, LONE_WIDTH = 4.4, 4.8  # inches of a panel: text of 10 points is read on a phone too
 HISTOGRAM_HEIGHT = 2.0  # inches
 LAST_PERIOD = 2.0  # nominal periods a histogram shows
-PLAIN = (1.0, '')
-SCALES = ((1e6, 'M'), (1e3, 'k'), PLAIN, (1e-3, 'm'), (1e-6, 'µ'))
+SMALLEST = 1e-6  # prefix on an axis
 STYLE = {
     'font.family': 'sans-serif',
     'font.size': 10.0,
@@ -152,16 +152,14 @@ def thin(t: Array, y: Array, columns: int = PIXELS) -> tuple[Array, Array]:
 def scale_of(values: Iterable[Array]) -> tuple[float, str]:
     """Return the SI prefix (factor and letter) that brings the largest value close above 1."""
     peak = max((float(np.nanmax(np.abs(v))) for v in values if np.isfinite(v).any()), default=0.0)
-    if peak == 0.0:
-        return PLAIN
-    return next((entry for entry in SCALES if peak >= entry[0]), SCALES[-1])
+    return si_prefix(peak, SMALLEST)
 
 
 def _draw_lines(axis: Axes, panel: Panel) -> str:
     """Draw a panel; return what it shows in words."""
     # a logarithmic axis has its powers of ten, a plain number or a percentage takes no prefix
     plain = panel.log_y or not panel.unit or panel.unit.startswith('%')
-    factor, prefix = PLAIN if plain else scale_of(curve.y for curve in panel.curves)
+    factor, prefix = NONE if plain else scale_of(curve.y for curve in panel.curves)
     for curve in panel.curves:
         t, y = (curve.t, curve.y) if curve.marker else thin(curve.t, curve.y)
         style = (0, (4, 2)) if curve.dashed else 'solid'

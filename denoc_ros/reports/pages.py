@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from denoc_ros.units import NONE, PREFIXES, si_prefix
+
 if TYPE_CHECKING:
     from markupsafe import Markup
 
@@ -14,7 +16,6 @@ if TYPE_CHECKING:
 
 Tone = Literal['good', 'doubtful', 'bad']
 
-PREFIXES = ((1e6, 'M'), (1e3, 'k'), (1.0, ''), (1e-3, 'm'), (1e-6, 'µ'), (1e-9, 'n'))
 UNKNOWN = '–'
 
 
@@ -99,6 +100,6 @@ def engineering(value: float, unit: str) -> str:
     if not math.isfinite(value):
         return UNKNOWN
     size = abs(float(f'{value:.3g}'))  # as shown: 999.7 µs is 1 ms
-    # below the last prefix, and at zero, the number stands as it is
-    factor, prefix = next((entry for entry in PREFIXES if size >= entry[0]), (1.0, ''))
+    # below the last prefix the number stands as it is
+    factor, prefix = si_prefix(size) if size >= PREFIXES[-1][0] else NONE
     return f'{value / factor:.3g} {prefix}{unit}'

@@ -14,6 +14,7 @@ from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import bag_topics, header_stamp_ns, read_raw
 from denoc_ros.bags.series import Diagnostic, JointSeries
+from denoc_ros.bags.topics import find_topic
 from denoc_ros.errors import BagError
 from denoc_ros.types import Array
 
@@ -158,7 +159,7 @@ class Recording:
         field : str
             `position`, `velocity` or `effort`.
         """
-        found = self._series.get(_find(self._series, suffix))
+        found = self._series.get(find_topic(self._series, suffix))
         if found is None:
             return None
         values: Array = getattr(found, field)
@@ -169,7 +170,7 @@ class Recording:
 
     def messages(self, suffix: str) -> list[Kept]:
         """Return the messages of a topic of one of the types `KEPT`; none if there is none."""
-        topic = _find(self._kept, suffix)
+        topic = find_topic(self._kept, suffix)
         kept = []
         for log_ns, raw in self._kept.get(topic, []):
             message, _ = decode(message_types(), self.topics[topic], raw)
@@ -208,9 +209,3 @@ class Recording:
         for (start, name), end in zip(marks, ends, strict=True):
             if name:
                 yield Interval(name, start, end)
-
-
-def _find(topics: dict[str, Any], suffix: str) -> str:
-    """Return the topic with this name or, failing that, ending; '' if there is none."""
-    exact = [name for name in topics if name.lstrip('/') == suffix]
-    return next(iter(exact + sorted(n for n in topics if n.endswith(f'/{suffix}'))), '')

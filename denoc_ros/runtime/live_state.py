@@ -94,8 +94,7 @@ class LiveState:
         if set(robot.coordinate_names) <= set(names):
             reader = JointStateReader(robot.coordinate_names, allow_extra=True)
             return _StateLayout(names, reader, None)
-        mimics = {b.joint.name for b in robot.tree.bodies if b.joint and b.joint.mimic}
-        driven = [name for name in robot.joint_names if name in names and name not in mimics]
+        driven = [name for name in robot.tree.non_mimic_joints if name in names]
         if not driven:
             raise InputError(
                 'unknown_joint',

@@ -17,7 +17,6 @@ from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.simulation.motion import mimic_ties
 from denoc_ros.simulation.run import Run
 from denoc_ros.trajectories import Trajectory
 
@@ -115,7 +114,7 @@ def _write_states(bag: BagWriter, run: Run, robot: Robot, progress: Any) -> None
 
 def _reference(robot: Robot, trajectory: Trajectory) -> dict[str, Any]:
     """Return the fields of a JointTrajectory."""
-    ties = mimic_ties(robot)
+    ties = robot.tree.mimics
     times, q, qd, qdd = trajectory.table(REFERENCE_STEP)
     points = []
     for row, t in enumerate(times.tolist()):

@@ -16,6 +16,7 @@ from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError, StateError
+from denoc_ros.model.tree import Mimic
 from denoc_ros.simulation.constraint_projection import ConstraintProjection
 from denoc_ros.types import Array
 
@@ -69,7 +70,7 @@ class EquationsOfMotion:
             self._robot.move_base(base)
         self._torque = torque
         # with loops, mimic joints are rows like theirs
-        self._leaders = {} if robot.tree.loops else mimic_ties(robot)
+        self._leaders = {} if robot.tree.loops else robot.tree.mimics
         names = dict(zip(robot.joint_names, np.asarray(robot.joint_indices).tolist(), strict=True))
         given = dict(prescribed or {})
         self._check_names(given, names)
@@ -83,8 +84,8 @@ class EquationsOfMotion:
         self._tie = constraint_matrix(robot, self._leaders, names)
         self._followers = np.array(followers, dtype=np.intp)
         self._offset = np.zeros(robot.n)
-        for name, (_, _, offset) in self._leaders.items():
-            self._offset[names[name]] = offset
+        for name, mimic in self._leaders.items():
+            self._offset[names[name]] = mimic.offset
         self.attitude = np.searchsorted(self.free, robot.base_indices[ATTITUDE])
         self.q, self.qd, self.qdd = (np.zeros(robot.n) for _ in range(3))
         self.tau = np.zeros(robot.n)
@@ -152,7 +153,7 @@ class EquationsOfMotion:
             if name in self._leaders:
                 raise StateError(
                     f'simulate: prescribed joint must not mimic another, got {name!r} '
-                    f'(prescribe its leader {self._leaders[name][0]!r})'
+                    f'(prescribe its leader {self._leaders[name].leader!r})'
                 )
 
     def _choose(self) -> Callable[[], None]:
@@ -289,33 +290,14 @@ class EquationsOfMotion:
         self.qdd[:] = self._tie @ self.qdd
 
 
-def mimic_ties(robot: Robot) -> dict[str, tuple[str, float, float]]:
-    """Return follower to (independent leader, multiplier, offset), chains resolved."""
-    direct = {
-        body.joint.name: body.joint.mimic
-        for body in robot.tree.bodies
-        if body.joint is not None and body.joint.mimic is not None
-    }
-    ties = {}
-    for name in direct:
-        leader, multiplier, offset = name, 1.0, 0.0
-        while leader in direct:
-            mimic = direct[leader]
-            offset += multiplier * mimic.offset
-            multiplier *= mimic.multiplier
-            leader = mimic.leader
-        ties[name] = (leader, multiplier, offset)
-    return ties
-
-
 def constraint_matrix(
-    robot: Robot, ties: Mapping[str, tuple[str, float, float]], names: Mapping[str, int]
+    robot: Robot, mimics: Mapping[str, Mimic], names: Mapping[str, int]
 ) -> Array:
     """Return T (n, n) of q = T z + c; the columns of followers are zero."""
     matrix = np.eye(robot.n)
-    for name, (leader, multiplier, _) in ties.items():
+    for name, mimic in mimics.items():
         matrix[names[name], names[name]] = 0.0
-        matrix[names[name], names[leader]] = multiplier
+        matrix[names[name], names[mimic.leader]] = mimic.multiplier
     return matrix
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.simulation.motion import Prescribed, Torque, mimic_ties
+from denoc_ros.simulation.motion import Prescribed, Torque
 from denoc_ros.simulation.run import Run
 from denoc_ros.simulation.scenario_inputs import ScenarioInputs
 from denoc_ros.simulation.scenario_reader import ScenarioReader, is_number
@@ -207,7 +207,7 @@ def _start(reader: ScenarioReader, robot: Robot, inputs: ScenarioInputs) -> tupl
     reader.only('start', values, START_KEYS)
     q, qd = np.zeros(robot.n), np.zeros(robot.n)
     index = dict(zip(robot.joint_names, np.asarray(robot.joint_indices).tolist(), strict=True))
-    free = [name for name in index if name not in mimic_ties(robot)]
+    free = list(robot.tree.non_mimic_joints)
     if inputs.reference is not None and len(free) == inputs.reference.n:
         law = TimeFunction(inputs.reference)
         for k, name in enumerate(free):
@@ -217,9 +217,10 @@ def _start(reader: ScenarioReader, robot: Robot, inputs: ScenarioInputs) -> tupl
     for key, state in (('joints', q), ('rates', qd)):
         for name, value in reader.named_numbers(f'start {key}', free, values.get(key, {})).items():
             state[index[name]] = value
-    for name, (leader, multiplier, offset) in mimic_ties(robot).items():
-        q[index[name]] = multiplier * q[index[leader]] + offset
-        qd[index[name]] = multiplier * qd[index[leader]]
+    for name, mimic in robot.tree.mimics.items():
+        leader = index[mimic.leader]
+        q[index[name]] = mimic.multiplier * q[leader] + mimic.offset
+        qd[index[name]] = mimic.multiplier * qd[leader]
     amplitudes = values.get('amplitudes', 'zero')
     if amplitudes == 'static' and robot.tree.loops:
         reader.find('start amplitudes must be zero or given where there are loops, got static')

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.simulation.motion import Torque, mimic_ties
+from denoc_ros.simulation.motion import Torque
 from denoc_ros.simulation.path import Circle, follow
 from denoc_ros.simulation.scenario_reader import ScenarioReader, is_number
 from denoc_ros.simulation.time_functions import (
@@ -35,7 +35,7 @@ class ScenarioInputs:
     def __init__(self, reader: ScenarioReader, robot: Robot) -> None:
         self._reader = reader
         self._robot = robot
-        self._ties = mimic_ties(robot)
+        self._ties = robot.tree.mimics
         self._joints = [name for name in robot.joint_names if name not in self._ties]
         self.torque: Torque | None = None
         self.prescribed: dict[str, Callable[[float], tuple[float, float, float]]] = {}

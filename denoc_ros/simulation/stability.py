@@ -37,7 +37,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.tree import JointKind
 from denoc_ros.simulation.cholesky import CholeskyRobot
-from denoc_ros.simulation.motion import EquationsOfMotion, Torque, mimic_ties
+from denoc_ros.simulation.motion import EquationsOfMotion, Torque
 from denoc_ros.simulation.scenario import Scenario
 from denoc_ros.simulation.simulate import integrate
 from denoc_ros.simulation.time_functions import TimeFunction
@@ -305,7 +305,7 @@ def _require_forward(robot: Robot, scenario: Scenario) -> None:
             'the scenario must drive the robot by torques (or let it fall), got prescribed joints '
             f'{", ".join(scenario.prescribed)}'
         )
-    if mimic_ties(robot) or robot.tree.loops:
+    if robot.tree.mimics or robot.tree.loops:
         findings.append(f'the robot must have no mimic joints and no loops, got {robot.tree.name}')
     if len(scenario.times) < 4:
         findings.append(f'the scenario must have 4 output times, got {len(scenario.times)}')

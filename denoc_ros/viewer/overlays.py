@@ -217,8 +217,7 @@ def reactions_of(robot: Robot, moment: Snapshot) -> Reactions | None:
             tau[robot.joint_indices] = np.nan_to_num(known)
             qdd, multipliers = robot.constrained_forward_dynamics(q, qd, tau)
         elif robot.tree.loops:
-            joints = [body.joint for body in robot.tree.bodies if body.joint is not None]
-            moved = sum(j.kind is not JointKind.FIXED and j.mimic is None for j in joints)
+            moved = len(robot.tree.non_mimic_joints)
             qd = np.zeros(robot.n)
             _, qdd, multipliers = robot.constrained_hybrid_dynamics(q, qd, np.zeros(moved))
         else:

@@ -33,7 +33,7 @@ def start_configuration(robot: Robot, joints: Mapping[str, float] | None = None)
         q = robot.assemble(q)
     except DenocError:
         return q
-    if not any(body.joint and body.joint.mimic for body in robot.tree.bodies):
+    if not robot.tree.mimics:
         for body in robot.tree.bodies:  # the same, within a turn: what a slider has
             if body.joint is not None and body.joint.kind is JointKind.REVOLUTE:
                 (index,) = robot.indices([body.joint.name])

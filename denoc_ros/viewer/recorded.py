@@ -182,8 +182,7 @@ class RecordedRun(Sequence[Snapshot]):
         if rows.has(robot.joint_names):
             q[:, robot.joint_indices] = rows.columns(robot.joint_names)
             return q, None
-        mimics = {body.joint.name for body in robot.tree.bodies if body.joint and body.joint.mimic}
-        driven = [n for n in robot.joint_names if n in rows.names and n not in mimics]
+        driven = [name for name in robot.tree.non_mimic_joints if name in rows.names]
         motion = driven_motion(robot, driven, flexible=False)
         now = motion.posture.copy()
         for row, given in zip(q, rows.columns(driven), strict=True):

@@ -10,14 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from denoc_ros.units import si_prefix
 from denoc_ros.viewer.recorded import RecordedRun
 
 INK, MUTED, GRID = '#20242a', '#6b7280', '#e5e7eb'
 CURVES = ('#d1622b', '#1f6fb2', '#2e8b57', '#8e5ea2', '#b8860b', '#4b5563')
 MOST_CURVES = 6  # of a chart; the largest are shown
 MOST_CHARTS = 3
-PREFIXES = ((1.0, ''), (1e-3, 'm'), (1e-6, 'µ'))
-KILO = (1e3, 'k')
+SMALLEST = 1e-6  # prefix on an axis
 
 
 def chart_groups(run: RecordedRun) -> dict[str, list[str]]:
@@ -45,7 +45,7 @@ def _chart(axes: Axes, run: RecordedRun, group: str, names: Sequence[str]) -> No
     peaks = {name: _peak(run, name) for name in names}
     largest = sorted(names, key=lambda name: -peaks[name])[:MOST_CURVES]
     what, _, unit = group.rstrip(']').partition(' [')
-    factor, prefix = _prefix(max(peaks.values())) if unit else (1.0, '')
+    factor, prefix = si_prefix(max(peaks.values()), SMALLEST) if unit else (1.0, '')
     shown = [name for name in names if name in largest]
     whose = list(dict.fromkeys(_whose(name) for name in shown))
     for name in shown:
@@ -78,11 +78,3 @@ def _peak(run: RecordedRun, name: str) -> float:
 def _whose(name: str) -> str:
     """Return what a channel is of, whether predicted or true."""
     return name.partition('/')[2].split(' ', 1)[-1]
-
-
-def _prefix(peak: float) -> tuple[float, str]:
-    if peak >= 2e3:
-        return KILO
-    if peak == 0.0:
-        return PREFIXES[0]
-    return next((entry for entry in PREFIXES if peak >= entry[0]), PREFIXES[-1])

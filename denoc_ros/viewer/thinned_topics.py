@@ -14,6 +14,7 @@ from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import bag_contents, read_raw
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.bags.thinning import read_thinned
+from denoc_ros.bags.topics import find_topic
 from denoc_ros.types import Array
 
 PHASES = '/up/phase'
@@ -94,7 +95,7 @@ class ThinnedTopics:
         self.duration = 1e-9 * (contents.end_ns - contents.start_ns)
         self.names = tuple(topic.name for topic in contents.topics)
         states = {t.name for t in contents.topics if t.type == JOINT_STATE and t.messages}
-        self._found = {suffix: name for suffix in wanted if (name := _find(states, suffix))}
+        self._found = {suffix: name for suffix in wanted if (name := find_topic(states, suffix))}
         series = self._read(self._period(rate)) if self._found else {}
         origin_ns = min((int(one.stamp_ns.min()) for one in series.values()), default=0)
         self._rows = {topic: _cut(one, origin_ns, start, end) for topic, one in series.items()}
@@ -131,9 +132,3 @@ def _cut(series: JointSeries, origin_ns: int, start: float, end: float) -> Rows:
     order = order[within]
     fields = (series.position[order], series.velocity[order], series.effort[order])
     return Rows(t[within], series.names, *fields)
-
-
-def _find(names: set[str], suffix: str) -> str:
-    """Return the topic with this name or, failing that, ending; '' if there is none."""
-    exact = [name for name in names if name.lstrip('/') == suffix]
-    return next(iter(exact + sorted(n for n in names if n.endswith(f'/{suffix}'))), '')

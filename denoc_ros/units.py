@@ -1,0 +1,22 @@
+"""SI prefixes, for numbers that people read."""
+
+from __future__ import annotations
+
+NONE = (1.0, '')
+PREFIXES = ((1e6, 'M'), (1e3, 'k'), NONE, (1e-3, 'm'), (1e-6, 'µ'), (1e-9, 'n'))
+
+
+def si_prefix(size: float, smallest: float = 1e-9) -> tuple[float, str]:
+    """Return the prefix, factor and letter, that brings a size close above 1; none for 0.
+
+    Parameters
+    ----------
+    size : float
+        >= 0.
+    smallest : float
+        Factor of the smallest prefix, which smaller sizes have too.
+    """
+    if size == 0.0:
+        return NONE
+    allowed = [entry for entry in PREFIXES if entry[0] >= smallest]
+    return next((entry for entry in allowed if size >= entry[0]), allowed[-1])
