@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -154,8 +155,11 @@ def test_redundant_rows_and_joints_keep_multipliers_and_torques_of_least_norm(
     actuated: tuple[str, ...], name: str, loaded: bool
 ) -> None:
     robot = MECHANISMS[name]()
-    wrenches = {robot.tree.bodies[1].name: np.array([2.0, -1.0, 3.0, 0.5, 1.5, -0.7])}
-    wrenches = wrenches if loaded else {}
+    more: dict[str, Any] = {}
+    if loaded:  # by a wrench, and by a base that moves
+        pulled = robot.tree.bodies[1].name
+        more['wrenches'] = {pulled: np.array([2.0, -1.0, 3.0, 0.5, 1.5, -0.7])}
+        more['base'] = (np.array([0.3, 0.2, 0.1, 0.5, -0.4, 0.6]), np.arange(6.0) - 2.0)
     start = robot.assemble(START[name])
     rate = robot.assemble_rates(start, np.full(robot.n, 0.2))
     assert np.linalg.matrix_rank(robot.closure_jacobian(start), 1e-6) < len(robot.closure(start))
@@ -168,18 +172,16 @@ def test_redundant_rows_and_joints_keep_multipliers_and_torques_of_least_norm(
         return q, robot.assemble_rates(q, rate + s * turn), tau + s * force
 
     def forward(s: float) -> Array:
-        return np.concatenate(robot.constrained_forward_dynamics(*state(s), wrenches=wrenches))
+        return np.concatenate(robot.constrained_forward_dynamics(*state(s), **more))
 
     def inverse(s: float) -> Array:
         q, qd, _ = state(s)
         motion = (q, qd, forward(s)[: robot.n])
-        return np.concatenate(
-            robot.constrained_inverse_dynamics(*motion, actuated, wrenches=wrenches)
-        )
+        return np.concatenate(robot.constrained_inverse_dynamics(*motion, actuated, **more))
 
     changes = difference(lambda s: np.concatenate(state(s)))
     dq, dqd, dtau = changes.reshape(3, robot.n)
-    found = robot.constrained_forward_dynamics_derivatives(*state(0.0), wrenches=wrenches)
+    found = robot.constrained_forward_dynamics_derivatives(*state(0.0), **more)
     value = np.concatenate(
         [found[k] @ dq + found[k + 1] @ dqd + found[k + 2] @ dtau for k in (0, 3)]
     )
@@ -187,9 +189,7 @@ def test_redundant_rows_and_joints_keep_multipliers_and_torques_of_least_norm(
     np.testing.assert_allclose(value, wanted, rtol=0, atol=DIFFERENCE * np.abs(wanted).max())
     q, qd, _ = state(0.0)
     qdd, dqdd = forward(0.0)[: robot.n], value[: robot.n]
-    of_torque = robot.constrained_inverse_dynamics_derivatives(
-        q, qd, qdd, actuated, wrenches=wrenches
-    )
+    of_torque = robot.constrained_inverse_dynamics_derivatives(q, qd, qdd, actuated, **more)
     value = np.concatenate(
         [of_torque[k] @ dq + of_torque[k + 1] @ dqd + of_torque[k + 2] @ dqdd for k in (0, 3)]
     )
