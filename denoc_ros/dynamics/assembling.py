@@ -11,11 +11,11 @@ from scipy.optimize import least_squares
 
 from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot_model import RobotModel
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 CLOSED = 1e-10  # m or rad; rounding leaves 1e-15 of the robot's size

@@ -6,15 +6,15 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.validation import as_states, require_finite
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot_model import RobotModel
 
-Array = NDArray[np.float64]
 Base = Sequence[Any]  # (twist, acceleration) or (twist, acceleration, pose)
 Result = TypeVar('Result')
 ORTHONORMAL = 1e-6  # of a pose's rotation: what a message's float32 or a rounded matrix leaves

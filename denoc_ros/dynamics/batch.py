@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.validation import same_rows
 from denoc_ros.kernels.compiled import ready
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot_model import RobotModel
 
-Array = NDArray[np.float64]
 ROWS_PER_THREAD = 64  # below that a thread costs more than it saves
 
 

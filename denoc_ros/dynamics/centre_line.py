@@ -5,17 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.rotations import rotations
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.structure import whole_beam
 from denoc_ros.model.segments import locate
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 class CentreLine:

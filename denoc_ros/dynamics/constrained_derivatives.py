@@ -20,11 +20,11 @@ from denoc_ros.kernels.constrained_derivatives import (
     constrained_derivatives_rows,
 )
 from denoc_ros.kernels.handle import GOOD
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 

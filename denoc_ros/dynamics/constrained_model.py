@@ -16,8 +16,8 @@ from denoc_ros.kernels import constrained, world
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.handle import GOOD, MISFIT
 from denoc_ros.model.arrays import ModelArrays
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Wrenches = Mapping[str, ArrayLike]
 _empty = np.empty  # a global name is found more quickly than a module's
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.kernels import constraint_layout
 from denoc_ros.kernels.compiled import ready
@@ -13,11 +12,10 @@ from denoc_ros.kernels.constrained_derivatives import (
     constraint_force_change,
     constraint_row_rates,
 )
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 class RowDerivatives(NamedTuple):

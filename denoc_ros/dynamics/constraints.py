@@ -19,11 +19,11 @@ from denoc_ros.kernels.closing import OPEN, OPENED
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.constrained import CONTRADICTED
 from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot_model import RobotModel
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 # A singular value of the rows this far below the greatest is none (as in kernels.multipliers).

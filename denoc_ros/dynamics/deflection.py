@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.segmented_section import SegmentedSection
 from denoc_ros.model.segments import whole_beams
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 
 COMPONENTS = ('ux', 'uy', 'uz', 'rx', 'ry', 'rz')
 

@@ -7,7 +7,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
@@ -27,8 +27,8 @@ from denoc_ros.kernels import (
 )
 from denoc_ros.kernels.compiled import entry, ready
 from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Derivatives = tuple[Array, Array, Array]
 _empty = np.empty  # a global name is found more quickly than a module's
 

@@ -13,11 +13,11 @@ from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.mobility import rank_of
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.model.tree import JointKind, Tree
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 ITERATIONS = 20

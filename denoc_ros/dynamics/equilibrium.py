@@ -14,11 +14,11 @@ from denoc_ros.dynamics.linearization import stiffness
 from denoc_ros.dynamics.springs import half_play
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import SolverError
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 ITERATIONS = 50

@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium, UnsettledError
@@ -17,11 +16,11 @@ from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.handle import DAMPING, FRICTION
 from denoc_ros.model.arrays import SLIP_RATE
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 
 MODELS = ('rigid', 'flexible', 'quasi_static')
 LONGEST_GAP = 0.5  # s between two updates after which the amplitudes start anew from equilibrium

@@ -8,13 +8,12 @@ the same attitude, every state is brought back within pi before that comes near.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.validation import as_states, as_vector, same_rows
 from denoc_ros.errors import StateError
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ATTITUDE = slice(3, 6)  # of a floating base's coordinates
 SMALL = 1e-4  # rad, below which series are exact to rounding

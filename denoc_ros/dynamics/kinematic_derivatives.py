@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.base_motion import Base
@@ -18,11 +17,10 @@ from denoc_ros.dynamics.validation import as_output, as_states, same_rows
 from denoc_ros.errors import StateError
 from denoc_ros.kernels import frame_motion
 from denoc_ros.kernels.compiled import ready
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 
-
-class KernelOperation(NamedTuple):
+class KinematicOperation(NamedTuple):
     """A kernel, the same over rows, and the shape of its result for n coordinates."""
 
     kernel: Callable[..., int]
@@ -30,18 +28,18 @@ class KernelOperation(NamedTuple):
     shape: Callable[[int], tuple[int, ...]]
 
 
-MOTION = KernelOperation(
+MOTION = KinematicOperation(
     frame_motion.frame_motion, frame_motion.frame_motion_rows, lambda n: (2, 6)
 )
-JACOBIAN_RATE = KernelOperation(
+JACOBIAN_RATE = KinematicOperation(
     frame_motion.frame_jacobian_rate, frame_motion.frame_jacobian_rate_rows, lambda n: (6, n)
 )
-VELOCITY = KernelOperation(
+VELOCITY = KinematicOperation(
     frame_motion.frame_velocity_derivatives,
     frame_motion.frame_velocity_derivatives_rows,
     lambda n: (2, 6, n),
 )
-ACCELERATION = KernelOperation(
+ACCELERATION = KinematicOperation(
     frame_motion.frame_acceleration_derivatives,
     frame_motion.frame_acceleration_derivatives_rows,
     lambda n: (3, 6, n),
@@ -193,7 +191,7 @@ class KinematicDerivatives(RobotModel):
 
     def _of_motion(
         self,
-        verb: KernelOperation,
+        verb: KinematicOperation,
         frame: str,
         q: ArrayLike,
         qd: ArrayLike,

@@ -10,11 +10,11 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.errors import DenocError, StateError
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from control import StateSpace
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 STILL = 1e-6  # of the fastest mode: scale [rad/s] of motions that have no frequency

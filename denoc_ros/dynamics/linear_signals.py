@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 
 WRENCH = ('fx', 'fy', 'fz', 'mx', 'my', 'mz')
 POSE = ('x', 'y', 'z', 'rx', 'ry', 'rz')

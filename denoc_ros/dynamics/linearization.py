@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.springs import elasticity, require_rotors
 from denoc_ros.kernels import inverse_derivatives, load_derivatives
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 STEP = 1e-3  # of a central difference of fourth order; rounding and truncation meet near 1e-11
 
 

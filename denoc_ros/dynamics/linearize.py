@@ -16,11 +16,11 @@ from denoc_ros.dynamics.mechanism_modes import independent_joints
 from denoc_ros.dynamics.minimal_coordinates import minimal_coordinates
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.validation import as_vector
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 State = tuple[Array, Array, Array]
 

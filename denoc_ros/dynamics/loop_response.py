@@ -13,11 +13,11 @@ from denoc_ros.dynamics.linear_signals import POSE
 from denoc_ros.dynamics.mechanism_modes import independent_joints
 from denoc_ros.errors import StateError
 from denoc_ros.model.tree import JointKind
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 RINGS = 0.05  # damping ratio below which a swing is seen: five swings to 20 %

@@ -12,14 +12,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import elasticity
 from denoc_ros.model.link_side import is_measured_behind, seen_from_links
 from denoc_ros.model.tree import Joint, Spring, Tree
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 CUTOFF = 100.0  # Hz, of the filter that gives a spring's rate and acceleration
 SHARE = 0.1  # of the rate of the updates: at most so much

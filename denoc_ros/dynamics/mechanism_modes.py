@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.constraint_derivatives import force_change_is_ready, transposed_change
 from denoc_ros.dynamics.constraints import RANK, jacobian, least_solution
@@ -17,13 +16,12 @@ from denoc_ros.dynamics.linearization import (
     stiffness,
 )
 from denoc_ros.dynamics.mobility import rank_of
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def independent_joints(robot: Robot, q: Array) -> tuple[str, ...]:

@@ -13,11 +13,11 @@ from denoc_ros.dynamics.constraint_derivatives import applied_change, row_deriva
 from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
 from denoc_ros.dynamics.mechanism_modes import independent_joints
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 CLOSED = 1e-6  # m or rad, m/s or rad/s: states come from files and trajectories

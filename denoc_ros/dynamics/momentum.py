@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.validation import as_output, as_rows, same_rows
 from denoc_ros.kernels import momentum
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class MassAndMomentum(RobotModel):

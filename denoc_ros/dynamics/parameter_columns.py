@@ -18,11 +18,11 @@ from denoc_ros.model.override_values import critical_damping
 from denoc_ros.model.overrides import carrying_links, damping_names
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.model.tree import Beam, Deformation, RigidInertia
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot_model import RobotModel
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 WHERE = 'torque regressor'

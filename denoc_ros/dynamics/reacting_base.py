@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 WRAP = 4.0  # rad: a rotation vector this long is brought back; at 2 pi its rates are singular
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.springs import with_motors
 from denoc_ros.kernels import constraint_layout, world
@@ -18,11 +17,10 @@ from denoc_ros.kernels.layout import (
     WORLD_ROTATION,
 )
 from denoc_ros.model.constraints import directions
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 class Reactions(NamedTuple):

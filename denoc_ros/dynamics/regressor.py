@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.parameter_columns import (
@@ -19,11 +19,10 @@ from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.validation import as_output, as_states, same_rows
 from denoc_ros.kernels import layout
 from denoc_ros.model.arrays import is_flexible
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 class TorqueRegressor(RobotModel):

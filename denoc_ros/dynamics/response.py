@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.constraints import RANK, jacobian
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.base_motion import Base
@@ -26,8 +26,8 @@ from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.handle import GOOD, MISFIT
 from denoc_ros.model.tree import Tree
 from denoc_ros.model.urdf import load_tree
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Wrenches = Mapping[str, ArrayLike]
 
 

@@ -48,8 +48,8 @@ from denoc_ros.kernels.layout import BODY_CONSTANTS, MASS, PARENT, SLIP_RATE
 from denoc_ros.model.arrays import ModelArrays, inertia_row, to_arrays
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.tree import Tree
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Source = str | os.PathLike[str]
 KERNELS = (
     inverse.inverse_dynamics,

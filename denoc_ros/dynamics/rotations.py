@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 SMALL = 1e-2  # rad^2, below which series take over
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.beam_arrays import foreshortening
 from denoc_ros.model.tree import Beam, Deformation
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class Section:

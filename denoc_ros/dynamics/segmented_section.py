@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.rotations import (
     cross_matrices,
@@ -17,8 +16,7 @@ from denoc_ros.dynamics.rotations import (
 from denoc_ros.dynamics.section import Section
 from denoc_ros.model.segments import locate
 from denoc_ros.model.tree import Beam
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class _Placed(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.base_motion import Base
@@ -13,11 +13,10 @@ from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
 from denoc_ros.dynamics.rotations import cross_matrices
 from denoc_ros.dynamics.validation import as_states, same_rows
 from denoc_ros.model.tree import InertialSensor
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 class SensorValues(KinematicDerivatives):

@@ -11,13 +11,12 @@ from denoc_ros.errors import SolverError
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.handle import PLAY, STIFFNESS3
 from denoc_ros.kernels.link_side import elastic_terms
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
     from denoc_ros.dynamics.robot_model import RobotModel
     from denoc_ros.model.tree import Tree
-
-Array = NDArray[np.float64]
 
 
 def half_play(robot: RobotModel) -> Array:

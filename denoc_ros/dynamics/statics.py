@@ -6,18 +6,18 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics import equilibrium, linearization
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import each_row
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.validation import as_states
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-Array = NDArray[np.float64]
 Wrenches = Mapping[str, ArrayLike]
 
 

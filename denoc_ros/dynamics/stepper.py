@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.constraints import constrained_dynamics, raise_status
 from denoc_ros.errors import StateError
@@ -14,11 +13,10 @@ from denoc_ros.kernels.articulated import articulated_dynamics
 from denoc_ros.kernels.closing import advance_tied
 from denoc_ros.kernels.handle import GOOD, MISFIT, NOT_FINITE
 from denoc_ros.kernels.step import STEP_ROWS, advance
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 class Stepper:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.segmented_section import SegmentedSection
@@ -16,11 +16,10 @@ from denoc_ros.kernels import layout, world
 from denoc_ros.model.joint_rows import cross_matrix
 from denoc_ros.model.segments import WholeBeam, whole_beams
 from denoc_ros.model.tree import RigidInertia, Sensor
+from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot_model import RobotModel
-
-Array = NDArray[np.float64]
 
 
 def whole_beam(robot: RobotModel, link: str) -> WholeBeam:

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.errors import StateError
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 def as_rows(name: str, value: ArrayLike, n: int) -> Array:

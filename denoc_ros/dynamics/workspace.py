@@ -11,8 +11,8 @@ from denoc_ros.kernels import handle, layout
 from denoc_ros.kernels.array_object import FLOAT64, array_type
 from denoc_ros.kernels.link_side import STATES as LINK_STATES
 from denoc_ros.model.arrays import ModelArrays
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 ARRAY_TYPE = array_type()
 

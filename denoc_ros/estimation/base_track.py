@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.base_motion import BaseMotion
 from denoc_ros.dynamics.floating_base import exponential
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class BaseTrack:

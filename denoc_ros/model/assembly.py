@@ -6,15 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.beams import FlexibleLink
 from denoc_ros.model.inertia import inverse_transform, moved, total
 from denoc_ros.model.rigid_urdf import RigidUrdf, RigidUrdfJoint
 from denoc_ros.model.segments import locate
 from denoc_ros.model.tree import Attachment, Body, Joint, JointKind, RigidInertia, Spring
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 BASE = -1
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.findings import SMALLEST, Findings
 from denoc_ros.model.flexibility import BeamElement, DeformationElement
@@ -25,8 +24,7 @@ from denoc_ros.model.segments import (
 )
 from denoc_ros.model.shapes import ShapeFunctions, shape_functions, torsion_shapes
 from denoc_ros.model.tree import Beam, Deformation, RigidInertia
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from denoc_ros.kernels import constraint_layout, layout
 from denoc_ros.model.tree import Body, Loop, Tree
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int64]
 
 NONE = np.zeros((0, 3))

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.floating import PARTS, coordinate_names
 from denoc_ros.model.tree import Body, JointKind, Tree
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 # rows of the diagonals, in the kernels' order
 TERMS = ('stiffness', 'damping', 'friction', 'armature', 'stiffness3', 'play')

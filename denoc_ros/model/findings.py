@@ -7,11 +7,10 @@ from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.poses import rotation_rpy
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Element = Any  # lxml's element
 
 # Beyond these a number is an error, and products of a few would not be finite.

@@ -7,18 +7,16 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.inertial_sensors import InertialElement, read_inertial_sensor
 from denoc_ros.model.loops import LoopElement, read_loop
-from denoc_ros.model.sections import Section, rectangle_section, round_section, tube_section
+from denoc_ros.model.sections import CrossSection, rectangle_section, round_section, tube_section
 from denoc_ros.model.sensors import SensorElement, read_sensor
 from denoc_ros.model.shapes import SHAPES
 from denoc_ros.model.springs import read_spring
 from denoc_ros.model.tree import INERTIAL_PARTS, Spring
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 MOST_MODES = 50  # more would only be a typing error
 ELEMENTS = ('beam', 'loop', 'sensor', 'actuator', 'spring')
@@ -298,7 +296,7 @@ def _read_damping(reader: Reader, name: str, unit: str, modes: int) -> Array | N
 class BeamSection:
     """A cross-section with its material."""
 
-    section: Section
+    section: CrossSection
     e: float  # Young's modulus [Pa]
     g: float  # shear modulus [Pa]
     density: float  # [kg/m^3]
@@ -370,7 +368,7 @@ def expand_section(beam: Element) -> None:
         torsion.set('polar_inertia', repr(section.polar_inertia))
 
 
-def _read_profile(reader: Reader) -> Section:
+def _read_profile(reader: Reader) -> CrossSection:
     sides = {'round': ('diameter',), 'tube': ('diameter', 'wall'), 'rectangle': ('y', 'z')}
     kind = reader.choice('type', tuple(sides))
     names = sides.get(kind, ())
@@ -382,4 +380,4 @@ def _read_profile(reader: Reader) -> Section:
         return rectangle_section(*numbers)
     if kind:
         return tube_section(*numbers) if kind == 'tube' else round_section(*numbers)
-    return Section(math.nan, math.nan, math.nan, math.nan)
+    return CrossSection(math.nan, math.nan, math.nan, math.nan)

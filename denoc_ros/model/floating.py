@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.model.tree import Attachment, Body, Joint, JointKind, RigidInertia, Tree
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 PARTS = ('x', 'y', 'z', 'rx', 'ry', 'rz')  # m, rad: along the axes of the joint's frame
 

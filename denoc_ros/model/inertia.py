@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.tree import RigidInertia
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 def inverse_transform(transform: Array) -> Array:

@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.tree import INERTIAL_PARTS, Attachment, InertialSensor
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 COMMON = ('name', 'type', 'link', 'station', 'xyz', 'rpy', 'topic', 'accel_noise', 'accel_bias')
 GYRO = ('gyro_noise', 'gyro_bias')

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.kernels import layout
 from denoc_ros.model.tree import Body, JointKind
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 def cross_matrix(v: Array) -> Array:

@@ -6,11 +6,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.findings import Element, Findings, Reader
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 WITH_AXIS = ('revolute', 'prismatic', 'universal')
 WITH_DYNAMICS = ('revolute', 'prismatic')

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 from lxml import etree
-from numpy.typing import NDArray
 
 from denoc_ros.model.findings import Element, Findings
 from denoc_ros.model.tree import Spring
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Value = float | int | str | Sequence[float]
 
 DAMPING = ('damping_ratio', 'damping')

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.findings import Element, Findings, finite
@@ -35,8 +34,7 @@ from denoc_ros.model.override_elements import (
 from denoc_ros.model.source import parse_xml, read_source, written
 from denoc_ros.model.tree import Tree
 from denoc_ros.model.urdf import tree_of
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 Given = TypeVar('Given')
 

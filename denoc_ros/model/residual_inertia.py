@@ -6,12 +6,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.inertia import difference, pseudo_inertia
 from denoc_ros.model.tree import RigidInertia
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-9  # of the link's pseudo-inertia: what arithmetic leaves of an exact zero
 TINY = 1e-18  # m^2, of a link that is a point

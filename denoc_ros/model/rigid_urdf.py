@@ -10,13 +10,11 @@ from typing import Any
 
 import numpy as np
 from lxml import etree
-from numpy.typing import NDArray
 
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.inertia import from_centre, moved
 from denoc_ros.model.tree import JointKind, Limits, Mimic, RigidInertia
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 KINDS = {
     'fixed': JointKind.FIXED,

@@ -9,7 +9,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Section:
+class CrossSection:
     """A cross-section of a beam along X, symmetric about its y and z axes.
 
     Attributes
@@ -33,24 +33,24 @@ class Section:
         return self.moment_y + self.moment_z
 
 
-def round_section(diameter: float) -> Section:
+def round_section(diameter: float) -> CrossSection:
     """Return a full circle of a diameter [m]."""
     return tube_section(diameter, 0.5 * diameter)
 
 
-def tube_section(diameter: float, wall: float) -> Section:
+def tube_section(diameter: float, wall: float) -> CrossSection:
     """Return a ring of an outer diameter and a wall thickness [m]."""
     inner = diameter - 2.0 * wall
     moment = math.pi / 64.0 * (diameter**4 - inner**4)
-    return Section(math.pi / 4.0 * (diameter**2 - inner**2), moment, moment, 2.0 * moment)
+    return CrossSection(math.pi / 4.0 * (diameter**2 - inner**2), moment, moment, 2.0 * moment)
 
 
-def rectangle_section(y: float, z: float) -> Section:
+def rectangle_section(y: float, z: float) -> CrossSection:
     """Return a full rectangle of sides y and z [m] along the beam's axes."""
-    return Section(y * z, z * y**3 / 12.0, y * z**3 / 12.0, rectangle_torsion_constant(y, z))
+    return CrossSection(y * z, z * y**3 / 12.0, y * z**3 / 12.0, rectangle_torsion_constant(y, z))
 
 
-def rectangle_tube_section(y: float, z: float, wall: float) -> Section:
+def rectangle_tube_section(y: float, z: float, wall: float) -> CrossSection:
     """Return a hollow rectangle of outer sides y and z and a wall thickness [m].
 
     Notes
@@ -65,7 +65,7 @@ def rectangle_tube_section(y: float, z: float, wall: float) -> Section:
     perimeter = 2.0 * (y + z - 2.0 * wall)
     enclosed = (y - wall) * (z - wall)
     constant = 4.0 * enclosed**2 * wall / perimeter + perimeter * wall**3 / 3.0
-    return Section(
+    return CrossSection(
         outer.area - inner.area,
         outer.moment_y - inner.moment_y,
         outer.moment_z - inner.moment_z,

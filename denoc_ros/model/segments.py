@@ -12,7 +12,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from denoc_ros.model.shapes import (
@@ -22,8 +21,7 @@ from denoc_ros.model.shapes import (
     wave_numbers,
 )
 from denoc_ros.model.tree import Beam, Tree
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ROOT = 1e-12  # of a beam's length: what arithmetic leaves of station 0
 

@@ -6,13 +6,11 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.segments import locate
 from denoc_ros.model.tree import INERTIAL_PARTS, Beam, Deformation, Sensor, Tree
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 COMMON = ('name', 'type', 'link', 'station', 'direction', 'gain', 'offset', 'noise')
 # of geometry_msgs/WrenchStamped, in its order

@@ -16,12 +16,10 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from denoc_ros.errors import StateError
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 # Below this, a boundary value of a function scaled to 1 is the rounding of a zero.
 BOUNDARY_ZERO = 1e-7

@@ -11,11 +11,9 @@ from enum import Enum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.shapes import ShapeFunctions
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class JointKind(Enum):

@@ -7,7 +7,6 @@ import math
 import numpy as np
 from geometry_msgs.msg import AccelStamped
 from nav_msgs.msg import Odometry
-from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
 
 from denoc_ros.dynamics.base_motion import BaseMotion
@@ -16,8 +15,7 @@ from denoc_ros.estimation.clock import StampClock
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.runtime.base_messages import read_accel, read_imu, read_odometry
 from denoc_ros.runtime.safety import InputMonitor
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class BaseInput:

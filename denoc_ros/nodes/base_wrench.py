@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.nodes.base import STATE, DenocNode
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class BaseWrench:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.runtime.conversions import MessageReader, require_finite
 from denoc_ros.runtime.input_error import InputError
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 # what parameter `base_motion` may be
 SOURCES = ('off', 'odometry', 'odometry_accel', 'accel', 'imu')

@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.base_motion import BaseMotion
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 SHIFTS = ('surge', 'sway', 'heave')  # m, along the world's x, y, z
 TURNS = ('roll', 'pitch', 'yaw')  # rad, about x, then the turned y, then the turned z

@@ -6,15 +6,13 @@ import math
 
 import numpy as np
 from lxml import etree
-from numpy.typing import NDArray
 
 from denoc_ros.model.dh.links import DHLink
 from denoc_ros.model.dh.mechanism import DHPoint
 from denoc_ros.model.dh.system import DHSystem
 from denoc_ros.model.findings import Element
 from denoc_ros.model.poses import number_text, rpy_of
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 VISUAL_WIDTH = 0.04  # of the longest link
 

@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.inertia import inverse_transform
 from denoc_ros.model.mesh_files import mesh_file
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ALIGNED = 0.98  # cosine: within 11 degrees of an axis is along it
 COVERED = 0.5  # of the beam: a shorter shape is a motor or a flange, not the link

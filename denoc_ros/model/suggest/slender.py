@@ -7,11 +7,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.inertia import pseudo_inertia
 from denoc_ros.model.sections import (
-    Section,
+    CrossSection,
     rectangle_section,
     rectangle_tube_section,
     round_section,
@@ -20,8 +19,7 @@ from denoc_ros.model.sections import (
 from denoc_ros.model.suggest.materials import Material
 from denoc_ros.model.suggest.outline import Outline
 from denoc_ros.model.tree import RigidInertia
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 SLENDER = 0.5  # least over middle principal moment: below it the inertia has an axis of its own
 ALONG = 0.85  # cosine between that axis and the line from joint to joint: 32 degrees
@@ -240,7 +238,7 @@ def _by_inertia(
     )
 
 
-def _hollow(outer: Outline, area: float) -> tuple[Section, str, float]:
+def _hollow(outer: Outline, area: float) -> tuple[CrossSection, str, float]:
     """Return a hollow section of an outer size and area, in words, and area over the full."""
     if outer.circular:
         diameter = 0.5 * (outer.y + outer.z)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.inertia import moved, total
 from denoc_ros.model.rigid_urdf import RigidUrdf, RigidUrdfJoint
 from denoc_ros.model.tree import JointKind, RigidInertia
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 @dataclass
