@@ -15,6 +15,7 @@ from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import BagContents, Stamp, bag_contents, read_raw
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.bags.topics import find_topic
+from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.floating_base import require_known_base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError
@@ -161,7 +162,8 @@ def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> ReplayPla
         )
     commanded = find_topic(present, COMMANDED)
     deflections = [find_topic(present, ending) for ending in DEFLECTIONS]
-    deflections = [name for name in deflections if name and len(robot.flexible_indices)]
+    bends = bool(TipDeflections(robot).names)
+    deflections = [name for name in deflections if name and bends]
     efforts = dict.fromkeys([settings.effort, commanded], 'effort')
     beside = {**efforts, **dict.fromkeys(deflections, 'position')}
     names = tuple(found[name] for name in joints)
