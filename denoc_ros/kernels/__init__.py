@@ -5,8 +5,8 @@ file never meets stale code of another (numba looks at the file of the called fu
 `NUMBA_CACHE_DIR` moves the cache; a read-only home falls back to the temporary folder.
 
 With `DENOC_CHECK_BOUNDS=1` every offset is compared with its array's length before an element is
-read or written, and IndexError names the function that strays. That is slow, has a cache of its
-own, and is for tests.
+read or written, and IndexError names the function that is out of bounds. That is slow, has a
+separate cache, and is for tests.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""NumPy arrays that a kernel takes as the objects they are, and looks into by itself.
+"""NumPy arrays passed to a kernel as Python objects, which the kernel unpacks itself.
 
-numba spends 0.1 us on unpacking each array of a call from Python, on its way to the same few words
-of memory. A kernel that is handed anything else finds a misfit, and so does one in an interpreter
-where these words stand elsewhere (see :func:`array_type`): the rows' kernels then do the work.
+numba spends 0.1 us to unpack each array of a call from Python, and reads the same few words of
+memory. For any other object, or in an interpreter with another layout of these words (see
+:func:`array_type`), the kernel returns a misfit, and the kernels for rows do the work.
 """
 
 import ctypes

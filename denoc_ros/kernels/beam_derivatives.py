@@ -1,4 +1,4 @@
-"""What a beam's own wrench and modal forces become of its amplitudes and their rates.
+"""Derivatives of a beam's own wrench and modal forces by its amplitudes and their rates.
 
 acc = a + al x p + B d'' + w x (w x p + 2 B d') + B' d' of a point p = p(d), with dB/dd_j = -H_j:
 d acc/d d_j = A B_j - (H d'')_j e_x - 2 (H d')_j w x e_x,  A = al x + w x w x,

@@ -1,4 +1,4 @@
-"""Sums over a beam's points of products of two numbers each: what its derivatives are made of.
+"""Sums of products over a beam's points, from which its derivatives are formed.
 
 A point's record in work has weight e and position p, slip B d', u = B d'' + B' d' + 2 w x slip,
 velocity and acceleration, then per bending mode rows of lanes: h = (H d)_j, the shape s, (H d')_j

@@ -1,4 +1,4 @@
-"""The inertia that six rows see, as a tuple of numbers which the compiler keeps in registers.
+"""A 6 x 6 inertia as a tuple of numbers, which the compiler keeps in registers.
 
 A block is (A, B, D): A (force by linear acceleration) and D (torque by angular acceleration) are
 symmetric and so have six elements, xx xy xz yy yz zz; B (force by angular acceleration) has its

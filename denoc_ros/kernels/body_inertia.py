@@ -1,4 +1,4 @@
-"""The inertia of one body and the way a child's six rows take to its carrier.
+"""The inertia of one body, and the transport of a child's six rows to its carrier.
 
 The inertia of a flexible body stands in work as a (6 + m) x (6 + m) row-major matrix over
 [v; omega; d'; c'] of which only the upper half counts; that of a rigid one as a block.

@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept: by their names, wherever the package is installed."""
+"""The cache of compiled kernels: by their names, wherever the package is installed."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The fixed step of robots with loops and mimic joints: the new state is brought back onto them.
+"""The fixed step of robots with loops and mimic joints, with projection onto the constraints.
 
-The way back is the least one in the metric of the step's own inertia, whose factors and columns
-the second stage has left: dq = -I^-1 J^T (J I^-1 J^T)^-1 e, and the same for rates. They are those
-of a state that is off by dt^2, so every pass makes the error smaller by as much.
+The projection is the least change in the metric of the step's own inertia, with the factors and
+columns of the second stage: dq = -I^-1 J^T (J I^-1 J^T)^-1 e, and the same for rates. These belong
+to a state that is off by dt^2, so every pass reduces the error by this factor.
 """
 
 from denoc_ros.kernels.articulated import outward_accelerations

@@ -1,4 +1,4 @@
-"""Kernels compiled once, each by one process, said so, and to be interrupted at any moment."""
+"""Compilation of kernels: each once, by one process, with messages, interruptible."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""The way of multipliers' unit wrenches inward: rows of J, and columns y of U^-1 J^T.
+"""Inward pass of the multipliers' unit wrenches: rows of J, and columns y of U^-1 J^T.
 
 With the factors that articulated dynamics leaves in the workspace, a load w (wrenches on bodies,
 forces along joints) has y = L^-1 P^T w on every body, whose carrier gets w less W D^-1 y. A
-wrench only visits the bodies that carry it: both sides of a loop go their own way to the body
-where they meet, and what the elimination leaves of them goes on from there together.
+wrench only visits the bodies that carry it: the two sides of a loop propagate separately to the
+body where they meet, and their reduced wrenches propagate together from there.
 """
 
 from denoc_ros.kernels.articulated import free_joint

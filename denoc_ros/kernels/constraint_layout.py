@@ -1,4 +1,4 @@
-"""Where loops and mimic joints stand in the flat arrays: both constrain coordinates, row by row.
+"""Layout of loops and mimic joints in the flat arrays: both constrain coordinates, row by row.
 
 The last rows of `topology` are the constraints, loops in file order and then mimic joints. Every
 constraint has rows of its own among the multipliers; loops with damping or friction have one more

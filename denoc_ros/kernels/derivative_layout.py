@@ -1,7 +1,7 @@
-"""Where the derivatives' intermediate results stand in work.
+"""Layout of the derivatives' intermediate results in the workspace.
 
 All motions and wrenches are in base axes about the base's origin, so that they pass from body to
-body unchanged. What is seen of a coordinate from bodies that it moves is its column J (6) of their
+body unchanged. For the bodies that it moves, a coordinate has a column J (6) of their
 twist, and the column's first and second time derivative.
 """
 

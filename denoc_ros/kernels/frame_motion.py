@@ -1,4 +1,4 @@
-"""Twists and accelerations of frames, and how they and the Jacobian change with the state.
+"""Twists and accelerations of frames, with their and the Jacobian's derivatives by the state.
 
 Column j of the Jacobian of a frame is [L; T], its rates along a motion are L', T', L'', T'' and
 the frame turns by w with the angular acceleration al. As positions are functions of q alone,

@@ -1,8 +1,7 @@
-"""A model handed to a kernel as one number, the address of a record of addresses.
+"""A model passed to a kernel as one number, the address of a record of addresses.
 
-Kernels see arrays as bare pointers: numba counts references to arrays by calls that cost more than
-what stands between them, and takes negative indices into account. The record and the arrays it
-names are kept alive by who made it.
+Kernels see arrays as bare pointers: numba's reference counting and its handling of negative
+indices cost more than the arithmetic. The owner of the record keeps it and its arrays alive.
 """
 
 import numpy as np

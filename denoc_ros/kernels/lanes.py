@@ -1,7 +1,7 @@
-"""Several numbers at once: what the compiler keeps in one vector register.
+"""Lanes: several numbers at once, which the compiler keeps in one vector register.
 
-Written out because the compiler cannot know that the rows of a result lie apart from those that it
-is made of, and so would take one number at a time.
+They are written out because the compiler cannot know that the rows of a result do not overlap its
+inputs, and would otherwise process one number at a time.
 """
 
 from llvmlite import ir

@@ -1,4 +1,4 @@
-"""Where things stand in the flat arrays that a model is written to.
+"""Layout of the flat arrays of a model.
 
 Three arrays are a model: `topology` (rows, TOPOLOGY_COLUMNS), unsigned: row 0 the base, a row per
 body, a row per frame; `constants`, all real constants; `work`, the caller's workspace. A body's

@@ -1,4 +1,4 @@
-"""How the generalized forces of a wrench on a frame change with the coordinates.
+"""Derivatives of the generalized forces of a wrench on a frame by the coordinates.
 
 A wrench F keeps its direction and acts at the frame's origin x: F = [f; n + x x f]. A row i takes
 J_i . F; with u_j = b_j + w_j x x the frame's velocity by q'_j, J_j = [b_j; w_j], its derivative is

@@ -1,4 +1,4 @@
-"""Multipliers of rows that may say the same twice: A lambda = b with A = Y^T D^-1 Y, least norm.
+"""Multipliers of rows that may be redundant: A lambda = b with A = Y^T D^-1 Y, least norm.
 
 Pivoted Cholesky on A, scaled to a unit diagonal, finds independent rows p. The others are
 combinations C of these, J = C J_p, so that lambda = C (C^T C)^-1 mu with A_pp mu = b_p is the

@@ -1,4 +1,4 @@
-"""Outward pass of positions: where sections, bodies and beam points stand (dynamics.md)."""
+"""Outward pass of positions of sections, bodies and beam points (dynamics.md)."""
 
 import math
 

@@ -1,9 +1,9 @@
 """Bare pointers into arrays; with `DENOC_CHECK_BOUNDS=1`, pointers that check every offset.
 
-A bare pointer costs nothing and checks nothing. A checked one knows how many elements there are
-from where it points; each element that is read or written, and each step to a later element, is
-compared with that, and IndexError names the kernel's function that strays. The names below are the
-same in both modes; a bare pointer drops the counts, so that its machine code has none of this.
+A bare pointer costs nothing and checks nothing. A checked one knows the number of elements behind
+it. Each element that is read or written, and each step to a later element, is compared with that,
+and IndexError names the kernel's function that is out of bounds. The names below are the same in
+both modes; a bare pointer drops the counts, so that its machine code has none of this.
 """
 
 import operator

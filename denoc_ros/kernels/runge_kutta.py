@@ -1,4 +1,4 @@
-"""Explicit Runge-Kutta steps with control of their error, as many as lead past a time.
+"""Explicit Runge-Kutta steps with error control, as many as are needed to pass a time.
 
 For motions under constant forces. The pair of formulas and the control are those of Hairer's
 DOP853 as scipy has them, which gives the coefficients too: stages a (s, s), weights b (s), errors

@@ -1,4 +1,4 @@
-"""What a beam's section shows of its amplitudes: columns of its twist and their time derivatives.
+"""Columns of a beam section's twist by its amplitudes, and their time derivatives.
 
 With the left Jacobian J = 1 + b K + c K^2 of the section's rotation vector phi, K = phi x, the
 angular column of a mode of slope s about axis e is J s e; K^2 = phi phi^T - |phi|^2.

@@ -1,4 +1,4 @@
-"""Sine and cosine in line: no call empties the registers, and many angles go several at a time."""
+"""Inlined sine and cosine: no call spills the registers, and several angles go at once."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What resists the deformation of one coordinate: a linear spring, or a stiffening one with play.
+"""Restoring force of one coordinate: a linear spring, or a stiffening one with play.
 
 With the wind-up e(s) the force is (k e + k3 e^3) de/ds, the gradient of k e^2 / 2 + k3 e^4 / 4.
 Without play e = s. With a free play of +- p,
