@@ -16,7 +16,7 @@ from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.springs import spring_indices
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.correction import take_values
+from denoc_ros.kernels.correction import take_rows, take_values
 from denoc_ros.kernels.step import GAMMA
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array
@@ -46,10 +46,15 @@ class AmplitudeFilter:
         Share of a beam's length by which its tip may be off at the start.
     free : int array, optional
         Coordinates whose motion is not given: the amplitudes, and no others by default.
+    constants : (c,) array, optional
+        Standard deviations at the start of unknown constants: they stand behind f in x.
 
     Attributes
     ----------
-    covariance : (3 m, 3 m) array
+    covariance : (3 m + c, 3 m + c) array
+    mobility : (m, m) array
+        Accelerations of the amplitudes by forces on them, as last linearized.
+    stiffness, damping : (m,) arrays
     decay : float
         Factor of the loads' mean over one step.
 
@@ -77,24 +82,27 @@ class AmplitudeFilter:
         model_error: float,
         initial_deflection: float,
         free: NDArray[np.int64] | None = None,
+        constants: Array | None = None,
     ) -> None:
-        ready(take_values)
+        ready(take_values, take_rows)
         self._robot, self._step = robot, step
         self._error = model_error
         self._flexible = robot.flexible_indices
         self._free = self._flexible if free is None else free
         self._among_free = np.searchsorted(self._free, self._flexible)
         self.stiffness: Array = robot.stiffness[self._flexible]
-        self._damping = robot.damping[self._flexible]
+        self.damping: Array = robot.damping[self._flexible]
         self._m = m = len(self._flexible)
         self._shape, self._first, lengths = _loads(robot)
         force = self.stiffness[self._first] * initial_deflection * lengths
         self._start_force: Array = force
         self._floor = np.zeros(m)
-        self.covariance, self._scratch = np.zeros((2, 3 * m, 3 * m))
-        self._transition: Array = np.eye(3 * m)
-        self._gain = np.zeros(3 * m)
-        self._mobility: Array = np.zeros((m, m))
+        self._constants = np.zeros(0) if constants is None else constants
+        size = 3 * m + len(self._constants)
+        self.covariance, self._scratch = np.zeros((2, size, size))
+        self._transition: Array = np.eye(size)
+        self._gain = np.zeros(size)
+        self.mobility: Array = np.zeros((m, m))
         self._posture: Array = np.full(len(robot.joint_indices), np.inf)
         self._omega, self.decay = 1.0, 1.0
 
@@ -122,7 +130,7 @@ class AmplitudeFilter:
         self._posture = posture
         m, h = self._m, self._step
         whole = response(self._robot, q, self._free)
-        self._mobility = answer = whole[np.ix_(self._among_free, self._among_free)]
+        self.mobility = answer = whole[np.ix_(self._among_free, self._among_free)]
         root = np.sqrt(self.stiffness)
         scaled = root[:, None] * answer * root
         lowest = np.linalg.eigvalsh(scaled)[0] if np.isfinite(scaled).all() else math.nan
@@ -136,13 +144,14 @@ class AmplitudeFilter:
         jacobian = np.zeros((3 * m, 3 * m))
         jacobian[:m, m : 2 * m] = np.eye(m)
         jacobian[m : 2 * m, :m] = -answer * self.stiffness
-        jacobian[m : 2 * m, m : 2 * m] = -answer * self._damping
+        jacobian[m : 2 * m, m : 2 * m] = -answer * self.damping
         jacobian[m : 2 * m, 2 * m :] = answer
         jacobian[2 * m :, 2 * m :] = -omega * np.eye(m)
         implicit = np.eye(3 * m) - GAMMA * h * jacobian
         explicit = np.eye(3 * m) + (1.0 - 2.0 * GAMMA) * h * jacobian
-        self._transition = np.linalg.solve(implicit, np.linalg.solve(implicit, explicit))
-        self.decay = float(self._transition[-1, -1])
+        transition = np.linalg.solve(implicit, np.linalg.solve(implicit, explicit))
+        self._transition[: 3 * m, : 3 * m] = transition
+        self.decay = float(transition[-1, -1])
 
     def reset(self, q: Array) -> None:
         """Start at coordinates q (n,), with only the assumed initial error of the beams known."""
@@ -153,8 +162,9 @@ class AmplitudeFilter:
         self.covariance[:] = 0.0
         self.covariance[:m, :m] = np.diag(energy / self.stiffness)
         shared = np.sqrt(energy)
-        self.covariance[m : 2 * m, m : 2 * m] = shared[:, None] * self._mobility * shared
-        self.covariance[2 * m :, 2 * m :] = self._load_covariance(force)
+        self.covariance[m : 2 * m, m : 2 * m] = shared[:, None] * self.mobility * shared
+        self.covariance[2 * m : 3 * m, 2 * m : 3 * m] = self._load_covariance(force)
+        self.covariance[3 * m :, 3 * m :] = np.diag(self._constants**2)
 
     def _load_covariance(self, force: Array) -> Array:
         deviation = np.hypot(self._error * force, self._floor)
@@ -166,7 +176,8 @@ class AmplitudeFilter:
         force = self.stiffness[first] * np.hypot(amplitudes[first], rates[first] / self._omega)
         added = self._load_covariance(force)
         added *= 1.0 - self.decay**2
-        loads = self.covariance[2 * self._m :, 2 * self._m :]
+        part = slice(2 * self._m, 3 * self._m)
+        loads = self.covariance[part, part]
         for _ in range(steps):
             np.matmul(self._transition, self.covariance, out=self._scratch)
             np.matmul(self._scratch, self._transition.T, out=self.covariance)
@@ -197,6 +208,14 @@ class AmplitudeFilter:
         """
         taken = np.zeros(len(values))
         take_values(self.covariance, rows, noise, values, gate, lag, state, self._gain, taken)
+        return np.asarray(taken > 0.0)
+
+    def correct_rows(
+        self, rows: Array, noise: Array, values: Array, gate: float, state: Array
+    ) -> Array:
+        """Take values in whose rows (k, 3 m + c) are over the whole state; else as `correct`."""
+        taken = np.zeros(len(values))
+        take_rows(self.covariance, rows, noise, values, gate, state, self._gain, taken)
         return np.asarray(taken > 0.0)
 
     def carry(self, correction: Array) -> Array:

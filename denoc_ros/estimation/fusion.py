@@ -15,6 +15,7 @@ from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.amplitude_filter import AmplitudeFilter
+from denoc_ros.estimation.inertial_rows import OLDEST, Accelerations, InertialRows
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
@@ -84,11 +85,16 @@ class StrainFusion:
         Values older than this against the joints' motion [s] are refused.
     free : int array, optional
         Coordinates whose motion is not given to the model; default the amplitudes.
+    accelerations : callable, optional
+        What inertial sensors need: see :class:`InertialRows`.
 
     Attributes
     ----------
     names : tuple of str
-        Of the sensors.
+        Of the sensors on beams, then of each value of the inertial ones (`imu/gyro_x`).
+    inertial : InertialRows
+    biases : (values,) array
+        Estimated constant errors of the inertial sensors' values.
     loads : (m,) array
         Generalized forces on the amplitudes that the model leaves out.
     counts : list of Counter
@@ -109,10 +115,14 @@ class StrainFusion:
         settings: FusionSettings,
         max_age: float,
         free: NDArray[np.int64] | None = None,
+        accelerations: Accelerations | None = None,
     ) -> None:
         sensors = robot.tree.sensors
-        _require_noise(robot.tree.name, sensors)
-        self.names = tuple(sensor.name for sensor in sensors)
+        _require_noise(robot, sensors)
+        self.inertial = InertialRows(robot)
+        self._accelerations = accelerations
+        self.names = (*(sensor.name for sensor in sensors), *self.inertial.names)
+        self._beams = len(sensors)
         self._settings, self._step = settings, step
         self._flexible = robot.flexible_indices
         self._m = m = len(self._flexible)
@@ -126,26 +136,28 @@ class StrainFusion:
             settings.model_error,
             settings.initial_deflection,
             free,
+            self.inertial.bias,
         )
         self.filter.set_floor(self._rows, self._noise)
         self._trail = StateHistory(math.ceil(max_age / step) + 2, 2 * m)
         self._max_age = max_age
         self._waiting: list[Value] = []
-        self.loads = np.zeros(m)
-        self.counts: list[Counter[str]] = [Counter() for _ in sensors]
-        self.heard = np.full(len(sensors), np.nan)
-        self._refused_since = np.full(len(sensors), np.nan)
+        self.loads, self.biases = np.zeros(m), np.zeros(len(self.inertial.names))
+        self.counts: list[Counter[str]] = [Counter() for _ in self.names]
+        self.heard = np.full(len(self.names), np.nan)
+        self._refused_since = np.full(len(self.names), np.nan)
         self._time = math.nan  # of the covariance
 
     def reset(self, time: float, q: Array, qd: Array) -> None:
         """Start at a time [s] from coordinates and rates (n,)."""
-        self.loads[:] = 0.0
+        self.loads[:] = self.biases[:] = 0.0
         self.restart(time, q, qd)
 
     def restart(self, time: float, q: Array, qd: Array) -> None:
         """Go on after a gap: the loads stay."""
         self._waiting.clear()
         self._trail.clear()
+        self.inertial.forget()
         self._refused_since[:] = np.nan
         self.filter.reset(q)
         self._time = time
@@ -167,7 +179,7 @@ class StrainFusion:
         Parameters
         ----------
         place : int
-            Of the sensor among the robot's.
+            Of the value among `names`.
         stamp : float
             When it was measured [s].
         value : float
@@ -203,13 +215,18 @@ class StrainFusion:
         while waiting and waiting[0][0] <= trail.last + near:
             # those of one instant together: their clocks need not agree to the last digit
             first = waiting[0][0]
-            count = bisect.bisect_right(waiting, (first + near, len(self._rows), 0.0))
+            count = bisect.bisect_right(waiting, (first + near, len(self.names), 0.0))
             group, waiting[:count] = waiting[:count], []
+            on_beams = [value for value in group if value[1] < self._beams]
+            inertial = [value for value in group if value[1] >= self._beams]
             if trail.last - first > self._max_age or first < trail.first - near:
-                for _, place, _ in group:
-                    self.counts[place]['late'] += 1
-            else:
-                self._take(group, q)
+                self._late(on_beams)
+            elif on_beams:
+                self._take(on_beams, q)
+            if inertial and trail.last - first > OLDEST:
+                self._late(inertial)
+            elif inertial:
+                self._take_inertial(inertial, q, qd)
         newest = trail.since(trail.last)[1][0]
         q[self._flexible] = newest[: self._m]
         qd[self._flexible] = newest[self._m :]
@@ -219,6 +236,34 @@ class StrainFusion:
         rows = robot.beam_sensor_rows(q)
         self._rows = rows[:, self._flexible]
         self._shift = robot.beam_sensor_values(q) - rows @ q
+
+    def _late(self, group: list[Value]) -> None:
+        for _, place, _ in group:
+            self.counts[place]['late'] += 1
+
+    def _take_inertial(self, group: list[Value], q: Array, qd: Array) -> None:
+        """Correct the newest state, the loads and biases by values of about its time."""
+        assert self._accelerations is not None
+        now, inertial, m = self._trail.last, self.inertial, self._m
+        newest = self._trail.since(now)[1][0]
+        expected = np.concatenate((newest, self.loads, self.biases))
+        self._go_on(now, expected, q)
+        q[self._flexible], qd[self._flexible] = expected[:m], expected[m : 2 * m]
+        inertial.move(now, q, qd, self._accelerations, self.filter)
+        which = [place - self._beams for _, place, _ in group]
+        ages = np.array([now - stamp for stamp, _, _ in group])
+        change = inertial.change[which]
+        seen = inertial.expected[which] - ages * change
+        rows = inertial.rows[which]
+        values = np.array([value for _, _, value in group]) - seen
+        values += rows[:, : 3 * m] @ expected[: 3 * m]
+        moved = (self._settings.timing_error + np.abs(ages)) * change
+        noise = np.sqrt(inertial.noise[which] ** 2 + moved**2 + inertial.uncertain[which] ** 2)
+        state = expected.copy()
+        taken = self.filter.correct_rows(rows, noise, values, self._settings.gate, state)
+        for (stamp, place, _), good in zip(group, taken.tolist(), strict=True):
+            self._judge(place, stamp, good, q)
+        self._spread(state - expected, now)
 
     def unexplained(self) -> Array:
         """Return the part of the sensors' values due to the loads, taken as slow (sensors,).
@@ -231,7 +276,7 @@ class StrainFusion:
     def _take(self, group: list[Value], q: Array) -> None:
         """Correct the trail from the values' stamp on, and the loads."""
         stamp, places = group[0][0], [place for _, place, _ in group]
-        expected = np.concatenate((self._trail.at(stamp), self.loads))
+        expected = np.concatenate((self._trail.at(stamp), self.loads, self.biases))
         self._go_on(stamp, expected, q)
         lag = self._time - stamp
         lag = lag if lag > 0.5 * self._step else 0.0
@@ -273,7 +318,7 @@ class StrainFusion:
             self.filter.reset(q)
 
     def _spread(self, change: Array, time: float) -> None:
-        """Add a correction (3 m,) at a time [s] to the trail from there on, and to the loads."""
+        """Add a correction of x at a time [s] to the trail from there on, loads and biases."""
         m, near = self._m, 0.5 * self._step
         times, states = self._trail.since(time - near)
         for at, state in zip(times.tolist(), states, strict=True):
@@ -281,7 +326,8 @@ class StrainFusion:
                 change = self.filter.carry(change)
                 time += self._step
             state += change[: 2 * m]
-        self.loads += change[2 * m :]
+        self.loads += change[2 * m : 3 * m]
+        self.biases += change[3 * m :]
 
     def adopt(self, other: StrainFusion | None) -> bool:
         """Go on from another's state; not if that has other sensors, or is None: then False."""
@@ -291,12 +337,15 @@ class StrainFusion:
         self._trail.adopt(other._trail)
         self._waiting = other._waiting
         self.loads[:], self._refused_since[:] = other.loads, other._refused_since
+        self.biases[:] = other.biases
+        self.inertial.forget()
         self.heard, self.counts, self._time = other.heard, other.counts, other._time
         return True
 
 
-def _require_noise(name: str, sensors: tuple[Sensor, ...]) -> None:
-    if not sensors:
+def _require_noise(robot: Robot, sensors: tuple[Sensor, ...]) -> None:
+    name = robot.tree.name
+    if not sensors and not robot.tree.inertial_sensors:
         raise StateError(f'{name}: fused sensors must be at least one, got none')
     silent = [sensor.name for sensor in sensors if not sensor.noise > 0.0]
     if silent:

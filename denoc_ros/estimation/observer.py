@@ -17,6 +17,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.estimation.fusion import StrainFusion
+from denoc_ros.estimation.inertial_rows import require_given_joints
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.tracking import TrackingFilter, connecting_acceleration
 from denoc_ros.types import Array
@@ -26,6 +27,8 @@ BaseAt = Callable[[float], BaseMotion | None]
 
 # A longer gap [s] is not integrated over: the observer goes on from the measurement instead.
 LONGEST_GAP = 0.25
+# Of the deviation of the joints' accelerations [s].
+MEMORY = 0.1
 # Between two measurements, however far apart.
 MOST_STEPS = 250
 
@@ -104,14 +107,17 @@ class Observer:
         self.q, self.qd, self.q_ahead, self.qd_ahead = np.zeros((4, robot.n))
         self._q, self._qd = np.zeros((2, robot.n))  # at the last measurement
         self._tau = np.zeros(robot.n)  # efforts, and loads that sensors show
+        self._unsteady = np.zeros(len(self._joints))  # variance of the joints' accelerations
         self.fusion: StrainFusion | None = None
         if settings.fusion is not None:
+            require_given_joints(robot, settings.source)
             self.fusion = StrainFusion(
                 robot,
                 settings.step,
                 settings.fusion,
                 settings.max_age,
                 self._free if settings.source == 'joints' else np.arange(robot.n),
+                self._accelerations,
             )
         self.base: BaseAt | None = None
         self.late = self.repeated = self.restarts = self.unsettled = 0
@@ -166,11 +172,18 @@ class Observer:
             return False
         interval = stamp - self._stamp
         self._filter.update(q, qd, interval)
+        self._watch_joints(interval)
         self._drive(interval)
         self._stamp = stamp
         self._fuse()
         self.take_effort(effort)
         return True
+
+    def _watch_joints(self, interval: float) -> None:
+        """Note how far the joints' filtered acceleration is from that of their rates."""
+        mean = (self._filter.qd - self._qd[self._joints]) / interval
+        share = -math.expm1(-interval / MEMORY)
+        self._unsteady += share * ((mean - self._filter.qdd) ** 2 - self._unsteady)
 
     def sense(self, place: int, stamp: float, value: float) -> bool:
         """Take a sensor's value in; it counts once joints measured as late are known.
@@ -178,7 +191,7 @@ class Observer:
         Parameters
         ----------
         place : int
-            Of the sensor among the robot's.
+            Of the value among `fusion.names`: sensors on beams, then inertial sensors' values.
         stamp : float
             When it was measured [s], on the clock of `tick`.
         value : float
@@ -200,6 +213,17 @@ class Observer:
                 self.motion.positions(self._q, self._q[self._joints])
                 self.motion.rates(self._qd, self._qd[self._joints])
             self._tau[self._flexible] = self.fusion.loads
+
+    def _accelerations(self, time: float, q: Array, qd: Array) -> tuple[Robot, Array, Array]:
+        """Return the robot at a time, its accelerations (n,) and deviations of those measured."""
+        robot, deviation = self.robot, np.zeros(self.robot.n)
+        if self.base is not None:
+            robot.move_base(self.base(time))
+        qdd, joints = np.empty(robot.n), robot.joint_indices
+        qdd[joints] = given = self.motion.given_accelerations(self._filter.qdd)
+        qdd[robot.flexible_indices] = robot.hybrid_dynamics(q, qd, given, tau=self._tau)[1]
+        deviation[self._joints] = np.sqrt(self._unsteady)
+        return robot, qdd, deviation
 
     def take_effort(self, effort: Array | None) -> None:
         """Take efforts (joints,) [N m, N] in, from a measurement or another way; None: none."""

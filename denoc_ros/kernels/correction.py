@@ -39,3 +39,34 @@ def take_values(covariance, rows, noise, values, gate, lag, state, gain, taken):
             for j in range(size):
                 covariance[i, j] -= share * gain[j]
     return count
+
+
+@kernel(
+    'int64(float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64, '
+    'float64[::1], float64[::1], float64[::1])'
+)
+def take_rows(covariance, rows, noise, values, gate, state, gain, taken):
+    """As `take_values`, but value k reads rows[k] . state, over the whole state (s)."""
+    size = state.shape[0]
+    count = 0
+    for k in range(values.shape[0]):
+        innovation = values[k]
+        for j in range(size):
+            innovation -= rows[k, j] * state[j]
+        variance = noise[k] * noise[k]
+        for i in range(size):
+            gain[i] = 0.0
+            for j in range(size):
+                gain[i] += rows[k, j] * covariance[i, j]
+            variance += rows[k, i] * gain[i]
+        if not innovation * innovation <= gate * gate * variance:
+            taken[k] = 0.0
+            continue
+        taken[k] = 1.0
+        count += 1
+        for i in range(size):
+            share = gain[i] / variance
+            state[i] += share * innovation
+            for j in range(size):
+                covariance[i, j] -= share * gain[j]
+    return count
