@@ -14,7 +14,7 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.model_node import ModelNode
 from denoc_ros.nodes.polled_inputs import PolledInputs
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.runtime.live_snapshots import LiveMoments
+from denoc_ros.runtime.live_snapshots import LiveSnapshots
 from denoc_ros.runtime.rate_limiter import RateLimiter
 from denoc_ros.runtime.realtime import lower_priority
 from denoc_ros.runtime.status import WARN, Status, realtime_status
@@ -68,13 +68,13 @@ class ViewerNode(ModelNode):
                 self.get_fully_qualified_name(),
                 [f"parameter 'state_topics' must name topics different from all, got {topics}"],
             )
-        self.moments = LiveMoments(robot, posture, states, *others, settings.number('timeout'))
+        self.snapshots = LiveSnapshots(robot, posture, states, *others, settings.number('timeout'))
         self.page = self._serve()
         if robot.tree.loops:
             posture = robot.assemble(posture)
         self.page.show(Snapshot(0.0, posture))
-        topics_of_type = dict.fromkeys(self.moments.topics, JointState)
-        self.inputs = PolledInputs(self, topics_of_type, self.moments.take)
+        topics_of_type = dict.fromkeys(self.snapshots.topics, JointState)
+        self.inputs = PolledInputs(self, topics_of_type, self.snapshots.take)
         self.get_logger().info(f'open {self.page.address}')
         if self.exposed:
             self.get_logger().warning(self.exposed)
@@ -150,8 +150,8 @@ class ViewerNode(ModelNode):
             self._stopped.wait(self._try_to_draw(now))
 
     def _listen(self, now: float) -> None:
-        self.moments.forget()
-        self.inputs.listen(self.moments.topics)
+        self.snapshots.forget()
+        self.inputs.listen(self.snapshots.topics)
         self.pace.begin(now)
         self._used = time.process_time()
 
@@ -169,13 +169,13 @@ class ViewerNode(ModelNode):
         if self._reset_wanted:
             self._reset_wanted = False
             self.inputs.forget()
-            self.moments.forget()
+            self.snapshots.forget()
         self.inputs.take()
-        moment = self.moments.moment(now)
-        if moment is not None:
-            self.page.show(moment)
+        snapshot = self.snapshots.newest(now)
+        if snapshot is not None:
+            self.page.show(snapshot)
             self._drawn += 1
-        self.inputs.listen(self.moments.wanted(now))
+        self.inputs.listen(self.snapshots.wanted(now))
         # of all threads: the server's, which sends, and the middleware's
         used = time.process_time()
         spent, self._used = used - self._used, used
@@ -200,13 +200,13 @@ class ViewerNode(ModelNode):
             'clients': clients,
             'rate_hz': rate,
             'drawn': drawn,
-            'source': self.moments.source or 'none',
+            'source': self.snapshots.source or 'none',
         }
         if self.state == 'active':
             status.values['allowed_rate_hz'] = 1.0 / self.pace.period
         if self.exposed:
             status.worsen(WARN, self.exposed)
-        if clients and self.inputs.is_open and not self.moments.source:
+        if clients and self.inputs.is_open and not self.snapshots.source:
             topics = ', '.join(self.settings.texts('state_topics'))
             status.worsen(WARN, f'nothing to draw: no fresh message on {topics}')
         return [status, realtime_status(self.realtime_options)]

@@ -1,4 +1,4 @@
-"""What messages say of a base's motion; nothing here needs ROS."""
+"""What messages say of a base's motion."""
 
 from __future__ import annotations
 

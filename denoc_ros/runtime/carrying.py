@@ -1,4 +1,4 @@
-"""The torque that holds a robot against gravity; nothing here needs ROS."""
+"""The torque that holds a robot against gravity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The conditions for following the reference; nothing here needs ROS."""
+"""The conditions for following the reference."""
 
 from __future__ import annotations
 

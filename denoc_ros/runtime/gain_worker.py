@@ -1,4 +1,4 @@
-"""Gains of the state feedback, designed in parallel to the loop; nothing here needs ROS."""
+"""Gains of the state feedback, designed in parallel to the loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot model whose parameters change while nodes run; nothing here needs ROS."""
+"""A robot model whose parameters change while nodes run."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from denoc_ros.viewer.snapshot import Snapshot
 WORDS = {'predictor': 'predicted', 'plant': 'true'}
 
 
-class LiveMoments:
+class LiveSnapshots:
     """Keeps the newest of every topic and makes snapshots of what is fresh.
 
     Parameters
@@ -78,7 +78,7 @@ class LiveMoments:
         self._start = time.perf_counter()
         self.source = ''
 
-    def moment(self, now: float) -> Snapshot | None:
+    def newest(self, now: float) -> Snapshot | None:
         """Return the snapshot to draw at `now` [s, steady clock], None where nothing is fresh."""
         fresh = [topic for topic in self._states if self._is_fresh(topic, now)]
         self.source = fresh[0] if fresh else ''

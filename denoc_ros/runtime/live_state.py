@@ -1,4 +1,4 @@
-"""All coordinates of a robot from the messages of one topic; nothing here needs ROS."""
+"""All coordinates of a robot from the messages of one topic."""
 
 from __future__ import annotations
 

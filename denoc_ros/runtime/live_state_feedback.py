@@ -1,4 +1,4 @@
-"""State feedback in a running node: gains come from another thread; nothing here needs ROS."""
+"""State feedback in a running node: gains come from another thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The torque of a live model, which may change, fail and be reset; nothing here needs ROS."""
+"""The torque of a live model, which may change, fail and be reset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bounds of positions, velocities and accelerations of joints; nothing here needs ROS.
+"""Bounds of positions, velocities and accelerations of joints.
 
 A finite number may still be no motion of the robot: 1.7e308 rad overflows in every model, and a
 loop that closes step by step never gets there.

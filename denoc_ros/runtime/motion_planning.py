@@ -1,4 +1,4 @@
-"""The queue of whole motions through the planner, one at a time; nothing here needs ROS."""
+"""The queue of whole motions through the planner, one at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Received whole motions, sampled; nothing here needs ROS."""
+"""Received whole motions, sampled."""
 
 from __future__ import annotations
 

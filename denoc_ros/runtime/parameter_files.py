@@ -1,4 +1,4 @@
-"""The section of a parameter file that contains a name; nothing here needs ROS.
+"""The section of a parameter file that contains a name.
 
 Files have a section for each node, or for many: `/**` is for every node. rclpy hands a node the
 sum of all that match.

@@ -1,4 +1,4 @@
-"""One table per node declares, validates and documents its parameters; nothing here needs ROS."""
+"""One table per node declares, validates and documents its parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parent's side of the planning process; nothing here needs ROS."""
+"""The parent's side of the planning process."""
 
 from __future__ import annotations
 

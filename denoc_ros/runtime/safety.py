@@ -1,4 +1,4 @@
-"""Safety against bad input and late input; nothing here needs ROS.
+"""Safety against bad input and late input.
 
 All times are seconds of the steady clock (`time.perf_counter`); stamps are nanoseconds of the
 messages' own clock and only ever compared with each other.
@@ -35,7 +35,7 @@ class InputMonitor:
     last_message : str
         Why the last one was refused.
     max_publishers : int
-        Publishers that may talk at once.
+        Publishers that may send at once.
     """
 
     def __init__(self, topic: str, max_publishers: int = 1) -> None:

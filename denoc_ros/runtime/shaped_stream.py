@@ -1,4 +1,4 @@
-"""A streamed motion through an input shaper, on the steady clock; nothing here needs ROS."""
+"""A streamed motion through an input shaper, on the steady clock."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.live_snapshots import LiveMoments
+from denoc_ros.runtime.live_snapshots import LiveSnapshots
 from denoc_ros.runtime.live_state import FARTHEST, LiveState
 
 pytestmark = pytest.mark.ros
@@ -42,8 +42,8 @@ def robot() -> Robot:
 
 
 @pytest.fixture
-def moments(robot: Robot) -> LiveMoments:
-    return LiveMoments(robot, np.zeros(robot.n), STATES, EFFORT, RESIDUAL, timeout=0.5)
+def moments(robot: Robot) -> LiveSnapshots:
+    return LiveSnapshots(robot, np.zeros(robot.n), STATES, EFFORT, RESIDUAL, timeout=0.5)
 
 
 def modal(robot: Robot, seed: int) -> tuple[np.ndarray[Any, Any], bytes]:
@@ -54,40 +54,40 @@ def modal(robot: Robot, seed: int) -> tuple[np.ndarray[Any, Any], bytes]:
     return q, raw(names, q[order], q[order])
 
 
-def test_coordinates_are_matched_by_name(robot: Robot, moments: LiveMoments) -> None:
+def test_coordinates_are_matched_by_name(robot: Robot, moments: LiveSnapshots) -> None:
     q, message = modal(robot, 1)
     moments.take(STATES[0], message, admit)
-    moment = moments.moment(time.perf_counter())
+    moment = moments.newest(time.perf_counter())
     assert moment is not None
     np.testing.assert_array_equal(moment.q, q)
 
 
 def test_the_first_fresh_topic_is_drawn_and_none_when_all_are_silent(
-    robot: Robot, moments: LiveMoments
+    robot: Robot, moments: LiveSnapshots
 ) -> None:
     now = time.perf_counter()
-    assert moments.moment(now) is None
+    assert moments.newest(now) is None
     moments.take(STATES[2], raw(robot.joint_names, [0.5, 0.6]), admit)
-    assert moments.moment(now) is not None
+    assert moments.newest(now) is not None
     assert moments.source == STATES[2]
     moments.take(STATES[1], modal(robot, 2)[1], admit)
-    moments.moment(now)
+    moments.newest(now)
     assert moments.source == STATES[1]
     moments.take(STATES[0], modal(robot, 3)[1], admit)
-    moments.moment(now)
+    moments.newest(now)
     assert moments.source == STATES[0]
-    assert moments.moment(time.perf_counter() + 0.6) is None
+    assert moments.newest(time.perf_counter() + 0.6) is None
     assert moments.source == ''
 
 
 def test_charts_have_the_deflection_of_every_topic_that_has_amplitudes(
-    robot: Robot, moments: LiveMoments
+    robot: Robot, moments: LiveSnapshots
 ) -> None:
     q, message = modal(robot, 4)
     other, true = modal(robot, 5)
     for topic, said in zip(STATES, (message, true, raw(robot.joint_names, [0, 0])), strict=True):
         moments.take(topic, said, admit)
-    moment = moments.moment(time.perf_counter())
+    moment = moments.newest(time.perf_counter())
     assert moment is not None
     assert set(moment.channels) == {
         f'deflection [m]/{word} {link} uy'
@@ -103,15 +103,15 @@ def test_charts_have_the_deflection_of_every_topic_that_has_amplitudes(
 
 
 def test_commanded_torque_is_drawn_rather_than_measured(
-    robot: Robot, moments: LiveMoments
+    robot: Robot, moments: LiveSnapshots
 ) -> None:
     moments.take(STATES[2], raw(robot.joint_names, [0.1, 0.2], effort=[3.0, 4.0]), admit)
-    moment = moments.moment(time.perf_counter())
+    moment = moments.newest(time.perf_counter())
     assert moment is not None
     assert moment.torque == {'j1': 3.0, 'j2': 4.0}
     moments.take(EFFORT, raw(['j2', 'j1', 'other'], [0, 0, 0], effort=[7, 8, 9]), admit)
     moments.take(RESIDUAL, raw(['gauge'], [1e-5]), admit)
-    moment = moments.moment(time.perf_counter())
+    moment = moments.newest(time.perf_counter())
     assert moment is not None
     assert moment.torque == {'j1': 8.0, 'j2': 7.0}
     assert moment.channels['torque [N m]/j2'] == 7.0
@@ -119,18 +119,18 @@ def test_commanded_torque_is_drawn_rather_than_measured(
 
 
 def test_measured_torque_is_drawn_where_none_is_commanded(
-    robot: Robot, moments: LiveMoments
+    robot: Robot, moments: LiveSnapshots
 ) -> None:
     moments.take(STATES[0], modal(robot, 6)[1], admit)
     moments.take(STATES[2], raw(robot.joint_names, [0.1, 0.2], effort=[3.0, 4.0]), admit)
-    moment = moments.moment(time.perf_counter())
+    moment = moments.newest(time.perf_counter())
     assert moments.source == STATES[0]
     assert moment is not None
     assert moment.torque == {'j1': 3.0, 'j2': 4.0}
 
 
 def test_joints_alone_are_not_listened_to_where_they_say_nothing_new(
-    robot: Robot, moments: LiveMoments
+    robot: Robot, moments: LiveSnapshots
 ) -> None:
     now = time.perf_counter()
     joints = raw(robot.joint_names, [0.1, 0.2], effort=[3.0, 4.0])
@@ -206,11 +206,11 @@ def test_no_bytes_are_more_than_refused(robot: Robot, data: st.DataObject) -> No
     for _ in range(data.draw(st.integers(0, 4))):
         if spoiled:
             spoiled[data.draw(st.integers(0, len(spoiled) - 1))] = data.draw(st.integers(0, 255))
-    moments = LiveMoments(robot, np.zeros(robot.n), STATES, EFFORT, RESIDUAL)
+    moments = LiveSnapshots(robot, np.zeros(robot.n), STATES, EFFORT, RESIDUAL)
     for topic in moments.topics:
         try:
             moments.take(topic, bytes(spoiled), admit)
         except InputError:
             continue
-    moment = moments.moment(time.perf_counter())
+    moment = moments.newest(time.perf_counter())
     assert moment is None or np.isfinite(moment.q).all()
