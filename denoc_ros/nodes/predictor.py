@@ -132,7 +132,9 @@ class PredictorNode(RobotNode):
         there, still = observer.motion.posture[observer.motion.index], np.zeros(len(self.joints))
         observer.measure(0.0, there, still, still)
         observer.measure(self.period, there, still, still)
-        observer.sense(0, self.period, 0.0)
+        # one of each value: what inertial sensors need compiles here
+        for place in range(len(observer.fusion.names) if observer.fusion else 0):
+            observer.sense(place, self.period, 0.0)
         observer.tick(2.0 * self.period)
         observer.predict()
         observer.reset()

@@ -15,6 +15,7 @@ from denoc_ros.bags.joint_state import JointStateLayout
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.model.sensors import WRENCH_FIELDS, wrench_field
 from denoc_ros.model.tree import Sensor, Tree
+from denoc_ros.nodes.inertial_inputs import InertialInputs
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.runtime.conversions import MessageReader
 from denoc_ros.runtime.input_error import InputError
@@ -119,6 +120,7 @@ class SensorInputs:
         self.values: Array = np.zeros(0)
         self.fresh = False
         self.queue: deque[tuple[int, float, float]] = deque(maxlen=QUEUE)
+        self._inertial = InertialInputs(node, self.queue)
         self._tare = np.zeros(0)
         self._members: dict[str, list[Member]] = {}
         self._subscribed: set[str] = set()
@@ -142,9 +144,11 @@ class SensorInputs:
             topic = self._node.resolve_topic_name(sensor.topic)
             members.setdefault(topic, []).append((place, sensor, wrench_field(sensor, tree)))
         self._members = members
+        self._inertial.update(tree)
 
     def search(self) -> None:
         """Subscribe to the topics that have appeared since the last call."""
+        self._inertial.search()
         if self._subscribed.issuperset(self._members):
             return
         for topic, types in self._node.get_topic_names_and_types():
