@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from denoc_ros.errors import SolverError as SolverError
     from denoc_ros.errors import StateError as StateError
     from denoc_ros.identification.fit import identify_modes as identify_modes
+    from denoc_ros.identification.model.fit import identify_model as identify_model
+    from denoc_ros.identification.model.recording import Recording as Recording
     from denoc_ros.model.suggest.suggestion import suggest_flexibility as suggest_flexibility
     from denoc_ros.replay.bag import replay_bag as replay_bag
     from denoc_ros.reports.run import report as report
@@ -37,6 +39,8 @@ _HOME = {
     'shape_motion': 'control.shape',
     'simulate': 'simulation.simulate',
     'identify_modes': 'identification.fit',
+    'identify_model': 'identification.model.fit',
+    'Recording': 'identification.model.recording',
     'suggest_flexibility': 'model.suggest.suggestion',
     'BagError': 'errors',
     'ConfigError': 'errors',

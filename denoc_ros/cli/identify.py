@@ -15,6 +15,7 @@ ACTIONS = {
     'joint': 'identify_joint',
     'forced': 'identify_forced',
     'servo': 'identify_servo',
+    'model': 'identify_model',
     'apply': 'identify_results',
     'compare': 'identify_results',
     'selftest': 'identify_selftest',

@@ -1,1 +1,1 @@
-"""Damping and frequencies from measured records: decays, spectra, joints, forced responses."""
+"""Identification from measured records: decays, spectra, joints, servos, whole models."""

@@ -102,10 +102,10 @@ def _verdict(document: Mapping[str, Any], found: str) -> Verdict:
 
 
 def _about(document: Mapping[str, Any]) -> PageSection:
-    source = {**document['source'], **document['source']['calibration']}
-    source.pop('calibration')
+    source = {**document['source'], **document['source'].get('calibration', {})}
+    source.pop('calibration', None)
     source['file'] = Path(source['file']).name
-    both = {**source, **document['window'], **document['quality']}
+    both = {**source, **document.get('window', {}), **document.get('quality', {})}
     rows = [[name.replace('_', ' '), cell_text(value)] for name, value in both.items()]
     return PageSection(
         'Record',

@@ -1,0 +1,161 @@
+"""`denoc identify model`: a robot's numbers from recorded runs, all channels at once."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from denoc_ros.cli.arguments import add_gravity
+from denoc_ros.cli.overrides import add_overrides, overrides_of
+from denoc_ros.cli.progress import Progress
+from denoc_ros.errors import BagError
+from denoc_ros.reports.text_table import text_table
+
+if TYPE_CHECKING:
+    from denoc_ros.identification.model.fit import IdentifiedModel
+    from denoc_ros.reports.pages import ReportPage
+
+Document = dict[str, Any]
+
+
+def add_actions(actions: Any) -> None:
+    """Declare the action's arguments."""
+    parser = actions.add_parser(
+        'model',
+        help='stiffness, payload, inertia, friction, gains and delays of a whole robot',
+        description='Fit numbers of the robot to measured effort, gauges and other sensors of one '
+        'run or several, by maximum likelihood. For each number: its value, a 95 %% interval, '
+        'and whether it is found, doubtful or not identifiable; and which combinations are '
+        'identifiable where single numbers are not.',
+    )
+    parser.add_argument('bags', metavar='BAG', nargs='+', type=Path, help='recorded runs')
+    parser.add_argument('--robot', metavar='URDF', required=True, help='where the search starts')
+    parser.add_argument(
+        '--free',
+        metavar='PATH',
+        nargs='+',
+        action='extend',
+        required=True,
+        help='what is free: beam.<link>.<y|z>.ei, beam.<link>.torsion.gj, '
+        'beam.<link>.<part>.damping_ratio, joint.<joint>.<stiffness|damping|friction|armature>, '
+        'payload.<link>, link.<link>.inertial, sensor.<name>.<gain|offset>, '
+        'effort.<joint>.gain, delay.effort, delay.<sensor>; * stands for any name',
+    )
+    add_gravity(parser)
+    add_overrides(parser)
+    parser.add_argument(
+        '--cutoff',
+        metavar='HZ',
+        type=float,
+        default=20.0,
+        help='above it effort is not compared; default: 20',
+    )
+    parser.add_argument(
+        '--held-out',
+        metavar='PART',
+        type=float,
+        default=0.25,
+        help='last part of each run that a first fit does not see and is judged by; default: 0.25',
+    )
+    parser.add_argument(
+        '--apply',
+        metavar='URDF',
+        type=Path,
+        help='write the robot with what was found: a new file',
+    )
+    parser.add_argument(
+        '-o', '--output', metavar='FOLDER', type=Path, help='write result.yaml and report.html'
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    parser.set_defaults(act=run_model)
+
+
+def run_model(args: argparse.Namespace) -> int:
+    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
+    from denoc_ros.cli.identify_inputs import load_named_robot
+    from denoc_ros.cli.identify_outputs import give_result
+    from denoc_ros.identification.model.fit import identify_model
+
+    if args.apply is not None and args.apply.exists():
+        raise BagError(f'{args.apply}: --apply must be a new file, got an existing one')
+    robot = load_named_robot(args.robot, args.gravity)
+    overrides = overrides_of(args.set, args.payload)
+    robot = robot.with_overrides(overrides) if overrides else robot
+    with Progress().step('identifying'):
+        found = identify_model(
+            robot, args.bags, args.free, cutoff=args.cutoff, held_out=args.held_out
+        )
+    document = model_result(args, found)
+    if args.apply is not None:
+        _apply(args, found)
+
+    def page() -> ReportPage:
+        from denoc_ros.reports.identify_model import model_page
+
+        return model_page(document, args.command)
+
+    return give_result(args, document, as_text(document), page)
+
+
+def model_result(args: argparse.Namespace, found: IdentifiedModel) -> Document:
+    """Return all that is kept of an identification of a whole model."""
+    from denoc_ros.bags.digest import file_hash
+    from denoc_ros.identification.model.result import result_of
+    from denoc_ros.identification.result import plain
+    from denoc_ros.reports.versions import versions
+
+    document = {
+        'kind': 'model',
+        'source': {
+            'file': str(args.bags[0]),
+            'sha256': file_hash(args.bags[0]),
+            'others': {str(path): file_hash(path) for path in args.bags[1:]},
+        },
+        'model': {'file': str(args.robot), 'free': args.free},
+        **result_of(found),
+        'versions': versions(),
+    }
+    return dict(plain(document))
+
+
+def as_text(document: Document) -> str:
+    """Return a result's lines for a terminal."""
+    rows = [
+        {
+            'number': one['path'],
+            'was': one['start'],
+            'is': one['value'],
+            '95 % from': one['interval'][0],
+            'to': one['interval'][1],
+            'verdict': one['verdict'],
+        }
+        for one in document['parameters']
+    ]
+    channels = [
+        {
+            'run': one['run'],
+            'channel': one['channel'],
+            'unit': one['unit'],
+            'rms before': one['rms_before'],
+            'after': one['rms_after'],
+            'held out before': one['held_out_before'],
+            'held out after': one['held_out_after'],
+        }
+        for one in document['channels']
+    ]
+    lines = [text_table(rows), '', text_table(channels)]
+    lines += [f'  {line}' for line in (*document['not_identifiable'], *document['reasons'])]
+    return '\n'.join([*lines, f'verdict: {document["verdict"]}'])
+
+
+def _apply(args: argparse.Namespace, found: IdentifiedModel) -> None:
+    """Write the robot's description with what was found."""
+    from denoc_ros.identification.model.result import applied_description
+
+    text, left = applied_description(args.robot, found)
+    args.apply.write_text(text, encoding='utf-8')
+    if not args.json:
+        print(f'{args.apply}: {args.robot} with what was found')
+        for path, value in left.items():
+            print(f'  not of a description, for --set: {path}={value}')

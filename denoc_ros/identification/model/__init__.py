@@ -1,0 +1,1 @@
+"""A whole model from recorded runs: stiffness, payload, inertia, friction, gains, delays."""

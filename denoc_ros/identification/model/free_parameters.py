@@ -1,0 +1,344 @@
+"""Which numbers of a robot are free, and the robot that they make.
+
+The search goes over coordinates without bounds, 0 where the robot is now: a number that must be
+positive is its value times exp(theta), any other its value plus a scale times theta. The ten
+numbers of a rigid body are U T(theta) of its pseudo-inertia U U^T, T upper triangular with a
+positive diagonal: every theta is a body that can exist (P. M. Wensing, S. Kim, J.-J. Slotine,
+Linear matrix inequalities for physically consistent inertial parameter identification, IEEE
+Robotics and Automation Letters 3, 2018).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError
+from denoc_ros.model.inertia import inverse_transform, moved
+from denoc_ros.model.override_values import override_values
+from denoc_ros.model.overrides import carrying_links
+from denoc_ros.model.tree import Body, RigidInertia
+from denoc_ros.types import Array
+
+WHERE = 'identify model'
+# deviation of theta before anything is measured: a factor of e^(+-1) covers what is guessed badly
+PRIOR = 0.5
+SMALL_RATIO = 0.01  # what a damping ratio that is 0 changes by
+SMALL_FRICTION = 0.02  # the same of friction, of the joint's largest torque
+LEVER = 0.1  # m, of a payload's centre of mass
+DELAY = 0.01  # s
+KINDS = ('beam.', 'joint.', 'payload.', 'link.', 'sensor.', 'effort.', 'delay.')
+SHOWN = 12  # paths in a message
+SMALLEST = 1e-6  # of a body's pseudo-inertia: point masses and flat plates get so much
+INERTIAL = (
+    'mass', 'first_moment.x', 'first_moment.y', 'first_moment.z',
+    'inertia.ixx', 'inertia.ixy', 'inertia.ixz', 'inertia.iyy', 'inertia.iyz', 'inertia.izz',
+)  # fmt: skip
+UPPER = np.triu_indices(4)
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number that may be free.
+
+    Attributes
+    ----------
+    path : str
+    value : float
+        As the robot has it.
+    scale : float
+        What it changes by per theta; of a positive one the least size that counts.
+    positive : bool
+        It is value times exp(theta).
+    """
+
+    path: str
+    value: float
+    scale: float
+    positive: bool
+
+    def at(self, theta: float) -> float:
+        """Return the number at a coordinate of the search."""
+        if self.positive:
+            return float(self.value * np.exp(theta))
+        return float(self.value + self.scale * theta)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a point of the search means.
+
+    Attributes
+    ----------
+    overrides : dict of str to number or list
+        Of the robot, by dotted path.
+    bodies : dict of str to RigidInertia
+        By name, in the body frame.
+    gains : dict of str to float
+        Of measured effort, by joint: effort = gain * torque.
+    delays : dict of str to float
+        By channel [s]: how much later than the joints it is stamped.
+    """
+
+    overrides: dict[str, float | list[float]] = field(default_factory=dict)
+    bodies: dict[str, RigidInertia] = field(default_factory=dict)
+    gains: dict[str, float] = field(default_factory=dict)
+    delays: dict[str, float] = field(default_factory=dict)
+
+
+class InertialBlock:
+    """The ten numbers of a rigid body with what is fixed to it, about its link frame's origin."""
+
+    def __init__(self, body: Body) -> None:
+        self.path = f'link.{body.name}.inertial'
+        self.name = body.name
+        self.paths = tuple(f'link.{body.name}.{number}' for number in INERTIAL)
+        self._to_body = inverse_transform(body.frame)
+        self._start = moved(body.inertia, body.frame)
+        pseudo = _pseudo_inertia(self._start)
+        size = np.trace(pseudo[:3, :3]) / pseudo[3, 3]
+        self.length = float(np.sqrt(size)) if size > 0.0 else LEVER
+        units = np.array([self.length] * 3 + [1.0])
+        floor = SMALLEST * pseudo[3, 3] * np.diag(units**2)
+        self._factor = _upper_factor(pseudo + floor)
+
+    @property
+    def scales(self) -> Array:
+        """What one unit is of each of the ten (10,)."""
+        m, length = self._start.mass, self.length
+        return m * np.array([1.0] + [length] * 3 + [length**2] * 6)
+
+    def body(self, theta: Array) -> RigidInertia:
+        """Return the body in the body frame."""
+        return moved(self._about_link(theta), self._to_body)
+
+    def numbers(self, theta: Array) -> Array:
+        """Return the ten numbers about the link frame's origin (10,)."""
+        about = self._about_link(theta)
+        return np.concatenate(
+            [[about.mass], about.first_moment, about.inertia[np.triu_indices(3)]]
+        )
+
+    def _about_link(self, theta: Array) -> RigidInertia:
+        triangle = np.zeros((4, 4))
+        triangle[UPPER] = theta
+        np.fill_diagonal(triangle, np.exp(np.diag(triangle)))
+        factor = self._factor @ triangle
+        pseudo = factor @ factor.T
+        second = pseudo[:3, :3]
+        return RigidInertia(
+            float(pseudo[3, 3]), pseudo[:3, 3], np.trace(second) * np.eye(3) - second
+        )
+
+
+def _pseudo_inertia(body: RigidInertia) -> Array:
+    """Return [[int r r^T dm, int r dm], [., m]] (4, 4) [kg m^2, kg m, kg]."""
+    pseudo = np.empty((4, 4))
+    pseudo[:3, :3] = 0.5 * np.trace(body.inertia) * np.eye(3) - body.inertia
+    pseudo[:3, 3] = pseudo[3, :3] = body.first_moment
+    pseudo[3, 3] = body.mass
+    return pseudo
+
+
+def _upper_factor(pseudo: Array) -> Array:
+    """Return the upper triangular U with U U^T = pseudo."""
+    turned = np.linalg.cholesky(pseudo[::-1, ::-1])
+    return np.ascontiguousarray(turned[::-1, ::-1])
+
+
+class FreeParameters:
+    """The free numbers of a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        Where the search starts.
+    free : sequence of str
+        Dotted paths; `*` and `?` stand for others. `beam.<link>.<y|z>.<ei|damping_ratio>`,
+        `beam.<link>.torsion.<gj|damping_ratio>`, `joint.<joint>.<damping|friction|armature>`,
+        `payload.<link>` (mass and centre of mass) or `payload.<link>.mass`,
+        `link.<link>.inertial`, `sensor.<name>.<gain|offset>`, `effort.<joint>.gain`,
+        `delay.effort` and `delay.<sensor>`.
+    efforts : dict of str to float, optional
+        The largest measured torque of each joint: the scale of what it is made of.
+
+    Raises
+    ------
+    ConfigError
+        A path that is of nothing; every finding.
+    """
+
+    def __init__(
+        self, robot: Robot, free: Sequence[str], efforts: Mapping[str, float] | None = None
+    ) -> None:
+        self.robot = robot
+        numbers = {n.path: n for n in _numbers(robot, efforts or {})}
+        blocks = {block.path: block for block in _blocks(robot)}
+        chosen = _chosen(free, [*numbers, *blocks])
+        self.numbers = [numbers[path] for path in chosen if path in numbers]
+        self.blocks = [blocks[path] for path in chosen if path in blocks]
+        self.paths = tuple(
+            [number.path for number in self.numbers]
+            + [path for block in self.blocks for path in block.paths]
+        )
+        self.size = len(self.numbers) + 10 * len(self.blocks)
+
+    @property
+    def multiplicative(self) -> NDArray[np.bool_]:
+        """Which reported numbers are factors of their start (p,)."""
+        return np.array([n.positive for n in self.numbers] + [False] * (10 * len(self.blocks)))
+
+    def values(self, theta: Array) -> Array:
+        """Return the reported numbers (p,), in the order of `paths`."""
+        count = len(self.numbers)
+        found = [number.at(t) for number, t in zip(self.numbers, theta, strict=False)]
+        for k, block in enumerate(self.blocks):
+            found.extend(block.numbers(theta[count + 10 * k :][:10]))
+        return np.array(found)
+
+    def scales(self, theta: Array) -> Array:
+        """Return what counts as the size of each reported number (p,)."""
+        sizes = [
+            max(abs(number.at(t)), number.scale) if number.positive else abs(number.scale)
+            for number, t in zip(self.numbers, theta, strict=False)
+        ]
+        return np.concatenate([sizes, *(block.scales for block in self.blocks)])
+
+    def slopes(self, theta: Array) -> Array:
+        """Return the derivatives of the reported numbers by theta (p, p)."""
+        step, found = 1e-6, np.empty((self.size, self.size))
+        for k in range(self.size):
+            change = np.zeros(self.size)
+            change[k] = step
+            found[:, k] = (self.values(theta + change) - self.values(theta - change)) / (2 * step)
+        return found
+
+    @property
+    def linear(self) -> tuple[list[int], list[str]]:
+        """Places and paths of the reported numbers in which torque is linear, of a rigid robot.
+
+        There are none where loops or mimic joints make joints follow others.
+        """
+        if len(self.robot.flexible_indices) or self.robot.constraint_names:
+            return [], []
+        found = [k for k, path in enumerate(self.paths) if path.startswith(('joint.', 'link.'))]
+        return found, [self.paths[k] for k in found]
+
+    def settings(self, theta: Array) -> Settings:
+        """Return what a point of the search means."""
+        found = Settings()
+        coms: dict[str, dict[int, float]] = {}
+        for number, t in zip(self.numbers, theta, strict=False):
+            value = number.at(t)
+            kind, _, rest = number.path.partition('.')
+            if kind == 'effort':
+                found.gains[rest.removesuffix('.gain')] = value
+            elif kind == 'delay':
+                found.delays[rest] = value
+            elif kind == 'payload' and '.com.' in rest:
+                link, _, axis = rest.rpartition('.com.')
+                coms.setdefault(link, {})['xyz'.index(axis)] = value
+            else:
+                found.overrides[number.path] = value
+        for link, parts in coms.items():
+            centre = _payload_of(self.robot, link)[1].tolist()
+            for place, value in parts.items():
+                centre[place] = value
+            found.overrides[f'payload.{link}.com'] = centre
+        for k, block in enumerate(self.blocks):
+            found.bodies[block.name] = block.body(theta[len(self.numbers) + 10 * k :][:10])
+        return found
+
+    def robot_at(self, settings: Settings) -> Robot:
+        """Return the robot of a point of the search."""
+        robot = self.robot.with_overrides(settings.overrides) if settings.overrides else self.robot
+        if not settings.bodies:
+            return robot
+        bodies = tuple(
+            replace(body, inertia=settings.bodies.get(body.name, body.inertia))
+            for body in robot.tree.bodies
+        )
+        return Robot(replace(robot.tree, bodies=bodies), robot.gravity, robot.geometric_stiffness)
+
+
+def _chosen(free: Sequence[str], known: Sequence[str]) -> list[str]:
+    """Return the known paths that the patterns match, each once, in their order."""
+    chosen: dict[str, None] = {}
+    findings = []
+    for pattern in free:
+        given = f'{pattern}.*' if pattern.startswith('payload.') else pattern
+        matched = [path for path in known if fnmatchcase(path, pattern) or path == pattern]
+        matched = matched or [path for path in known if fnmatchcase(path, given)]
+        if not matched:
+            kind = pattern.partition('.')[0]
+            alike = [path for path in known if path.startswith(f'{kind}.')]
+            shown = ', '.join(alike[:SHOWN] or KINDS) + (', ...' if len(alike) > SHOWN else '')
+            findings.append(f'--free {pattern!r} must be of one of {shown}; got none')
+        chosen.update(dict.fromkeys(matched))
+    if not free:
+        findings.append('--free must name what is free, got nothing')
+    if findings:
+        raise ConfigError(WHERE, findings)
+    return list(chosen)
+
+
+def _numbers(robot: Robot, efforts: Mapping[str, float]) -> list[Number]:
+    """Return every number of a robot that may be free."""
+    found: list[Number] = []
+    for path, value in override_values(robot.tree).items():
+        found.extend(_of_model(path, float(np.ravel(np.asarray(value))[0]), efforts))
+    for body in robot.tree.bodies:
+        if body.joint is not None:
+            found.append(Number(f'effort.{body.joint.name}.gain', 1.0, 0.0, True))
+    for link in carrying_links(robot.tree):
+        mass, centre = _payload_of(robot, link)
+        found.append(_positive(f'payload.{link}.mass', mass, 1.0))
+        found.extend(
+            Number(f'payload.{link}.com.{axis}', float(value), LEVER, False)
+            for axis, value in zip('xyz', centre, strict=True)
+        )
+    for sensor in robot.tree.sensors:
+        found.append(Number(f'delay.{sensor.name}', 0.0, DELAY, False))
+    found.append(Number('delay.effort', 0.0, DELAY, False))
+    return found
+
+
+def _of_model(path: str, value: float, efforts: Mapping[str, float]) -> list[Number]:
+    """Return the number of a path of the model; none where it is no number to be identified."""
+    kind, _, rest = path.partition('.')
+    name, _, term = rest.rpartition('.')
+    if kind == 'beam':
+        return [_positive(path, value, 0.0 if term in ('ei', 'gj') else SMALL_RATIO)]
+    if kind == 'joint' and term == 'stiffness':
+        return [Number(path, value, 0.0, True)]
+    if kind == 'joint' and (value > 0.0 or term in ('damping', 'friction', 'armature')):
+        return [_positive(path, value, SMALL_FRICTION * efforts.get(name, 1.0))]
+    if kind == 'sensor' and term == 'gain':
+        return [Number(path, value, 0.0, True)]
+    if kind == 'sensor' and term == 'offset':
+        return [Number(path, value, abs(value) or 1.0, False)]
+    return []
+
+
+def _positive(path: str, value: float, scale: float) -> Number:
+    """Return a number that must not be negative; one that is 0 starts from its scale's share."""
+    return Number(path, value if value > 0.0 else scale, scale, True)
+
+
+def _payload_of(robot: Robot, link: str) -> tuple[float, Array]:
+    """Return mass and centre of mass (3,) of the payload that the model has on a link."""
+    given = robot.tree.overrides
+    mass = float(np.ravel(np.asarray(given.get(f'payload.{link}.mass', 0.0)))[0])
+    centre = np.asarray(given.get(f'payload.{link}.com', np.zeros(3)), dtype=np.float64)
+    return mass, centre
+
+
+def _blocks(robot: Robot) -> list[InertialBlock]:
+    """Return the rigid bodies that have a mass."""
+    bodies = robot.tree.bodies
+    return [InertialBlock(b) for b in bodies if b.beam is None and b.inertia.mass > 0.0]

@@ -1,0 +1,153 @@
+"""What data tell of each parameter: covariance, what is not seen, and which combinations are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from denoc_ros.types import Array
+
+Mask = NDArray[np.bool_]
+
+UNSEEN = 0.5  # half a 95 % interval, in sizes of the parameters: a direction that data do not tell
+FOUND = 0.05  # the same of one parameter that is found
+TOUCHED = 0.05  # component along what is not seen that makes a parameter not identifiable
+SMALL = 0.08  # coefficient of a combination that is left out
+EXACT = 1e-3  # sizes: what smoothing and the motion between samples leave, beside noise
+LISTED = 12  # combinations that are written down
+
+
+@dataclass(frozen=True)
+class Information:
+    """What is known of p parameters, in sizes of theirs.
+
+    Attributes
+    ----------
+    half : (p,) array
+        Half the 95 % interval; infinite where not identifiable.
+    unseen : (p, u) array
+        Orthonormal directions that the data do not tell.
+    touched : (p,) bool array
+        Parameters in such a direction.
+    """
+
+    half: Array
+    unseen: Array
+    touched: Mask
+
+
+def information(jacobian: Array, residual: Array, blocks: NDArray[np.int64]) -> Information:
+    """Return what whitened residuals tell.
+
+    Parameters
+    ----------
+    jacobian : (m, p) array
+        Of the residuals (m,) by the parameters, in sizes of theirs.
+    residual : (m,) array
+    blocks : (m,) int array
+        Which stretch of time a row is of: rows of one stretch may hang together as they like.
+
+    Notes
+    -----
+    The covariance is H^-1 M H^-1 with H = J^T J and M the sum over stretches of g g^T, g = J_b^T
+    r_b: right whatever the residuals' colour (K.-Y. Liang, S. L. Zeger, Biometrika 73, 1986).
+    """
+    p = jacobian.shape[1]
+    labels, place = np.unique(blocks, return_inverse=True)
+    count = len(labels)
+    scores = np.zeros((count, p))
+    np.add.at(scores, place, jacobian * residual[:, None])
+    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
+    along = scores @ vectors
+    freedom = max(count - p, 5)
+    meat = np.sum(along**2, axis=0) * count / max(count - 1, 1)
+    # colour can only take information away: never less than white residuals would leave
+    meat = np.maximum(meat, values * np.mean(residual**2))
+    quantile = float(student.ppf(0.975, freedom))
+    with np.errstate(divide='ignore', invalid='ignore'):
+        width = quantile * np.sqrt(meat) / values
+    seen = (values > 1e-12 * max(values.max(initial=0.0), 1e-300)) & (width < UNSEEN)
+    inverse = vectors[:, seen] / values[seen]
+    spread = scores @ inverse @ vectors[:, seen].T
+    white = np.sum(inverse * vectors[:, seen], axis=1) * np.mean(residual**2)
+    variance = np.maximum(np.sum(spread**2, axis=0) * count / max(count - 1, 1), white)
+    half = np.hypot(quantile * np.sqrt(variance), EXACT)
+    unseen = vectors[:, ~seen]
+    touched = np.linalg.norm(unseen, axis=1) > TOUCHED
+    half[touched] = np.inf
+    return Information(half, unseen, touched)
+
+
+def verdict_of(half: float) -> str:
+    """Return found, doubtful or not identifiable by half an interval in sizes."""
+    if half <= FOUND:
+        return 'found'
+    return 'doubtful' if half <= UNSEEN else 'not identifiable'
+
+
+def combinations(info: Information, names: Sequence[str], factors: Mask) -> list[str]:
+    """Return what the data tell of parameters that they do not tell one by one.
+
+    Parameters
+    ----------
+    info : Information
+    names : sequence of str
+    factors : (p,) bool array
+        Parameters whose logarithms are combined: products; the others' sums.
+
+    Returns
+    -------
+    list of str
+        Such as `beam.a.y.ei / beam.b.y.ei`, and names that nothing is seen of at all.
+    """
+    places = [k for k, touched in enumerate(info.touched) if touched]
+    if not places:
+        return []
+    blind = [names[i] for i in places if np.linalg.norm(info.unseen[i]) > 1.0 - TOUCHED**2]
+    mixed = [i for i in places if names[i] not in blind]
+    found = [f'nothing is seen of {", ".join(blind)}'] if blind else []
+    for row in _seen_rows(info.unseen[mixed]):
+        members = [(row[k], names[i], bool(factors[i])) for k, i in enumerate(mixed)]
+        members = [member for member in members if abs(member[0]) > SMALL]
+        if len(members) > 1:
+            found.append(f'only {_text(members)} is seen')
+    return found[:LISTED]
+
+
+def _seen_rows(unseen: Array) -> Array:
+    """Return rows that span what is orthogonal to the unseen directions, reduced to echelon."""
+    left, sizes, _ = np.linalg.svd(unseen, full_matrices=True)
+    rows: Array = left[:, int(np.sum(sizes > TOUCHED)) :].T.copy()
+    pivot = 0
+    for column in range(rows.shape[1]):
+        if pivot == len(rows):
+            break
+        best = pivot + int(np.argmax(np.abs(rows[pivot:, column])))
+        if abs(rows[best, column]) < TOUCHED:
+            continue
+        rows[[pivot, best]] = rows[[best, pivot]]
+        rows[pivot] /= rows[pivot, column]
+        others = np.arange(len(rows)) != pivot
+        rows[others] -= np.outer(rows[others, column], rows[pivot])
+        pivot += 1
+    return rows
+
+
+def _text(members: Sequence[tuple[float, str, bool]]) -> str:
+    if not all(factor for _, _, factor in members):
+        terms = [
+            f'{"-" if weight < 0.0 else "+"} {abs(weight):.2g} {name}'
+            for weight, name, _ in members
+        ]
+        return ' '.join(terms).removeprefix('+ ')
+    above = [_power(weight, name) for weight, name, _ in members if weight > 0.0]
+    below = [_power(-weight, name) for weight, name, _ in members if weight < 0.0]
+    return ' / '.join([' * '.join(above) or '1', *below])
+
+
+def _power(weight: float, name: str) -> str:
+    return name if abs(weight - 1.0) < SMALL else f'{name}^{weight:.2g}'

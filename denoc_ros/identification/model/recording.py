@@ -1,0 +1,131 @@
+"""What was measured in one run: joints, effort, sensors, all by the clock of the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from denoc_ros.bags.reader import Stamp, bag_topics
+from denoc_ros.bags.readings import read_stamped_readings, resolved
+from denoc_ros.bags.series import read_joint_states
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import IdentificationError
+from denoc_ros.types import Array
+
+FEWEST = 50  # joint states of a recording
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One run.
+
+    Parameters
+    ----------
+    t : (k,) array
+        Stamps of the joint states [s], rising.
+    joints : tuple of str
+    position : (k, joints) array
+        [rad, m], finite.
+    effort : (k, joints) array
+        [N m, N]; NaN where a joint's was not measured.
+    velocity : (k, joints) array, optional
+        [rad/s, m/s]
+    sensors : dict of str to ((m,) array, (m,) array), optional
+        By the sensor's name: stamps on the same clock [s] and raw readings.
+    name : str
+        What messages call it.
+
+    Raises
+    ------
+    IdentificationError
+        Shapes differ, stamps do not rise, positions are not finite, or there are too few.
+    """
+
+    t: Array
+    joints: tuple[str, ...]
+    position: Array
+    effort: Array
+    velocity: Array | None = None
+    sensors: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
+    name: str = 'recording'
+
+    def __post_init__(self) -> None:
+        k = len(self.t)
+        if k < FEWEST:
+            raise IdentificationError(
+                f'{self.name}: must have at least {FEWEST} joint states, got {k}'
+            )
+        for what in ('position', 'effort', 'velocity'):
+            values = getattr(self, what)
+            if values is not None and np.shape(values) != (k, len(self.joints)):
+                raise IdentificationError(
+                    f'{self.name}: {what} must have shape {(k, len(self.joints))}, '
+                    f'got {np.shape(values)}'
+                )
+        if not (np.diff(self.t) > 0.0).all():
+            raise IdentificationError(f'{self.name}: stamps must rise, got some that do not')
+        if not np.isfinite(self.position).all():
+            raise IdentificationError(
+                f'{self.name}: positions must be finite, got some that are not'
+            )
+
+
+def read_recording(
+    path: str | Path, robot: Robot, topic: str = '/joint_states', stamp: Stamp = 'header'
+) -> Recording:
+    """Return what a bag has of a robot's joints and sensors.
+
+    Parameters
+    ----------
+    path : str or Path
+    robot : Robot
+        Its joints, and the topics of its sensors.
+    topic : str
+        Joint states.
+    stamp : {'header', 'log'}
+        As of `read_bag`.
+
+    Raises
+    ------
+    BagError, IdentificationError
+        The bag cannot be read, or has too little.
+    """
+    series = read_joint_states(path, topic, None, stamp)
+    known = [name for name in series.names if name in robot.joint_names]
+    if not known:
+        raise IdentificationError(
+            f'{path}: {topic} must have joints of the robot ({", ".join(robot.joint_names)}), '
+            f'got {", ".join(series.names) or "none"}'
+        )
+    columns = [series.names.index(name) for name in known]
+    position = series.position[:, columns]
+    rises = np.concatenate([[True], np.diff(np.maximum.accumulate(series.stamp_ns)) > 0])
+    whole = np.isfinite(position).all(axis=1) & rises
+    origin = series.stamp_ns[0] if len(series.stamp_ns) else 0
+    velocity = series.velocity[whole][:, columns]
+    return Recording(
+        1e-9 * (series.stamp_ns[whole] - origin).astype(np.float64),
+        tuple(known),
+        position[whole],
+        series.effort[whole][:, columns],
+        velocity if np.isfinite(velocity).all() else None,
+        _sensors(path, robot, int(origin)),
+        Path(path).name,
+    )
+
+
+def _sensors(path: str | Path, robot: Robot, origin_ns: int) -> dict[str, tuple[Array, Array]]:
+    """Return stamps [s] and readings of the sensors whose topics are in the bag."""
+    found = {}
+    topics = bag_topics(path)
+    for sensor in robot.tree.sensors:
+        if not sensor.topic or resolved(sensor.topic, topics) not in topics:
+            continue
+        stamp_ns, raw = read_stamped_readings(path, sensor.topic, sensor.name, sensor.field)
+        whole = np.isfinite(raw)
+        t = 1e-9 * (stamp_ns[whole] - origin_ns).astype(np.float64)
+        found[sensor.name] = (np.asarray(t, dtype=np.float64), raw[whole])
+    return found

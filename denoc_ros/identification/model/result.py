@@ -1,0 +1,141 @@
+"""An identified model as plain values, and the description that has it."""
+
+from __future__ import annotations
+
+import math
+import os
+from typing import Any
+
+import numpy as np
+from lxml import etree
+
+from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.model.fit import IdentifiedModel
+from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE, worst
+from denoc_ros.model.inertia import difference, from_centre, moved, total
+from denoc_ros.model.overrides import edited_description
+from denoc_ros.model.poses import number_text, rotation_rpy
+from denoc_ros.model.source import parse_xml, written
+from denoc_ros.model.tree import RigidInertia
+from denoc_ros.model.urdf import tree_of
+
+Document = dict[str, Any]
+WORDS = {'found': GOOD, 'doubtful': DOUBTFUL, 'not identifiable': NOT_IDENTIFIABLE}
+
+
+def result_of(found: IdentifiedModel) -> Document:
+    """Return what is kept of a model: numbers without an end are None."""
+    return {
+        'method': 'output error, maximum likelihood over all channels',
+        'parameters': [
+            {
+                'path': path,
+                'start': found.start[path],
+                'value': value,
+                'interval': [_finite(end) for end in found.interval[path]],
+                'verdict': found.verdict[path],
+            }
+            for path, value in found.values.items()
+        ],
+        'not_identifiable': found.combinations,
+        'channels': [
+            {
+                'run': one.run,
+                'channel': one.name,
+                'unit': one.unit,
+                'samples': one.samples,
+                'rms_before': one.before,
+                'rms_after': one.after,
+                'held_out_before': _finite(one.held_out_before),
+                'held_out_after': _finite(one.held_out_after),
+            }
+            for one in found.channels
+        ],
+        'verdict': worst(tuple(WORDS[word] for word in found.verdict.values())),
+        'reasons': list(found.reasons),
+        'seconds': found.seconds,
+        'evaluations': found.evaluations,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def applied_description(
+    source: str | os.PathLike[str], found: IdentifiedModel
+) -> tuple[str, dict[str, float | list[float]]]:
+    """Return a description with what was found, and the overrides that it has no place for.
+
+    Parameters
+    ----------
+    source : str or path
+        A file's path or XML text.
+    found : IdentifiedModel
+        Of that robot. Numbers that are not identifiable stay as they are in the file; the ten of
+        a rigid body go in together, as far as the data tell them.
+    """
+    of_file = {p: v for p, v in found.overrides.items() if not p.startswith('payload.')}
+    left = {p: v for p, v in found.overrides.items() if p.startswith('payload.')}
+    text = edited_description(source, of_file)
+    bodies = {path.split('.')[1] for path in found.values if path.startswith('link.')}
+    return (_with_bodies(text, found, bodies) if bodies else text), left
+
+
+def _with_bodies(text: str, found: IdentifiedModel, bodies: set[str]) -> str:
+    """Return a description whose links have the identified bodies, what is fixed to them held."""
+    root = parse_xml('description', text, whole=True)
+    before = {body.name: body for body in tree_of(parse_xml('d', text), 'd', text).bodies}
+    for after in found.robot.tree.bodies:
+        if after.name not in bodies:
+            continue
+        change = moved(difference(after.inertia, before[after.name].inertia), after.frame)
+        link = next(each for each in root.iterfind('link') if each.get('name') == after.name)
+        _write_inertial(link, total(_inertial(link), change))
+    edited = written(root, text)
+    tree_of(parse_xml('identified', edited), 'identified', edited)
+    return edited
+
+
+def _inertial(link: Any) -> RigidInertia:
+    """Return what a link's <inertial> says, about the link frame's origin."""
+    element = link.find('inertial')
+    if element is None:
+        return RigidInertia()
+    origin, given = element.find('origin'), element.find('inertia')
+    numbers = {k: float(given.get(k, 0.0)) for k in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')}
+    xx, xy, xz, yy, yz, zz = numbers.values()
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    mass = float(element.find('mass').get('value'))
+    placement = np.eye(4)
+    if origin is not None:
+        placement[:3, :3] = rotation_rpy(_three(origin.get('rpy')))
+        placement[:3, 3] = _three(origin.get('xyz'))
+    return moved(from_centre(mass, np.zeros(3), inertia), placement)
+
+
+def _three(text: str | None) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.array([float(part) for part in (text or '0 0 0').split()])
+
+
+def _write_inertial(link: Any, body: RigidInertia) -> None:
+    """Replace a link's <inertial>: axes of the link frame, about the centre of mass."""
+    if body.mass <= 0.0:
+        raise IdentificationError(
+            f'link {link.get("name")!r}: identified mass without what is fixed to it must be '
+            f'> 0 kg, got {body.mass:.4g}'
+        )
+    centre = body.first_moment / body.mass
+    shift = float(centre @ centre) * np.eye(3) - np.outer(centre, centre)
+    inertia = body.inertia - body.mass * shift
+    element = link.find('inertial')
+    if element is None:
+        element = etree.SubElement(link, 'inertial')
+    for child in list(element):
+        element.remove(child)
+    xyz = ' '.join(number_text(value) for value in centre)
+    etree.SubElement(element, 'origin', xyz=xyz, rpy='0 0 0')
+    etree.SubElement(element, 'mass', value=number_text(body.mass))
+    names = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+    values = inertia[np.triu_indices(3)]
+    etree.SubElement(element, 'inertia', dict(zip(names, map(number_text, values), strict=True)))

@@ -1,0 +1,159 @@
+"""The whole model from recordings whose truth is known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from identification_runs import recorded, sweeping
+
+import denoc_ros as dn
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.identification.model.fit import IdentifiedModel
+from denoc_ros.identification.model.free_parameters import INERTIAL, FreeParameters
+
+ROBOTS = Path(__file__).resolve().parents[3] / 'config' / 'robots'
+
+
+@pytest.fixture(scope='module')
+def arm() -> Robot:
+    robot = dn.load_robot(ROBOTS / 'canadarm_gauges.urdf', gravity=(0, 0, 0))
+    return robot.with_overrides({'payload.tool.mass': 100.0})
+
+
+@pytest.fixture(scope='module')
+def found(arm: Robot) -> IdentifiedModel:
+    """Return what is found of an arm that is not as its model says."""
+    true = arm.with_overrides(TRUTH)
+    run = recorded(true, sweeping(3, 1), 6.0)
+    return dn.identify_model(arm, run, ['beam.*.ei', 'payload.tool.mass', 'sensor.*root.gain'])
+
+
+TRUTH = {
+    'beam.link_1.y.ei': 1.3e5,
+    'beam.link_2.y.ei': 1.4e5,
+    'payload.tool.mass': 125.0,
+    'sensor.link_1_y_root.gain': 0.9,
+    'sensor.link_2_y_root.gain': 1.15,
+}
+
+
+@pytest.mark.parametrize('path', TRUTH)
+def test_what_is_found_is_the_truth(found: IdentifiedModel, path: str) -> None:
+    assert found.verdict[path] == 'found'
+    # noise of 0.2 % and the motion between samples leave some 0.1 %
+    assert found.values[path] == pytest.approx(TRUTH[path], rel=5e-3)
+    low, high = found.interval[path]
+    assert low < found.values[path] < high
+    assert high - low < 0.02 * TRUTH[path]
+
+
+def test_held_out_part_is_explained_and_the_robot_has_the_numbers(found: IdentifiedModel) -> None:
+    assert not found.combinations
+    assert not found.reasons
+    for channel in found.channels:
+        assert channel.held_out_after < 0.2 * channel.held_out_before, channel
+    assert found.robot.tree.bodies[0].beam is not None
+    assert found.robot.tree.bodies[0].beam.y is not None
+    assert found.robot.tree.bodies[0].beam.y.stiffness == found.values['beam.link_1.y.ei']
+
+
+def test_what_nothing_shows_is_never_found(arm: Robot) -> None:
+    # gauges alone, joints that move as they were told: friction shows nowhere
+    true = arm.with_overrides({'beam.link_1.y.ei': 1.2e5})
+    run = recorded(true, sweeping(3, 2), 3.0)
+    blind = np.full_like(run.effort, np.nan)
+    gauges = {'link_2_y_middle': run.sensors['link_2_y_middle']}
+    seen = dn.Recording(run.t, run.joints, run.position, blind, run.velocity, gauges, 'gauge')
+    free = ['sensor.link_2_y_middle.gain', 'beam.link_2.y.ei', 'joint.joint_1.friction']
+    found = dn.identify_model(arm, seen, free, held_out=0.0)
+    assert found.verdict['joint.joint_1.friction'] == 'not identifiable'
+    assert found.interval['joint.joint_1.friction'] == (0.0, np.inf)
+    assert 'nothing is seen of joint.joint_1.friction' in found.combinations
+
+
+def test_only_ratios_of_a_body_and_a_gain_of_its_torque_are_seen() -> None:
+    pendulum = dn.load_robot(ROBOTS / 'rigid_pendulum.urdf')
+    run = recorded(pendulum, sweeping(pendulum.n, 3), 4.0)
+    link = pendulum.tree.bodies[0].name
+    joint = pendulum.joint_names[0]
+    free = [f'link.{link}.inertial', f'effort.{joint}.gain', 'joint.*.damping', 'joint.*.friction']
+    found = dn.identify_model(pendulum, run, free)
+    assert found.verdict[f'link.{link}.mass'] == 'not identifiable'
+    assert found.verdict[f'effort.{joint}.gain'] == 'not identifiable'
+    assert any(f'effort.{joint}.gain' in line for line in found.combinations)
+
+
+def test_torque_of_a_rigid_arm_is_predicted_by_its_identified_bodies() -> None:
+    arm = dn.load_robot(ROBOTS / 'puma.urdf')
+    free = ['link.*.inertial', 'joint.*.friction']
+    parameters = FreeParameters(arm, free)
+    theta = np.random.default_rng(4).normal(0.0, 0.2, parameters.size)
+    true = parameters.robot_at(parameters.settings(theta))
+    run = recorded(true, sweeping(arm.n, 5), 5.0)
+    found = dn.identify_model(arm, run, free)
+    other = recorded(true, sweeping(arm.n, 6), 4.0, noise=0.0)
+    states = np.zeros((3, len(other.t), arm.n))
+    states[0], states[1] = other.position, other.velocity
+    states[2] = np.random.default_rng(7).normal(0.0, 1.0, states[2].shape)
+    wanted = true.inverse_dynamics(*states)
+    error = np.abs(found.robot.inverse_dynamics(*states) - wanted).max(axis=0)
+    before = np.abs(arm.inverse_dynamics(*states) - wanted).max(axis=0)
+    assert (error < 0.15 * before).all()
+    # every body of the search can exist
+    for name in {path.split('.')[1] for path in found.values if path.startswith('link.')}:
+        ten = np.array([found.values[f'link.{name}.{each}'] for each in INERTIAL])
+        assert ten[0] > 0.0
+
+
+def test_numbers_that_torque_is_linear_in_have_the_slopes_of_differences() -> None:
+    arm = dn.load_robot(ROBOTS / 'puma.urdf')
+    parameters = FreeParameters(arm, ['link.*.inertial'])
+    theta = np.random.default_rng(8).normal(0.0, 0.3, parameters.size)
+    places, paths = parameters.linear
+    robot = parameters.robot_at(parameters.settings(theta))
+    states = np.random.default_rng(9).normal(0.0, 1.0, (3, arm.n))
+    q, qd, qdd = states
+    slopes = robot.torque_regressor(q, qd, qdd, paths) @ parameters.slopes(theta)[places]
+    step = 1e-5
+    for k in range(0, parameters.size, 7):
+        change = np.zeros(parameters.size)
+        change[k] = step
+        sides = [
+            parameters.robot_at(parameters.settings(theta + side * change)).inverse_dynamics(
+                q, qd, qdd
+            )
+            for side in (1.0, -1.0)
+        ]
+        difference = (sides[0] - sides[1]) / (2.0 * step)
+        np.testing.assert_allclose(slopes[:, k], difference, atol=1e-7 * np.abs(slopes).max())
+
+
+@pytest.mark.parametrize(
+    ('free', 'says'),
+    [
+        (['beam.nowhere.y.ei'], "--free 'beam.nowhere.y.ei' must be of one of"),
+        ([], '--free must name what is free, got nothing'),
+    ],
+)
+def test_paths_of_nothing_are_refused(arm: Robot, free: list[str], says: str) -> None:
+    run = recorded(arm, sweeping(3, 1), 0.5)
+    with pytest.raises(dn.ConfigError, match=says.replace('(', r'\(')):
+        dn.identify_model(arm, run, free)
+
+
+def test_recordings_that_cannot_be_are_refused(arm: Robot) -> None:
+    t, zero = np.arange(60.0), np.zeros((60, 3))
+    joints = tuple(arm.joint_names)
+    with pytest.raises(dn.IdentificationError, match='stamps must rise'):
+        dn.Recording(t[::-1].copy(), joints, zero, zero)
+    with pytest.raises(dn.IdentificationError, match='at least 50 joint states, got 10'):
+        dn.Recording(t[:10], joints, zero[:10], zero[:10])
+    with pytest.raises(dn.IdentificationError, match='effort must have shape'):
+        dn.Recording(t, joints, zero, zero[:, :2])
+    with pytest.raises(dn.IdentificationError, match='positions must be finite'):
+        dn.Recording(t, joints, zero + np.nan, zero)
+    silent = dn.Recording(t, joints, zero, zero + np.nan)
+    with pytest.raises(dn.IdentificationError, match='measured effort or sensors'):
+        dn.identify_model(arm, silent, ['beam.*.ei'])
