@@ -23,6 +23,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import LATCHED, STATE
+from denoc_ros.nodes.base_output import BaseOutput
 from denoc_ros.nodes.inertial_outputs import InertialOutputs
 from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.process import leave, run
@@ -164,6 +165,8 @@ class PlantNode(RobotNode):
             self.create_publisher(JointState, topic, STATE)
             for topic in ('joint_states', '~/true_deflection', '~/true_modal_state')
         )
+        floats = len(robot.base_indices) > 0
+        self._base_out = BaseOutput(self, robot) if floats else None
         self._generator = np.random.default_rng(settings.integer('seed'))
         self._noise = np.zeros(len(robot.joint_names))
         self._deviations = tuple(
@@ -190,6 +193,8 @@ class PlantNode(RobotNode):
         """Take the publishers down; the next configure makes them for its robot."""
         for publisher in (self._state_out, self._deflection_out, self._modal_out):
             self.destroy_publisher(publisher)
+        if self._base_out is not None:
+            self._base_out.close(self)
         self.sensors.close(self)
         self.inertial_sensors.close(self)
 
@@ -257,6 +262,7 @@ class PlantNode(RobotNode):
 
     def _step(self, braked: bool) -> None:
         """Take one step; the accelerations are the mean over it."""
+        self._base.wrap(self.q, self.qd)
         before = self._acceleration
         before[:] = self.qd
         if braked:
@@ -290,16 +296,16 @@ class PlantNode(RobotNode):
             effort += self._kd * (self._wanted_rate - self.qd[self._index])
         if controlled and (np.abs(effort) <= self._limit).all():
             self._feedback_stepper.free(self.q, self.qd, tau)
-            self._base.wrap(self.q, self.qd)
             return
         np.minimum(effort, self._limit, out=effort)
         np.maximum(effort, -self._limit, out=effort)
         tau[self._index] = effort
         self.stepper.free(self.q, self.qd, tau)
-        self._base.wrap(self.q, self.qd)
 
     def _publish(self, stamp_ns: int) -> None:
         q, qd, state = self.q, self.qd, self._state_message
+        if self._base_out is not None:
+            self._base_out.send(stamp_ns, self.robot, q, qd)
         self._measured.positions(q, state.position)
         self._measured.positions(qd, state.velocity)
         state.effort[:] = 0.0

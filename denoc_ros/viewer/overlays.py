@@ -223,7 +223,7 @@ def reactions_of(robot: Robot, moment: Snapshot) -> Reactions | None:
         else:
             qdd, multipliers = np.zeros(robot.n), np.zeros(0)
             held = np.zeros(len(robot.joint_names))
-            qdd[robot.flexible_indices] = robot.hybrid_dynamics(q, qd, held)[1]
+            qdd[robot.free_indices] = robot.hybrid_dynamics(q, qd, held)[1]
         return reactions(robot, q, qd, qdd, multipliers)
     except DenocError:
         return None

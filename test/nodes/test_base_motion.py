@@ -16,6 +16,7 @@ from node_robots import GRAVITY, JOINTS, two_links
 from sensor_msgs.msg import Imu, JointState
 
 from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.nodes.plant import PlantNode
 from denoc_ros.nodes.predictor import PredictorNode
 
 pytestmark = pytest.mark.ros
@@ -190,3 +191,31 @@ def test_a_free_floating_base_falls_and_asks_for_no_torque(
     bench.follow(*_hold([0.3, -0.5]))
     bench.until(lambda: bench.cause == 'following')
     bench.until(lambda: bool(np.abs(bench.commands[-1].data).max() < 1e-6))
+
+
+def test_a_plant_afloat_says_how_its_base_moves(graph: Any, adrift: str) -> None:
+    """Arm braked, all falls: as a sensor on the base has it, and a predictor that uses it."""
+    found = graph.collect(Odometry, '/base_motion')
+    predicted = graph.collect(JointState, 'predictor/modal_state')
+    graph.add(
+        PredictorNode, urdf_path=adrift, gravity=GRAVITY, update_rate=100.0,
+        joint_state_timeout=1.0, base_motion='odometry', base_motion_timeout=1.0,
+    )  # fmt: skip
+    plant = graph.add(PlantNode, urdf_path=adrift, gravity=GRAVITY, update_rate=100.0)
+    graph.until(lambda: len(found) > 60 and len(predicted) > 20)
+    robot = plant.robot
+    assert (found[0].header.frame_id, found[0].child_frame_id) == ('world_', 'base')
+    heights = np.array([m.pose.pose.position.y for m in found])
+    speeds = np.array([m.twist.twist.linear.y for m in found])
+    # free fall, whatever steps a busy machine leaves out: v^2 = 2 g h
+    assert heights[-1] < heights[0] - 0.05
+    gained = speeds**2 - speeds[0] ** 2
+    np.testing.assert_allclose(gained, 2.0 * GRAVITY[1] * (heights - heights[0]), atol=0.02)
+    # what falls has no weight: the links stay straight, and the predictor says so
+    # (at one time at least: steps left out look like blows to what differentiates velocities)
+    names = list(predicted[-1].name)
+    bends = [k for k, name in enumerate(names) if '/' in name]
+    straight = min(np.abs(np.array(m.position)[bends]).max() for m in predicted)
+    carried = load_robot(two_links(), gravity=GRAVITY).static_deflection([0.0, 0.0])
+    assert straight < 0.1 * np.abs(carried).max()
+    assert robot.joint_names == tuple(JOINTS)
