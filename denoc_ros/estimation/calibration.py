@@ -100,8 +100,8 @@ def calibrate(raw: ArrayLike, reference: ArrayLike, deviation: float = math.nan)
 
     Notes
     -----
-    References are exact and readings are not, so the line is that of the readings,
-    raw = a reference + b by least squares, turned over: gain = 1/a, offset = -b/a; their errors
+    References are exact and readings are not, so raw is regressed on the reference,
+    raw = a reference + b by least squares, inverted: gain = 1/a, offset = -b/a; their errors
     to first order from those of a and b.
     """
     reference = as_vector('reference', reference, np.shape(reference))
