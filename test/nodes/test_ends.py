@@ -45,11 +45,11 @@ print(status, *sorted(name for name in names if name.startswith('dds')))
 process.leave(status)
 """
 
-LEFT_BY_DRIVER = """
+LEFT_BY_CLIENT = """
 from pathlib import Path
-from denoc_ros.nodes.session_client import Driver
+from denoc_ros.nodes.session_client import SessionClient
 
-with Driver('<robot/>'):
+with SessionClient('<robot/>'):
     pass
 names = []
 for task in Path('/proc/self/task').iterdir():
@@ -67,19 +67,19 @@ from pathlib import Path
 from types import SimpleNamespace
 from denoc_ros.cli import up
 from denoc_ros.cli.interrupts import Interrupts
-from denoc_ros.nodes import session_client as driver
+from denoc_ros.nodes import session_client
 
-join = driver.Driver._join
+join = session_client.SessionClient._join
 def joined(*given):
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
         os.kill(os.getpid(), number)
     join(*given)
-driver.Driver._join = joined
+session_client.SessionClient._join = joined
 nothing = SimpleNamespace(
     check=lambda: None, trajectory=None, robot=Path(os.devnull), without=("shaper",)
 )
 try:
-    with Interrupts() as interrupts, up._driver(nothing, nothing, nothing, interrupts):
+    with Interrupts() as interrupts, up._client(nothing, nothing, nothing, interrupts):
         print('went on')
 except KeyboardInterrupt:
     print('interrupted')
@@ -106,7 +106,7 @@ def test_a_node_leaves_no_thread_of_the_middleware(ros_domain: int, urdf: str) -
     assert done.stdout.splitlines()[-1] == '0 dds.shm.wdog', done.stderr
 
 
-@pytest.mark.parametrize(('code', 'said'), [(LEFT_BY_DRIVER, []), (INTERRUPTED, ['interrupted'])])
+@pytest.mark.parametrize(('code', 'said'), [(LEFT_BY_CLIENT, []), (INTERRUPTED, ['interrupted'])])
 def test_a_session_leaves_no_thread_of_the_middleware(
     ros_domain: int, code: str, said: list[str]
 ) -> None:

@@ -64,9 +64,9 @@ def test_what_is_off_changes_nothing_and_what_cannot_be_is_refused() -> None:
 
 
 PROBE = """
-from denoc_ros.runtime.realtime import lock_memory, settle_garbage
+from denoc_ros.runtime.realtime import lock_memory, freeze_gc
 print(lock_memory(True)['lock_memory'])
-print(settle_garbage()['garbage'])
+print(freeze_gc()['garbage'])
 print(open('/proc/self/status').read())
 """
 
