@@ -73,6 +73,40 @@ def read_stamped_readings(
     return np.array(stamps, dtype=np.int64), np.array(raw, dtype=np.float64)
 
 
+def read_inertial(path: str | Path, topic: str) -> tuple[NDArray[np.int64], Array]:
+    """Return stamps [ns] and values of an IMU (k, 6), or of an accelerometer (k, 3).
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag that `read_bag` reads.
+    topic : str
+        Of sensor_msgs/Imu: angular rate and specific force; or of geometry_msgs/AccelStamped: its
+        linear part. A relative one is that of the robot's namespace.
+
+    Raises
+    ------
+    BagError
+        As `read_bag`; also for a topic of another type.
+    """
+    stamps, values = [], []
+    topic = resolved(topic, bag_topics(path))
+    for item in read_bag(path, [topic]):
+        message = item.message
+        if item.type == 'sensor_msgs/msg/Imu':
+            parts = [message.angular_velocity, message.linear_acceleration]
+        elif item.type == 'geometry_msgs/msg/AccelStamped':
+            parts = [message.accel.linear]
+        else:
+            raise BagError(
+                f'{path}: topic {topic} must be sensor_msgs/msg/Imu or '
+                f'geometry_msgs/msg/AccelStamped, got {item.type}'
+            )
+        stamps.append(item.stamp_ns)
+        values.append([number for part in parts for number in (part.x, part.y, part.z)])
+    return np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64)
+
+
 def resolved(topic: str, topics: Iterable[str]) -> str:
     """Return the absolute name of a topic: in the root, else where only one namespace has it."""
     if topic.startswith('/'):

@@ -6,10 +6,13 @@ import argparse
 import csv
 import json
 import math
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from denoc_ros.cli.arguments import add_gravity
+from denoc_ros.cli.calibrate_mounting import run_mounting
+from denoc_ros.cli.written_description import write_description
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -26,8 +29,9 @@ def add_parser(subparsers: Any) -> None:
         'calibrate',
         help="fit a sensor's gain and offset to readings at known references",
         description=(
-            'Fit value = gain raw + offset to a table, or to the plateaus of a bag. Exit '
-            'status 2: the line is doubtful; 3: the readings determine no line.'
+            'Fit value = gain raw + offset to a table, or to the plateaus of a bag; of an IMU or '
+            'accelerometer the mounting and the biases to a bag with joint states. Exit status 2: '
+            'the result is doubtful; 3: the readings do not determine it.'
         ),
     )
     parser.add_argument('readings', help='a CSV table (columns reference, raw), or a bag')
@@ -49,6 +53,7 @@ def add_parser(subparsers: Any) -> None:
         metavar='X',
         help='references of the plateaus of a bag, in order',
     )
+    add_gravity(parser)
     parser.add_argument(
         '--hold', type=float, default=1.0, metavar='S', help='shortest plateau [s], default 1'
     )
@@ -69,7 +74,9 @@ def run(args: argparse.Namespace) -> int:
     from denoc_ros.estimation.calibration import calibrate, sensor_values
 
     file = find_file(Path(args.robot), Path()) or Path(args.robot)
-    robot = load_robot(file)
+    robot = load_robot(file, gravity=tuple(args.gravity))
+    if args.sensor in {sensor.name for sensor in robot.tree.inertial_sensors}:
+        return run_mounting(args, file, robot)
     # an unknown sensor is better known of before a long bag is read
     sensor_values(robot, args.sensor, [], args.reference)
     try:
@@ -166,24 +173,11 @@ def _number(cells: list[str], column: int) -> float:
 
 def _write(args: argparse.Namespace, file: Path, found: Calibration) -> str:
     """Write the calibrated description to the chosen file; return its path, '' without one."""
-    from denoc_ros.errors import ConfigError
     from denoc_ros.estimation.calibration import calibration_paths
     from denoc_ros.model.overrides import edited_description
 
-    target = file if args.write else args.output
-    if target is None:
-        return ''
-    if args.write and args.output is not None:
-        raise ConfigError('--write', ['only one of --write and --output must be given, got both'])
-    text = edited_description(file, calibration_paths(args.sensor, found))
-    if args.write:
-        beside = file.with_name(file.name + '.new')
-        beside.write_text(text, encoding='utf-8')
-        os.replace(beside, file)
-    else:
-        with target.open('x', encoding='utf-8') as stream:
-            stream.write(text)
-    return str(target)
+    paths = calibration_paths(args.sensor, found)
+    return write_description(args, file, lambda: edited_description(file, paths))
 
 
 def _show(args: argparse.Namespace, found: Calibration, written: str) -> None:
