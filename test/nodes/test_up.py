@@ -172,5 +172,5 @@ def test_a_node_that_is_stuck_stops_the_rest_and_is_named(tmp_path: Path) -> Non
     # by now it has been asked to end, which it can only do awake
     os.kill(plant, signal.SIGCONT)
     status, _, err = finish(process)
-    assert (status, 'plant: node must speak on /diagnostics' in err) == (1, True), err
+    assert (status, 'plant: node must report on /diagnostics' in err) == (1, True), err
     assert nodes_below(run) == []
