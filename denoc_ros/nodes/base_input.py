@@ -66,12 +66,12 @@ class BaseInput:
 
     def trouble(self, now: float) -> str:
         """Return why the base's motion is not known, '' if it is or is not listened to."""
-        for monitor, topic in (
-            (self._monitor, 'base_motion'),
-            (self._beside, 'base_acceleration'),
+        for monitor, stale, missing in (
+            (self._monitor, 'stale base_motion', 'no base_motion yet'),
+            (self._beside, 'stale base_acceleration', 'no base_acceleration yet'),
         ):
             if monitor is not None and not monitor.age(now) <= self._timeout:
-                return f'stale {topic}' if monitor.received else f'no {topic} yet'
+                return stale if monitor.received else missing
         return 'no base_motion yet' if self.used and self.track.at(now) is None else ''
 
     def at(self, time: float) -> BaseMotion | None:
