@@ -21,9 +21,10 @@ from denoc_ros.dynamics.robot_model import Source
 from denoc_ros.dynamics.sensor_values import SensorValues
 from denoc_ros.dynamics.statics import StaticsAndVibration
 from denoc_ros.dynamics.validation import as_output, as_rows, as_states, same_rows
-from denoc_ros.kernels import articulated, composite, inverse, world
-from denoc_ros.kernels.compiled import entry
+from denoc_ros.kernels import articulated, composite, inverse, sprung, world
+from denoc_ros.kernels.compiled import entry, ready
 from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.model.arrays import ModelArrays
 from denoc_ros.model.tree import Tree
 from denoc_ros.model.urdf import load_tree
 from denoc_ros.types import Array
@@ -45,6 +46,13 @@ class KernelOperation(NamedTuple):
 INVERSE = KernelOperation(inverse.inverse_dynamics, inverse.inverse_dynamics_rows, lambda n: (n,))
 FORWARD = KernelOperation(
     articulated.forward_dynamics, articulated.forward_dynamics_rows, lambda n: (n,)
+)
+# of robots with elastic joints
+SPRUNG_INVERSE = KernelOperation(
+    sprung.inverse_dynamics, sprung.inverse_dynamics_rows, INVERSE.shape
+)
+SPRUNG_FORWARD = KernelOperation(
+    sprung.forward_dynamics, sprung.forward_dynamics_rows, FORWARD.shape
 )
 INERTIA = KernelOperation(
     composite.inertia_matrix, composite.inertia_matrix_rows, lambda n: (n, n)
@@ -84,10 +92,18 @@ class Robot(
         geometric_stiffness: bool = True,
     ) -> None:
         super().__init__(tree, gravity, geometric_stiffness)
-        self._inverse = entry(inverse.inverse_dynamics)
-        self._forward = entry(articulated.forward_dynamics)
         self._inertia = entry(composite.inertia_matrix)
         self._energies = entry(composite.energies)
+
+    def _adopt(self, arrays: ModelArrays) -> None:
+        super()._adopt(arrays)
+        elastic = arrays.link_side is not None
+        self._inverse_operation = SPRUNG_INVERSE if elastic else INVERSE
+        self._forward_operation = SPRUNG_FORWARD if elastic else FORWARD
+        if elastic:
+            ready(sprung.inverse_dynamics, sprung.forward_dynamics)
+        self._inverse = entry(self._inverse_operation.kernel)
+        self._forward = entry(self._forward_operation.kernel)
 
     # dynamics ---------------------------------------------------------------------------------
 
@@ -127,7 +143,7 @@ class Robot(
         status = self._inverse(self.handle, q, qd, qdd, result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'qdd': qdd}
-            result = self._settle(status, INVERSE, arguments, out, result, check)
+            result = self._settle(status, self._inverse_operation, arguments, out, result, check)
         if wrenches:
             result -= self._load(as_rows('q', q, self.n), wrenches)
         return result
@@ -156,7 +172,7 @@ class Robot(
         status = self._forward(self.handle, q, qd, tau, result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'tau': tau}
-            result = self._settle(status, FORWARD, arguments, out, result, check)
+            result = self._settle(status, self._forward_operation, arguments, out, result, check)
         return result
 
     def hybrid_dynamics(

@@ -26,7 +26,6 @@ from denoc_ros.kernels.handle import (
     beyond,
     coordinates,
     elements,
-    link_side,
     model_arrays,
 )
 from denoc_ros.kernels.internal import internal_force
@@ -39,15 +38,7 @@ from denoc_ros.kernels.layout import (
     MODES,
     WORK,
 )
-from denoc_ros.kernels.link_side import (
-    copy_base,
-    gather,
-    gather_force,
-    lacks_rotor,
-    link_map,
-    link_state,
-    scatter_acceleration,
-)
+from denoc_ros.kernels.link_side import lacks_rotor
 from denoc_ros.kernels.rigid_elimination import along_joint, inward_rigid, outward_rigid
 from denoc_ros.kernels.vector import add, all_finite, load, scale
 
@@ -129,31 +120,12 @@ def solve(
 @shared
 def find_acceleration(handle, q, qd, tau, qdd):
     """Write the accelerations (n) under generalized forces tau (n)."""
-    chain = link_side(handle)
-    x, xd, force, xdd = q, qd, tau, qdd
-    m = coordinates(chain)
-    if chain != handle:
-        places = link_map(handle, m)
-        x, xd, force, xdd = (
-            link_state(handle, m, 0),
-            link_state(handle, m, 1),
-            link_state(handle, m, 2),
-            link_state(handle, m, 3),
-        )
-        gather(places, m, q, x)
-        gather(places, m, qd, xd)
-        gather_force(handle, places, m, q, qd, tau, force)
-        copy_base(handle, chain)
-    topology, constants, work, diagonals, bodies = model_arrays(chain)
+    topology, constants, work, diagonals, bodies = model_arrays(handle)
     zero = diagonals[ZERO]
-    status = solve(
-        m, topology, constants, work, diagonals, bodies, diagonals[ARMATURE],
-        zero, x, xd, zero, force, xdd, diagonals[SCRATCH],
+    return solve(
+        coordinates(handle), topology, constants, work, diagonals, bodies, diagonals[ARMATURE],
+        zero, q, qd, zero, tau, qdd, diagonals[SCRATCH],
     )  # fmt: skip
-    if chain != handle and status == GOOD:
-        places = link_map(handle, m)
-        return scatter_acceleration(handle, places, m, xdd, force, q, qd, tau, qdd)
-    return status
 
 
 @kernel(types.int64(types.int64, array_object, array_object, array_object, array_object))

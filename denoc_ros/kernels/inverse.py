@@ -15,7 +15,6 @@ from denoc_ros.kernels.handle import (
     beyond,
     coordinates,
     elements,
-    link_side,
     model_arrays,
 )
 from denoc_ros.kernels.internal import internal_force
@@ -32,13 +31,6 @@ from denoc_ros.kernels.layout import (
     REVOLUTE_Z,
     TORQUE,
     WORK,
-)
-from denoc_ros.kernels.link_side import (
-    copy_base,
-    gather,
-    link_map,
-    link_state,
-    scatter_torque,
 )
 from denoc_ros.kernels.motion import move_body
 from denoc_ros.kernels.placement import place_beam, place_by_sines
@@ -86,9 +78,9 @@ def inward_wrenches(topology, constants, work, bodies, out):
         transmit_wrench(topology, work, i, load(work, o + FORCE), load(work, o + TORQUE))
 
 
-@inlined
-def chain_torque(handle, q, qd, qdd, out):
-    """Write I q'' + h(q, q') (n) of a robot whose every coordinate has its own body or mode."""
+@shared
+def find_torque(handle, q, qd, qdd, out):
+    """Write I q'' + h(q, q') (n)."""
     topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
     outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, qdd)
@@ -97,30 +89,6 @@ def chain_torque(handle, q, qd, qdd, out):
         out[j] = diagonals[ARMATURE][j] * qdd[j] + internal_force(constants, diagonals, q, qd, j)
     inward_wrenches(topology, constants, work, bodies, out)
     return GOOD if all_finite(out, n) else NOT_FINITE
-
-
-@shared
-def find_torque(handle, q, qd, qdd, out):
-    """Write I q'' + h(q, q') (n)."""
-    chain = link_side(handle)
-    x, xd, xdd, row = q, qd, qdd, out
-    m = coordinates(chain)
-    if chain != handle:
-        places = link_map(handle, m)
-        x, xd, xdd, row = (
-            link_state(handle, m, 0),
-            link_state(handle, m, 1),
-            link_state(handle, m, 2),
-            link_state(handle, m, 3),
-        )
-        gather(places, m, q, x)
-        gather(places, m, qd, xd)
-        gather(places, m, qdd, xdd)
-        copy_base(handle, chain)
-    status = chain_torque(chain, x, xd, xdd, row)
-    if chain != handle:
-        return scatter_torque(handle, link_map(handle, m), m, row, q, qd, qdd, out)
-    return status
 
 
 @kernel(types.int64(types.int64, array_object, array_object, array_object, array_object))

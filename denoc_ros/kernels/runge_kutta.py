@@ -23,8 +23,10 @@ from denoc_ros.kernels.handle import (
     beyond,
     coordinates,
     elements,
+    link_side,
     model_arrays,
 )
+from denoc_ros.kernels.sprung import find_sprung_acceleration
 
 # elements of `control`
 TIME = 0  # s
@@ -52,6 +54,8 @@ def find_rate(handle, y, tau, out):
     for j in range(n):
         out[j] = y[n + j]
     if at(topology, 0, CONSTRAINTS) == 0:
+        if link_side(handle) != handle:
+            return find_sprung_acceleration(handle, y, beyond(y, n), tau, beyond(out, n))
         return find_acceleration(handle, y, beyond(y, n), tau, beyond(out, n))
     zero = diagonals[ZERO]
     return find_constrained(
