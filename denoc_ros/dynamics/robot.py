@@ -230,7 +230,7 @@ class Robot(
         rows = (self.held(index), q, qd, given, force)
         status = run_rows(self, articulated.articulated_dynamics_rows, len(q), rows, (qdd, torque))
         self._raise_for_status(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
-        free = np.setdiff1d(np.arange(n), index)
+        free = np.flatnonzero(rows[0] == 0.0)
         torque, qdd = np.ascontiguousarray(torque[:, index]), np.ascontiguousarray(qdd[:, free])
         return (torque[0], qdd[0]) if single else (torque, qdd)
 

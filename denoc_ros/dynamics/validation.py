@@ -85,9 +85,8 @@ def as_outputs(out: Sequence[Array] | None, shapes: Sequence[tuple[int, ...]]) -
 def require_finite(arguments: dict[str, Array]) -> None:
     """Raise StateError naming the first argument, and its element, that is not finite."""
     for name, array in arguments.items():
-        bad = np.argwhere(~np.isfinite(array))
-        if len(bad):
-            where = tuple(int(k) for k in bad[0])
+        if not np.isfinite(array).all():
+            where = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
             raise StateError(f'{name} must be finite, got {array[where]} at index {where}')
 
 

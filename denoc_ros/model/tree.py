@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -263,7 +264,7 @@ class Tree:
     overrides: Mapping[str, Any] = field(default_factory=dict)  # applied on top, by dotted path
     inertial_sensors: tuple[InertialSensor, ...] = ()  # `sensors` has those on beams
 
-    @property
+    @cached_property
     def sensor_names(self) -> tuple[str, ...]:
         """Names of all sensors' values in file order: `gauge`, `imu/gyro_x`, `imu/accel_z`."""
         names = [sensor.name for sensor in self.sensors]
@@ -272,7 +273,7 @@ class Tree:
             names[sensor.first : sensor.first] = own
         return tuple(names)
 
-    @property
+    @cached_property
     def beam_sensor_places(self) -> list[int]:
         """Places of the values of `sensors` among those of all sensors."""
         taken = {k for s in self.inertial_sensors for k in range(s.first, s.first + len(s.parts))}
