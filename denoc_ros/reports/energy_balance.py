@@ -11,7 +11,7 @@ import numpy as np
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.reports.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
 from denoc_ros.reports.pages import Card, PageSection, Verdict, engineering
-from denoc_ros.reports.recording import Recording
+from denoc_ros.reports.recording import RecordedTopics
 from denoc_ros.types import Array
 
 CLOSED = 1e-9  # m or rad: what a simulation keeps its loops to
@@ -65,12 +65,12 @@ class EnergyBalance:
         }
 
 
-def energy_balance(recording: Recording, robot: Robot) -> EnergyBalance | None:
+def energy_balance(recording: RecordedTopics, robot: Robot) -> EnergyBalance | None:
     """Return the energies of a simulated run; None where it does not have the robot's states.
 
     Parameters
     ----------
-    recording : Recording
+    recording : RecordedTopics
         With the topic plant/true_modal_state.
     robot : Robot
         As it was simulated.
@@ -87,7 +87,7 @@ def energy_balance(recording: Recording, robot: Robot) -> EnergyBalance | None:
     return EnergyBalance(state.t, kinetic, potential, _work(recording), closure)
 
 
-def _work(recording: Recording) -> Array | None:
+def _work(recording: RecordedTopics) -> Array | None:
     effort = recording.series('joint_states', 'effort')
     rates = recording.series('joint_states', 'velocity')
     if effort is None or rates is None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.bags.series import Diagnostic
 from denoc_ros.errors import SolverError
-from denoc_ros.reports.recording import ASKED_TOPICS, Interval, Recording, Series
+from denoc_ros.reports.recording import ASKED_TOPICS, Interval, RecordedTopics, Series
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
@@ -173,12 +173,12 @@ def _numbers(text: str) -> Array:
     return np.array(text.split(), dtype=np.float64)
 
 
-def measure(recording: Recording, robot: Robot | None, tip: str) -> tuple[PhaseMeasures, ...]:
+def measure(recording: RecordedTopics, robot: Robot | None, tip: str) -> tuple[PhaseMeasures, ...]:
     """Return what each phase of a recording shows.
 
     Parameters
     ----------
-    recording : Recording
+    recording : RecordedTopics
         The bag.
     robot : Robot or None
         The robot, for the tip's error; None leaves that out.
@@ -205,7 +205,7 @@ def peak(values: Array) -> float:
 
 
 def _phase(
-    recording: Recording, interval: Interval, robot: Robot | None, tip: str
+    recording: RecordedTopics, interval: Interval, robot: Robot | None, tip: str
 ) -> PhaseMeasures:
     reference = _reference(recording, interval)
     asked = next(
@@ -268,7 +268,7 @@ def _all_rows(rows: list[Any]) -> Array | None:
 
 
 def _reference(
-    recording: Recording, interval: Interval, topic: str = 'reference'
+    recording: RecordedTopics, interval: Interval, topic: str = 'reference'
 ) -> _Reference | None:
     """Return the phase's last trajectory of many points; streamed points are joined to one."""
     streamed = []
@@ -308,7 +308,7 @@ def _tracking(measured: Series | None, reference: _Reference | None) -> Series |
 
 
 def _tip_error(
-    recording: Recording,
+    recording: RecordedTopics,
     asked: _Reference | None,
     robot: Robot | None,
     tip: str,
@@ -339,7 +339,7 @@ def _positions(robot: Robot, frame: str, states: Array) -> Array:
     return np.array([robot.frame_pose(frame, q)[:3, 3] for q in states])
 
 
-def _deflections(recording: Recording, start: float, end: float) -> tuple[Deflection, ...]:
+def _deflections(recording: RecordedTopics, start: float, end: float) -> tuple[Deflection, ...]:
     predicted = _cut(recording.series('predictor/tip_deflection'), start, end)
     true = _cut(recording.series('plant/true_deflection'), start, end)
     shown, judge = predicted or true, true or predicted

@@ -83,7 +83,7 @@ class Kept:
     message: Any
 
 
-class Recording:
+class RecordedTopics:
     """One bag, read in one pass.
 
     Parameters

@@ -26,7 +26,7 @@ from denoc_ros.reports.measures import (
 from denoc_ros.reports.moments import moments
 from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.provenance import named_file, named_text, provenance
-from denoc_ros.reports.recording import Recording
+from denoc_ros.reports.recording import RecordedTopics
 from denoc_ros.reports.run_files import (
     EARTH,
     SIMULATED,
@@ -116,7 +116,7 @@ def _session_of(robot: Robot) -> dict[str, Any]:
 def _of_path(run_path: Path, command: str) -> Report:
     bag = find_bag(run_path)
     session = read_session(run_path)
-    recording = Recording(bag)
+    recording = RecordedTopics(bag)
     robot, notes = _robot(recording, session)
     tip = session.get('tip') or (list(robot.tree.frames)[-1] if robot else '')
     phases = measure(recording, robot, tip)
@@ -142,7 +142,7 @@ def _of_path(run_path: Path, command: str) -> Report:
 
 
 def _robot(
-    recording: Recording, session: Mapping[str, Any]
+    recording: RecordedTopics, session: Mapping[str, Any]
 ) -> tuple[Robot | None, tuple[str, ...]]:
     """Return the recorded robot as the session had it, None if unknown, and why it is left out."""
     text = read_description(recording.path)
@@ -165,7 +165,7 @@ def _latest(statuses: Sequence[Diagnostic]) -> dict[str, dict[str, str]]:
 class _Found:
     """All that a report shows."""
 
-    recording: Recording
+    recording: RecordedTopics
     session: dict[str, Any]
     robot: Robot | None
     phases: Sequence[PhaseMeasures]

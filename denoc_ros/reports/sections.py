@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from denoc_ros.bags.series import Diagnostic
     from denoc_ros.model.tree import Tree
     from denoc_ros.reports.measures import Deflection
-    from denoc_ros.reports.recording import Recording, Series
+    from denoc_ros.reports.recording import RecordedTopics, Series
 
 HIDDEN_KEYS = ('histogram_edges', 'histogram_counts')
 
@@ -321,7 +321,7 @@ def _without_folder(text: str, status: Diagnostic) -> str:
     return text.replace(path, Path(path).name) if path else text
 
 
-def topics(recording: Recording) -> PageSection:
+def topics(recording: RecordedTopics) -> PageSection:
     """Return the section on what the bag holds."""
     counts = recording.counts
     rows = [[name, kind, str(counts[name])] for name, kind in sorted(recording.topics.items())]

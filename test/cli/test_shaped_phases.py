@@ -17,7 +17,7 @@ from denoc_ros.control.plan import Plan
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.reports.measures import measure, summarize
-from denoc_ros.reports.recording import Recording
+from denoc_ros.reports.recording import RecordedTopics
 from denoc_ros.simulation.reference import trajectory_from_config
 from denoc_ros.trajectories import Trajectory
 
@@ -135,7 +135,7 @@ def test_the_tip_is_judged_by_what_was_asked_for_and_after_the_stop(tmp_path: Pa
             bag.write_message('/joint_states', stamp, **message)
             bag.write_message('/plant/true_modal_state', stamp, **message)
         bag.write_message('/up/phase', START_NS + round(4.5e9), data='')
-    (phase,) = measure(Recording(tmp_path / 'bag'), robot, 'tool')
+    (phase,) = measure(RecordedTopics(tmp_path / 'bag'), robot, 'tool')
     assert phase.stop == pytest.approx(early + 2.0)
     numbers = summarize((phase,))['shaped']
     assert numbers['tip_error_moving']['max'] < 1e-4

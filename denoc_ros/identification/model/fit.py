@@ -26,7 +26,7 @@ from denoc_ros.identification.model.information import (
     information,
     verdict_of,
 )
-from denoc_ros.identification.model.prediction import RecordedRun
+from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.recording import Recording, read_recording
 from denoc_ros.types import Array
 
@@ -148,7 +148,7 @@ def identify_model(
     if not given:
         raise IdentificationError('identify model: recordings must be given, got none')
     whole = [r if isinstance(r, Recording) else read_recording(r, robot) for r in given]
-    runs = [RecordedRun(recording, robot, cutoff, step) for recording in whole]
+    runs = [PreparedRun(recording, robot, cutoff, step) for recording in whole]
     parameters = FreeParameters(robot, free, _largest_efforts(whole))
     search = _Search(runs, parameters)
     zero = np.zeros(parameters.size)
@@ -203,7 +203,7 @@ class _Search:
 
     def __init__(
         self,
-        runs: Sequence[RecordedRun],
+        runs: Sequence[PreparedRun],
         parameters: FreeParameters,
     ) -> None:
         self.parameters, self._runs = parameters, runs

@@ -70,7 +70,7 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Settings:
+class SearchPoint:
     """What a point of the search means.
 
     Attributes
@@ -229,9 +229,9 @@ class FreeParameters:
         found = [k for k, path in enumerate(self.paths) if path.startswith(('joint.', 'link.'))]
         return found, [self.paths[k] for k in found]
 
-    def settings(self, theta: Array) -> Settings:
+    def settings(self, theta: Array) -> SearchPoint:
         """Return what a point of the search means."""
-        found = Settings()
+        found = SearchPoint()
         coms: dict[str, dict[int, float]] = {}
         for number, t in zip(self.numbers, theta, strict=False):
             value = number.at(t)
@@ -254,7 +254,7 @@ class FreeParameters:
             found.bodies[block.name] = block.body(theta[len(self.numbers) + 10 * k :][:10])
         return found
 
-    def robot_at(self, settings: Settings) -> Robot:
+    def robot_at(self, settings: SearchPoint) -> Robot:
         """Return the robot of a point of the search."""
         robot = self.robot.with_overrides(settings.overrides) if settings.overrides else self.robot
         if not settings.bodies:

@@ -15,7 +15,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
 from denoc_ros.estimation.joint_motion import SmoothedMotion, smooth
 from denoc_ros.estimation.torque_along import TorqueReplay
-from denoc_ros.identification.model.free_parameters import Settings
+from denoc_ros.identification.model.free_parameters import SearchPoint
 from denoc_ros.identification.model.recording import Recording
 from denoc_ros.types import Array
 
@@ -25,7 +25,7 @@ REACH = 4.0  # standard deviations at which a Gaussian's tail is cut
 
 
 @dataclass(frozen=True)
-class Channel:
+class MeasuredSignal:
     """One measured signal.
 
     Attributes
@@ -45,7 +45,7 @@ class Channel:
     value: Array
 
 
-class RecordedRun:
+class PreparedRun:
     """A recording prepared: smoothed motion, channels, and their prediction by any robot.
 
     Parameters
@@ -83,7 +83,7 @@ class RecordedRun:
         self._low_pass = low_pass(t, self._cutoff)
         self._effort = self._passed(recording.effort[:, joints])
         self.channels = [
-            Channel(
+            MeasuredSignal(
                 f'effort {recording.joints[k]}',
                 _unit(robot, recording.joints[k]),
                 t[self._kept],
@@ -100,14 +100,14 @@ class RecordedRun:
             stamps, raw = recording.sensors[sensor.name]
             inside = (stamps >= first) & (stamps <= last)
             self._inside[sensor.name] = inside
-            self.channels.append(Channel(sensor.name, 'raw', stamps[inside], raw[inside]))
+            self.channels.append(MeasuredSignal(sensor.name, 'raw', stamps[inside], raw[inside]))
         self.channels = [channel for channel in self.channels if len(channel.t)]
         if not self.channels:
             raise IdentificationError(
                 f'{self.name}: must have measured effort or sensors of the robot, got neither'
             )
 
-    def gains(self, settings: Settings) -> list[float]:
+    def gains(self, settings: SearchPoint) -> list[float]:
         """Return effort over torque of each joint whose effort was measured."""
         return [settings.gains.get(self.recording.joints[k], 1.0) for k in self._joints]
 
@@ -122,14 +122,14 @@ class RecordedRun:
         passed: Array = self._low_pass @ values
         return passed
 
-    def residuals(self, robot: Robot, settings: Settings, until: float = 1.0) -> list[Array]:
+    def residuals(self, robot: Robot, settings: SearchPoint, until: float = 1.0) -> list[Array]:
         """Return measured minus predicted of each channel, in its unit.
 
         Parameters
         ----------
         robot : Robot
             Of these settings.
-        settings : Settings
+        settings : SearchPoint
             Gains of effort, and delays.
         until : float
             Part of the run that matters: what is behind it is not worked out.
