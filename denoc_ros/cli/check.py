@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from denoc_ros.cli.postures import Posture
     from denoc_ros.dynamics.robot import Robot
     from denoc_ros.model.tree import Beam, Body, Joint
+    from denoc_ros.types import Array
 
 
 def add_parser(subparsers: Any) -> None:
@@ -76,7 +77,8 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         `robot`, `mass_kg`, `coordinates`, `links`, `joints`, `springs`, `beams`, `sensors`,
         `loops` (mimic joints too), `mechanism` (what the loops leave to move, one row or none),
         `natural_frequencies_hz` (joints held, all coordinates zero; negative: unstable),
-        `postures` (the same in equilibrium at others) and `warnings`. Numbers that are infinite
+        `observability` (of modes and biases by sensors with noise, there), `postures` (both in
+        equilibrium at others) and `warnings`. Numbers that are infinite
         stand as None.
     """
     import numpy as np
@@ -105,17 +107,34 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         ],
         **_mechanism(robot),
         'natural_frequencies_hz': [float(value) for value in frequencies],
+        'observability': _observability(robot, np.zeros(robot.n)),
         'postures': [
             {
                 'at': [float(value) for value in posture.q[robot.joint_indices]],
                 'natural_frequencies_hz': [
                     float(value) for value in robot.natural_frequencies(posture.q, held=True)
                 ],
+                'observability': _observability(robot, posture.q),
             }
             for posture in postures
         ],
         'warnings': list(tree.warnings),
     }
+
+
+def _observability(robot: Robot, q: Array) -> list[Row]:
+    """Return what the sensors tell of modes and biases at rest at q (n,)."""
+    from denoc_ros.estimation.observability import observability
+
+    return [
+        {
+            'state': state.name,
+            'hz': state.frequency or None,
+            'uncertainty_left': state.left,
+            'observed': 'yes' if state.observable else 'no',
+        }
+        for state in observability(robot, q)
+    ]
 
 
 def _mechanism(robot: Robot) -> Row:
@@ -254,10 +273,15 @@ def _as_text(summary: Mapping[str, Any]) -> str:
     if frequencies:
         listed = '  '.join(cell_text(value) for value in frequencies)
         parts.append(f'natural frequencies [Hz], joints held at zero\n  {listed}')
+    if summary['observability']:
+        parts.append(f'observability, joints held at zero\n{text_table(summary["observability"])}')
     for posture in summary['postures']:
         at = ', '.join(f'{value:g}' for value in posture['at'])
         listed = '  '.join(cell_text(value) for value in posture['natural_frequencies_hz'])
         parts.append(
             f'natural frequencies [Hz], joints held at ({at}), in equilibrium\n  {listed}'
         )
+        if posture['observability']:
+            table = text_table(posture['observability'])
+            parts.append(f'observability, joints held at ({at}), in equilibrium\n{table}')
     return '\n\n'.join(parts)

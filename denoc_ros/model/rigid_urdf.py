@@ -270,7 +270,7 @@ def _check_floating(root: Element, findings: Findings) -> None:
         whose = f'joint {joint.get("name", "")!r}'
         parent = joint.find('parent')
         if parent is not None and parent.get('link') in children:
-            rule = "of type floating must be at the root: its parent a link that is nobody's child"
+            rule = 'of type floating must be at the root: its parent link must have no parent'
             findings.add(whose, f'{rule}, got {parent.get("link")!r}')
         if joint.find('mimic') is not None:
             findings.add(whose, 'of type floating must not be a mimic joint, got <mimic>')

@@ -45,7 +45,7 @@ def run(
     parser = argparse.ArgumentParser(description=(doc or '').splitlines()[0])
     parser.add_argument('--seconds', type=float, default=seconds, help='of a block, at most 15')
     parser.add_argument('--blocks', type=int, default=6, help='of each kind')
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
     args = parser.parse_args(argv)
     try:
         found = measure(args.seconds, args.blocks)

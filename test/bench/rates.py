@@ -150,7 +150,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--seconds', type=float, default=15.0, help='of a block, at most 30')
     parser.add_argument('--blocks', type=int, default=4, help='of each kind')
     parser.add_argument('--priority', type=int, help='SCHED_FIFO of every loop; default: config')
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
     args = parser.parse_args(argv)
     found = []
     try:

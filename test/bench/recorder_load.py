@@ -106,7 +106,7 @@ def read_numbers(bag: Path) -> dict[str, list[int]]:
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
     parser.add_argument('--seconds', type=float, default=60.0, help='of recording')
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
     args = parser.parse_args(argv)
     try:
         found = record(args.seconds)

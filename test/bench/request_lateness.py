@@ -182,7 +182,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
     parser.add_argument('--minutes', type=float, default=10.0, help='under requests')
     parser.add_argument('--block', type=float, default=BLOCK, help='seconds of a block, up to 15')
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
     args = parser.parse_args(argv)
     try:
         found = lateness(args.minutes, args.block)

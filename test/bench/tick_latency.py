@@ -269,7 +269,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument('--blocks', type=int, default=15, help='per node')
     parser.add_argument('--count', type=int, default=200, help='messages in a block')
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
     args = parser.parse_args(argv)
     try:
         found = measure(args.blocks, args.count)

@@ -68,6 +68,32 @@ def test_text_shows_links_joints_beams_and_frequencies(
         assert title in text
 
 
+def test_observability_of_modes_and_biases_is_told(
+    repository: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (repository / 'config' / 'robots' / 'canadarm.urdf').read_text()
+    imu = (
+        '<sensor name="imu" type="imu" link="link_1" station="6" gyro_noise="1e-3" '
+        'accel_noise="0.02" gyro_bias="0.01" accel_bias="0.05"/></flexibility>'
+    )
+    file = tmp_path / 'arm.urdf'
+    file.write_text(text.replace('</flexibility>', imu))
+    # gravity as on the ground: what bends turns it in the sensor's axes
+    command = ['check', str(file), '--gravity', '0', '-9.81', '0', '--at', '0.2', '0.5', '-0.4']
+    assert main([*command, '--json']) == 0
+    summary = json.loads(capsys.readouterr().out)
+    for rows in (summary['observability'], summary['postures'][0]['observability']):
+        told = {row['state']: row for row in rows}
+        assert told['mode 1']['observed'] == 'yes'
+        assert told['imu/gyro_z']['uncertainty_left'] < 0.01
+        assert all(0.0 < row['uncertainty_left'] <= 1.0 for row in rows)
+        assert told['imu/accel_x']['hz'] is None
+    assert main(command) == 0
+    assert capsys.readouterr().out.count('observability, joints held at') == 2
+    assert main(['check', str(repository / 'config' / 'robots' / 'canadarm.urdf')]) == 0
+    assert 'observability' not in capsys.readouterr().out
+
+
 def test_loops_have_rank_redundant_rows_and_degrees_of_freedom(
     repository: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
