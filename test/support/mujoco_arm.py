@@ -1,7 +1,7 @@
 """An arm with six elastic joints in MuJoCo: two hinges on one axis, the first with armature.
 
 `python test/support/mujoco_arm.py > test/data/mujoco_elastic_arm.csv` (needs `mujoco`) writes what
-the test compares with; where MuJoCo is installed the test runs it again.
+the test compares with.
 """
 
 from __future__ import annotations

@@ -1,0 +1,216 @@
+"""The search for the theta of greatest likelihood: residuals of all runs and their weights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from denoc_ros.errors import DenocError, IdentificationError
+from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters
+from denoc_ros.identification.model.information import Information, information
+from denoc_ros.identification.model.prediction import PreparedRun
+from denoc_ros.types import Array
+
+HUBER = 2.5  # standard deviations from which a residual counts linearly
+STEP = 1e-4  # of the differences by theta
+ROUNDS = 6  # of weights by the residuals' own deviation
+SETTLED = 0.03  # change of a deviation that needs no other round
+LOST = 1e6  # standard deviations that a robot which cannot be is off by
+GROWING = (0.08, 0.2, 0.45)  # parts of the runs that a flexible robot is first fitted to
+FEWEST_ROWS = 25  # of each channel in such a part
+STRETCHES = 60  # of time, whose residuals are independent of each other
+
+
+def root_mean_square(values: Array) -> float:
+    """Return the root of the mean of squares."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _bent(residual: Array) -> Array:
+    """Return residuals whose squares are Huber's loss."""
+    size = np.abs(residual)
+    far = size > HUBER
+    bent: Array = residual.copy()
+    bent[far] = np.sign(residual[far]) * np.sqrt(HUBER * (2.0 * size[far] - HUBER))
+    return bent
+
+
+def _slope(residual: Array) -> Array:
+    """Return the derivative of bent residuals by the straight ones."""
+    size = np.maximum(np.abs(residual), HUBER)
+    slope: Array = HUBER / np.sqrt(HUBER * (2.0 * size - HUBER))
+    return slope
+
+
+class Search:
+    """Residuals of all runs by theta, their weights, and the search over them."""
+
+    def __init__(
+        self,
+        runs: Sequence[PreparedRun],
+        parameters: FreeParameters,
+    ) -> None:
+        self.parameters, self._runs = parameters, runs
+        channels = [(run, channel) for run in runs for channel in run.channels]
+        self.labels = [(run.name, channel.name, channel.unit) for run, channel in channels]
+        self.counts = np.array([len(channel.t) for _, channel in channels])
+        self._channel = np.repeat(np.arange(len(channels)), self.counts)
+        self.row_t = np.concatenate([channel.t for _, channel in channels])
+        ends = [(run.recording.t[0], run.recording.t[-1]) for run, _ in channels]
+        first, last = (np.repeat(np.array(side), self.counts) for side in zip(*ends, strict=True))
+        self._part = (self.row_t - first) / (last - first)
+        per_run = max(2, STRETCHES // len(runs))
+        stretch = np.minimum((self._part * per_run).astype(np.int64), per_run - 1)
+        number = {id(run): k for k, run in enumerate(runs)}
+        of_run = np.repeat([number[id(run)] for run, _ in channels], self.counts)
+        self.blocks = of_run * per_run + stretch
+        self._measured = np.concatenate([channel.value for _, channel in channels])
+        self.evaluations = 0
+        self.deviation = np.ones(len(channels))
+        self._until = 1.0
+        self._last: tuple[bytes, float, Array] | None = None
+
+    def rows_before(self, part: float) -> NDArray[np.bool_]:
+        """Return which rows are in the first part of their run."""
+        return np.asarray(self._part <= part)
+
+    @property
+    def sizes(self) -> Array:
+        """The deviation of each channel's measured values."""
+        return self._by_channel(self._measured, np.ones(len(self._measured), dtype=bool), np.std)
+
+    def louder(self, held: NDArray[np.bool_]) -> Array:
+        """Return by how much each channel moves more over held-out rows than over the others."""
+        sides = [self._by_channel(self._measured, rows, np.std) for rows in (held, ~held)]
+        ratio: Array = sides[0] / np.maximum(sides[1], 1e-300)
+        return ratio
+
+    def residuals(self, theta: Array) -> Array:
+        """Return all residuals in the units of their channels; not finite: no such robot."""
+        key = (theta.tobytes(), self._until)
+        if self._last is not None and self._last[:2] == key:
+            return self._last[2]
+        self.evaluations += 1
+        settings, until = self.parameters.settings(theta), self._until
+        try:
+            robot = self.parameters.robot_at(settings)
+            parts = [each for run in self._runs for each in run.residuals(robot, settings, until)]
+        except DenocError:
+            return np.full(len(self.row_t), np.nan)
+        self._last = (*key, np.concatenate(parts))
+        return self._last[2]
+
+    def rms(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
+        """Return the rms of each channel's residuals over some rows, NaN where it has none."""
+        return self._by_channel(self.residuals(theta), rows, root_mean_square)
+
+    def _by_channel(
+        self, values: Array, rows: NDArray[np.bool_], statistic: Callable[[Array], Any]
+    ) -> Array:
+        """Return a statistic of each channel's values over some rows, NaN where it has none."""
+        found = np.full(len(self.labels), np.nan)
+        for k in range(len(self.labels)):
+            own = values[rows & (self._channel == k)]
+            if len(own):
+                found[k] = statistic(own)
+        return found
+
+    def whitened(self, theta: Array) -> Array:
+        """Return all residuals in their deviations; far off where there is no such robot."""
+        found = self.residuals(theta) / self.deviation[self._channel]
+        return np.where(np.isfinite(found), found, LOST)
+
+    def fit(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
+        """Return the theta of the greatest likelihood over some rows.
+
+        Flexible robots are fitted to the first part of each run before the whole: a mode that
+        rings at a wrong frequency is out of phase later on, and leads astray.
+        """
+        for part in GROWING if len(self.parameters.robot.flexible_indices) else ():
+            early = rows & self.rows_before(part)
+            if not self._is_enough(early):
+                continue
+            self._until = part
+            self._reweigh(theta, early)
+            theta = self._least_squares(theta, early)
+        self._until = 1.0
+        self._reweigh(theta, rows)
+        for _ in range(ROUNDS):
+            theta = self._least_squares(theta, rows)
+            before = self.deviation.copy()
+            self._reweigh(theta, rows)
+            if np.nanmax(np.abs(self.deviation / before - 1.0)) < SETTLED:
+                break
+        return theta
+
+    def _is_enough(self, rows: NDArray[np.bool_]) -> bool:
+        """Say whether each channel has rows for a fit of its own."""
+        counts = np.bincount(self._channel[rows], minlength=len(self.labels))
+        return bool((counts >= FEWEST_ROWS).all())
+
+    def _reweigh(self, theta: Array, rows: NDArray[np.bool_]) -> None:
+        """Take each channel's deviation from its residuals, outliers held to Huber's bound."""
+        residual = self.residuals(theta)
+        if not np.isfinite(residual).all():
+            raise IdentificationError(
+                'identify model: the robot must be able to make the recorded motion, got a model '
+                'that cannot'
+            )
+        size = self._by_channel(residual, rows, lambda x: 1.48 * np.median(np.abs(x)))
+        clipped = np.minimum(np.abs(residual), HUBER * size[self._channel])
+        size = self._by_channel(clipped, rows, root_mean_square)
+        self.deviation = np.where(size > 0.0, size, 1.0)
+
+    def jacobian(self, theta: Array) -> Array:
+        """Return the derivatives of the whitened residuals by theta (m, p).
+
+        Torque that is linear in its numbers by the regressor, all else by differences.
+        """
+        parameters = self.parameters
+        linear, paths = parameters.linear
+        slopes = parameters.slopes(theta)
+        found, here = np.empty((len(self.row_t), parameters.size)), self.whitened(theta)
+        if linear:
+            settings = parameters.settings(theta)
+            robot = parameters.robot_at(settings)
+            self.evaluations += 1
+            by_numbers = np.concatenate(
+                [run.torque_slopes(robot, paths, run.gains(settings)) for run in self._runs]
+            )
+            found[:, linear] = by_numbers @ slopes[np.ix_(linear, linear)]
+            found[:, linear] /= self.deviation[self._channel][:, None]
+        for k in sorted(set(range(parameters.size)) - set(linear)):
+            change = np.zeros(parameters.size)
+            change[k] = STEP
+            found[:, k] = (self.whitened(theta + change) - here) / STEP
+        return found
+
+    def _least_squares(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
+        count = int(rows.sum())
+
+        prior = np.eye(len(theta)) / PRIOR
+
+        def function(x: Array) -> Array:
+            return np.concatenate([_bent(self.whitened(x)[rows]), x / PRIOR])
+
+        def jacobian(x: Array) -> Array:
+            weights = _slope(self.whitened(x)[rows])
+            return np.concatenate([weights[:, None] * self.jacobian(x)[rows], prior])
+
+        found = least_squares(
+            function, theta, jacobian, method='trf', x_scale=1.0, xtol=1e-5, ftol=1e-6,
+            gtol=1e-8 * count, max_nfev=40,
+        )  # fmt: skip
+        return np.asarray(found.x)
+
+    def information(self, theta: Array) -> Information:
+        """Return what the data alone tell of the reported numbers, in sizes of theirs."""
+        whitened = self.whitened(theta)
+        residual, jacobian = _bent(whitened), self.jacobian(theta)
+        jacobian *= _slope(whitened)[:, None]
+        by_numbers = jacobian @ np.linalg.inv(self.parameters.slopes(theta))
+        return information(by_numbers * self.parameters.scales(theta), residual, self.blocks)
