@@ -23,7 +23,7 @@ from denoc_ros.identification.model.information import (
 )
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.recording import Recording, read_recording
-from denoc_ros.identification.model.search import Search
+from denoc_ros.identification.model.search import ModelSearch
 from denoc_ros.types import Array
 
 Source = Recording | str | Path
@@ -138,7 +138,7 @@ def identify_model(
     whole = [r if isinstance(r, Recording) else read_recording(r, robot) for r in given]
     runs = [PreparedRun(recording, robot, cutoff, step) for recording in whole]
     parameters = FreeParameters(robot, free, _largest_efforts(whole))
-    search = Search(runs, parameters)
+    search = ModelSearch(runs, parameters)
     zero = np.zeros(parameters.size)
     start = zero
     if held_out:
@@ -166,7 +166,7 @@ def _largest_efforts(recordings: Sequence[Recording]) -> dict[str, float]:
 
 
 def _concluded(
-    search: Search, theta: Array, channels: tuple[ChannelFit, ...], seconds: float
+    search: ModelSearch, theta: Array, channels: tuple[ChannelFit, ...], seconds: float
 ) -> IdentifiedModel:
     parameters = search.parameters
     info = search.information(theta)

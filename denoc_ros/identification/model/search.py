@@ -46,7 +46,7 @@ def _slope(residual: Array) -> Array:
     return slope
 
 
-class Search:
+class ModelSearch:
     """Residuals of all runs by theta, their weights, and the search over them."""
 
     def __init__(
