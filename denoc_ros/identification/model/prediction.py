@@ -150,7 +150,7 @@ class PreparedRun:
         if torques.amplitudes is None:
             return found + [self._raw(s.name) for s in self._sensors]
         values = np.zeros((count, len(robot.tree.sensors)))
-        values[:end] = robot.sensor_values(torques.amplitudes[0])
+        values[:end] = robot.beam_sensor_values(torques.amplitudes[0])
         for k, sensor in enumerate(robot.tree.sensors):
             if sensor.name not in self._inside:
                 continue

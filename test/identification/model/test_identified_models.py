@@ -11,7 +11,8 @@ from identification_runs import recorded, sweeping
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.identification.model.fit import IdentifiedModel
-from denoc_ros.identification.model.free_parameters import INERTIAL, FreeParameters
+from denoc_ros.identification.model.free_parameters import INERTIAL, FreeParameters, SearchPoint
+from denoc_ros.identification.model.prediction import PreparedRun
 
 ROBOTS = Path(__file__).resolve().parents[3] / 'config' / 'robots'
 
@@ -105,6 +106,19 @@ def test_torque_of_a_rigid_arm_is_predicted_by_its_identified_bodies() -> None:
     for name in {path.split('.')[1] for path in found.values if path.startswith('link.')}:
         ten = np.array([found.values[f'link.{name}.{each}'] for each in INERTIAL])
         assert ten[0] > 0.0
+
+
+def test_an_imu_that_was_not_recorded_changes_nothing(arm: Robot) -> None:
+    run = recorded(arm, sweeping(3, 1), 1.0)
+    imu = '<sensor name="imu" type="imu" link="link_2" station="3" topic="imu"/></flexibility>'
+    source = arm.tree.source.replace('</flexibility>', imu)
+    other = dn.load_robot(source, gravity=(0, 0, 0)).with_overrides(arm.tree.overrides)
+    point = SearchPoint()
+    rows = [
+        np.concatenate(PreparedRun(run, robot, 20.0, 2e-3).residuals(robot, point))
+        for robot in (arm, other)
+    ]
+    np.testing.assert_array_equal(*rows)
 
 
 def test_numbers_that_torque_is_linear_in_have_the_slopes_of_differences() -> None:
