@@ -44,5 +44,5 @@ def with_joint_feedback(
     diagonals[STIFFNESS, index] += gains[0]
     diagonals[DAMPING, index] += gains[1]
     held.arrays = held.arrays.with_diagonals(diagonals)
-    # a copy makes its workspace from what is arrays
+    # a copy makes its workspace from the arrays
     return held.copy()

@@ -24,6 +24,7 @@ from denoc_ros.identification.model.information import (
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.recording import Recording, read_recording
 from denoc_ros.identification.model.search import ModelSearch
+from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
 Source = Recording | str | Path
@@ -72,6 +73,8 @@ class IdentifiedModel:
         Why values that were found are doubtful.
     overrides : dict of str to number or list
         Of the robot, what was found or doubtful.
+    bodies : dict of str to RigidInertia
+        What each free body has more than at the start, about its link frame's origin.
     robot : Robot
         With all values.
     seconds : float
@@ -87,6 +90,7 @@ class IdentifiedModel:
     channels: tuple[ChannelFit, ...]
     reasons: tuple[str, ...]
     overrides: dict[str, float | list[float]]
+    bodies: dict[str, RigidInertia]
     robot: Robot
     seconds: float
     evaluations: int
@@ -112,7 +116,7 @@ def identify_model(
     free : sequence of str
         Dotted paths with `*`: see :class:`FreeParameters`.
     cutoff : float
-        Of what is compared of effort [Hz]; the joints' motion is smoothed at twice that.
+        Of the low-pass that measured and predicted effort go through [Hz].
     held_out : float
         Last part of each run that a first fit does not see, and is judged by; 0: none.
     step : float
@@ -209,6 +213,7 @@ def _concluded(
             for path, value in settings.overrides.items()
             if path in told or any(each.startswith(f'{path}.') for each in told)
         },
+        parameters.changes(theta),
         parameters.robot_at(settings),
         seconds,
         search.evaluations,

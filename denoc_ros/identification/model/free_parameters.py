@@ -10,7 +10,7 @@ Robotics and Automation Letters 3, 2018).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
-from denoc_ros.model.inertia import inverse_transform, moved
+from denoc_ros.model.inertia import difference, inverse_transform, moved, pseudo_inertia
 from denoc_ros.model.override_values import override_values
 from denoc_ros.model.overrides import carrying_links
 from denoc_ros.model.tree import Body, RigidInertia
@@ -34,6 +34,7 @@ LEVER = 0.1  # m, of a payload's centre of mass
 DELAY = 0.01  # s
 KINDS = ('beam.', 'joint.', 'payload.', 'link.', 'sensor.', 'effort.', 'delay.')
 SHOWN = 12  # paths in a message
+ROUNDING = 1e-9  # of a pseudo-inertia: what arithmetic leaves of an exact zero
 SMALLEST = 1e-6  # of a body's pseudo-inertia: point masses and flat plates get so much
 INERTIAL = (
     'mass', 'first_moment.x', 'first_moment.y', 'first_moment.z',
@@ -100,7 +101,7 @@ class InertialBlock:
         self.paths = tuple(f'link.{body.name}.{number}' for number in INERTIAL)
         self._to_body = inverse_transform(body.frame)
         self._start = moved(body.inertia, body.frame)
-        pseudo = _pseudo_inertia(self._start)
+        pseudo = pseudo_inertia(self._start, 1.0)
         size = np.trace(pseudo[:3, :3]) / pseudo[3, 3]
         self.length = float(np.sqrt(size)) if size > 0.0 else LEVER
         units = np.array([self.length] * 3 + [1.0])
@@ -116,6 +117,10 @@ class InertialBlock:
     def body(self, theta: Array) -> RigidInertia:
         """Return the body in the body frame."""
         return moved(self._about_link(theta), self._to_body)
+
+    def change(self, theta: Array) -> RigidInertia:
+        """Return what the body has more than at the start, about the link frame's origin."""
+        return difference(self._about_link(theta), self._start)
 
     def numbers(self, theta: Array) -> Array:
         """Return the ten numbers about the link frame's origin (10,)."""
@@ -134,15 +139,6 @@ class InertialBlock:
         return RigidInertia(
             float(pseudo[3, 3]), pseudo[:3, 3], np.trace(second) * np.eye(3) - second
         )
-
-
-def _pseudo_inertia(body: RigidInertia) -> Array:
-    """Return [[int r r^T dm, int r dm], [., m]] (4, 4) [kg m^2, kg m, kg]."""
-    pseudo = np.empty((4, 4))
-    pseudo[:3, :3] = 0.5 * np.trace(body.inertia) * np.eye(3) - body.inertia
-    pseudo[:3, 3] = pseudo[3, :3] = body.first_moment
-    pseudo[3, 3] = body.mass
-    return pseudo
 
 
 def _upper_factor(pseudo: Array) -> Array:
@@ -195,10 +191,9 @@ class FreeParameters:
 
     def values(self, theta: Array) -> Array:
         """Return the reported numbers (p,), in the order of `paths`."""
-        count = len(self.numbers)
         found = [number.at(t) for number, t in zip(self.numbers, theta, strict=False)]
-        for k, block in enumerate(self.blocks):
-            found.extend(block.numbers(theta[count + 10 * k :][:10]))
+        for block, own in self._of_blocks(theta):
+            found.extend(block.numbers(own))
         return np.array(found)
 
     def scales(self, theta: Array) -> Array:
@@ -250,9 +245,17 @@ class FreeParameters:
             for place, value in parts.items():
                 centre[place] = value
             found.overrides[f'payload.{link}.com'] = centre
-        for k, block in enumerate(self.blocks):
-            found.bodies[block.name] = block.body(theta[len(self.numbers) + 10 * k :][:10])
+        for block, own in self._of_blocks(theta):
+            found.bodies[block.name] = block.body(own)
         return found
+
+    def changes(self, theta: Array) -> dict[str, RigidInertia]:
+        """Return what each free body has more than at the start, about its link's frame."""
+        return {block.name: block.change(own) for block, own in self._of_blocks(theta)}
+
+    def _of_blocks(self, theta: Array) -> Iterator[tuple[InertialBlock, Array]]:
+        """Yield each body with its ten coordinates of the search."""
+        return zip(self.blocks, theta[len(self.numbers) :].reshape(-1, 10), strict=True)
 
     def robot_at(self, settings: SearchPoint) -> Robot:
         """Return the robot of a point of the search."""
@@ -339,6 +342,12 @@ def _payload_of(robot: Robot, link: str) -> tuple[float, Array]:
 
 
 def _blocks(robot: Robot) -> list[InertialBlock]:
-    """Return the rigid bodies that have a mass."""
-    bodies = robot.tree.bodies
-    return [InertialBlock(b) for b in bodies if b.beam is None and b.inertia.mass > 0.0]
+    """Return the rigid bodies that have a mass, and an inertia that a body can have."""
+    return [InertialBlock(body) for body in robot.tree.bodies if _is_possible(body)]
+
+
+def _is_possible(body: Body) -> bool:
+    if body.beam is not None or not body.inertia.mass > 0.0:
+        return False
+    values = np.linalg.eigvalsh(pseudo_inertia(body.inertia, 1.0))
+    return bool(values[0] >= -ROUNDING * values[-1])

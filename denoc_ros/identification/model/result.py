@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,11 @@ from lxml import etree
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.model.fit import IdentifiedModel
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE, worst
-from denoc_ros.model.inertia import difference, from_centre, moved, total
+from denoc_ros.model.findings import Findings
+from denoc_ros.model.inertia import total
 from denoc_ros.model.overrides import edited_description
-from denoc_ros.model.poses import number_text, rotation_rpy
+from denoc_ros.model.poses import number_text
+from denoc_ros.model.rigid_urdf import read_rigid_urdf
 from denoc_ros.model.source import parse_xml, written
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.model.urdf import tree_of
@@ -78,44 +81,20 @@ def applied_description(
     of_file = {p: v for p, v in found.overrides.items() if not p.startswith('payload.')}
     left = {p: v for p, v in found.overrides.items() if p.startswith('payload.')}
     text = edited_description(source, of_file)
-    bodies = {path.split('.')[1] for path in found.values if path.startswith('link.')}
-    return (_with_bodies(text, found, bodies) if bodies else text), left
+    return (_with_bodies(text, found.bodies) if found.bodies else text), left
 
 
-def _with_bodies(text: str, found: IdentifiedModel, bodies: set[str]) -> str:
-    """Return a description whose links have the identified bodies, what is fixed to them held."""
+def _with_bodies(text: str, changes: Mapping[str, RigidInertia]) -> str:
+    """Return a description whose links have so much more, what is fixed to them held."""
     root = parse_xml('description', text, whole=True)
-    before = {body.name: body for body in tree_of(parse_xml('d', text), 'd', text).bodies}
-    for after in found.robot.tree.bodies:
-        if after.name not in bodies:
-            continue
-        change = moved(difference(after.inertia, before[after.name].inertia), after.frame)
-        link = next(each for each in root.iterfind('link') if each.get('name') == after.name)
-        _write_inertial(link, total(_inertial(link), change))
+    inertias = read_rigid_urdf(parse_xml('description', text), Findings(), []).links
+    for link in root.iterfind('link'):
+        name = str(link.get('name'))
+        if name in changes:
+            _write_inertial(link, total(inertias[name] or RigidInertia(), changes[name]))
     edited = written(root, text)
     tree_of(parse_xml('identified', edited), 'identified', edited)
     return edited
-
-
-def _inertial(link: Any) -> RigidInertia:
-    """Return what a link's <inertial> says, about the link frame's origin."""
-    element = link.find('inertial')
-    if element is None:
-        return RigidInertia()
-    origin, given = element.find('origin'), element.find('inertia')
-    numbers = {k: float(given.get(k, 0.0)) for k in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')}
-    xx, xy, xz, yy, yz, zz = numbers.values()
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    mass = float(element.find('mass').get('value'))
-    placement = np.eye(4)
-    if origin is not None:
-        placement[:3, :3] = rotation_rpy(_three(origin.get('rpy')))
-        placement[:3, 3] = _three(origin.get('xyz'))
-    return moved(from_centre(mass, np.zeros(3), inertia), placement)
-
-
-def _three(text: str | None) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return np.array([float(part) for part in (text or '0 0 0').split()])
 
 
 def _write_inertial(link: Any, body: RigidInertia) -> None:
@@ -133,8 +112,7 @@ def _write_inertial(link: Any, body: RigidInertia) -> None:
         element = etree.SubElement(link, 'inertial')
     for child in list(element):
         element.remove(child)
-    xyz = ' '.join(number_text(value) for value in centre)
-    etree.SubElement(element, 'origin', xyz=xyz, rpy='0 0 0')
+    etree.SubElement(element, 'origin', xyz=number_text(*centre), rpy='0 0 0')
     etree.SubElement(element, 'mass', value=number_text(body.mass))
     names = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
     values = inertia[np.triu_indices(3)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,9 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.identification.model.fit import IdentifiedModel
 from denoc_ros.identification.model.free_parameters import INERTIAL, FreeParameters, SearchPoint
 from denoc_ros.identification.model.prediction import PreparedRun
+from denoc_ros.identification.model.result import applied_description
+from denoc_ros.model.tree import RigidInertia
+from denoc_ros.types import Array
 
 ROBOTS = Path(__file__).resolve().parents[3] / 'config' / 'robots'
 
@@ -118,7 +122,29 @@ def test_an_imu_that_was_not_recorded_changes_nothing(arm: Robot) -> None:
         np.concatenate(PreparedRun(run, robot, 20.0, 2e-3).residuals(robot, point))
         for robot in (arm, other)
     ]
-    np.testing.assert_array_equal(*rows)
+    np.testing.assert_array_equal(rows[0], rows[1])
+
+
+def test_bodies_that_were_found_are_written_into_the_description() -> None:
+    arm = dn.load_robot(ROBOTS / 'puma.urdf').with_overrides({'payload.tool.mass': 2.0})
+    run = recorded(arm, sweeping(arm.n, 5), 1.0)
+    found = dn.identify_model(arm, run, ['link.link_2.inertial'], held_out=0.0)
+    heavier = {'link_2': RigidInertia(1.5, np.array([0.3, 0.0, 0.15]), np.diag([0.1, 0.2, 0.2]))}
+    text, left = applied_description(ROBOTS / 'puma.urdf', replace(found, bodies=heavier))
+    assert not left
+    written, before = (dn.load_robot(source) for source in (text, ROBOTS / 'puma.urdf'))
+    hung = before.copy()
+    hung.set_payload('link_2', *centred(heavier['link_2']))
+    q = np.random.default_rng(1).normal(size=(4, arm.n))
+    wanted = hung.inertia_matrix(q)
+    np.testing.assert_allclose(written.inertia_matrix(q), wanted, rtol=0, atol=1e-9 * wanted.max())
+
+
+def centred(body: RigidInertia) -> tuple[float, Array, Array]:
+    """Return mass, centre of mass (3,) and the inertia (3, 3) about it."""
+    c = body.first_moment / body.mass
+    shift = body.mass * (float(c @ c) * np.eye(3) - np.outer(c, c))
+    return body.mass, c, body.inertia - shift
 
 
 def test_numbers_that_torque_is_linear_in_have_the_slopes_of_differences() -> None:
