@@ -16,12 +16,12 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
-from denoc_ros.reports.measures import LoopMeasure
+from denoc_ros.reports.loop_timing import LoopMeasure
 from denoc_ros.types import Array
 from denoc_ros.units import NONE, si_prefix
 
 # Names of the page's CSS variables: a phase keeps its colour in every figure and every theme.
-PHASE_COLOURS = ('series-1', 'series-2', 'series-3', 'series-4')
+PHASE_COLOURS = ('series-1', 'series-2', 'series-3', 'series-4', 'series-5')
 TRUTH_COLOUR = 'ink'
 DIFFERENCE_COLOUR = 'difference'
 BAR_COLOUR = 'bars'

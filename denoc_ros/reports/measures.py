@@ -1,15 +1,14 @@
-"""The numbers of a run: tracking, deflection, torque, loops."""
+"""The numbers of a run: tracking, deflection, torque."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.bags.series import Diagnostic
 from denoc_ros.errors import SolverError
 from denoc_ros.reports.recording import ASKED_TOPICS, Interval, RecordedTopics, Series
 from denoc_ros.trajectories import SplineTrajectory
@@ -19,10 +18,10 @@ if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
 SHOWN_COMPONENTS = ('uy', 'uz', 'rx')
-COUNTED = ('ticks', 'overruns_total', 'skipped_total', 'histogram_counts')
 ROUNDING = 1e-12  # rad
 NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: neither shown nor judged
 LONG_ENOUGH = 0.5  # s after the stop that say something of swing
+SETTLED = 3.0  # s after the stop from which on an arm should be at rest
 POSES = 2000  # per phase: enough for an rms, each costs a pass over the links
 
 
@@ -72,105 +71,22 @@ class PhaseMeasures:
     @property
     def swing(self) -> Array | None:
         """The tip's error from the stop on, (k,) [m]; None where the phase ends with it."""
-        if self.tip_error is None or not self.tip_error.t[-1] > self.stop + LONG_ENOUGH:
+        return self._after(0.0)
+
+    @property
+    def settled(self) -> Array | None:
+        """The tip's error from `SETTLED` s after the stop on, (k,) [m]; None if there is none."""
+        return self._after(SETTLED)
+
+    def _after(self, seconds: float) -> Array | None:
+        begin = self.stop + seconds
+        if self.tip_error is None or not self.tip_error.t[-1] > begin + LONG_ENOUGH:
             return None
-        return self._tip(self.tip_error.t > self.stop)
+        return self._tip(self.tip_error.t > begin)
 
     def _tip(self, rows: NDArray[np.bool_]) -> Array:
         assert self.tip_error is not None
         return np.asarray(self.tip_error.values[rows, 0])
-
-
-@dataclass(frozen=True)
-class LoopMeasure:
-    """How evenly a node's loop ran, by its own last word on /diagnostics.
-
-    Attributes
-    ----------
-    node : str
-        Its name.
-    nominal, median, p99, longest : float
-        Periods [s]; median and p99 of the last second, longest of the whole run.
-    edges : (b,) array
-        Of the histogram, in nominal periods; the last bin is open.
-    counts : (b,) array
-        Ticks.
-    ticks, late, skipped : int
-        All ticks; those late by more than half a period; deadlines passed over.
-    """
-
-    node: str
-    nominal: float
-    median: float
-    p99: float
-    longest: float
-    edges: Array
-    counts: Array
-    ticks: int
-    late: int
-    skipped: int
-
-    def summary(self) -> dict[str, float]:
-        """Return the numbers, ready for JSON."""
-        names = ('nominal', 'median', 'p99', 'longest', 'ticks', 'late', 'skipped')
-        return {name: getattr(self, name) for name in names}
-
-
-def loop_measures(statuses: Sequence[Diagnostic], since_ns: int = 0) -> tuple[LoopMeasure, ...]:
-    """Return the loops among diagnostic statuses, by node.
-
-    Parameters
-    ----------
-    statuses : sequence of Diagnostic
-        In order of time.
-    since_ns : int
-        What was counted before it is left out [ns].
-    """
-    before: dict[str, dict[str, str]] = {}
-    after: dict[str, list[dict[str, str]]] = {}
-    for status in statuses:
-        node, _, what = status.name.rpartition(': ')
-        if what != 'loop' or 'histogram_counts' not in status.values:
-            continue
-        if status.stamp_ns < since_ns:
-            before[node] = status.values
-        else:
-            after.setdefault(node, []).append(status.values)
-    return tuple(_loop(node, values, before.get(node)) for node, values in sorted(after.items()))
-
-
-def warnings(statuses: Sequence[Diagnostic], since_ns: int = 0) -> dict[str, tuple[int, str]]:
-    """Return, by status, how many of its messages were no plain ok, and what the last said."""
-    found: dict[str, tuple[int, str]] = {}
-    for status in statuses:
-        if status.level > 0 and status.stamp_ns >= since_ns:
-            count = found.get(status.name, (0, ''))[0]
-            found[status.name] = count + 1, status.message
-    return found
-
-
-def _loop(node: str, statuses: list[dict[str, str]], before: dict[str, str] | None) -> LoopMeasure:
-    last = statuses[-1]
-    counts = {key: _numbers(last[key]) for key in COUNTED}
-    # A node that was started anew counts from zero.
-    if before is not None and int(before['ticks']) <= int(statuses[0]['ticks']):
-        counts = {key: value - _numbers(before[key]) for key, value in counts.items()}
-    return LoopMeasure(
-        node=node,
-        nominal=1.0 / float(last['nominal_rate_hz']),
-        median=1e-6 * float(last['period_p50_us']),
-        p99=1e-6 * float(last['period_p99_us']),
-        longest=1e-6 * max(float(values['period_max_us']) for values in statuses),
-        edges=_numbers(last['histogram_edges']),
-        counts=counts['histogram_counts'],
-        ticks=int(counts['ticks'][0]),
-        late=int(counts['overruns_total'][0]),
-        skipped=int(counts['skipped_total'][0]),
-    )
-
-
-def _numbers(text: str) -> Array:
-    return np.array(text.split(), dtype=np.float64)
 
 
 def measure(recording: RecordedTopics, robot: Robot | None, tip: str) -> tuple[PhaseMeasures, ...]:
@@ -375,6 +291,8 @@ def _phase_summary(phase: PhaseMeasures) -> dict[str, Any]:
     if phase.moving is not None and phase.swing is not None:
         summary['tip_error_moving'] = _extent(phase.moving)
         summary['tip_error_after_stop'] = _extent(phase.swing)
+    if phase.settled is not None:
+        summary['tip_error_settled'] = _extent(phase.settled)
     if phase.torque is not None:
         summary['torque'] = _columns(phase.torque)
     judged = {entry.name: deflection_error(entry) for entry in phase.deflections}

@@ -14,15 +14,9 @@ from denoc_ros.bags.reader import read_description
 from denoc_ros.bags.series import Diagnostic
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, DenocError
-from denoc_ros.reports import energy_balance, sections
-from denoc_ros.reports.measures import (
-    LoopMeasure,
-    PhaseMeasures,
-    loop_measures,
-    measure,
-    summarize,
-    warnings,
-)
+from denoc_ros.reports import energy_balance, headline, sections, tip
+from denoc_ros.reports.loop_timing import LoopMeasure, loop_measures, warnings
+from denoc_ros.reports.measures import PhaseMeasures, measure, summarize
 from denoc_ros.reports.moments import moments
 from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.provenance import named_file, named_text, provenance
@@ -184,15 +178,16 @@ def _page(found: _Found, command: str) -> ReportPage:
     return ReportPage(
         title=found.session.get('name') or recording_name(found.recording.path),
         subtitle=' · '.join(_subtitle(found)),
-        verdict=energy_balance.verdict(simulated, sections.said(phases, units))
+        verdict=energy_balance.verdict(simulated, headline.said(phases, units))
         if simulated
-        else sections.verdict(phases, found.warned, duration, units),
+        else headline.verdict(phases, found.warned, duration, units),
         cards=[
             *(energy_balance.cards(simulated) if simulated else ()),
-            *sections.cards(phases, found.loops, units),
+            *headline.cards(phases, found.loops, units),
         ],
         sections=[
             moments(found.recording.path, found.robot),
+            tip.section(phases),
             sections.tracking(phases, units),
             sections.motion(phases, units),
             sections.deflection(phases),

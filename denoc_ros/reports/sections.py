@@ -18,8 +18,9 @@ from denoc_ros.reports.figures import (
     histogram_figure,
     line_figure,
 )
-from denoc_ros.reports.measures import LoopMeasure, PhaseMeasures, deflection_error, peak, rms
-from denoc_ros.reports.pages import UNKNOWN, Card, PageSection, PageTable, Verdict, engineering
+from denoc_ros.reports.loop_timing import LoopMeasure
+from denoc_ros.reports.measures import PhaseMeasures, deflection_error, peak, rms
+from denoc_ros.reports.pages import UNKNOWN, PageSection, PageTable, engineering
 
 if TYPE_CHECKING:
     from denoc_ros.bags.series import Diagnostic
@@ -52,123 +53,21 @@ class Units:
         return 'N' if joint in self.prismatic else 'N m'
 
 
-def cards(
-    phases: Sequence[PhaseMeasures], loops: Sequence[LoopMeasure], units: Units
-) -> list[Card]:
-    """Return the figures of merit of a run."""
-    found = []
-    for label, series, unit in (
-        ('Joint tracking error, rms', 'error', _common(phases, units)),
-        ('Tip off where it was asked to be, rms', 'tip_error', 'm'),
-    ):
-        values = [(p.name, getattr(p, series)) for p in phases if getattr(p, series) is not None]
-        shown = [f'{engineering(rms(s.values), unit)}' for _, s in values]
-        names = [name for name, _ in values] if len(phases) > 1 else []
-        if values:
-            found.append(Card(label, ' → '.join(shown), ' → '.join(names)))
-    if swings := [(p.name, p.swing) for p in phases if p.swing is not None]:
-        shown = [engineering(peak(swing), 'm') for _, swing in swings]
-        names = [name for name, _ in swings] if len(phases) > 1 else []
-        found.append(
-            Card('Tip off its goal after the stop, largest', ' → '.join(shown), ' → '.join(names))
-        )
-    if percents := _percents(phases):
-        worst, name = max(percents)
-        found.append(Card('Deflection prediction, worst', f'{worst:.2g} %', f'of peak, {name}'))
-    elif bent := _bent(phases):
-        size, name = max(bent)
-        found.append(Card('Largest deflection', engineering(size, 'm'), name))
-    if loops:
-        share, node = max((100.0 * loop.late / max(loop.ticks, 1), loop.node) for loop in loops)
-        found.append(Card('Late ticks, worst', f'{share:.2g} %', node))
-    return found
-
-
-def verdict(
-    phases: Sequence[PhaseMeasures],
-    warned: Mapping[str, tuple[int, str]],
-    duration: float,
-    units: Units,
-) -> Verdict:
-    """Return a recorded run in one sentence; what the nodes warned of makes it doubtful."""
-    found = said(phases, units)
-    # late ticks have a card of their own
-    spoke = [name for name in sorted(warned) if not name.endswith(': loop')]
-    if spoke:
-        found.append(f'nodes warned: {", ".join(spoke)}')
-    text = '; '.join(found) or f'{duration:.4g} s are recorded'
-    return Verdict(f'{text[0].upper()}{text[1:]}.', 'doubtful' if spoke else 'good')
-
-
-def said(phases: Sequence[PhaseMeasures], units: Units) -> list[str]:
-    """Return in words how well a run followed and predicted, and how far its links bent."""
-    found = []
-    errors = [(rms(p.error.values), p.name) for p in phases if p.error is not None]
-    if errors:
-        (least, name), unit = min(errors), _common(phases, units)
-        which = f' ({name})' if len(errors) > 1 else ''
-        found.append(f'joints follow their reference to {engineering(least, unit)} rms{which}')
-    if swings := [(peak(p.swing), p.name) for p in phases if p.swing is not None]:
-        least, name = min(swings)
-        which = f' ({name})' if len(swings) > 1 else ''
-        found.append(f'the tip stops within {engineering(least, "m")} of its goal{which}')
-    if percents := _percents(phases):
-        found.append(f'deflection is predicted to {max(percents)[0]:.2g} % of its peak or better')
-    elif bent := _bent(phases):
-        size, name = max(bent)
-        found.append(f'links deflect by up to {engineering(size, "m")} ({name})')
-    return found
-
-
-def _bent(phases: Sequence[PhaseMeasures]) -> list[tuple[float, str]]:
-    """Return the peaks of what is known to be true of the deflections along a line [m]."""
-    entries = [entry for phase in phases for entry in phase.deflections if entry.unit == 'm']
-    return [(peak(entry.true), entry.name) for entry in entries if entry.true is not None]
-
-
-def _common(phases: Sequence[PhaseMeasures], units: Units) -> str:
-    """Return the unit of all joints' errors together."""
-    names = (name for p in phases if p.error is not None for name in p.error.names)
-    return ' or '.join(sorted({units.position(name) for name in names}, reverse=True))
-
-
-def _percents(phases: Sequence[PhaseMeasures]) -> list[tuple[float, str]]:
-    errors = [(deflection_error(entry), entry) for phase in phases for entry in phase.deflections]
-    return [(error['percent_of_peak'], entry.name) for error, entry in errors if error is not None]
-
-
 def tracking(phases: Sequence[PhaseMeasures], units: Units) -> PageSection | None:
     """Return the section on joint and tip tracking errors."""
     shown = [(k, phase) for k, phase in enumerate(phases) if phase.error is not None]
     if not shown:
         return None
     panels = _by_column([(k, p.name, p.error) for k, p in shown], units.position)
-    tips = [(k, p.name, p.tip_error) for k, p in shown if p.tip_error is not None]
-    panels += [
-        dataclasses.replace(panel, title=_tip_title(panel.title, ', distance'))
-        for panel in _by_column(tips, _metres)
-    ]
     errors = [(phase.name, phase.error) for _, phase in shown]
     rows = _compared(errors, units.position)
-    for name, *cells in _compared([(name, tip) for _, name, tip in tips], _metres):
-        rows.append([_tip_title(name), *cells])
     return PageSection(
         'Tracking error',
-        'Reference minus measured position of each joint; for the tip, how far it is from where '
-        'the undeformed robot on the motion that was asked for would have it. A feedforward of '
-        'the flexible model makes the joints follow: the links still swing, and the tip with '
-        'them. A reference that is shaped moves the joints so that the tip does what was asked.',
+        'Reference minus measured position of each joint. A feedforward of the flexible model '
+        'makes the joints follow: the links still swing, and the tip with them.',
         [line_figure(panels)],
         [PageTable(_compared_head([name for name, _ in errors], 'joint'), rows)],
     )
-
-
-def _tip_title(name: str, what: str = '') -> str:
-    return f'tip ({name}){what}'
-
-
-def _metres(_name: str) -> str:
-    return 'm'
 
 
 def deflection(phases: Sequence[PhaseMeasures]) -> PageSection | None:
@@ -182,7 +81,7 @@ def deflection(phases: Sequence[PhaseMeasures]) -> PageSection | None:
             Panel(
                 _deflection_title(entry.name, phase.name, len(phases) > 1),
                 entry.unit,
-                _deflection_curves(entry, _colour(k)),
+                _deflection_curves(entry, colour_of(k)),
             )
             for entry in phase.deflections
         ]
@@ -341,7 +240,7 @@ def _by_column(
             name,
             unit(name),
             [
-                Curve(phase, _colour(k), series.t, series.column(name))
+                Curve(phase, colour_of(k), series.t, series.column(name))
                 for k, phase, series in shown
                 if series is not None and name in series.names
             ],
@@ -387,5 +286,6 @@ def _deflection_title(name: str, phase: str, several: bool) -> str:
     return f'{link}, {kind} {component[1]}' + (f' ({phase})' if several else '')
 
 
-def _colour(k: int) -> str:
+def colour_of(k: int) -> str:
+    """Return the colour of the phase at a place: the same in every figure."""
     return PHASE_COLOURS[k % len(PHASE_COLOURS)]

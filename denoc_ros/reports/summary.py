@@ -24,9 +24,11 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
             yield f'{name}: joint tracking error rms {joints}'
         if 'tip_error_moving' in phase:
             moving, after = phase['tip_error_moving'], phase['tip_error_after_stop']
+            settled = phase.get('tip_error_settled')
             yield (
                 f'{name}: tip off where it was asked to be by {engineering(moving["rms"], "m")} '
                 f'rms while moving, {engineering(after["max"], "m")} at most after the stop'
+                + (f', {engineering(settled["max"], "m")} from 3 s after it' if settled else '')
             )
         elif 'tip_error' in phase:
             tip = phase['tip_error']

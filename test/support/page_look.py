@@ -11,7 +11,7 @@ from lxml import html
 READABLE = 4.5  # WCAG AA: contrast of text
 VISIBLE = 3.0  # WCAG AA: contrast of what is drawn
 TEXTS = ('ink', 'muted', 'accent', 'good', 'doubtful', 'bad')
-DRAWN = ('ink', 'series-1', 'series-2', 'series-3', 'series-4', 'difference')
+DRAWN = ('ink', 'series-1', 'series-2', 'series-3', 'series-4', 'series-5', 'difference')
 # a number's unit, `1` for a plain one; a frequency, a time, an amplitude
 UNIT = re.compile(r'\[[^\]\s][^\]]*\]')
 

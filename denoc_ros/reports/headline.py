@@ -1,0 +1,113 @@
+"""What a run comes down to: its verdict in one sentence and its figures of merit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from denoc_ros.reports.loop_timing import LoopMeasure
+from denoc_ros.reports.measures import PhaseMeasures, deflection_error, peak, rms
+from denoc_ros.reports.pages import Card, Tone, Verdict, engineering
+from denoc_ros.reports.sections import Units
+
+WRONG = 20.0  # % of its peak from which on a predicted deflection is no good
+UNSEEN = 1e-4  # m or rad: an error that is less does not matter, whatever it is a share of
+
+
+def cards(
+    phases: Sequence[PhaseMeasures], loops: Sequence[LoopMeasure], units: Units
+) -> list[Card]:
+    """Return the figures of merit of a run."""
+    found = []
+    for label, series, unit in (
+        ('Joint tracking error, rms', 'error', _common(phases, units)),
+        ('Tip off where it was asked to be, rms', 'tip_error', 'm'),
+    ):
+        values = [(p.name, getattr(p, series)) for p in phases if getattr(p, series) is not None]
+        shown = [f'{engineering(rms(s.values), unit)}' for _, s in values]
+        names = [name for name, _ in values] if len(phases) > 1 else []
+        if values:
+            found.append(Card(label, ' → '.join(shown), ' → '.join(names)))
+    if swings := [(p.name, p.swing) for p in phases if p.swing is not None]:
+        shown = [engineering(peak(swing), 'm') for _, swing in swings]
+        names = [name for name, _ in swings] if len(phases) > 1 else []
+        found.append(
+            Card('Tip off its goal after the stop, largest', ' → '.join(shown), ' → '.join(names))
+        )
+    if percents := _percents(phases):
+        worst, name = max(percents)
+        found.append(Card('Deflection prediction, worst', f'{worst:.2g} %', f'of peak, {name}'))
+    elif bent := _bent(phases):
+        size, name = max(bent)
+        found.append(Card('Largest deflection', engineering(size, 'm'), name))
+    if loops:
+        share, node = max((100.0 * loop.late / max(loop.ticks, 1), loop.node) for loop in loops)
+        found.append(Card('Late ticks, worst', f'{share:.2g} %', node))
+    return found
+
+
+def verdict(
+    phases: Sequence[PhaseMeasures],
+    warned: Mapping[str, tuple[int, str]],
+    duration: float,
+    units: Units,
+) -> Verdict:
+    """Return a recorded run in one sentence; warnings and bad predictions make it doubtful."""
+    found = said(phases, units)
+    # late ticks have a card of their own
+    spoke = [name for name in sorted(warned) if not name.endswith(': loop')]
+    if spoke:
+        found.append(f'nodes warned: {", ".join(spoke)}')
+    text = '; '.join(found) or f'{duration:.4g} s are recorded'
+    tone: Tone = 'doubtful' if spoke or _wrong(phases) else 'good'
+    return Verdict(f'{text[0].upper()}{text[1:]}.', tone)
+
+
+def said(phases: Sequence[PhaseMeasures], units: Units) -> list[str]:
+    """Return in words how well a run followed and predicted, and how far its links bent."""
+    found = []
+    errors = [(rms(p.error.values), p.name) for p in phases if p.error is not None]
+    if errors:
+        (least, name), unit = min(errors), _common(phases, units)
+        which = f' ({name})' if len(errors) > 1 else ''
+        found.append(f'joints follow their reference to {engineering(least, unit)} rms{which}')
+    if swings := [(peak(p.swing), p.name) for p in phases if p.swing is not None]:
+        least, name = min(swings)
+        which = f' ({name})' if len(swings) > 1 else ''
+        found.append(f'the tip stops within {engineering(least, "m")} of its goal{which}')
+    if wrong := _wrong(phases):
+        found.append(f'the predicted deflection is wrong by {wrong}')
+    elif percents := _percents(phases):
+        found.append(f'deflection is predicted to {max(percents)[0]:.2g} % of its peak or better')
+    elif bent := _bent(phases):
+        size, name = max(bent)
+        found.append(f'links deflect by up to {engineering(size, "m")} ({name})')
+    return found
+
+
+def _bent(phases: Sequence[PhaseMeasures]) -> list[tuple[float, str]]:
+    """Return the peaks of what is known to be true of the deflections along a line [m]."""
+    entries = [entry for phase in phases for entry in phase.deflections if entry.unit == 'm']
+    return [(peak(entry.true), entry.name) for entry in entries if entry.true is not None]
+
+
+def _common(phases: Sequence[PhaseMeasures], units: Units) -> str:
+    """Return the unit of all joints' errors together."""
+    names = (name for p in phases if p.error is not None for name in p.error.names)
+    return ' or '.join(sorted({units.position(name) for name in names}, reverse=True))
+
+
+def _percents(phases: Sequence[PhaseMeasures]) -> list[tuple[float, str]]:
+    errors = [(deflection_error(entry), entry) for phase in phases for entry in phase.deflections]
+    return [(error['percent_of_peak'], entry.name) for error, entry in errors if error is not None]
+
+
+def _wrong(phases: Sequence[PhaseMeasures]) -> str:
+    """Return the worst of the predictions that are no good, in words; '' if all are good."""
+    found = []
+    for phase in phases:
+        for entry in phase.deflections:
+            error = deflection_error(entry)
+            if error and error['rms'] > UNSEEN and error['percent_of_peak'] > WRONG:
+                which = f'{entry.name}, {phase.name}' if len(phases) > 1 else entry.name
+                found.append((error['percent_of_peak'], which))
+    return f'{max(found)[0]:.2g} % of its peak ({max(found)[1]})' if found else ''

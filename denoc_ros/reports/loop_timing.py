@@ -1,0 +1,105 @@
+"""How evenly the nodes' loops ran, and what the nodes warned of, from /diagnostics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from denoc_ros.bags.series import Diagnostic
+from denoc_ros.types import Array
+
+COUNTED = ('ticks', 'overruns_total', 'skipped_total', 'histogram_counts')
+
+
+@dataclass(frozen=True)
+class LoopMeasure:
+    """How evenly a node's loop ran, by its own last word on /diagnostics.
+
+    Attributes
+    ----------
+    node : str
+        Its name.
+    nominal, median, p99, longest : float
+        Periods [s]; median and p99 of the last second, longest of the whole run.
+    edges : (b,) array
+        Of the histogram, in nominal periods; the last bin is open.
+    counts : (b,) array
+        Ticks.
+    ticks, late, skipped : int
+        All ticks; those late by more than half a period; deadlines passed over.
+    """
+
+    node: str
+    nominal: float
+    median: float
+    p99: float
+    longest: float
+    edges: Array
+    counts: Array
+    ticks: int
+    late: int
+    skipped: int
+
+    def summary(self) -> dict[str, float]:
+        """Return the numbers, ready for JSON."""
+        names = ('nominal', 'median', 'p99', 'longest', 'ticks', 'late', 'skipped')
+        return {name: getattr(self, name) for name in names}
+
+
+def loop_measures(statuses: Sequence[Diagnostic], since_ns: int = 0) -> tuple[LoopMeasure, ...]:
+    """Return the loops among diagnostic statuses, by node.
+
+    Parameters
+    ----------
+    statuses : sequence of Diagnostic
+        In order of time.
+    since_ns : int
+        What was counted before it is left out [ns].
+    """
+    before: dict[str, dict[str, str]] = {}
+    after: dict[str, list[dict[str, str]]] = {}
+    for status in statuses:
+        node, _, what = status.name.rpartition(': ')
+        if what != 'loop' or 'histogram_counts' not in status.values:
+            continue
+        if status.stamp_ns < since_ns:
+            before[node] = status.values
+        else:
+            after.setdefault(node, []).append(status.values)
+    return tuple(_loop(node, values, before.get(node)) for node, values in sorted(after.items()))
+
+
+def warnings(statuses: Sequence[Diagnostic], since_ns: int = 0) -> dict[str, tuple[int, str]]:
+    """Return, by status, how many of its messages were no plain ok, and what the last said."""
+    found: dict[str, tuple[int, str]] = {}
+    for status in statuses:
+        if status.level > 0 and status.stamp_ns >= since_ns:
+            count = found.get(status.name, (0, ''))[0]
+            found[status.name] = count + 1, status.message
+    return found
+
+
+def _loop(node: str, statuses: list[dict[str, str]], before: dict[str, str] | None) -> LoopMeasure:
+    last = statuses[-1]
+    counts = {key: _numbers(last[key]) for key in COUNTED}
+    # A node that was started anew counts from zero.
+    if before is not None and int(before['ticks']) <= int(statuses[0]['ticks']):
+        counts = {key: value - _numbers(before[key]) for key, value in counts.items()}
+    return LoopMeasure(
+        node=node,
+        nominal=1.0 / float(last['nominal_rate_hz']),
+        median=1e-6 * float(last['period_p50_us']),
+        p99=1e-6 * float(last['period_p99_us']),
+        longest=1e-6 * max(float(values['period_max_us']) for values in statuses),
+        edges=_numbers(last['histogram_edges']),
+        counts=counts['histogram_counts'],
+        ticks=int(counts['ticks'][0]),
+        late=int(counts['overruns_total'][0]),
+        skipped=int(counts['skipped_total'][0]),
+    )
+
+
+def _numbers(text: str) -> Array:
+    return np.array(text.split(), dtype=np.float64)

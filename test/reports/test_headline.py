@@ -1,0 +1,86 @@
+"""What a run comes down to: its verdict, and how far its tip was off."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from denoc_ros.reports import headline, tip
+from denoc_ros.reports.measures import Deflection, PhaseMeasures, summarize
+from denoc_ros.reports.recording import Series
+from denoc_ros.reports.sections import Units
+from denoc_ros.reports.summary import summary_lines
+
+T = np.linspace(0.0, 15.0, 1501)
+STOP = 10.0  # s
+BENT = 0.1 * np.sin(T)  # m
+
+
+def phase(name: str, predicted: NDArray[np.float64], distance: Any = 0.0) -> PhaseMeasures:
+    gap = np.broadcast_to(distance, len(T))[:, np.newaxis]
+    return PhaseMeasures(
+        name=name,
+        joints=None,
+        error=None,
+        tip_error=Series(T, ('tool',), gap),
+        stop=STOP,
+        torque=None,
+        effort=None,
+        deflections=(Deflection('arm/uy', T, predicted, BENT),),
+    )
+
+
+@pytest.mark.parametrize(
+    ('predicted', 'tone', 'text'),
+    [
+        (1.02 * BENT, 'good', r'deflection is predicted to 1\.\d % of its peak or better'),
+        (0.2 * BENT, 'doubtful', r'wrong by 5\d % of its peak \(arm/uy, second\)'),
+        (BENT + 5e-5, 'good', 'is predicted to'),
+    ],
+)
+def test_a_deflection_that_is_predicted_badly_makes_a_run_doubtful(
+    predicted: NDArray[np.float64], tone: str, text: str
+) -> None:
+    phases = [phase('first', BENT), phase('second', predicted)]
+    found = headline.verdict(phases, {}, 15.0, Units())
+    assert found.tone == tone
+    with pytest.raises(ValueError, match=text):
+        raise ValueError(found.text)
+
+
+def test_an_error_that_nobody_sees_is_no_bad_prediction() -> None:
+    tiny = Deflection('arm/uy', T, 3e-5 * np.cos(T), 3e-5 * np.sin(T))
+    still = PhaseMeasures('run', None, None, None, np.nan, None, None, (tiny,))
+    assert headline.verdict([still], {}, 15.0, Units()).tone == 'good'
+
+
+def test_the_tip_is_told_moving_after_the_stop_and_settled() -> None:
+    distance = np.select([T <= STOP, T <= STOP + 3.0], [0.3, 0.2], 0.05)
+    found = phase('run', BENT, distance)
+    numbers = summarize((found,))['run']
+    assert numbers['tip_error_moving']['max'] == 0.3
+    assert numbers['tip_error_after_stop']['max'] == 0.2
+    assert numbers['tip_error_settled']['max'] == 0.05
+    (line,) = (
+        line
+        for line in summary_lines({'phases': {'run': numbers}, 'loops': {}})
+        if 'tip off' in line
+    )
+    assert '300 mm rms while moving, 200 mm at most after the stop, 50 mm from 3 s' in line
+    section = tip.section([found])
+    assert section is not None
+    assert [list(row[1:]) for row in section.tables[0].rows] == [
+        ['300 mm', '300 mm', '200 mm', '50 mm']
+    ]
+
+
+def test_the_figure_of_the_tip_averages_squares() -> None:
+    t = np.linspace(0.0, 1.0, 1000, endpoint=False)
+    middles, distance = tip.averaged(t, 0.2 * np.abs(np.sin(200.0 * np.pi * t)))
+    assert len(middles) == 20
+    # ten whole periods of the square in each stretch, to the rounding of its ends
+    np.testing.assert_allclose(distance, 0.2 / np.sqrt(2.0), rtol=0.02)
+    assert tip.section([]) is None
