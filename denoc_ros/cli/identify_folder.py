@@ -1,4 +1,4 @@
-"""`denoc identify modal` on many recordings: one row each."""
+"""`denoc identify modal` and `model` on many recordings: one row each."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import argparse
 import hashlib
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from denoc_ros.cli.batch import FAILURE, Row, RowStore, WorkerConfig, run_batch
 from denoc_ros.errors import BagError
 from denoc_ros.reports.text_table import text_table
 
-COLUMNS: dict[str, type] = {
+OF_MODAL: dict[str, type] = {
     'file': str,
     'verdict': str,
     'modes': int,
@@ -32,21 +33,49 @@ COLUMNS: dict[str, type] = {
 OF_MODES = ('frequency_hz', 'damping_ratio', 'bound', 'amplitude', 'snr_db')
 # what does not change a row
 APART = (
-    *('paths', 'output', 'json', 'workers', 'scheduler'),
+    *('paths', 'bags', 'output', 'json', 'each', 'workers', 'scheduler'),
     *('verb', 'action', 'act', 'execute', 'command'),
 )
 DOUBTFUL = 2
 
 
-def run_folder(args: argparse.Namespace, paths: Sequence[Path], workers: WorkerConfig) -> int:
+@dataclass(frozen=True)
+class RowKind:
+    """What a recording's row has.
+
+    Attributes
+    ----------
+    task : callable
+        Importable by name; of an item (options, path) the row.
+    columns : mapping of str to type
+        As of a `RowStore`.
+    shown : callable
+        Of a row its line on a terminal.
+    depends : str
+        What else rows depend on: others are worked out anew.
+    """
+
+    task: Callable[[tuple[argparse.Namespace, Path]], Row]
+    columns: Mapping[str, type]
+    shown: Callable[[Row], Row]
+    depends: str = ''
+
+
+def run_folder(
+    args: argparse.Namespace,
+    paths: Sequence[Path],
+    workers: WorkerConfig,
+    kind: RowKind | None = None,
+) -> int:
     """Identify each recording; exit status 0 all good, 2 some not, 1 none could be read."""
-    rows = identify_all(args, paths, workers, progress=not args.json)
+    kind = kind or MODAL
+    rows = identify_all(args, paths, workers, not args.json, kind)
     good = [row for row in rows if not row[FAILURE]]
     if args.json:
         print(json.dumps({'output': str(args.output or ''), 'rows': rows}, indent=2))
     else:
         if good:
-            print(text_table([_shown(row) for row in good]))
+            print(text_table([kind.shown(row) for row in good]))
         for row in rows:
             if row[FAILURE]:
                 print(f'  skipped: {row[FAILURE]}')
@@ -57,28 +86,36 @@ def run_folder(args: argparse.Namespace, paths: Sequence[Path], workers: WorkerC
 
 
 def identify_all(
-    args: argparse.Namespace, paths: Sequence[Path], workers: WorkerConfig, progress: bool = False
+    args: argparse.Namespace,
+    paths: Sequence[Path],
+    workers: WorkerConfig,
+    progress: bool = False,
+    kind: RowKind | None = None,
 ) -> list[Row]:
-    """Return a row of modes for each recording, as `denoc_ros.cli.batch.run_batch` does.
+    """Return a row for each recording, as `denoc_ros.cli.batch.run_batch` does.
 
     Parameters
     ----------
     args : Namespace
-        Of `denoc identify modal`: the signal, the robot, `output`.
+        Of `denoc identify modal` or `model`: the signals, the robot, `output`.
     paths : sequence of Path
         The recordings; the workers must see them under the same paths.
     workers : WorkerConfig
         Who works.
     progress : bool
         Whether there is a progress bar, on a terminal.
+    kind : RowKind, optional
+        Of rows; default: modes.
     """
+    kind = kind or MODAL
     options = argparse.Namespace(
         **{name: value for name, value in vars(args).items() if name not in APART}
     )
-    asked = hashlib.sha256(repr(sorted(vars(options).items())).encode()).hexdigest()[:12]
-    store = RowStore(args.output, COLUMNS) if args.output else None
+    told = repr(sorted(vars(options).items())) + kind.depends
+    asked = hashlib.sha256(told.encode()).hexdigest()[:12]
+    store = RowStore(args.output, kind.columns) if args.output else None
     items = {f'{asked}/{_state_of(path)}': (options, path.resolve()) for path in paths}
-    return run_batch(modal_row, items, store, workers, 'recordings', progress)
+    return run_batch(kind.task, items, store, workers, 'recordings', progress)
 
 
 def modal_row(item: tuple[argparse.Namespace, Path]) -> Row:
@@ -122,3 +159,6 @@ def _shown(row: Row) -> Row:
         'f [Hz]': ' '.join(f'{value:.4g}' for value in row['frequency_hz']) or '-',
         'zeta': ' '.join(f'{value:.4g}' for value in row['damping_ratio']) or '-',
     }
+
+
+MODAL = RowKind(modal_row, OF_MODAL, _shown)

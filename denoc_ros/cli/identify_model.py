@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import add_gravity
+from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
 from denoc_ros.cli.overrides import add_overrides, overrides_of
 from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.recording_options import add_recording_settings, recording_settings
 from denoc_ros.errors import BagError
 from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
     from denoc_ros.identification.model.fit import IdentifiedModel
     from denoc_ros.reports.pages import ReportPage
 
@@ -29,7 +33,12 @@ def add_actions(actions: Any) -> None:
         'and whether it is found, doubtful or not identifiable; and which combinations are '
         'identifiable where single numbers are not.',
     )
-    parser.add_argument('bags', metavar='BAG', nargs='+', type=Path, help='recorded runs')
+    parser.add_argument(
+        'bags',
+        metavar='BAG',
+        nargs='+',
+        help="recorded runs: bags, tables, folders of them, or 'bags/**/*.mcap'",
+    )
     parser.add_argument('--robot', metavar='URDF', required=True, help='where the search starts')
     parser.add_argument(
         '--free',
@@ -40,7 +49,7 @@ def add_actions(actions: Any) -> None:
         help='what is free: beam.<link>.<y|z>.ei, beam.<link>.torsion.gj, '
         'beam.<link>.<part>.damping_ratio, joint.<joint>.<stiffness|damping|friction|armature>, '
         'payload.<link>, link.<link>.inertial, sensor.<name>.<gain|offset>, '
-        'effort.<joint>.gain, delay.effort, delay.<sensor>; * stands for any name',
+        'effort.<joint>.<gain|offset>, delay.effort, delay.<sensor>; * stands for any name',
     )
     add_gravity(parser)
     add_overrides(parser)
@@ -65,28 +74,39 @@ def add_actions(actions: Any) -> None:
         help='write the robot with what was found: a new file',
     )
     parser.add_argument(
-        '-o', '--output', metavar='FOLDER', type=Path, help='write result.yaml and report.html'
+        '-o',
+        '--output',
+        metavar='FOLDER',
+        type=Path,
+        help='folder for result.yaml and report.html, or with --each for Parquet files',
     )
     parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    parser.add_argument(
+        '--each',
+        action='store_true',
+        help='fit each recording on its own: one row each, as of the robots of a fleet; so do '
+        '--workers and --scheduler',
+    )
+    add_recording_settings(parser)
+    add_worker_options(parser)
     parser.set_defaults(act=run_model)
 
 
 def run_model(args: argparse.Namespace) -> int:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
-    from denoc_ros.cli.identify_inputs import load_named_robot
+    from denoc_ros.cli.identify_modal import recordings
     from denoc_ros.cli.identify_outputs import give_result
-    from denoc_ros.identification.model.fit import identify_model
 
     if args.apply is not None and args.apply.exists():
         raise BagError(f'{args.apply}: --apply must be a new file, got an existing one')
-    robot = load_named_robot(args.robot, args.gravity)
-    overrides = overrides_of(args.set, args.payload)
-    robot = robot.with_overrides(overrides) if overrides else robot
+    paths, workers = recordings(args.bags), worker_config(args)
+    if args.each or workers != WorkerConfig():
+        from denoc_ros.cli.identify_fleet import run_fleet
+
+        return run_fleet(args, paths, workers)
     with Progress().step('identifying'):
-        found = identify_model(
-            robot, args.bags, args.free, cutoff=args.cutoff, held_out=args.held_out
-        )
-    document = model_result(args, found)
+        found = fitted_model(args, paths)
+    document = model_result(args, paths, found)
     if args.apply is not None:
         _apply(args, found)
 
@@ -98,7 +118,28 @@ def run_model(args: argparse.Namespace) -> int:
     return give_result(args, document, as_text(document), page)
 
 
-def model_result(args: argparse.Namespace, found: IdentifiedModel) -> Document:
+def fitted_model(args: argparse.Namespace, paths: Sequence[Path]) -> IdentifiedModel:
+    """Return the model that fits recordings best."""
+    from denoc_ros.identification.model.fit import identify_model
+    from denoc_ros.identification.model.sources import read_source
+
+    robot, settings = started_robot(args), recording_settings(args)
+    read = [read_source(path, robot, settings) for path in paths]
+    return identify_model(robot, read, args.free, cutoff=args.cutoff, held_out=args.held_out)
+
+
+def started_robot(args: argparse.Namespace) -> Robot:
+    """Return the robot where the search starts."""
+    from denoc_ros.cli.identify_inputs import load_named_robot
+
+    robot = load_named_robot(args.robot, args.gravity)
+    overrides = overrides_of(args.set, args.payload)
+    return robot.with_overrides(overrides) if overrides else robot
+
+
+def model_result(
+    args: argparse.Namespace, paths: Sequence[Path], found: IdentifiedModel
+) -> Document:
     """Return all that is kept of an identification of a whole model."""
     from denoc_ros.bags.digest import file_hash
     from denoc_ros.identification.model.result import result_of
@@ -108,9 +149,9 @@ def model_result(args: argparse.Namespace, found: IdentifiedModel) -> Document:
     document = {
         'kind': 'model',
         'source': {
-            'file': str(args.bags[0]),
-            'sha256': file_hash(args.bags[0]),
-            'others': {str(path): file_hash(path) for path in args.bags[1:]},
+            'file': str(paths[0]),
+            'sha256': file_hash(paths[0]),
+            'others': {str(path): file_hash(path) for path in paths[1:]},
         },
         'model': {'file': str(args.robot), 'free': args.free},
         **result_of(found),

@@ -20,6 +20,7 @@ from denoc_ros.dynamics.floating_base import require_known_base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.estimation.joint_motion import METHODS
+from denoc_ros.identification.joint_columns import renamed
 from denoc_ros.replay.stream import Source
 from denoc_ros.types import Array
 
@@ -147,7 +148,7 @@ def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> ReplayPla
             f'got {settings.effort!r}'
         )
     beginning = _beginning(path, topic)
-    found = _renamed(beginning.names, settings.rename)
+    found = renamed(beginning.names, settings.rename)
     driven = robot.tree.non_mimic_joints
     joints = settings.joints or tuple(name for name in driven if name in found)
     if not joints:
@@ -195,15 +196,6 @@ def _posture(robot: Robot, found: Mapping[str, str], beginning: JointSeries) -> 
             known = values[np.isfinite(values)]
             posture[place] = known[0] if len(known) else 0.0
     return posture
-
-
-def _renamed(names: tuple[str, ...], rename: Mapping[str, str]) -> dict[str, str]:
-    """Return the names in the bag by what the robot calls them."""
-    found = {}
-    for name in names:
-        start = max((s for s in rename if name.startswith(s)), key=len, default='')
-        found[rename.get(start, '') + name[len(start) :]] = name
-    return found
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -11,11 +11,11 @@ from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateMessage
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 from denoc_ros.identification.channel import Channel, table_times
+from denoc_ros.identification.joint_columns import joint_columns
 from denoc_ros.identification.tables import read_table
 from denoc_ros.types import Array
 
 TOPIC = '/joint_states'
-SEPARATORS = './_ '  # between a joint's name and what of it a column holds
 
 
 def bag_of_table(
@@ -59,7 +59,7 @@ def bag_of_table(
     """
     table, path = Path(table), Path(output)
     given = read_table(table)
-    found = _columns(table, given, joints, columns or {})
+    found = joint_columns(table, given, joints, columns or {})
     names = [joint for joint in joints if (joint, 'position') in found]
     if not names:
         raise BagError(
@@ -85,45 +85,6 @@ def bag_of_table(
         for stamp_ns, message in _messages(names, fields, t, values):
             bag.write(TOPIC, stamp_ns, message)
     return path
-
-
-def _columns(
-    table: Path, given: Mapping[str, Array], joints: Sequence[str], named: Mapping[str, str]
-) -> dict[tuple[str, str], str]:
-    """Return the column of each joint and field that the table has."""
-    found: dict[tuple[str, str], str] = {}
-    for joint in joints:
-        for field in FIELDS:
-            endings = [f'{joint}{separator}{field}' for separator in SEPARATORS]
-            matches = [c for c in given if any(_ends(c, ending) for ending in endings)]
-            if field == 'position' and not matches:
-                matches = [column for column in given if column == joint]
-            if len(matches) > 1 and f'{joint}.{field}' not in named:
-                raise BagError(
-                    f'{table}: {field} of {joint} must be in one column, '
-                    f'got {", ".join(matches)}: --column {joint}.{field}=COLUMN'
-                )
-            if matches:
-                found[joint, field] = matches[0]
-    for what, column in named.items():
-        joint, _, field = what.rpartition('.')
-        if joint not in joints or field not in FIELDS:
-            raise BagError(
-                f'{table}: --column must name JOINT.{"|".join(FIELDS)} of the robot '
-                f'({", ".join(joints)}), got {what!r}'
-            )
-        if column not in given:
-            raise BagError(
-                f'{table}: --column {what} must be one of {", ".join(list(given)[:20])}, '
-                f'got {column!r}'
-            )
-        found[joint, field] = column
-    return found
-
-
-def _ends(column: str, ending: str) -> bool:
-    """Say whether a column's name is an ending, or has it behind a separator."""
-    return column == ending or any(column.endswith(f'{s}{ending}') for s in './')
 
 
 def _messages(

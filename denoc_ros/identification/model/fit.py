@@ -147,10 +147,11 @@ def identify_model(
     start = zero
     if held_out:
         start = search.fit(zero, search.rows_before(1.0 - held_out))
-    held = ~search.rows_before(1.0 - held_out)
-    fitted = [search.rms(theta, ~held) for theta in (zero, start)]
-    judged = [search.rms(theta, held) for theta in (zero, start)]
     theta = search.fit(start, np.ones(len(search.row_t), dtype=bool))
+    judge = start if held_out else theta
+    held = ~search.rows_before(1.0 - held_out)
+    fitted = [search.rms(each, ~held) for each in (zero, judge)]
+    judged = [search.rms(each, held) for each in (zero, judge)]
     sides = zip(search.sizes, search.louder(held), *fitted, *judged, strict=True)
     channels = tuple(
         ChannelFit(*label, int(samples), *map(float, row))

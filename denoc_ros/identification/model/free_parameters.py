@@ -30,6 +30,7 @@ WHERE = 'identify model'
 PRIOR = 0.5
 SMALL_RATIO = 0.01  # what a damping ratio that is 0 changes by
 SMALL_FRICTION = 0.02  # the same of friction, of the joint's largest torque
+OFFSET = 0.1  # of effort, of its largest
 LEVER = 0.1  # m, of a payload's centre of mass
 DELAY = 0.01  # s
 KINDS = ('beam.', 'joint.', 'payload.', 'link.', 'sensor.', 'effort.', 'delay.')
@@ -81,7 +82,9 @@ class SearchPoint:
     bodies : dict of str to RigidInertia
         By name, in the body frame.
     gains : dict of str to float
-        Of measured effort, by joint: effort = gain * torque.
+        Of measured effort, by joint: effort = gain * torque + offset.
+    offsets : dict of str to float
+        Of that [N m, N].
     delays : dict of str to float
         By channel [s]: how much later than the joints it is stamped.
     """
@@ -89,6 +92,7 @@ class SearchPoint:
     overrides: dict[str, float | list[float]] = field(default_factory=dict)
     bodies: dict[str, RigidInertia] = field(default_factory=dict)
     gains: dict[str, float] = field(default_factory=dict)
+    offsets: dict[str, float] = field(default_factory=dict)
     delays: dict[str, float] = field(default_factory=dict)
 
 
@@ -158,7 +162,7 @@ class FreeParameters:
         Dotted paths; `*` and `?` stand for others. `beam.<link>.<y|z>.<ei|damping_ratio>`,
         `beam.<link>.torsion.<gj|damping_ratio>`, `joint.<joint>.<damping|friction|armature>`,
         `payload.<link>` (mass and centre of mass) or `payload.<link>.mass`,
-        `link.<link>.inertial`, `sensor.<name>.<gain|offset>`, `effort.<joint>.gain`,
+        `link.<link>.inertial`, `sensor.<name>.<gain|offset>`, `effort.<joint>.<gain|offset>`,
         `delay.effort` and `delay.<sensor>`.
     efforts : dict of str to float, optional
         The largest measured torque of each joint: the scale of what it is made of.
@@ -231,7 +235,9 @@ class FreeParameters:
         for number, t in zip(self.numbers, theta, strict=False):
             value = number.at(t)
             kind, _, rest = number.path.partition('.')
-            if kind == 'effort':
+            if kind == 'effort' and rest.endswith('.offset'):
+                found.offsets[rest.removesuffix('.offset')] = value
+            elif kind == 'effort':
                 found.gains[rest.removesuffix('.gain')] = value
             elif kind == 'delay':
                 found.delays[rest] = value
@@ -297,7 +303,10 @@ def _numbers(robot: Robot, efforts: Mapping[str, float]) -> list[Number]:
         found.extend(_of_model(path, float(np.ravel(np.asarray(value))[0]), efforts))
     for body in robot.tree.bodies:
         if body.joint is not None:
-            found.append(Number(f'effort.{body.joint.name}.gain', 1.0, 0.0, True))
+            joint = body.joint.name
+            found.append(Number(f'effort.{joint}.gain', 1.0, 0.0, True))
+            scale = OFFSET * efforts.get(joint, 1.0)
+            found.append(Number(f'effort.{joint}.offset', 0.0, scale, False))
     for link in carrying_links(robot.tree):
         mass, centre = _payload_of(robot, link)
         found.append(_positive(f'payload.{link}.mass', mass, 1.0))

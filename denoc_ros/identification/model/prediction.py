@@ -143,6 +143,7 @@ class PreparedRun:
         delay = settings.delays.get('effort', 0.0)
         torque = np.zeros((count, len(self._joints)))
         torque[:end] = torques.best[:, self._joints] * self.gains(settings)
+        torque += [settings.offsets.get(self.recording.joints[k], 0.0) for k in self._joints]
         predicted = self._passed(torque)
         if delay:
             predicted = CubicSpline(self.recording.t, predicted)(self.recording.t - delay)
@@ -156,6 +157,8 @@ class PreparedRun:
                 continue
             stamps = self.recording.sensors[sensor.name][0][self._inside[sensor.name]]
             stamps = stamps - settings.delays.get(sensor.name, 0.0)
+            if (behind := self.recording.filters.get(sensor.name)) is not None:
+                values[:end, k] = behind.passed(self.recording.t[:end], values[:end, k])
             value = CubicSpline(self.recording.t, values[:, k])(stamps)
             found.append(self._raw(sensor.name) - (value - sensor.offset) / sensor.gain)
         return [residual for residual in found if len(residual)]

@@ -13,6 +13,8 @@ from denoc_ros.bags.readings import read_stamped_readings, resolved
 from denoc_ros.bags.series import read_joint_states
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.joint_columns import renamed
+from denoc_ros.identification.model.sensor_filter import SensorFilter
 from denoc_ros.types import Array
 
 FEWEST = 50  # joint states of a recording
@@ -37,6 +39,8 @@ class Recording:
         By the sensor's name: stamps on the same clock [s] and raw readings.
     name : str
         What messages call it.
+    filters : dict of str to SensorFilter, optional
+        By the sensor's name: what its readings have passed; the prediction passes it, too.
 
     Raises
     ------
@@ -51,6 +55,7 @@ class Recording:
     velocity: Array | None = None
     sensors: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     name: str = 'recording'
+    filters: Mapping[str, SensorFilter] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         k = len(self.t)
@@ -74,7 +79,11 @@ class Recording:
 
 
 def read_recording(
-    path: str | Path, robot: Robot, topic: str = '/joint_states', stamp: Stamp = 'header'
+    path: str | Path,
+    robot: Robot,
+    topic: str = '/joint_states',
+    stamp: Stamp = 'header',
+    rename: Mapping[str, str] | None = None,
 ) -> Recording:
     """Return what a bag has of a robot's joints and sensors.
 
@@ -87,6 +96,8 @@ def read_recording(
         Joint states.
     stamp : {'header', 'log'}
         As of `read_bag`.
+    rename : mapping of str to str, optional
+        Beginnings of joint names in the bag and what they are in the robot.
 
     Raises
     ------
@@ -94,13 +105,14 @@ def read_recording(
         The bag cannot be read, or has too little.
     """
     series = read_joint_states(path, topic, None, stamp)
-    known = [name for name in series.names if name in robot.joint_names]
+    called = renamed(series.names, rename or {})
+    known = [name for name in called if name in robot.joint_names]
     if not known:
         raise IdentificationError(
             f'{path}: {topic} must have joints of the robot ({", ".join(robot.joint_names)}), '
-            f'got {", ".join(series.names) or "none"}'
+            f'got {", ".join(called) or "none"}'
         )
-    columns = [series.names.index(name) for name in known]
+    columns = [series.names.index(called[name]) for name in known]
     position = series.position[:, columns]
     rises = np.concatenate([[True], np.diff(np.maximum.accumulate(series.stamp_ns)) > 0])
     whole = np.isfinite(position).all(axis=1) & rises

@@ -1,0 +1,143 @@
+"""Recordings out of tables: columns, windows, filters that sensors stand behind, offsets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from identification_runs import recorded, sweeping
+from scipy.signal import lsim
+
+import denoc_ros as dn
+from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.identification.model.sensor_filter import SensorFilter
+from denoc_ros.identification.model.sources import RecordingSettings, read_source
+
+ROBOTS = Path(__file__).resolve().parents[3] / 'config' / 'robots'
+FILTER = SensorFilter(12.566, 0.9)  # 2 Hz
+
+
+@pytest.fixture(scope='module')
+def rig() -> dn.Robot:
+    return dn.load_robot(ROBOTS / 'two_flexible_links.urdf', gravity=(0, 0, 0))
+
+
+def table(path: Path, **columns: np.ndarray) -> Path:
+    values = np.column_stack(list(columns.values()))
+    np.savetxt(path, values, delimiter=',', header=','.join(columns), comments='')
+    return path
+
+
+def swings(rows: int = 200) -> dict[str, np.ndarray]:
+    t = 0.01 * np.arange(rows)
+    return {'time': t, 'hub': np.sin(t), 'joint_2': np.cos(t), 'bend': 0.01 * np.sin(3.0 * t)}
+
+
+@pytest.mark.parametrize('jitter', [0.0, 0.3])
+def test_values_behind_a_filter_are_those_of_its_differential_equation(jitter: float) -> None:
+    draw = np.random.default_rng(1)
+    t = np.cumsum(0.002 * (1.0 + jitter * draw.uniform(-1.0, 1.0, 1500)))
+    values = 0.3 + np.sin(9.0 * t) - np.sin(9.0 * t[0])
+    w, z = FILTER.omega, FILTER.damping
+    even = np.linspace(t[0], t[-1], 20001)
+    fine = 0.3 + np.sin(9.0 * even) - np.sin(9.0 * t[0])
+    _, wanted, _ = lsim(([w * w], [1.0, 2.0 * z * w, w * w]), fine - 0.3, even - t[0])
+    # linear between stamps 2 ms apart: (9 * 0.002)^2 / 8 of the amplitude, and the grid's as much
+    found = FILTER.passed(t, values)
+    np.testing.assert_allclose(found, np.interp(t, even, 0.3 + wanted), rtol=0, atol=5e-4)
+    still = FILTER.passed(t, np.full_like(t, 0.3))
+    np.testing.assert_allclose(still, 0.3, rtol=0, atol=1e-9)
+
+
+def test_stiffness_is_found_from_filtered_readings_if_the_filter_is_known(rig: dn.Robot) -> None:
+    path = 'beam.link_1.y.ei'
+    truth = {path: 3.5}
+    run = recorded(rig.with_overrides(truth), sweeping(2, 3), 3.0)
+    behind = {name: (t, FILTER.passed(t, raw)) for name, (t, raw) in run.sensors.items()}
+    gauges = replace(run, sensors=behind, effort=np.full_like(run.effort, np.nan))
+    known = replace(gauges, filters=dict.fromkeys(behind, FILTER))
+    found = dn.identify_model(rig, known, [path], held_out=0.0)
+    assert found.verdict[path] == 'found'
+    assert found.values[path] == pytest.approx(truth[path], rel=0.01)
+    unknown = dn.identify_model(rig, gauges, [path], held_out=0.0)
+    assert unknown.verdict[path] != 'found'
+
+
+def test_an_offset_of_measured_effort_is_told_from_gravity() -> None:
+    pendulum = dn.load_robot(ROBOTS / 'rigid_pendulum.urdf')
+    run = recorded(pendulum.with_overrides({'payload.link_1.mass': 0.2}), sweeping(1, 3), 3.0)
+    shifted = replace(run, effort=run.effort + 0.1)
+    free = ['payload.link_1.mass', 'effort.joint_1.offset']
+    found = dn.identify_model(pendulum, shifted, free)
+    assert found.values['effort.joint_1.offset'] == pytest.approx(0.1, abs=2e-3)
+    low, high = found.interval['effort.joint_1.offset']
+    assert low < found.values['effort.joint_1.offset'] < high
+    assert not found.reasons
+
+
+def test_columns_of_a_table_become_joints_and_sensors(rig: dn.Robot, tmp_path: Path) -> None:
+    given = swings()
+    given['bend'][7] = np.nan
+    columns = {'joint_1.position': 'hub', 'sensor.strain_2': 'bend'}
+    settings = RecordingSettings(columns=columns, begin=0.5, end=1.5)
+    run = read_source(table(tmp_path / 'run.csv', **given), rig, settings)
+    assert run.joints == ('joint_1', 'joint_2')
+    inside = (given['time'] >= 0.5) & (given['time'] <= 1.5)
+    np.testing.assert_allclose(run.t, given['time'][inside])
+    np.testing.assert_allclose(run.position[:, 0], given['hub'][inside])
+    np.testing.assert_allclose(run.position[:, 1], given['joint_2'][inside])
+    assert run.velocity is None
+    assert np.isnan(run.effort).all()
+    t, raw = run.sensors['strain_2']
+    np.testing.assert_allclose(t, given['time'][inside])
+    np.testing.assert_allclose(raw, given['bend'][inside])
+    assert list(run.sensors) == ['strain_2']
+    whole = read_source(tmp_path / 'run.csv', rig, RecordingSettings(columns=columns))
+    assert len(whole.sensors['strain_2'][0]) == len(whole.t) - 1  # without the NaN
+
+
+def test_joints_of_a_bag_are_renamed(rig: dn.Robot, tmp_path: Path) -> None:
+    encoder = JointStateMessage(['arm_1', 'arm_2'], ['position'])
+    with BagWriter(tmp_path / 'run.mcap') as bag:
+        bag.add_topic('/joint_states', JOINT_STATE)
+        for k in range(60):
+            stamp = 1_000_000_000 + 10_000_000 * k
+            bag.write('/joint_states', stamp, encoder.encode(stamp, np.array([0.1 * k, -0.2 * k])))
+    settings = RecordingSettings(rename={'arm_': 'joint_'})
+    run = read_source(tmp_path / 'run.mcap', rig, settings)
+    assert run.joints == ('joint_1', 'joint_2')
+    np.testing.assert_allclose(run.position[9], [0.9, -1.8])
+
+
+@pytest.mark.parametrize(
+    ('settings', 'says'),
+    [
+        (RecordingSettings(), 'table must have the position of a joint'),
+        (RecordingSettings(columns={'sensor.none': 'bend'}), 'must be a sensor of the robot'),
+        (RecordingSettings(columns={'joint_1.position': 'none'}), 'must be one of time, hub'),
+        (
+            RecordingSettings(columns={'joint_1.position': 'hub'}, filters={'none': FILTER}),
+            r'--filter must be of a sensor of the robot \(strain_1, strain_2\), got none',
+        ),
+    ],
+)
+def test_names_of_nothing_are_refused(
+    rig: dn.Robot, tmp_path: Path, settings: RecordingSettings, says: str
+) -> None:
+    given = swings()
+    del given['joint_2']
+    path = table(tmp_path / 'run.csv', **given)
+    with pytest.raises(dn.BagError, match=says):
+        read_source(path, rig, settings)
+
+
+def test_columns_of_a_bag_and_filters_that_cannot_be_are_refused(
+    rig: dn.Robot, tmp_path: Path
+) -> None:
+    with pytest.raises(dn.BagError, match='--column must come with a table, got a bag'):
+        read_source(tmp_path / 'run.mcap', rig, RecordingSettings(columns={'joint_1.x': 'y'}))
+    with pytest.raises(dn.IdentificationError, match='damping must be > 0, got 0'):
+        SensorFilter(10.0, 0.0)
