@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from denoc_ros.bags.cdr import CdrError, CdrReader
+from denoc_ros.bags.joint_series import JointSeries
 from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateLayout
-from denoc_ros.bags.series import JointSeries
 from denoc_ros.errors import BagError
 
 

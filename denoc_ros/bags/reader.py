@@ -104,9 +104,14 @@ def read_bag(
     BagError
         When the bag cannot be read; for an unfinished recording it says how to recover it.
     """
+    require_stamp(path, stamp)
+    return _messages(Path(path), topics, stamp)
+
+
+def require_stamp(path: str | Path, stamp: Stamp) -> None:
+    """Raise BagError unless stamps are asked for that a bag has."""
     if stamp not in ('header', 'log'):
         raise BagError(f'{path}: stamp must be header or log, got {stamp!r}')
-    return _messages(Path(path), topics, stamp)
 
 
 def read_raw(

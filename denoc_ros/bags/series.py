@@ -3,41 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from denoc_ros.bags.reader import BagMessage, Stamp, read_bag
+from denoc_ros.bags.columns import JointStateColumns
+from denoc_ros.bags.joint_series import JointSeries as JointSeries
+from denoc_ros.bags.joint_series import elapsed as elapsed
+from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE
+from denoc_ros.bags.reader import BagMessage, Stamp, read_bag, read_raw, require_stamp
 from denoc_ros.errors import BagError
 from denoc_ros.types import Array, Stamps
-
-
-@dataclass(frozen=True)
-class JointSeries:
-    """Joint states over time.
-
-    Attributes
-    ----------
-    stamp_ns : (k,) int array
-        Times [ns].
-    names : tuple of str
-        The m joints.
-    position, velocity, effort : (k, m) array
-        rad or m, per s, N m or N; NaN where a message did not have it.
-    """
-
-    stamp_ns: Stamps
-    names: tuple[str, ...]
-    position: Array
-    velocity: Array
-    effort: Array
-
-    @property
-    def t(self) -> Array:
-        """Times since the first message [s], (k,)."""
-        return elapsed(self.stamp_ns)
 
 
 @dataclass(frozen=True)
@@ -76,12 +53,6 @@ class Diagnostic:
     values: dict[str, str]
 
 
-def elapsed(stamp_ns: Stamps) -> Array:
-    """Return seconds since the first of some times in ns, (k,)."""
-    since: Stamps = stamp_ns - stamp_ns[:1]
-    return np.asarray(since * 1e-9, dtype=np.float64)
-
-
 def read_joint_states(
     path: str | Path,
     topic: str = '/joint_states',
@@ -107,31 +78,35 @@ def read_joint_states(
         As `read_bag`; also for another type, a field of another length than `name`, or a joint
         that is in no message.
     """
-    messages = list(_of_type(path, topic, 'sensor_msgs/msg/JointState', stamp))
-    seen = tuple(dict.fromkeys(name for item in messages for name in item.message.name))
-    chosen = seen if names is None else tuple(names)
-    if messages and (unknown := sorted(set(chosen) - set(seen))):
+    require_stamp(path, stamp)
+    columns, logged = JointStateColumns(f'{path}: {topic}'), []
+    for _, kind, log_ns, raw in read_raw(path, [topic]):
+        if kind != JOINT_STATE:
+            raise _wrong_type(path, topic, (JOINT_STATE,), kind)
+        columns.append(raw, log_ns)
+        logged.append(log_ns)
+    series = columns.series()
+    if stamp == 'log':
+        series = replace(series, stamp_ns=np.array(logged, dtype=np.int64))
+    return series if names is None else _chosen(path, topic, series, names)
+
+
+def _chosen(
+    path: str | Path, topic: str, series: JointSeries, names: Sequence[str]
+) -> JointSeries:
+    """Return some joints of a series, in the order of the names."""
+    seen = series.names
+    if len(series.stamp_ns) and (unknown := sorted(set(names) - set(seen))):
         raise BagError(
             f'{path}: joints on {topic} must be among {", ".join(seen)}, got {", ".join(unknown)}'
         )
-    column = {name: index for index, name in enumerate(chosen)}
-    fields = {
-        name: np.full((len(messages), len(chosen)), np.nan)
-        for name in ('position', 'velocity', 'effort')
+    index = [seen.index(name) for name in names] if seen else [0] * len(names)
+    # messages without joints give rows without columns
+    chosen = {
+        field: getattr(series, field)[:, index] if seen else np.empty((0, len(names)))
+        for field in FIELDS
     }
-    for row, item in enumerate(messages):
-        joints = item.message.name
-        columns = [column.get(name, -1) for name in joints]
-        for field, values in fields.items():
-            given = getattr(item.message, field)
-            if len(given) == len(joints):
-                _fill(values[row], columns, given)
-            elif len(given):
-                raise BagError(
-                    f'{path}: {field} in message {row} on {topic} must have as many values as '
-                    f'name has ({len(joints)}), got {len(given)}'
-                )
-    return JointSeries(_stamps(messages), chosen, **fields)
+    return JointSeries(series.stamp_ns, tuple(names), **chosen)
 
 
 def read_arrays(path: str | Path, topic: str, stamp: Stamp = 'header') -> ArraySeries:
@@ -178,16 +153,12 @@ def _of_type(
     allowed = (types,) if isinstance(types, str) else types
     for item in read_bag(path, [topic], stamp):
         if item.type not in allowed:
-            raise BagError(
-                f'{path}: topic {topic} must be of type {" or ".join(allowed)}, got {item.type}'
-            )
+            raise _wrong_type(path, topic, allowed, item.type)
         yield item
 
 
-def _fill(row: Array, columns: list[int], given: Any) -> None:
-    for index, value in zip(columns, given, strict=True):
-        if index >= 0:
-            row[index] = value
+def _wrong_type(path: str | Path, topic: str, allowed: Sequence[str], kind: str) -> BagError:
+    return BagError(f'{path}: topic {topic} must be of type {" or ".join(allowed)}, got {kind}')
 
 
 def _stamps(messages: list[BagMessage]) -> Stamps:
