@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import find_peaks
 from scipy.stats import t as student
@@ -16,6 +17,7 @@ from denoc_ros.identification.records import Record
 from denoc_ros.types import Array
 
 Method = Literal['weighted', 'book']
+Complexes = NDArray[np.complex128]
 
 OVERLAP = 0.9
 MOST_WINDOWS = 200
@@ -211,9 +213,7 @@ def _in_windows(
     record: Record, frequencies: Array, k: int, window: float, method: Method, shortest: float
 ) -> SpectralDecay:
     starts = _window_starts(record, window, method)
-    amplitudes = np.array(
-        [[_amplitude(record, s, window, f, method) for f in frequencies] for s in starts]
-    ).reshape(starts.size, frequencies.size)
+    amplitudes = _amplitudes(record, starts, window, frequencies, method)
     magnitude = np.abs(amplitudes[:, k])
     floor = _floor(record, np.abs(amplitudes), frequencies, k, window, method)
     used = np.logical_and.accumulate(magnitude > CLEAR * floor)
@@ -242,22 +242,41 @@ def _window_starts(record: Record, window: float, method: Method) -> Array:
     return np.asarray(np.arange(record.t[0], last + 1e-9, hop))
 
 
-def _amplitude(record: Record, start: float, window: float, f: float, method: Method) -> complex:
-    """Return the amplitude of e^{i 2 pi f t} in one window; 0 where it has too few samples.
+def _amplitudes(
+    record: Record, starts: Array, window: float, frequencies: Array, method: Method
+) -> Complexes:
+    """Return the amplitudes of e^{i 2 pi f t} in windows, (w, f); 0 where samples are too few.
 
-    Hann: weighted least squares with an offset. Book: the FFT's.
+    Hann: weighted least squares with an offset, each frequency alone. Book: the FFT's.
     """
-    inside = (record.t >= start) & (record.t < start + window)
-    if np.count_nonzero(inside) < FEWEST_SAMPLES:
-        return 0.0
-    t, y = record.t[inside], record.y[inside]
-    turn = np.exp(-2j * np.pi * f * (t - record.t[0]))
-    if method == 'book':
-        return complex(2.0 * np.mean((y - y.mean()) * turn))
-    root = np.sin(np.pi * (t - start) / window)
-    phi = np.column_stack((turn.real, -turn.imag, np.ones(t.size))) * root[:, None]
-    a, b, _ = np.linalg.lstsq(phi, y * root, rcond=None)[0]
-    return complex(a, -b)
+    turns = np.exp(-2j * np.pi * np.outer(record.t - record.t[0], frequencies))
+    phi = np.column_stack((turns.real, -turns.imag, np.ones(record.t.size), record.y))
+    found = np.zeros((starts.size, frequencies.size), np.complex128)
+    edges = np.searchsorted(record.t, (starts, starts + window))
+    for row, (start, low, high) in enumerate(zip(starts, *edges, strict=True)):
+        if high - low < FEWEST_SAMPLES:
+            continue
+        if method == 'book':
+            y = record.y[low:high]
+            found[row] = 2.0 * np.mean((y - y.mean())[:, None] * turns[low:high], axis=0)
+        else:
+            shape = np.sin(np.pi * (record.t[low:high] - start) / window) ** 2
+            found[row] = _each_alone(phi[low:high].T @ (shape[:, None] * phi[low:high]))
+    return found
+
+
+def _each_alone(products: Array) -> Complexes:
+    """Return a - i b of each frequency from the weighted products of all columns, (f,).
+
+    The columns are the f cosines, the f sines, one, and the samples.
+    """
+    count = (len(products) - 2) // 2
+    index = np.arange(count)[:, None] + np.array([0, count, 0])
+    index[:, 2] = 2 * count
+    gram = products[index[:, :, None], index[:, None, :]]
+    # a frequency that the samples do not show has a singular matrix: the least solution
+    solution = np.linalg.pinv(gram, hermitian=True) @ products[index, -1][:, :, None]
+    return np.asarray(solution[:, 0, 0] - 1j * solution[:, 1, 0])
 
 
 def _floor(
