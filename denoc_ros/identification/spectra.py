@@ -12,7 +12,7 @@ from scipy.signal import find_peaks
 from scipy.stats import t as student
 
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.quality import sample_noise
+from denoc_ros.identification.quality import Mask, sample_noise
 from denoc_ros.identification.records import Record
 from denoc_ros.types import Array
 
@@ -84,7 +84,7 @@ class SpectralDecay:
     time: Array
     magnitude: Array
     floor: Array
-    used: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    used: Mask
     reasons: tuple[str, ...]
 
 
@@ -294,7 +294,9 @@ def _floor(
     return np.asarray(floor)
 
 
-def _slope(decay: SpectralDecay, amplitudes: Array, used: Array, method: Method) -> SpectralDecay:
+def _slope(
+    decay: SpectralDecay, amplitudes: Complexes, used: Mask, method: Method
+) -> SpectralDecay:
     time, height = decay.time[used], np.log(np.abs(amplitudes[used]))
     weight = decay.magnitude[used] ** 2 if method == 'weighted' else np.ones(time.size)
     slope, deviation = _line(time, height, weight, decay.window)

@@ -14,7 +14,9 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure as Canvas
+from matplotlib.ticker import LogFormatterSciNotation
 
 from denoc_ros.reports.loop_timing import LoopMeasure
 from denoc_ros.types import Array
@@ -46,6 +48,7 @@ STYLE = {
     'svg.fonttype': 'none',
     'path.simplify': True,
 }
+SUPERSCRIPTS = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
 AXIS_LABEL = 'axis-label'  # class of the groups that hold an axis' label
 
 
@@ -80,6 +83,17 @@ class Drawing:
 
     title: str
     svg: Markup
+
+
+class PlainPowers(LogFormatterSciNotation):
+    """Powers of ten as plain text: laid out in a fraction of the time that TeX takes."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Return the label of a tick, '' of one that has none."""
+        label = str(super().__call__(x, pos))
+        label = label.replace('$', '').replace(r'\mathdefault{', '').replace(r'\times', '×')
+        label = re.sub(r'\^\{(-?\d+)\}', lambda power: power[1].translate(SUPERSCRIPTS), label)
+        return label.replace('}', '').replace('-', '−')
 
 
 @dataclass(frozen=True)
@@ -171,8 +185,10 @@ def _draw_lines(axis: Axes, panel: Panel) -> str:
             axis.errorbar(t, y / factor, curve.error / factor, color=colour, lw=1.2, **look)
     if panel.log_x:
         axis.set_xscale('log')
+        _label_powers(axis.xaxis)
     if panel.log_y:
         axis.set_yscale('log')
+        _label_powers(axis.yaxis)
     label = f'[{prefix}{panel.unit or 1}]'
     axis.set_xlabel(panel.x_label)
     axis.set_ylabel(label)
@@ -189,6 +205,7 @@ def _draw_histogram(axis: Axes, loop: LoopMeasure) -> str:
     axis.stairs(counts, edges[: shown + 1], fill=True, color=_stand_in(BAR_COLOUR))
     axis.axvline(1e3 * loop.nominal, color=_stand_in(PHASE_COLOURS[0]), lw=0.9)
     axis.set_yscale('log')
+    _label_powers(axis.yaxis)
     axis.set_ylim(bottom=0.7)
     axis.set_xlim(0.0, LAST_PERIOD * loop.nominal * 1e3)
     label = 'period [ms]'
@@ -198,6 +215,11 @@ def _draw_histogram(axis: Axes, loop: LoopMeasure) -> str:
     axis.set_ylabel('ticks [1]')
     _tidy(axis)
     return f'Histogram of {loop.ticks} periods of {loop.node} [ms]'
+
+
+def _label_powers(side: Axis) -> None:
+    side.set_major_formatter(PlainPowers())
+    side.set_minor_formatter(PlainPowers(labelOnlyBase=False))
 
 
 def _tidy(axis: Axes) -> None:

@@ -30,6 +30,7 @@ from denoc_ros.types import Array
 
 ROW = 2.3  # inches
 SLICES = 12  # of a waterfall
+SHOWN = 0.1  # standard deviations of the noise that a decay is drawn down to
 
 
 def decay_page(document: Mapping[str, Any], analysis: DecayAnalysis, command: str) -> ReportPage:
@@ -124,6 +125,7 @@ def _envelopes(analysis: DecayAnalysis) -> PageSection | None:
         crest = _crests(record.t, own, 0.5 / frequency)
         rate = 2.0 * np.pi * frequency * modes.damping_ratio[k]
         fit = modes.amplitude[k] * np.exp(-rate * (record.t - modes.start))
+        seen = fit > SHOWN * modes.noise
         ends = record.t[[0, -1]]
         panels.append(
             Panel(
@@ -131,7 +133,7 @@ def _envelopes(analysis: DecayAnalysis) -> PageSection | None:
                 record.unit,
                 [
                     Curve('crests', TRUTH_COLOUR, record.t[crest], own[crest], marker='.'),
-                    Curve('fitted', PHASE_COLOURS[0], record.t, fit),
+                    Curve('fitted', PHASE_COLOURS[0], record.t[seen], fit[seen]),
                     Curve('noise', DIFFERENCE_COLOUR, ends, np.full(2, modes.noise), True),
                     *_spectral(analysis.spectra[k]),
                 ],
