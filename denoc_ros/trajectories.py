@@ -204,6 +204,20 @@ class SplineTrajectory(Trajectory):
         self._powers[2, 2] = 2.0
         self._result = np.zeros((3, self.n))
 
+    def knots(self) -> tuple[Array, Array, Array, Array]:
+        """Return times (k,) and position, velocity, acceleration (k, n) of the same spline."""
+        times, pieces = np.array(self._times), self._pieces
+        last = times[-1] - times[-2]
+        powers = last ** np.arange(6.0)
+        order = np.arange(6)
+        rate = np.where(order > 0, order * last ** np.maximum(order - 1.0, 0.0), 0.0)
+        bend = order * (order - 1) * last ** np.maximum(order - 2.0, 0.0)
+        ends = [np.asarray(row @ pieces[-1]) for row in (powers, rate, bend)]
+        rows = pieces[:, 0], pieces[:, 1], 2.0 * pieces[:, 2]
+        q, qd, qdd = (np.vstack((some, end)) for some, end in zip(rows, ends, strict=True))
+        count = 1 if self.duration == 0.0 else len(times)  # a posture is one knot
+        return times[:count], q[:count], qd[:count], qdd[:count]
+
     def _inside(self, t: float, q: Array, qd: Array, qdd: Array) -> None:
         piece = min(bisect_right(self._times, t), len(self._times) - 1) - 1
         s = t - self._times[piece]

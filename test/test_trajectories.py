@@ -118,3 +118,21 @@ def test_every_finding_of_a_bad_reference_is_named() -> None:
         trajectory_from_config({'kind': 'book', 'rate': 1.0}, JOINTS)
     with pytest.raises(ConfigError, match='times must increase'):
         trajectory_from_config({**KINDS['points'], 'times': [0.0, 2.0, 1.0, 3.0]}, JOINTS)
+
+
+@pytest.mark.parametrize('whole', [True, False])
+def test_knots_make_the_same_spline(whole: bool) -> None:
+    times = np.array([0.0, 0.4, 0.5, 1.3])
+    rows = np.random.default_rng(3).normal(size=(3, 4, 2))
+    spline = SplineTrajectory(times, *(rows if whole else rows[:1]))
+    again = SplineTrajectory(*spline.knots())
+    for one, other in zip(spline.table(0.05), again.table(0.05), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-9)
+
+
+def test_knots_of_a_posture_hold_it() -> None:
+    spline = SplineTrajectory(np.zeros(1), np.array([[0.3, -0.2]]))
+    again = SplineTrajectory(*spline.knots())
+    assert again.duration == 0.0
+    for one, other in zip(spline.table(0.05), again.table(0.05), strict=True):
+        np.testing.assert_array_equal(one, other)

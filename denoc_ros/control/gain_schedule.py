@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,7 +94,6 @@ def design(
     times: Array,
     states: Sequence[PlannedState],
     settings: FeedbackSettings,
-    going_on: Callable[[], bool] = lambda: True,
 ) -> GainSchedule:
     """Return the gains along a plan, shown to be stable for models that are 20 % off.
 
@@ -110,8 +109,6 @@ def design(
         Of the states [s]: one, or 2^j periods apart (see :func:`spacing`).
     states : sequence of PlannedState
     settings : FeedbackSettings
-    going_on : callable
-        Asked at each posture; False ends the work with a StateError.
 
     Raises
     ------
@@ -130,7 +127,6 @@ def design(
     doublings = _doublings(times, settings)
     models = []
     for state in states:
-        _require_going(going_on)
         models.append(deviation_model(robot, joints, sensors.tolist(), settings.tip, state))
     require_same_coordinates(models)
     noise = noise_of(robot, len(joints), sensors.tolist(), limits, settings)
@@ -138,7 +134,6 @@ def design(
     cost: Array | None = None
     gains: list[PostureGains] = []
     for model, state in zip(reversed(models), reversed(states), strict=True):
-        _require_going(going_on)
         problem = regulator(model, limits, settings)
         cost = settled_cost(problem) if cost is None else earlier_cost(problem, cost, doublings)
         forces = noise.forces(state, stiff, settings.model_error)
@@ -183,11 +178,6 @@ def _doublings(times: Array, settings: FeedbackSettings) -> int:
     if len(times) == 1:
         return 0
     return round(math.log2((times[1] - times[0]) / settings.period))
-
-
-def _require_going(going_on: Callable[[], bool]) -> None:
-    if not going_on():
-        raise StateError('state feedback: the plan was replaced by another one')
 
 
 def _checked(robot: Robot, limits: Array, settings: FeedbackSettings) -> Int:

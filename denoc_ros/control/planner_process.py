@@ -1,4 +1,4 @@
-"""A process that plans motions: jobs on its standard input, plans on its standard output.
+"""A process that plans motions and gains: jobs on standard input, answers on standard output.
 
 `python -m denoc_ros.control.planner_process`, which :class:`denoc_ros.runtime.planner.Planner`
 starts.
@@ -16,6 +16,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from denoc_ros.control.gain_jobs import read_job, schedule_message
 from denoc_ros.control.jobs import read_message, write_message
 from denoc_ros.control.joint_limits import joint_limits
 from denoc_ros.control.plan import Plan
@@ -53,13 +54,15 @@ class Planning:
     def answer(
         self, header: dict[str, Any], arrays: dict[str, Array]
     ) -> tuple[dict[str, Any], dict[str, Array]]:
-        """Return the answer to a job: `error`, or the arrays `t`, `q`, `qd`, `qdd`."""
+        """Return the answer to a job: `error`, or the arrays `t`, `q`, `qd`, `qdd`, or gains."""
         began = time.perf_counter()
         try:
             robot = self.robot(header['robot'])
             if header['job'] == 'load':
                 answer: dict[str, Any] = {'joints': list(robot.joint_names)}
                 rows: dict[str, Array] = {}
+            elif header['job'] == 'gains':
+                answer, rows = schedule_message(read_job(header, arrays).schedule(robot))
             else:
                 answer, rows = self._shape(robot, header, arrays)
         except (DenocError, OSError) as error:

@@ -30,6 +30,7 @@ from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
 from denoc_ros.runtime.realtime import freeze_gc, make_thread_timely
 from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.runtime.signals import SIGNALS
+from denoc_ros.runtime.stamps import at_once
 from denoc_ros.runtime.status import Status, input_status
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -277,7 +278,8 @@ class DenocNode(GuardedNode):
 
     def stamp_ns_at(self, moment: float) -> int:
         """Return the time of the stamping clock [ns] at a time of the steady clock [s]."""
-        return self.stamp_ns() - round(1e9 * (time.perf_counter() - moment))
+        now, now_ns = at_once(self.stamp_ns)
+        return now_ns - round(1e9 * (now - moment))
 
     def stamp_ns(self) -> int:
         """Return now for headers [ns]: the system's time, or simulated time where in use."""

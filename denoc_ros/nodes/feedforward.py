@@ -12,6 +12,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.errors import ConfigError
+from denoc_ros.estimation.clock import StampClock
 from denoc_ros.nodes.base import EVERY_MESSAGE
 from denoc_ros.nodes.base_input import BaseInput
 from denoc_ros.nodes.base_wrench import BaseWrench
@@ -25,6 +26,7 @@ from denoc_ros.runtime.feedforward_parameters import TABLE
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.live_torque import LiveTorque
 from denoc_ros.runtime.motion_bounds import motion_bounds
+from denoc_ros.runtime.phase_lock import PhaseLock
 from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
 from denoc_ros.runtime.safety import InputMonitor, SafeCommand, TorqueLimiter, torque_limits
 from denoc_ros.runtime.stamps import StampOf
@@ -83,6 +85,9 @@ class FeedforwardNode(LiveFeedforward):
         )
         self.torque = LiveTorque(self._build(self.robot, settings), not self.by_message)
         self._has_loops = bool(self.robot.tree.loops)
+        synchronous = settings.flag('sync_to_joint_states') and not self.by_message
+        self.phase = PhaseLock(self.period) if synchronous else None
+        self._joint_clock = StampClock()
         self._cause = 'waiting'
         self._message_time: int | None = None
         self._said = TorqueStatus()
@@ -118,6 +123,9 @@ class FeedforwardNode(LiveFeedforward):
         reader = self._reader
         reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now))
         self.feedback.take_joints(reader, now)
+        if self.phase is not None:
+            wall = 1e-9 * self.stamp_ns_at(now)
+            self.phase.take(self._joint_clock.taken_at(1e-9 * reader.stamp_ns, now, wall))
         if not self.from_joints:
             return
         velocity = reader.velocity if reader.has_velocity else None
@@ -178,6 +186,7 @@ class FeedforwardNode(LiveFeedforward):
     def cleanup(self) -> None:
         """Take the publishers down; the next configure makes them for its joints."""
         self.output.close(self)
+        self.feedback.close()
         if self.wrench is not None:
             self.wrench.close(self)
 
@@ -188,6 +197,9 @@ class FeedforwardNode(LiveFeedforward):
         self._last_update = -math.inf
         self._fresh = True
         self._look_due = -math.inf
+        self._joint_clock.reset()
+        if self.phase is not None:
+            self.phase.forget()
         self.limiter.reset()
         self.carrying.forget()
         self.safe.end()
@@ -207,6 +219,8 @@ class FeedforwardNode(LiveFeedforward):
         """Publish the torque for now: along the reference, else the safe command."""
         if self.loop is not None:
             self._tick_time = self.loop.deadline
+            if self.phase is not None:
+                self.loop.shift = self.phase.shift(self._tick_time)
         now = time.perf_counter()
         self.torque.take(self.limiter)
         self._move_base(self._tick_time + self.conditions.lead)

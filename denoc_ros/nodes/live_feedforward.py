@@ -17,6 +17,7 @@ from denoc_ros.runtime.following import FollowingConditions
 from denoc_ros.runtime.live_torque import LiveTorque, torque_feedforward
 from denoc_ros.runtime.motion_bounds import MotionBounds, limits_of
 from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
+from denoc_ros.runtime.phase_lock import PhaseLock
 from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.safety import InputMonitor, TorqueLimiter, torque_limits
 from denoc_ros.runtime.status import Status
@@ -36,6 +37,7 @@ class LiveFeedforward(RobotNode):
     limiter: TorqueLimiter
     bounds: MotionBounds
     follower: ReferenceFollower
+    phase: PhaseLock | None
     torque: LiveTorque
     joint_input: InputMonitor
     q: Array
@@ -161,5 +163,7 @@ class LiveFeedforward(RobotNode):
             'joints': ' '.join(self.joints),
             'takeovers': self._takeovers,
         }
+        if self.phase is not None:
+            more['synchronous'] = self.phase.is_steady
         status = self._said.status(self._cause, self.limiter, self.torque.failures, more)
         return [*found, status, *self.feedback.statuses()]

@@ -52,7 +52,7 @@ class TorqueFeedback:
 
         Raises
         ------
-        ConfigError, StateError, SolverError
+        ConfigError, StateError
             As of :meth:`StrainFeedback.build` and :meth:`LiveStateFeedback.build`.
         """
         self.state.build(robot, joints, settings, limits, posture)
@@ -85,6 +85,10 @@ class TorqueFeedback:
     def stop(self) -> None:
         """End what is in work beside the loop."""
         self.state.stop()
+
+    def close(self) -> None:
+        """End the process that designs gains, if there is one."""
+        self.state.close()
 
     def add(
         self, torque: Array, source: TorqueFeedforward, wanted: Array, now: float, lead: float

@@ -99,6 +99,14 @@ TABLE = ParameterTable(
             'accept joint states that also name joints unknown to the robot',
         ),
         Parameter(
+            'sync_to_joint_states',
+            Kind.BOOL,
+            False,
+            "keep each tick half a period after the joint states' stamps: the delay from a "
+            'measurement to its torque is then the same in every period; needs joint states '
+            'every period, or every few',
+        ),
+        Parameter(
             'lead_time',
             Kind.DOUBLE,
             0.0,

@@ -1,29 +1,34 @@
-"""Gains of the state feedback, designed in parallel to the loop."""
+"""Gains of the state feedback, designed in another process than the loop's."""
 
 from __future__ import annotations
 
 import math
-import threading
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import time
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_schedule import design
-from denoc_ros.control.planned_states import state_at, states_along
+from denoc_ros.control.gain_jobs import GainJob, read_schedule
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import SolverError, StateError
+from denoc_ros.errors import StateError
+from denoc_ros.runtime.planner import Answer, Planner
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
+
+LIMIT = 120.0  # s for a design: a cold kernel cache compiles on a slow machine
+TRIES = 3  # of a design in a process that dies or hangs
+LOOK = 0.005  # s between looks for an answer that a callback waits for
 
 
 @dataclass(frozen=True)
 class FeedbackModel:
     """What gains are designed for: the robot with its driven joints, limits and settings.
 
-    `has_rates` says whether the joints' rates are measured.
+    `source` describes the robot to the other process: `source`, `gravity`,
+    `geometric_stiffness`, `overrides`. `has_rates` says whether the joints' rates are measured.
     """
 
     robot: Robot
@@ -31,6 +36,7 @@ class FeedbackModel:
     limits: Array
     posture: Array
     given: FeedbackSettings
+    source: dict[str, Any] = field(default_factory=dict)
     has_rates: bool = True
 
     @property
@@ -40,27 +46,9 @@ class FeedbackModel:
             return self.given
         return replace(self.given, velocity_noise=math.inf)
 
-    def at(self, position: Array, going_on: Callable[[], bool] = lambda: True) -> StateFeedback:
-        """Return the feedback about rest with the driven joints at positions (joints,)."""
-        robot, settings = self.robot.copy(), self.settings
-        torque = settings.effort_share * self.limits
-        state = state_at(robot, self.joints, position, torque, self.posture)
-        schedule = design(
-            robot, self.joints, self.limits, np.zeros(1), [state], settings, going_on
-        )
-        return StateFeedback(self.robot, schedule)
-
-    def along(
-        self, trajectory: SplineTrajectory, start: float, going_on: Callable[[], bool]
-    ) -> StateFeedback:
-        """Return the feedback along a trajectory that starts at a time of the steady clock [s]."""
-        robot, settings = self.robot.copy(), self.settings
-        times, states = states_along(
-            robot, self.joints, trajectory.sample, trajectory.duration, settings.period,
-            self.posture,
-        )  # fmt: skip
-        schedule = design(robot, self.joints, self.limits, times, states, settings, going_on)
-        return StateFeedback(self.robot, schedule, start)
+    def job(self, position: Array, trajectory: SplineTrajectory | None = None) -> GainJob:
+        """Return the job to design gains along a trajectory, else about a position (joints,)."""
+        return GainJob(self.joints, self.limits, self.posture, self.settings, position, trajectory)
 
 
 @dataclass(frozen=True)
@@ -71,6 +59,11 @@ class WantedGains:
     position: Array
     trajectory: SplineTrajectory | None = None
     start: float = -np.inf
+
+    @property
+    def job(self) -> GainJob:
+        """The job of the other process."""
+        return self.model.job(self.position, self.trajectory)
 
     def is_like(self, other: WantedGains | None) -> bool:
         """Say whether it asks for the same gains, but for where a lone posture is."""
@@ -83,7 +76,10 @@ class WantedGains:
 
 
 class GainWorker:
-    """One design at a time in a thread; a newer task ends an older one.
+    """One design at a time in a process of its own; a newer task makes an older one void.
+
+    In a thread beside the loop the design would hold the interpreter when the loop is due. All
+    methods but `take` are one thread's.
 
     Attributes
     ----------
@@ -93,48 +89,99 @@ class GainWorker:
         Why the last one gave no gains, '' if it did.
     designs : int
         How many have been made.
+    planner : Planner
     """
 
     def __init__(self) -> None:
         self.task: WantedGains | None = None
         self.refusal = ''
         self.designs = 0
+        self.planner = Planner()
+        self._waiting: WantedGains | None = None
+        self._solving: WantedGains | None = None
+        self._tries = 0
         self._made: tuple[WantedGains, StateFeedback | None] | None = None
-        self._thread: threading.Thread | None = None
 
     @property
     def busy(self) -> bool:
-        """Whether a design is in work."""
-        return self._thread is not None and self._thread.is_alive()
+        """Whether a design is in work, or waits for the process."""
+        return self._waiting is not None or self._solving is not None
 
     def begin(self, task: WantedGains) -> None:
-        """Begin a design; the one in work is dropped."""
-        self.task = task
-        self._thread = threading.Thread(target=self._work, args=(task,), daemon=True)
-        self._thread.start()
+        """Ask for a design; what the one in work gives will not count."""
+        self.task = self._waiting = task
+        self._tries = 0
+        self.look()
+
+    def look(self) -> None:
+        """Take the answer of the process; start it anew where it died, hand it the next task."""
+        answer = self.planner.poll()
+        if answer is not None:
+            self._finish(answer)
+        if self._waiting is None or not self.planner.start() or self.planner.busy:
+            return
+        task, self._waiting = self._waiting, None
+        self._solving = task
+        self._submit(task.model, task.job)
+
+    def ask(self, model: FeedbackModel, position: Array) -> None:
+        """Wait for a design about a position (joints,), of which only the success counts.
+
+        Raises
+        ------
+        StateError
+            There are no gains, or they are not stable; or the process fails.
+        """
+        end = time.perf_counter() + LIMIT
+        while self.planner.busy or not self.planner.start():
+            answer = self.planner.poll()
+            if answer is not None:
+                self._finish(answer)
+            _pause(end)
+        self._submit(model, model.job(position))
+        while (answer := self.planner.poll()) is None:
+            _pause(end)
+        if answer.error:
+            raise StateError(answer.error)
 
     def stop(self) -> None:
         """Drop the design in work, and what was made."""
-        self.task = self._made = None
+        self.task = self._made = self._waiting = None
+
+    def close(self) -> None:
+        """End the process."""
+        self.stop()
+        self._solving = None
+        self.planner.close()
 
     def take(self) -> tuple[WantedGains, StateFeedback | None] | None:
         """Return what was made since the last call: None in place of gains that were refused."""
         made, self._made = self._made, None
         return made
 
-    def _work(self, task: WantedGains) -> None:
-        def going_on() -> bool:
-            return self.task is task
+    def _submit(self, model: FeedbackModel, job: GainJob) -> None:
+        header, arrays = job.message()
+        self.planner.submit({**header, 'robot': model.source}, arrays, LIMIT)
 
-        feedback, refusal = None, ''
-        try:
-            if task.trajectory is None:
-                feedback = task.model.at(task.position, going_on)
-            else:
-                feedback = task.model.along(task.trajectory, task.start, going_on)
-        except (StateError, SolverError) as error:
-            refusal = str(error)
-        if going_on():
-            self.refusal = refusal
-            self.designs += 1
-            self._made = task, feedback
+    def _finish(self, answer: Answer) -> None:
+        task, self._solving = self._solving, None
+        if task is None or task is not self.task:
+            return
+        if not answer.header and self._tries < TRIES - 1:  # the process died or hung
+            self._tries += 1
+            self._waiting = task
+            return
+        feedback = None
+        if not answer.error:
+            schedule = read_schedule(answer.header, answer.arrays, task.job)
+            feedback = StateFeedback(task.model.robot, schedule, task.start)
+        self.refusal = answer.error
+        self.designs += 1
+        self._made = task, feedback
+
+
+def _pause(end: float) -> None:
+    """Wait a moment, but not beyond a time of the steady clock [s]."""
+    if time.perf_counter() > end:
+        raise StateError(f'state feedback: a design must take at most {LIMIT:g} s, got longer')
+    time.sleep(LOOK)

@@ -1,9 +1,10 @@
-"""State feedback in a running node: gains come from another thread."""
+"""State feedback in a running node: gains come from another process."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +12,9 @@ from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.floating_base import require_known_base
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError
+from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.estimation.clock import StampClock
+from denoc_ros.model.overrides import FAMILIES
 from denoc_ros.runtime.feedback_parameters import SETTINGS
 from denoc_ros.runtime.gain_worker import FeedbackModel, GainWorker, WantedGains
 from denoc_ros.runtime.parameters import Settings
@@ -27,9 +29,9 @@ REACH = 0.3  # rad or m from where they were shown stable within which gains are
 class LiveStateFeedback:
     """Torque of :class:`denoc_ros.control.state_feedback.StateFeedback` in a node's loop.
 
-    Gains are made beside the loop (`watch`): along a trajectory when it has come, else about where
-    a streamed reference is. The loop takes them between two ticks. Without gains for where the
-    reference is, there is no feedback.
+    Gains are made in another process (`watch`): along a trajectory when it has come, else about
+    where a streamed reference is. The loop takes them between two ticks. Without gains for where
+    the reference is, there is no feedback.
 
     Parameters
     ----------
@@ -70,7 +72,7 @@ class LiveStateFeedback:
         ------
         ConfigError
             Parameters that state feedback cannot work with.
-        StateError, SolverError
+        StateError
             There are no gains about the posture, or they are not stable for models 20 % off.
         """
         if settings.text('feedback.state') == 'off':
@@ -90,10 +92,17 @@ class LiveStateFeedback:
         )
         position = np.array(posture[index])
         require_known_base(robot, 'feedback.state')
-        model = FeedbackModel(robot, tuple(joints), limits.copy(), posture.copy(), wanted)
-        if self._worker.task is not None:  # the model of a node that runs: where it is
-            position = self._worker.task.position
-        model.at(position)
+        model = FeedbackModel(
+            robot, tuple(joints), limits.copy(), posture.copy(), wanted,
+            _description(robot, settings),
+        )  # fmt: skip
+        known = self._worker.task  # the model of a node that runs is tried where the node is
+        try:
+            self._worker.ask(model, position if known is None else known.position)
+        except StateError:
+            if self._model is None:
+                self._worker.close()
+            raise
         self._model = model
 
     def _require(self, settings: Settings) -> None:
@@ -140,6 +149,7 @@ class LiveStateFeedback:
         model, worker = self._model, self._worker
         if model is None:
             return
+        worker.look()
         if model.has_rates != self._has_rates:
             model = self._model = replace(model, has_rates=self._has_rates)
         coming, known = follower.trajectories(), worker.task
@@ -160,6 +170,10 @@ class LiveStateFeedback:
     def stop(self) -> None:
         """Drop a design in work."""
         self._worker.stop()
+
+    def close(self) -> None:
+        """End the process that designs."""
+        self._worker.close()
 
     # ---- in the loop
 
@@ -257,3 +271,13 @@ class LiveStateFeedback:
             status.worsen(WARN, f'plan alone: {self.cause}' if self.cause else 'was plan alone')
         self._told = self._fallbacks
         return status
+
+
+def _description(robot: Robot, settings: Settings) -> dict[str, Any]:
+    """Return what another process makes the same robot of."""
+    return {
+        'source': robot.tree.source,
+        'gravity': robot.gravity.tolist(),
+        'geometric_stiffness': robot.geometric_stiffness,
+        'overrides': settings.family(*FAMILIES),
+    }

@@ -63,6 +63,9 @@ class RealtimeLoop:
     ----------
     deadline : float
         The moment [s] of `time.perf_counter` that the tick at hand is for.
+    shift : float
+        How much later than a period after this deadline the next one is [s]; a tick sets it for
+        the next period only.
     realtime_options : dict of str to str
         What the thread asked of the system: `taken: …`, `refused: …` or `off`.
     """
@@ -72,6 +75,7 @@ class RealtimeLoop:
     ) -> None:
         self.period = 1.0 / rate
         self.deadline = time.perf_counter()
+        self.shift = 0.0
         self.realtime_options: dict[str, str] = {}
         self.failure: BaseException | None = None
         self._tick = tick
@@ -133,7 +137,8 @@ class RealtimeLoop:
             spent[slot] = now() - began
             self._count += 1
             self._skipped += missed
-            deadline += period
+            deadline += period + self.shift
+            self.shift = 0.0
 
     def record(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return when the last ticks (at most `WINDOW`) began and how late each was.
