@@ -32,6 +32,7 @@ SMALL_RATIO = 0.01  # what a damping ratio that is 0 changes by
 SMALL_FRICTION = 0.02  # the same of friction, of the joint's largest torque
 OFFSET = 0.1  # of effort, of its largest
 LEVER = 0.1  # m, of a payload's centre of mass
+PAYLOAD = 0.1  # of the robot's mass: a payload's where the model has none, at most 1 kg
 DELAY = 0.01  # s
 KINDS = ('beam.', 'joint.', 'payload.', 'link.', 'sensor.', 'effort.', 'delay.')
 SHOWN = 12  # paths in a message
@@ -309,7 +310,7 @@ def _numbers(robot: Robot, efforts: Mapping[str, float]) -> list[Number]:
             found.append(Number(f'effort.{joint}.offset', 0.0, scale, False))
     for link in carrying_links(robot.tree):
         mass, centre = _payload_of(robot, link)
-        found.append(_positive(f'payload.{link}.mass', mass, 1.0))
+        found.append(_positive(f'payload.{link}.mass', mass, _payload_scale(robot)))
         found.extend(
             Number(f'payload.{link}.com.{axis}', float(value), LEVER, False)
             for axis, value in zip('xyz', centre, strict=True)
@@ -340,6 +341,14 @@ def _of_model(path: str, value: float, efforts: Mapping[str, float]) -> list[Num
 def _positive(path: str, value: float, scale: float) -> Number:
     """Return a number that must not be negative; one that is 0 starts from its scale's share."""
     return Number(path, value if value > 0.0 else scale, scale, True)
+
+
+def _payload_scale(robot: Robot) -> float:
+    """Return the least mass of a payload that counts [kg]."""
+    beams = [body.beam for body in robot.tree.bodies if body.beam is not None]
+    mass = sum(body.inertia.mass for body in robot.tree.bodies)
+    mass += sum(beam.mass_per_length * beam.length for beam in beams)
+    return min(1.0, PAYLOAD * mass) or 1.0
 
 
 def _payload_of(robot: Robot, link: str) -> tuple[float, Array]:

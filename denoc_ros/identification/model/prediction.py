@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
 from denoc_ros.estimation.joint_motion import SmoothedMotion, smooth
-from denoc_ros.estimation.torque_along import TorqueReplay
+from denoc_ros.estimation.torque_along import TorqueReplay, Torques
 from denoc_ros.identification.model.free_parameters import SearchPoint
 from denoc_ros.identification.model.recording import Recording
 from denoc_ros.types import Array
@@ -37,12 +37,16 @@ class MeasuredSignal:
         Stamps [s].
     value : (m,) array
         As measured; effort through the low-pass.
+    size : float
+        What residuals are compared with: the deviation of the values, or of what is balanced in
+        a joint without effort.
     """
 
     name: str
     unit: str
     t: Array
     value: Array
+    size: float
 
 
 class PreparedRun:
@@ -82,12 +86,19 @@ class PreparedRun:
         self._joints = joints
         self._low_pass = low_pass(t, self._cutoff)
         self._effort = self._passed(recording.effort[:, joints])
+        self._unpowered = ~recording.effort[:, joints].any(axis=0)
+        self._balance = self._balanced(robot) if self.has_unpowered_joints else np.ones(0)
         self.channels = [
             MeasuredSignal(
                 f'effort {recording.joints[k]}',
                 _unit(robot, recording.joints[k]),
                 t[self._kept],
                 self._effort[self._kept, column],
+                float(
+                    self._balance[column]
+                    if self._unpowered[column]
+                    else self._effort[self._kept, column].std()
+                ),
             )
             for column, k in enumerate(joints)
         ]
@@ -100,12 +111,29 @@ class PreparedRun:
             stamps, raw = recording.sensors[sensor.name]
             inside = (stamps >= first) & (stamps <= last)
             self._inside[sensor.name] = inside
-            self.channels.append(MeasuredSignal(sensor.name, 'raw', stamps[inside], raw[inside]))
+            size = float(raw[inside].std()) if inside.any() else 0.0
+            self.channels.append(
+                MeasuredSignal(sensor.name, 'raw', stamps[inside], raw[inside], size)
+            )
         self.channels = [channel for channel in self.channels if len(channel.t)]
         if not self.channels:
             raise IdentificationError(
                 f'{self.name}: must have measured effort or sensors of the robot, got neither'
             )
+
+    @property
+    def has_unpowered_joints(self) -> bool:
+        """Whether a joint's effort is 0 throughout: what balances in it is seen, not its scale."""
+        return bool(self._unpowered.any())
+
+    def _balanced(self, robot: Robot, torques: Torques | None = None) -> Array:
+        """Return the size of what gravity and inertia make in each joint with effort, rms."""
+        if torques is None:
+            replay = TorqueReplay(robot, self.recording.joints, step=self._step)
+            torques = replay.torques(self.recording.t, self._motion, self._starts)
+        parts = [torques.parts[name][:, self._joints] for name in ('gravity', 'inertia')]
+        sizes = np.sqrt(sum(np.mean(part**2, axis=0) for part in parts))
+        return np.asarray(np.maximum(sizes, 1e-300))
 
     def gains(self, settings: SearchPoint) -> list[float]:
         """Return effort over torque of each joint whose effort was measured."""
@@ -147,6 +175,10 @@ class PreparedRun:
         predicted = self._passed(torque)
         if delay:
             predicted = CubicSpline(self.recording.t, predicted)(self.recording.t - delay)
+        if self.has_unpowered_joints:
+            # as many times as large, robot and residual alike would fit alike: held to one scale
+            scale = self._balance / self._balanced(robot, torques)
+            predicted = predicted * np.where(self._unpowered, scale, 1.0)
         found = list((self._effort - predicted)[self._kept].T)
         if torques.amplitudes is None:
             return found + [self._raw(s.name) for s in self._sensors]

@@ -80,8 +80,8 @@ class ModelSearch:
 
     @property
     def sizes(self) -> Array:
-        """The deviation of each channel's measured values."""
-        return self._by_channel(self._measured, np.ones(len(self._measured), dtype=bool), np.std)
+        """What each channel's residuals are compared with."""
+        return np.array([channel.size for run in self._runs for channel in run.channels])
 
     def louder(self, held: NDArray[np.bool_]) -> Array:
         """Return by how much each channel moves more over held-out rows than over the others."""
@@ -171,7 +171,9 @@ class ModelSearch:
         Torque that is linear in its numbers by the regressor, all else by differences.
         """
         parameters = self.parameters
-        linear, paths = parameters.linear
+        # scaled torque of joints without effort is linear in nothing
+        is_scaled = any(run.has_unpowered_joints for run in self._runs)
+        linear, paths = ([], []) if is_scaled else parameters.linear
         slopes = parameters.slopes(theta)
         found, here = np.empty((len(self.row_t), parameters.size)), self.whitened(theta)
         if linear:

@@ -13,6 +13,7 @@ from scipy.signal import lsim
 import denoc_ros as dn
 from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
 from denoc_ros.bags.writer import BagWriter
+from denoc_ros.identification.model.free_parameters import FreeParameters
 from denoc_ros.identification.model.sensor_filter import SensorFilter
 from denoc_ros.identification.model.sources import RecordingSettings, read_source
 
@@ -78,6 +79,13 @@ def test_an_offset_of_measured_effort_is_told_from_gravity() -> None:
     assert not found.reasons
 
 
+def test_a_payload_of_a_light_robot_starts_light(rig: dn.Robot) -> None:
+    parameters = FreeParameters(rig, ['payload.tip_mass.mass'])
+    # a tenth of 0.83 kg: an error of 50 g must not count as 5 % of a kilogram
+    assert parameters.values(np.zeros(1)) == pytest.approx(0.0834, rel=0.01)
+    assert parameters.scales(np.zeros(1)) == pytest.approx(0.0834, rel=0.01)
+
+
 def test_columns_of_a_table_become_joints_and_sensors(rig: dn.Robot, tmp_path: Path) -> None:
     given = swings()
     given['bend'][7] = np.nan
@@ -141,3 +149,36 @@ def test_columns_of_a_bag_and_filters_that_cannot_be_are_refused(
         read_source(tmp_path / 'run.mcap', rig, RecordingSettings(columns={'joint_1.x': 'y'}))
     with pytest.raises(dn.IdentificationError, match='damping must be > 0, got 0'):
         SensorFilter(10.0, 0.0)
+
+
+def test_a_swing_without_effort_tells_ratios_and_no_scale() -> None:
+    pendulum = dn.load_robot(ROBOTS / 'rigid_pendulum.urdf', gravity=(0, -9.81, 0))
+    run = swing(pendulum)
+    free = ['joint.joint_1.damping', 'link.link_1.inertial']
+    heavier = {'payload.link_1.mass': 0.03, 'payload.link_1.com': [0.33, 0.0, 0.0]}
+    found = dn.identify_model(pendulum.with_overrides(heavier), run, free, held_out=0.0)
+    for path in ('joint.joint_1.damping', 'link.link_1.first_moment.x', 'link.link_1.inertia.izz'):
+        assert found.verdict[path] == 'not identifiable', path
+    # what balances is seen: neither shrinks towards a robot without mass
+    ratio = found.values['link.link_1.first_moment.x'] / found.values['link.link_1.inertia.izz']
+    wanted = 0.18 * 0.165 / (0.0016335 + 0.18 * 0.165**2)
+    assert ratio == pytest.approx(wanted, rel=0.02)
+    assert found.values['link.link_1.first_moment.x'] > 0.5 * 0.18 * 0.165
+    assert any('link.link_1.first_moment.x' in line for line in found.combinations)
+
+
+def test_a_swing_without_effort_tells_the_damping_of_a_known_body() -> None:
+    pendulum = dn.load_robot(ROBOTS / 'rigid_pendulum.urdf', gravity=(0, -9.81, 0))
+    wrong = pendulum.with_overrides({'joint.joint_1.damping': 0.01})
+    found = dn.identify_model(wrong, swing(pendulum), ['joint.joint_1.damping'], held_out=0.0)
+    assert found.verdict['joint.joint_1.damping'] == 'found'
+    # positions with 1e-5 rad of noise, 200 a second: far below one per cent
+    assert found.values['joint.joint_1.damping'] == pytest.approx(0.0308, rel=0.02)
+
+
+def swing(pendulum: dn.Robot) -> dn.Recording:
+    """A free swing in gravity from near the horizontal, its effort recorded as 0."""
+    t = np.arange(0.0, 3.0, 0.005)
+    run = dn.simulate(pendulum, np.array([-0.2]), np.zeros(1), t)
+    noise = 1e-5 * np.random.default_rng(1).standard_normal(run.q.shape)
+    return dn.Recording(t, ('joint_1',), run.q + noise, np.zeros_like(run.q), run.qd)
