@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from denoc_ros.errors import ModelError as ModelError
     from denoc_ros.errors import SolverError as SolverError
     from denoc_ros.errors import StateError as StateError
+    from denoc_ros.estimation.parameter_tracker import ParameterTracker as ParameterTracker
+    from denoc_ros.estimation.tracker_settings import TrackerSettings as TrackerSettings
     from denoc_ros.identification.fit import identify_modes as identify_modes
     from denoc_ros.identification.model.fit import identify_model as identify_model
     from denoc_ros.identification.model.recording import Recording as Recording
@@ -41,6 +43,8 @@ _HOME = {
     'identify_modes': 'identification.fit',
     'identify_model': 'identification.model.fit',
     'Recording': 'identification.model.recording',
+    'ParameterTracker': 'estimation.parameter_tracker',
+    'TrackerSettings': 'estimation.tracker_settings',
     'suggest_flexibility': 'model.suggest.suggestion',
     'BagError': 'errors',
     'ConfigError': 'errors',

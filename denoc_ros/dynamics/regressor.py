@@ -102,14 +102,14 @@ def _write(robot: Robot, columns: Iterable[Column], rows: Sequence[Array], out: 
             np.multiply(factors[column.term], column.values, out=out[:, :, index])
             continue
         if bare is None:
-            bare = _massless(robot)
+            bare = massless(robot)
         constants = bare.constants[column.constants]
         bare.constants[column.constants] = column.values
         out[:, :, index] = bare.inverse_dynamics(q, qd, qdd)
         bare.constants[column.constants] = constants
 
 
-def _massless(robot: Robot) -> Robot:
+def massless(robot: Robot) -> Robot:
     """Return the robot with neither mass nor elasticity, damping, friction and armature.
 
     Its inverse dynamics are those of the masses that are then put in.

@@ -269,6 +269,24 @@ class RobotModel:
         self._payloads[frame] = inertia_row(payload, self.arrays.axes[row - 1])
         self._load_body(row)
 
+    def set_diagonals(self, diagonals: Array) -> None:
+        """Set stiffness, damping, friction and armature, rows as of the model's arrays; live.
+
+        The array is kept: it must not change later.
+        """
+        self.arrays = self.arrays.with_diagonals(diagonals)
+        self._workspace.take_diagonals(self.arrays)
+
+    def add_payload(self, frame: str, row: Array) -> None:
+        """Add an inertia (10,), as kernels have it, to the payload of a frame; live."""
+        self._payloads[frame] = self._payloads.get(frame, np.zeros(10)) + row
+        self._load_body(self._carrier(frame))
+
+    def payload_mass(self, frame: str) -> float:
+        """Mass [kg] of the payload that was set on a frame; 0 without one."""
+        row = self._payloads.get(frame)
+        return 0.0 if row is None else float(row[0])
+
     def _take_payloads(self, other: RobotModel) -> None:
         """Carry the payloads that another robot with the same links carries."""
         self._payloads = dict(other._payloads)

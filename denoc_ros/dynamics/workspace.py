@@ -76,6 +76,12 @@ class Workspace:
         if self._chain is not None:
             self._chain.move_base(twist, acceleration, rotation)
 
+    def take_diagonals(self, arrays: ModelArrays) -> None:
+        """Go on with other terms along the coordinates, of a model that is the same otherwise."""
+        self._diagonals[: len(arrays.diagonals)] = arrays.diagonals
+        if self._chain is not None and arrays.link_side is not None:
+            self._chain.take_diagonals(arrays.link_side)
+
     def _see_link_side(self, arrays: ModelArrays, constants: Array | None) -> None:
         """Name the robot without springs in the record: this one where there are none."""
         self._record[handle.LINK_SIDE] = self.handle

@@ -93,7 +93,7 @@ class AmplitudeFilter:
         self.stiffness: Array = robot.stiffness[self._flexible]
         self.damping: Array = robot.damping[self._flexible]
         self._m = m = len(self._flexible)
-        self._shape, self._first, lengths = _loads(robot)
+        self._shape, self._first, lengths = load_shapes(robot)
         force = self.stiffness[self._first] * initial_deflection * lengths
         self._start_force: Array = force
         self._floor = np.zeros(m)
@@ -115,6 +115,12 @@ class AmplitudeFilter:
         )
         least = moved.min(axis=0, initial=np.inf)
         self._floor = np.where(np.isfinite(least), least, 0.0)
+
+    def refresh(self) -> None:
+        """Take the robot's stiffness and inertia anew: they have changed."""
+        self.stiffness = self._robot.stiffness[self._flexible]
+        self.damping = self._robot.damping[self._flexible]
+        self._posture[:] = np.inf
 
     def linearize(self, q: Array) -> None:
         """Linearize the model at coordinates q (n,), unless its joints have not moved.
@@ -228,7 +234,7 @@ class AmplitudeFilter:
         self._posture[:] = np.inf
 
 
-def _loads(robot: Robot) -> tuple[Array, NDArray[np.intp], Array]:
+def load_shapes(robot: Robot) -> tuple[Array, NDArray[np.intp], Array]:
     """Return the loads' covariance (m, m) at unit deviation, and per amplitude two more arrays.
 
     The first amplitude of its deformation, and the length [m] of its beam, for twist 1 rad; the

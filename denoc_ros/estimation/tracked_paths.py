@@ -1,0 +1,91 @@
+"""Which numbers of a robot are tracked, and within which bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from denoc_ros.dynamics.live_numbers import live_paths
+from denoc_ros.errors import ConfigError
+from denoc_ros.model.overrides import damping_names
+from denoc_ros.types import Array
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+
+WHERE = 'adapt'
+SHARE = 0.5  # of a value, by which it may change where no bounds are given
+SHOWN = 12  # paths in a message
+
+
+def tracked_paths(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:
+    """Return the paths of a robot that patterns match, each once.
+
+    Raises
+    ------
+    ConfigError
+        A pattern of nothing that can be tracked, no pattern at all, or a robot with loops, mimic
+        joints or a base that floats.
+    """
+    findings = [] if patterns else ['paths must name what is tracked, got none']
+    if robot.constraint_names:
+        names = ', '.join(dict.fromkeys(robot.constraint_names))
+        findings.append(f'the robot must have no loops and no mimic joints, got {names}')
+    if len(robot.base_indices):
+        findings.append('the base must be fixed or its motion measured, got one that floats')
+    names_of, known = damping_names(robot.tree), live_paths(robot)
+    chosen: dict[str, None] = {}
+    for pattern in patterns:
+        plain = names_of.get(pattern, pattern)
+        wider = (plain, f'{plain}.mass') if plain.startswith('payload.') else (plain,)
+        found = [path for path in known if any(fnmatchcase(path, each) for each in wider)]
+        if not found:
+            findings.append(_unknown(pattern, known))
+        chosen.update(dict.fromkeys(found))
+    if findings:
+        raise ConfigError(WHERE, findings)
+    return tuple(chosen)
+
+
+def _unknown(pattern: str, known: Sequence[str]) -> str:
+    kind = pattern.partition('.')[0]
+    alike = [path for path in known if path.startswith(f'{kind}.')] or list(known)
+    shown = ', '.join(alike[:SHOWN]) + (', ...' if len(alike) > SHOWN else '')
+    return f'{pattern!r} must be of one of {shown}; got none'
+
+
+def tracked_bounds(
+    paths: Sequence[str], start: Array, given: Mapping[str, tuple[float, float]]
+) -> Array:
+    """Return the lowest and highest values (p, 2) of paths that are at start (p,) now.
+
+    Raises
+    ------
+    ConfigError
+        Bounds of another path, in the wrong order, negative, or without the present value; a
+        value that is 0 and has none.
+    """
+    findings = [
+        f'bounds must be of {", ".join(paths)}, got {key!r}' for key in given if key not in paths
+    ]
+    found = np.empty((len(paths), 2))
+    for k, (path, value) in enumerate(zip(paths, start.tolist(), strict=True)):
+        low, high = given.get(path, ((1.0 - SHARE) * value, (1.0 + SHARE) * value))
+        found[k] = low, high
+        if not (math.isfinite(low) and math.isfinite(high) and 0.0 <= low < high):
+            way = '' if path in given else ' (it is 0: give its bounds)'
+            findings.append(
+                f'bounds of {path!r} must be 0 <= low < high, got {low:g} and {high:g}{way}'
+            )
+        elif not low <= value <= high:
+            findings.append(
+                f'bounds of {path!r} must have its value {value:g} within, '
+                f'got {low:g} and {high:g}'
+            )
+    if findings:
+        raise ConfigError(WHERE, findings)
+    return found

@@ -1,0 +1,240 @@
+"""Tracked payload and stiffness: found in motion, still at rest, never beyond their bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tracked_runs import TrackedRun, follow, resting, simulated, swinging, with_noise
+
+import denoc_ros as dn
+
+Array = NDArray[np.float64]
+
+ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
+TOOL = 'payload.tool.mass'
+KNOWN = 100.0  # kg, as the tracker's model has it
+TRUE = 120.0
+GRAVITY = (0.0, -0.5, 0.0)  # on Earth the arm would bend by metres
+
+
+def arm(gravity: tuple[float, float, float] = GRAVITY, mass: float = KNOWN) -> dn.Robot:
+    robot = dn.load_robot(ROBOTS / 'canadarm_gauges.urdf', gravity=gravity)
+    robot.set_payload('tool', mass)
+    return robot
+
+
+@cache
+def swing(gravity: tuple[float, float, float]) -> TrackedRun:
+    return with_noise(simulated(arm(gravity, TRUE), swinging(3), 5.0, 2e-3))
+
+
+def samples(run: TrackedRun, time: float) -> int:
+    return int(np.searchsorted(run.t, time))
+
+
+def within(values: Array, share: float) -> bool:
+    return bool(np.all(np.abs(values - TRUE) <= share * TRUE))
+
+
+@pytest.mark.parametrize('gravity', [(0.0, 0.0, 0.0), GRAVITY])
+@pytest.mark.parametrize('sensors', [False, True])
+def test_payload_is_found_within_two_seconds(
+    gravity: tuple[float, float, float], sensors: bool
+) -> None:
+    run = swing(gravity)
+    tracker = dn.ParameterTracker(arm(gravity), [TOOL])
+    values = follow(tracker, run, sensors=sensors)[:, 0]
+    # to 2 %; noise of 0.5 % in effort and 1 % in gauges leaves it at 0.7 % there
+    assert within(values[samples(run, 2.0)], 0.02)
+    assert within(values[samples(run, 2.0) :], 0.04)  # 2.4 % at most, where the motion turns
+    assert tracker.supported.all()
+    assert abs(values[-1] - TRUE) < 2.0 * tracker.deviations[0]
+
+
+@pytest.mark.parametrize('ways', [{'sensors': True, 'effort': False}, {'rates': False}])
+def test_payload_is_found_by_gauges_alone_and_without_rates(ways: dict[str, bool]) -> None:
+    run = swing(GRAVITY)
+    values = follow(dn.ParameterTracker(arm(), [TOOL]), run, **ways)[:, 0]
+    assert within(values[samples(run, 2.5) :], 0.06)  # 3.4 % at most
+    assert within(values[-1], 0.03)
+
+
+def test_a_step_of_the_payload_is_followed() -> None:
+    def change(t: float, robot: dn.Robot) -> None:
+        if abs(t - 3.0) < 1e-9:
+            robot.set_payload('tool', 90.0)
+
+    zero = (0.0, 0.0, 0.0)
+    run = with_noise(simulated(arm(zero, KNOWN), swinging(3), 7.0, 2e-3, change))
+    values = follow(dn.ParameterTracker(arm(zero), [TOOL]), run, sensors=True)[:, 0]
+    assert abs(values[samples(run, 3.0)] - KNOWN) < 3.0
+    assert abs(values[-1] - 90.0) < 3.0
+
+
+def test_stiffness_is_found_beside_the_payload() -> None:
+    soft = {'beam.link_1.y.ei': 0.9e5, 'beam.link_2.y.ei': 1.8e5}
+    true = arm().with_overrides(soft)
+    true.set_payload('tool', TRUE)
+    run = with_noise(simulated(true, swinging(3), 4.0, 2e-3))
+    tracker = dn.ParameterTracker(arm(), [TOOL, 'beam.*.y.ei'], dn.TrackerSettings(memory=2.0))
+    assert tracker.paths == (TOOL, *soft)
+    found = follow(tracker, run, sensors=True)[-1]
+    assert np.allclose(found, [TRUE, *soft.values()], rtol=0.04)  # 1.5 % with this noise
+
+
+def test_nothing_drifts_at_rest() -> None:
+    """Two minutes of joint states at 33 Hz: noise and an offset of every channel move nothing."""
+    few = simulated(arm(), resting(3), 1.0, 3e-2)
+    count = 4000
+    rest = TrackedRun(
+        3e-2 * np.arange(count, dtype=np.float64),
+        *(np.repeat(part[:1], count, axis=0) for part in (few.q, few.qd, few.effort, few.sensors)),
+    )
+    run = with_noise(rest)
+    run.effort[:] += 50.0
+    run.sensors[:] += 2e-5
+    tracker = dn.ParameterTracker(arm(), [TOOL])
+    values = follow(tracker, run, sensors=True)[:, 0]
+    assert np.all(values == KNOWN)
+    assert not tracker.moving.any()
+    assert not tracker.supported.any()
+    assert tracker.cause == 'nothing moves that shows the parameters'
+
+
+def test_a_found_payload_stays_at_rest() -> None:
+    swung = swinging(3)
+
+    def motion(t: float) -> Any:
+        # the motion slows down to a stop within the last half second
+        if t < 2.0:
+            return swung(t)
+        s = min(t - 2.0, 0.5)
+        q, qd, _ = swung(2.0)
+        return q + qd * (s - s * s), qd * (1.0 - 2.0 * s), -2.0 * qd * (t < 2.5)
+
+    run = with_noise(simulated(arm(mass=TRUE), motion, 20.0, 5e-3))
+    tracker = dn.ParameterTracker(arm(), [TOOL])
+    values = follow(tracker, run)[:, 0]
+    # its vibration, which lasts for minutes, still shows it: to 2.7 % with this noise
+    assert within(values[samples(run, 3.0) :], 0.06)
+
+
+def test_parameters_that_do_not_show_stay() -> None:
+    """Two payloads on one body in one place: only their sum shows, and a static joint nothing."""
+    run = swing(GRAVITY)
+    tracker = dn.ParameterTracker(
+        arm(),
+        [TOOL, 'payload.link_3.mass', 'joint.joint_3.friction'],
+        bounds={'payload.link_3.mass': (0.0, 40.0), 'joint.joint_3.friction': (0.0, 1e-3)},
+    )
+    values = follow(tracker, run)
+    assert np.all(values[:, 2] < 1e-6)  # of the 1e-3 that bounds allow
+    assert not tracker.supported[2]
+
+
+def test_a_wrong_model_stays_within_the_bounds_and_says_so() -> None:
+    true = arm().with_overrides({'beam.link_1.y.ei': 0.7e5, 'beam.link_2.y.ei': 1.4e5})
+    true.set_payload('tool', TRUE)
+    run = with_noise(simulated(true, swinging(3), 5.0, 2e-3))
+    tracker = dn.ParameterTracker(arm(), [TOOL], bounds={TOOL: (80.0, 130.0)})
+    values = follow(tracker, run, sensors=True)
+    assert np.all((values >= 80.0) & (values <= 130.0))
+    assert tracker.model_error > 2.0 * tracker.settings.model_error
+
+
+@pytest.mark.parametrize('kind', ['jumps', 'spikes', 'gaps', 'shuffled', 'silent', 'wild'])
+def test_bad_measurements_never_leave_the_bounds(kind: str) -> None:
+    run = swing(GRAVITY)
+    draw = np.random.default_rng(3)
+    tracker = dn.ParameterTracker(arm(), [TOOL])
+    order = np.arange(1250)
+    if kind == 'shuffled':
+        order = draw.permutation(order)
+    for k in order.tolist():
+        q, effort, sensors = run.q[k].copy(), run.effort[k].copy(), run.sensors[k].copy()
+        strange = draw.random() < 0.05
+        if kind == 'jumps' and strange:
+            q += 0.5
+        if kind == 'spikes' and strange:
+            effort *= draw.uniform(-1e6, 1e6)
+            sensors *= draw.uniform(-1e6, 1e6)
+        if kind == 'wild':
+            effort, sensors = draw.normal(0.0, 1e4, 3), draw.normal(0.0, 1.0, len(sensors))
+        if kind == 'gaps' and 400 < k < 700:
+            continue
+        for place, value in enumerate(sensors.tolist()):
+            tracker.sense(place, run.t[k], np.nan if kind == 'silent' else value)
+        tracker.measure(run.t[k], q, run.qd[k], None if kind == 'silent' else effort)
+        low, high = tracker.bounds[0]
+        assert low <= tracker.values[0] <= high
+        assert np.isfinite(tracker.values).all()
+    if kind == 'silent':
+        assert tracker.values[0] == KNOWN
+        assert tracker.cause == 'no effort and no values of sensors'
+    if kind == 'gaps':
+        assert tracker.restarts == 1
+
+
+def test_the_tracked_model_is_the_one_that_is_built() -> None:
+    """What is changed live gives the forces of the robot made with overrides."""
+    from denoc_ros.dynamics.live_numbers import LiveNumbers
+
+    robot = arm()
+    ei = 'beam.link_2.y.ei'
+    numbers = LiveNumbers(robot, [TOOL, ei, 'joint.joint_1.damping'])
+    numbers.set(robot, np.array([20.0, -1e4, 3.0]))
+    built = dn.load_robot(ROBOTS / 'canadarm_gauges.urdf', gravity=GRAVITY).with_overrides(
+        {ei: 1.9e5, 'joint.joint_1.damping': 3.0}
+    )
+    # a damping ratio is one of the stiffness it was given with: compare without damping there
+    built.set_payload('tool', 120.0)
+    q, qdd = np.random.default_rng(0).normal(0.0, 0.1, (2, robot.n))
+    qd = np.zeros(robot.n)
+    qd[robot.joint_indices] = 0.3
+    for robot_now in (robot, robot.copy()):
+        # rounding of torques of 1e4 N m
+        assert np.allclose(
+            robot_now.inverse_dynamics(q, qd, qdd), built.inverse_dynamics(q, qd, qdd), atol=1e-8
+        )
+
+
+def test_going_on_with_another_tracker() -> None:
+    run = swing(GRAVITY)
+    first = dn.ParameterTracker(arm(), [TOOL])
+    follow(first, run)
+    second = dn.ParameterTracker(arm(), [TOOL])
+    assert second.adopt(first)
+    assert np.array_equal(second.values, first.values)
+    assert not dn.ParameterTracker(arm(mass=110.0), [TOOL]).adopt(first)
+
+
+def refused(make: Callable[[], Any], match: str) -> None:
+    with pytest.raises(dn.ConfigError, match=match):
+        make()
+
+
+def test_refusals() -> None:
+    def tracker(*paths: str, **how: Any) -> Callable[[], Any]:
+        return lambda: dn.ParameterTracker(arm(), paths, **how)
+
+    refused(tracker(), 'must name what is tracked')
+    refused(tracker('payload.nothing.mass'), 'payload.nothing.mass.* must be of one of payload')
+    refused(tracker('beam.link_1.y.modes'), 'must be of one of beam.link_1.y.ei')
+    refused(tracker('payload.link_1'), r'it is 0: give its bounds')
+    refused(tracker(TOOL, bounds={TOOL: (150.0, 200.0)}), 'must have its value 100 within')
+    refused(tracker(TOOL, bounds={TOOL: (120.0, 80.0)}), '0 <= low < high')
+    refused(tracker(TOOL, bounds={'a': (0.0, 1.0)}), 'bounds must be of')
+    loop = dn.load_robot(ROBOTS / 'four_bar_fff.urdf')
+    refused(lambda: dn.ParameterTracker(loop, ['beam.*.ei']), 'must have no loops')
+    free = dn.load_robot(ROBOTS / 'canadarm_10t.urdf')
+    refused(lambda: dn.ParameterTracker(free, ['beam.*.ei']), 'must be fixed or its motion')
+    with pytest.raises(dn.StateError, match='memory must be > 0'):
+        dn.TrackerSettings(memory=0.0)
+    with pytest.raises(dn.StateError, match='lag must be >= 0'):
+        dn.TrackerSettings(lag=-1.0)
