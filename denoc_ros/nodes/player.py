@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -27,6 +28,7 @@ from denoc_ros.nodes.base import EVERY_MESSAGE
 from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.nodes.messages import TrajectoryPointMessage
 from denoc_ros.nodes.process import leave
+from denoc_ros.nodes.sockets import use_sockets
 from denoc_ros.nodes.without_events import WithoutEvents
 from denoc_ros.runtime.signals import SIGNALS, Interrupted
 from denoc_ros.types import Array
@@ -209,6 +211,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--listeners', nargs='*', default=[], help='nodes to wait for')
     options = parser.parse_args(remove_ros_args(given))
     SIGNALS.keep()
+    use_sockets(os.environ, rclpy.get_rmw_implementation_identifier())
     rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     player: Player | None = None
     try:

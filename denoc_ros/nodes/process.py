@@ -22,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.graph import leave_graph
+from denoc_ros.nodes.sockets import use_sockets
 from denoc_ros.runtime.signals import SIGNALS, Interrupted
 from denoc_ros.runtime.watchdog import Watchdog
 
@@ -35,6 +36,7 @@ def run(
     make: Callable[[], DenocNode],
     arguments: Sequence[str] | None = None,
     patience: float = PATIENCE,
+    shared_memory: bool = False,
 ) -> int:
     """Run one node as a process until SIGINT, SIGTERM or SIGHUP; return the exit status.
 
@@ -48,6 +50,8 @@ def run(
         Command line; default the process's own.
     patience : float
         s that a callback may take; then the process saves what it has and ends itself.
+    shared_memory : bool
+        Whether the middleware may use it: for nodes that receive much and command nothing.
 
     Returns
     -------
@@ -58,6 +62,8 @@ def run(
     sys.setswitchinterval(SWITCH_INTERVAL)
     SIGNALS.keep()
     _show_log()
+    if not shared_memory:
+        use_sockets(os.environ, rclpy.get_rmw_implementation_identifier())
     try:
         # rclpy's own handlers would end the context before the safe command is out
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)

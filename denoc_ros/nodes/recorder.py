@@ -359,7 +359,7 @@ def offered(offers: Sequence[Any]) -> tuple[Qos, ...]:
 
 def main() -> None:
     """Run the recorder as a process."""
-    leave(run(Recorder))
+    leave(run(Recorder, shared_memory=True))
 
 
 if __name__ == '__main__':

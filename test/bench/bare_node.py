@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import gc
 import json
+import os
 import signal
 import struct
 import sys
@@ -30,6 +31,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from denoc_ros.nodes.process import SWITCH_INTERVAL
+from denoc_ros.nodes.sockets import use_sockets
 from denoc_ros.runtime.timing import RealtimeLoop
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -123,6 +125,7 @@ def main() -> None:
     signals: list[int] = []
     sys.setswitchinterval(SWITCH_INTERVAL)
     signal.signal(signal.SIGINT, lambda number, _: signals.append(number))
+    use_sockets(os.environ, rclpy.get_rmw_implementation_identifier())
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = Node(spec['name'])
     keeper = Keeper(node, spec['listen'], Path(spec['bag'])) if 'bag' in spec else None

@@ -6,6 +6,7 @@ one, or by `rclpy.spin`.
 
 from __future__ import annotations
 
+import os
 import sys
 
 import rclpy
@@ -14,10 +15,13 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from denoc_ros.nodes.sockets import use_sockets
+
 DEPTH = 100
 
 
 def main() -> None:
+    use_sockets(os.environ, rclpy.get_rmw_implementation_identifier())
     rclpy.init()
     node = Node('echo')
     publisher = node.create_publisher(JointState, 'out', DEPTH)

@@ -37,11 +37,13 @@ def publisher(rate: float, priority: int, file: Path) -> None:
     from denoc_ros.bags.joint_state import JointStateMessage
     from denoc_ros.nodes.base import STATE
     from denoc_ros.nodes.process import SWITCH_INTERVAL
+    from denoc_ros.nodes.sockets import use_sockets
     from denoc_ros.runtime.timing import RealtimeLoop
 
     told: list[int] = []
     signal.signal(signal.SIGINT, lambda number, _: told.append(number))
     sys.setswitchinterval(SWITCH_INTERVAL)
+    use_sockets(os.environ, rclpy.get_rmw_implementation_identifier())
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = Node('bare', use_global_arguments=False)
     publisher = node.create_publisher(JointState, '/bare/effort', STATE)
