@@ -6,6 +6,7 @@ The mean is not here: the nonlinear model moves it.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -116,8 +117,9 @@ class AmplitudeFilter:
         least = moved.min(axis=0, initial=np.inf)
         self._floor = np.where(np.isfinite(least), least, 0.0)
 
-    def refresh(self) -> None:
-        """Take the robot's stiffness and inertia anew: they have changed."""
+    def retune(self, change: Callable[[Robot], None]) -> None:
+        """Let numbers of the model change: a function changes those of a robot."""
+        change(self._robot)
         self.stiffness = self._robot.stiffness[self._flexible]
         self.damping = self._robot.damping[self._flexible]
         self._posture[:] = np.inf

@@ -230,19 +230,19 @@ class Observer:
         if effort is not None:
             self._tau[self._joints] = effort
 
+    def retune(self, change: Callable[[Robot], None]) -> None:
+        """Let numbers of the model change: a function changes those of a robot."""
+        change(self.robot)
+        change(self._stepper.robot)
+        if self.fusion is not None:
+            self.fusion.filter.retune(change)
+
     def adopt(self, other: Observer) -> None:
         """Go on from the state of another observer of a robot with the same coordinates."""
-        for mine, theirs in (
-            (self.q, other.q),
-            (self.qd, other.qd),
-            (self._q, other._q),
-            (self._qd, other._qd),
-            (self._tau, other._tau),
-            (self._filter.q, other._filter.q),
-            (self._filter.qd, other._filter.qd),
-            (self._filter.qdd, other._filter.qdd),
-        ):
-            mine[:] = theirs
+        for name in ('q', 'qd', '_q', '_qd', '_tau'):
+            getattr(self, name)[:] = getattr(other, name)
+        for name in ('q', 'qd', 'qdd'):
+            getattr(self._filter, name)[:] = getattr(other._filter, name)
         self.time, self._stamp = other.time, other._stamp
         if self.fusion is not None and not self.fusion.adopt(other.fusion) and self.started:
             self.fusion.reset(self._stamp, self._q, self._qd)

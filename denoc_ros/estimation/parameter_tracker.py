@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from denoc_ros.estimation.tracking import TrackingFilter
 from denoc_ros.types import Array, Flags
 
 DEVIATIONS = 4.0  # width of the bounds in deviations of what is not known yet
+SILENT = 'no effort and no values of sensors'
 KNOWN = 0.5  # share of that deviation below which the data support a value
 START = 0.005  # deviation of a tip's deflection at the start, as a share of the beam's length
 STATIC = 0.2  # share of a channel's value that may be its offset at first
@@ -70,8 +72,13 @@ class ParameterTracker:
     bounds : (p, 2) array
     cause : str
         Why nothing is tracked now; '' if it is.
-    restarts, failures : int
-        Gaps and jumps that were not integrated over; states that the model could not go on from.
+    blocks, restarts, failures : int
+        Blocks that were compared; gaps that were not integrated over; states that the model could
+        not go on from.
+    moving : (p,) bool array
+        Which numbers the motion shows now.
+    model_error : float
+        The setting's, or larger where measurements were farther off.
     base : callable or None
         Motion of the base at a time; None: it is at rest.
 
@@ -110,7 +117,7 @@ class ParameterTracker:
         self._rates = TrackingFilter(len(self._joints), self.settings.cutoff)
         self._regressor = np.zeros((robot.n, len(self.paths)))
         self.values: Array = self.start.copy()
-        self.restarts = self.failures = 0
+        self.blocks = self.restarts = self.failures = 0
         self.base: BaseAt | None = None
         self._begin()
 
@@ -157,6 +164,11 @@ class ParameterTracker:
         self._begin()
         self._sensors.clear()
 
+    def restart(self) -> None:
+        """Forget all data; the values are those of the start again."""
+        self.values = self.start.copy()
+        self.reset()
+
     def adopt(self, other: ParameterTracker) -> bool:
         """Go on from the values of another tracker of the same numbers; False: it is not.
 
@@ -168,6 +180,7 @@ class ParameterTracker:
         self.values = np.clip(other.values, self.bounds[:, 0], self.bounds[:, 1])
         self._retune(self.values - self._target)
         self._begin()
+        self.blocks = other.blocks
         self.restarts, self.failures = other.restarts, other.failures
         return True
 
@@ -240,10 +253,12 @@ class ParameterTracker:
         self._move_base(sample.stamp)
         self._motion.positions(self._q, sample.q)
         self._qd[:] = 0.0
-        flexible = self._robot.flexible_indices
-        if len(flexible):
-            joints = self._q[self._robot.joint_indices]
-            self._q[:] = self._robot.static_deflection(joints)
+        self._q[self._robot.flexible_indices] = 0.0
+        if len(self._robot.flexible_indices):
+            # without an equilibrium at this posture (buckled) nothing is known of the amplitudes
+            with suppress(SolverError):
+                joints = self._q[self._robot.joint_indices]
+                self._q[:] = self._robot.static_deflection(joints)
         self._motion.rates(self._qd, self._rates.qd)
         self._begin_block()
         self._levels.interrupt()
@@ -320,6 +335,7 @@ class ParameterTracker:
         )
         self._correct(block, free)
         self._begin_block()
+        self.blocks += 1
         return self._publish(duration)
 
     def _open_offsets(self, usable: Flags, gap: Array, predicted: Array) -> None:
@@ -330,7 +346,7 @@ class ParameterTracker:
 
     def _explain(self, heard: Flags, usable: Flags) -> None:
         if not heard.any():
-            self.cause = 'no effort and no values of sensors'
+            self.cause = SILENT
         elif not usable.any():
             self.cause = 'the noise is not known yet'
         else:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,7 @@ from visualization_msgs.msg import MarkerArray
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError, StateError
 from denoc_ros.estimation.clock import StampClock
-from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer
-from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.nodes.base import STATE
 from denoc_ros.nodes.base_input import BaseInput
 from denoc_ros.nodes.markers import CentreLines
@@ -27,8 +24,10 @@ from denoc_ros.nodes.predictor_outputs import PredictorOutputs
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
+from denoc_ros.runtime.adaptation import Adaptation
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.fusion_status import fusion_status
+from denoc_ros.runtime.live_observer import build_observer, is_observers
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings, Value
 from denoc_ros.runtime.predictor_parameters import TABLE
@@ -41,14 +40,6 @@ from denoc_ros.types import Array
 Measurement = tuple[float, Array, Array | None, Array | None]
 MOST_STEPS = 20  # periods of a processor's time that measurements may take after a pause
 QUEUE = 64  # measurements kept for a late tick
-OBSERVER_SETTINGS = (
-    'horizon',
-    'horizon_steps',
-    'cutoff',
-    'correction_cutoff',
-    'joint_state_timeout',
-)
-FUSION_SETTINGS = tuple(field.name for field in fields(FusionSettings))
 
 
 class PredictorNode(RobotNode):
@@ -86,7 +77,8 @@ class PredictorNode(RobotNode):
             )
         self.base.build(robot.gravity)
         self.observer = self._build(robot, settings)
-        self._pending: tuple[Robot, Observer] | None = None
+        self.adaptation = self._adaptation(robot, settings)
+        self._pending: tuple[Robot, Observer, Adaptation] | None = None
         self._model_failures = 0
         self._queue: deque[Measurement] = deque(maxlen=QUEUE)
         self._reset_wanted = False
@@ -113,34 +105,17 @@ class PredictorNode(RobotNode):
         self._connect()
 
     def _build(self, robot: Robot, settings: Settings) -> Observer:
-        fuse = settings.text('strain') == 'fuse'
-        observer = Observer(
-            robot,
-            ObserverSettings(
-                step=self.period,
-                source=settings.text('source'),
-                cutoff=settings.number('cutoff'),
-                correction_cutoff=settings.number('correction_cutoff'),
-                horizon=settings.number('horizon'),
-                horizon_steps=settings.integer('horizon_steps'),
-                max_age=settings.number('joint_state_timeout'),
-                fusion=FusionSettings(**_fusion(settings)) if fuse else None,
-            ),
-            self.joints,
-            self.posture(robot, settings),
+        observer = build_observer(
+            robot, settings, self.period, self.joints, self.posture(robot, settings)
         )
-        there, still = observer.motion.posture[observer.motion.index], np.zeros(len(self.joints))
-        observer.measure(0.0, there, still, still)
-        observer.measure(self.period, there, still, still)
-        # one of each value: what inertial sensors need compiles here
-        for place in range(len(observer.fusion.names) if observer.fusion else 0):
-            observer.sense(place, self.period, 0.0)
-        observer.tick(2.0 * self.period)
-        observer.predict()
-        observer.reset()
         if self.base.used:
             observer.base = self.base.at
         return observer
+
+    def _adaptation(self, robot: Robot, settings: Settings) -> Adaptation:
+        name = self.get_fully_qualified_name()
+        base = self.base.at if self.base.used else None
+        return Adaptation(robot, self.joints, settings, name, base)
 
     def _rehearse(self) -> None:
         """Run all functions of tick and timers once, so that nothing compiles in the loop."""
@@ -160,7 +135,7 @@ class PredictorNode(RobotNode):
         self.reference_input = self.listen_in_loop(
             JointTrajectory, 'reference', self._on_reference, has_many_points
         )
-        if self.by_torque and self.by_command:
+        if self.by_command:
             topic = self.settings.text('effort_topic')
             self.effort_input = self.listen_in_loop(JointState, topic, self._on_effort)
         self.create_timer(SEARCH_PERIOD, self._search, clock=self.steady_clock)
@@ -179,19 +154,24 @@ class PredictorNode(RobotNode):
         measured = self.by_torque and not self.by_command
         reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now), measured)
         taken = self._stamps.taken_at(1e-9 * reader.stamp_ns, now, 1e-9 * self.stamp_ns_at(now))
+        effort = reader.effort.copy() if reader.has_effort else None
+        if self.by_command:
+            fresh = self.effort_input.age(now) <= self.settings.number('joint_state_timeout')
+            effort = self._effort_reader.effort.copy() if fresh else None
         self._queue.append(
             (
                 taken,
                 reader.position.copy(),
                 reader.velocity.copy() if reader.has_velocity else None,
-                reader.effort.copy() if measured else None,
+                effort,
             )
         )
 
     def _on_effort(self, raw: bytes, now: float) -> None:
         reader = self._effort_reader
         reader.read(raw, lambda stamp_ns: self.effort_input.accept(stamp_ns, now), True)
-        self.observer.take_effort(reader.effort)
+        if self.by_torque:
+            self.observer.take_effort(reader.effort)
 
     def _on_reference(self, raw: bytes, now: float) -> None:
         message = read_trajectory(raw, self.joints, self.bounds, partial=True)
@@ -216,6 +196,7 @@ class PredictorNode(RobotNode):
         self._stamps.reset()
         self.base.begin()
         self.observer.reset()
+        self.adaptation.reset(values=False)
         self._now = time.perf_counter()
         self._stamp_of = StampOf(self.stamp_ns)
 
@@ -231,7 +212,10 @@ class PredictorNode(RobotNode):
         try:
             self._measure(observer, steps)
             while self.sensors.queue:
-                observer.sense(*self.sensors.queue.popleft())
+                value = self.sensors.queue.popleft()
+                observer.sense(*value)
+                self.adaptation.sense(*value)
+            self.adaptation.apply(observer)
             observer.tick(self._now)
             if observer.started and not observer.stale:
                 self._publish(observer)
@@ -242,9 +226,12 @@ class PredictorNode(RobotNode):
 
     def _measure(self, observer: Observer, steps: int) -> None:
         """Take measurements in, for the time that has passed at most; the rest waits."""
+        adaptation, measured = self.adaptation, self.by_torque and not self.by_command
         end = time.thread_time() + min(steps, MOST_STEPS) * self.period
         while self._queue:
-            observer.measure(*self._queue.popleft())
+            taken, q, qd, effort = self._queue.popleft()
+            observer.measure(taken, q, qd, effort if measured else None)
+            adaptation.measure(taken, q, qd, effort)
             if time.thread_time() > end:
                 return
 
@@ -257,6 +244,8 @@ class PredictorNode(RobotNode):
         stamp_ns = self._stamp_of(observer.time)
         outputs, q, qd = self.outputs, observer.q, observer.qd
         outputs.send_state(stamp_ns, q, qd, observer.deflections)
+        if self.adaptation.fresh and self.adaptation.tracker is not None:
+            outputs.send_parameters(stamp_ns, self.adaptation.tracker)
         outputs.send_pose(stamp_ns, self.robot.frame_pose(self.tip, q))
         horizon = observer.settings.horizon
         if horizon > 0.0:
@@ -286,13 +275,15 @@ class PredictorNode(RobotNode):
         pending = self._pending
         if pending is not None:
             self._pending = None
-            robot, observer = pending
+            robot, observer, adaptation = pending
             observer.adopt(self.observer)
-            self.robot, self.observer = robot, observer
+            adaptation.adopt(self.adaptation)
+            self.robot, self.observer, self.adaptation = robot, observer, adaptation
             self.sensors.update(robot.tree)
         if self._reset_wanted:
             self._reset_wanted = False
             self.observer.reset()
+            self.adaptation.reset(values=True)
         return self.observer
 
     # ---- beside the loop
@@ -352,7 +343,7 @@ class PredictorNode(RobotNode):
         self.require_coordinates(robot)
         observer = self._build(robot, settings)
         self._lines = CentreLines(robot.copy(), self.base_frame)
-        self._pending = robot, observer
+        self._pending = robot, observer, self._adaptation(robot, settings)
 
     # ---- diagnostics
 
@@ -376,17 +367,9 @@ class PredictorNode(RobotNode):
             status.worsen(WARN, 'no joint_states yet')
         elif observer.stale:
             status.worsen(WARN, 'stale joint_states: nothing is published')
-        fused = [] if observer.fusion is None else [fusion_status(observer.fusion, self._now)]
-        return [*found, status, *fused]
-
-
-def is_observers(name: str) -> bool:
-    """Say whether a live parameter is one of the observer's."""
-    return name in OBSERVER_SETTINGS or name.startswith('fusion.')
-
-
-def _fusion(settings: Settings) -> dict[str, float]:
-    return {name: settings.number(f'fusion.{name}') for name in FUSION_SETTINGS}
+        fused = None if observer.fusion is None else fusion_status(observer.fusion, self._now)
+        beside = (fused, self.adaptation.status())
+        return [*found, status, *(each for each in beside if each is not None)]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

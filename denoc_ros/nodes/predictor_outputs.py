@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.estimation.parameter_tracker import ParameterTracker
 from denoc_ros.nodes.base import STATE, DenocNode
 from denoc_ros.nodes.messages import PoseMessage
 from denoc_ros.nodes.sensor_inputs import SensorInputs
@@ -46,6 +47,7 @@ class PredictorOutputs:
         self._pose = PoseMessage(base_frame)
         self._residual = JointStateMessage((), ('position',))
         self._heard: tuple[str, ...] = ()
+        self._parameters = JointStateMessage((), ('position', 'effort'))
         self._publishers: dict[str, Any] = {
             topic: node.create_publisher(JointState, f'~/{topic}', STATE)
             for topic in (
@@ -53,6 +55,7 @@ class PredictorOutputs:
                 'tip_deflection_predicted',
                 'modal_state',
                 'sensor_residual',
+                'model_parameters',
             )
         }
         self._publishers['tip_pose'] = node.create_publisher(PoseStamped, '~/tip_pose', STATE)
@@ -95,6 +98,14 @@ class PredictorOutputs:
             self._residual = JointStateMessage(names, ('position',))
         self._residual.position[:] = gap[heard]
         self._send('sensor_residual', self._residual, stamp_ns)
+
+    def send_parameters(self, stamp_ns: int, tracker: ParameterTracker) -> None:
+        """Publish numbers of the model that are tracked: value and standard deviation."""
+        if tracker.paths != self._parameters.names:
+            self._parameters = JointStateMessage(tracker.paths, ('position', 'effort'))
+        self._parameters.position[:] = tracker.values
+        self._parameters.effort[:] = tracker.deviations
+        self._send('model_parameters', self._parameters, stamp_ns)
 
     def _send(self, topic: str, message: JointStateMessage | PoseMessage, stamp_ns: int) -> None:
         message.stamp(stamp_ns)

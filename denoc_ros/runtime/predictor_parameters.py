@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer_settings import SOURCES
+from denoc_ros.estimation.tracker_settings import TrackerSettings
 from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
 from denoc_ros.runtime.shared_parameters import (
     base_parameters,
@@ -15,6 +16,7 @@ from denoc_ros.runtime.shared_parameters import (
 )
 
 FUSION = FusionSettings()
+TRACKER = TrackerSettings()
 
 TABLE = ParameterTable(
     [
@@ -48,7 +50,8 @@ TABLE = ParameterTable(
             'effort_source',
             Kind.STRING,
             'measured',
-            'effort for `source: torque`: measured (joint_states) or commanded (`effort_topic`)',
+            'effort for `source: torque` and `adapt`: measured (joint_states) or commanded '
+            '(`effort_topic`)',
             choices=('measured', 'commanded'),
         ),
         Parameter(
@@ -145,6 +148,55 @@ TABLE = ParameterTable(
             'bandwidth with which measured joints correct the integrated ones of `source: torque`',
             'Hz',
             positive=True,
+            live=True,
+        ),
+        Parameter(
+            'adapt',
+            Kind.STRINGS,
+            [],
+            'numbers of the model that are tracked by effort and sensors: dotted paths, with `*` '
+            'for any text, such as `payload.tool.mass` or `beam.*.ei`; empty: off',
+            live=True,
+        ),
+        Parameter(
+            'adapt_bounds',
+            Kind.DOUBLES,
+            [],
+            'lowest and highest value of each number of `adapt`, in its order; empty: half to one '
+            'and a half of the present values',
+            'SI',
+            0.0,
+            live=True,
+        ),
+        Parameter(
+            'adapt_rate',
+            Kind.DOUBLE,
+            TRACKER.rate,
+            'largest change of a number of `adapt` in a second, as a share of the width of its '
+            'bounds',
+            '1/s',
+            positive=True,
+            live=True,
+        ),
+        Parameter(
+            'adapt_memory',
+            Kind.DOUBLE,
+            TRACKER.memory,
+            'time of motion after which data count less by a factor e: longer is steadier, '
+            'shorter follows faster',
+            's',
+            positive=True,
+            live=True,
+        ),
+        Parameter(
+            'adapt_error',
+            Kind.DOUBLE,
+            TRACKER.model_error,
+            'assumed error of the rest of the model, as a share of its torques: what it explains '
+            'moves no number of `adapt`',
+            '',
+            positive=True,
+            maximum=1.0,
             live=True,
         ),
         Parameter(
