@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -40,6 +41,7 @@ from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajecto
 from denoc_ros.types import Array
 
 CATCH_UP = 50  # steps at most per tick after a pause of the machine; more is time lost
+COMMANDS = 64  # that wait for the step which they come before
 REFERENCE_GAP = 0.2  # s
 
 
@@ -58,6 +60,8 @@ class PlantNode(RobotNode):
     def __init__(self, **options: Any) -> None:
         super().__init__('plant', TABLE, **options)
         self._connected = False
+        self._commands: deque[tuple[float, Array]] = deque(maxlen=COMMANDS)
+        self._command: Array | None = None
         self._description_out = self.create_publisher(String, 'robot_description', LATCHED)
         self.add_trigger_service('~/reset', self._reset)
 
@@ -182,7 +186,7 @@ class PlantNode(RobotNode):
             return
         self._connected = True
         self.command_input = self.listen_in_loop(
-            Float64MultiArray, self.settings.text('command'), self._on_command
+            Float64MultiArray, self.settings.text('command'), self._on_command, depth=COMMANDS
         )
         if self._has_feedback:
             self.reference_input = self.listen_in_loop(
@@ -203,6 +207,7 @@ class PlantNode(RobotNode):
     def _on_command(self, raw: bytes, now: float) -> None:
         self._reader.read(raw)
         self.command_input.accept(0, now)
+        self._commands.append((now, self._reader.values))
 
     def _on_reference(self, raw: bytes, now: float) -> None:
         message = read_trajectory(raw, self.joints, self.bounds, partial=True)
@@ -239,6 +244,8 @@ class PlantNode(RobotNode):
         self.qd[:] = 0.0
         self._acceleration[:] = 0.0
         self.effort[:] = 0.0
+        self._commands.clear()
+        self._command = None
 
     def tick(self, steps: int) -> None:
         """Advance to now under the effort of the drives and publish what the sensors say."""
@@ -249,23 +256,38 @@ class PlantNode(RobotNode):
         if self._reset_wanted:
             self._reset_wanted = False
             self._place()
-        braked = self._brake and not self.command_input.received
         self._lost_steps += max(0, steps - CATCH_UP)
         if self.loop is not None:
             self._tick_time = self.loop.deadline - steps * self.stepper.step
         for _ in range(min(steps, CATCH_UP)):
             self._tick_time += self.stepper.step
-            self._step(braked)
+            self._step()
         self._tick_time += self.stepper.step * max(0, steps - CATCH_UP)
         # the state is that of the deadline, however late the machine let the tick begin
         self._publish(self._stamp_of(self._tick_time))
 
-    def _step(self, braked: bool) -> None:
+    @property
+    def _braked(self) -> bool:
+        """Whether the brake holds: no command has reached the drives yet."""
+        return self._brake and (self._command is None or not self.command_input.received)
+
+    def _take_due(self) -> None:
+        """Hand the drives the newest command that had come by this step.
+
+        After a pause of the machine every step has the command that drives which do not pause
+        would have had.
+        """
+        commands = self._commands
+        while commands and commands[0][0] <= self._tick_time:
+            self._command = commands.popleft()[1]
+
+    def _step(self) -> None:
         """Take one step; the accelerations are the mean over it."""
+        self._take_due()
         self._base.wrap(self.q, self.qd)
         before = self._acceleration
         before[:] = self.qd
-        if braked:
+        if self._braked:
             self.stepper.driven(self.q, self.qd, self._still)
         else:
             self._advance()
@@ -281,11 +303,13 @@ class PlantNode(RobotNode):
 
     def _advance(self) -> None:
         """Step under the drives' effort: commands and feedback, saturated."""
-        effort, tau = self.effort, self._tau
-        if self.command_input.age(time.perf_counter()) > self._command_timeout:
+        effort, tau, command = self.effort, self._tau, self._command
+        if command is None or (
+            self.command_input.age(time.perf_counter()) > self._command_timeout
+        ):
             effort[:] = 0.0
         else:
-            effort[:] = self._reader.values
+            effort[:] = command
         controlled = self._has_feedback and self.follower.sample(
             self._tick_time, self._wanted, self._wanted_rate, self._wanted_acceleration
         )
@@ -339,7 +363,7 @@ class PlantNode(RobotNode):
         found = super().statuses()
         if self.state not in ('active', 'inactive'):
             return found
-        braked = self._brake and not self.command_input.received
+        braked = self._braked
         status = Status('plant', message='braked' if braked else 'moving')
         status.values = {'lost_steps': self._lost_steps, 'braked': braked}
         if self._lost_steps:

@@ -20,7 +20,7 @@ from denoc_ros.runtime.status import ERROR, Status, loop_status, realtime_status
 from denoc_ros.runtime.timing import LoopStatistics, RealtimeLoop
 
 # what a flood at 10 kHz brings between two ticks at 1 kHz, and some more
-WITHIN_A_TICK = QoSProfile(depth=16, reliability=ReliabilityPolicy.BEST_EFFORT)
+WITHIN_A_TICK = 16  # messages
 STANDSTILL = 0.5  # s without a tick that are an error
 PATIENCE = 1.0  # s of failing ticks that nothing can be done about
 ASIDE_PERIOD = 0.02  # s between looks at what the loop does not take
@@ -57,11 +57,16 @@ class RobotNode(ModelNode):
         topic: str,
         handle: Handler,
         is_heavy: Callable[[bytes], bool] = never_heavy,
+        depth: int = WITHIN_A_TICK,
     ) -> InputMonitor:
-        """Subscribe as `listen` does; the loop takes the messages, but for heavy ones."""
+        """Subscribe as `listen` does; the loop takes the messages, but for heavy ones.
+
+        `depth` of them wait for a tick, the newest.
+        """
         if not self._inputs:
             self.create_timer(ASIDE_PERIOD, self._take_aside, clock=self.steady_clock)
-        added = self.subscribe(message_type, topic, handle, WITHIN_A_TICK, is_heavy)
+        qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+        added = self.subscribe(message_type, topic, handle, qos, is_heavy)
         added.longest = LONGEST
         self.take_aside(added.subscription)
         self._inputs.append(added)

@@ -109,7 +109,7 @@ def test_arrival_bears_a_clock_that_is_set(
 def test_newest_of_a_flood_are_taken_and_bad_ones_counted(
     graph: Any, taker: Any, publisher: Any
 ) -> None:
-    depth = WITHIN_A_TICK.depth
+    depth = WITHIN_A_TICK
     for stamp in range(1, 3 * depth):
         publisher.publish(state(stamp, 'a' if stamp % 2 else 'b'))
     time.sleep(0.2)

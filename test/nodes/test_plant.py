@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from node_robots import GRAVITY, gripper, two_links
 from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension, String
 from std_srvs.srv import Trigger
@@ -117,6 +119,31 @@ def test_the_brake_holds_until_the_first_command(graph: Any, plant: Any) -> None
     graph.until(lambda: node.command_input.accepted == 1)
     graph.until(lambda: list(states[-1].effort) == [60.0, 5.0])
     graph.until(lambda: abs(states[-1].position[0] - 0.2) > 1e-3)
+
+
+def test_each_step_after_a_pause_has_the_command_that_had_come_by_then(
+    graph: Any, urdf: str
+) -> None:
+    given = {'urdf_path': urdf, 'gravity': GRAVITY, 'update_rate': RATE}
+    node = graph.add(PlantNode, start=False, parameters=given)
+    node.trigger_configure()
+    node.begin()
+    begin, step = time.perf_counter(), 1.0 / RATE
+    node._tick_time = begin
+    stepper, tau = Stepper(load_robot(urdf, gravity=GRAVITY), step), np.zeros(node.robot.n)
+    q, qd = node.q.copy(), node.qd.copy()
+    # one comes before the first step's end, the next before the fourth's, one after the tick's
+    for came, torque in ((0.5, 1.0), (3.5, 2.0), (6.5, -1.0)):
+        node._on_command(serialize_message(command('j1', [torque])), begin + came * step)
+    node.tick(6)
+    for torque in (1.0, 1.0, 1.0, 2.0, 2.0, 2.0):
+        tau[node._index[0]] = torque
+        stepper.free(q, qd, tau)
+    np.testing.assert_allclose(node.q, q, rtol=0.0, atol=1e-12)
+    node.tick(1)
+    tau[node._index[0]] = -1.0
+    stepper.free(q, qd, tau)
+    np.testing.assert_allclose(node.qd, qd, rtol=0.0, atol=1e-12)
 
 
 def test_commands_beyond_the_drives_saturate_and_bad_ones_do_nothing(
