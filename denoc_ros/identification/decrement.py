@@ -190,12 +190,12 @@ def _from_crests(record: Record, times: Array, values: Array) -> Decrement:
     level = float(np.mean(record.y[record.t > record.t[-1] - cycle]))
     crests = values > level
     time, height = times[crests], values[crests] - level
-    if time.size < FEWEST_CRESTS:
+    count = round((time[-1] - time[0]) / cycle) if time.size else 0
+    if time.size < FEWEST_CRESTS or not count:
         raise IdentificationError(
             f'{record.name}: a decay must have at least {FEWEST_CRESTS} crests above its last '
-            f"cycle's mean, got {time.size}"
+            f"cycle's mean, a cycle apart, got {time.size}"
         )
-    count = round((time[-1] - time[0]) / cycle)
     decrement = float(np.log(height[0] / height[-1]) / count)
     unknown = np.full(2, np.nan)
     zeta = damping_ratio(decrement, 'book')

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import PchipInterpolator
 
 import denoc_ros as dn
 from denoc_ros.identification.decrement import (
@@ -52,6 +53,15 @@ def test_record_without_crests_is_refused() -> None:
     t = np.linspace(0.0, 1.0, 100)
     with pytest.raises(dn.IdentificationError, match='at least 2 crests above the noise, got 0'):
         log_decrement(Record(t, np.exp(-t)))
+
+
+def test_crests_of_less_than_a_cycle_are_refused() -> None:
+    t = np.arange(0.0, 2.0, 0.001)
+    knots = [(0.0, 0.0), (0.2, 1.0), (0.25, -0.5), (0.3, 0.9), (1.2, -0.8), (2.0, -0.75)]
+    record = Record(t, PchipInterpolator(*np.transpose(knots))(t))
+    # crests 0.1 s apart, of extremes that are a third of a second apart
+    with pytest.raises(dn.IdentificationError, match='a cycle apart, got'):
+        log_decrement(record, 'book')
 
 
 def test_missing_inertia_and_link_are_refused() -> None:
