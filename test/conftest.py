@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from ros_domains import claimed_domain
 from simulated_bags import SimulatedBag, make_simulated_bag
 
 SOURCES = (
@@ -21,6 +24,15 @@ SOURCES = (
     'setup.cfg',
     'setup.py',
 )
+
+
+@pytest.fixture(scope='session', autouse=True)
+def ros_domain() -> Iterator[int]:
+    """Claim a domain for this session, keep discovery on this machine; yield its id."""
+    with claimed_domain() as domain:
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        yield domain
 
 
 @pytest.fixture(scope='session')

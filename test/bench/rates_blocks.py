@@ -18,9 +18,10 @@ import numpy as np
 from bench.journal import HEAD, Entries, read
 from mcap.reader import make_reader
 from numpy.typing import NDArray
+from ros_domains import claimed_domain
 
 from denoc_ros.cli.config import SessionConfig
-from denoc_ros.cli.processes import Processes, free_domain
+from denoc_ros.cli.processes import Processes
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session import STOP_ORDER, Session, Task
 from denoc_ros.cli.up import new_folder
@@ -340,23 +341,21 @@ class Bench:
 
 @contextmanager
 def domain() -> Iterator[dict[str, str]]:
-    """Give a ROS domain that is free to this process and, as environment, to its children."""
+    """Claim a ROS domain for this process and, as environment, for its children."""
     test = Path(__file__).resolve().parents[1]
     paths = [str(test), str(test / 'support'), os.environ.get('PYTHONPATH', '')]
-    given = {
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'ROS_DOMAIN_ID': str(free_domain()),
-    }
-    before = {key: os.environ.get(key) for key in given}
-    os.environ.update(given)
-    try:
-        yield {**given, 'PYTHONPATH': os.pathsep.join(filter(None, paths))}
-    finally:
-        for key, value in before.items():
-            if value is None:
-                del os.environ[key]
-            else:
-                os.environ[key] = value
+    with claimed_domain() as claimed:
+        given = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': str(claimed)}
+        before = {key: os.environ.get(key) for key in given}
+        os.environ.update(given)
+        try:
+            yield {**given, 'PYTHONPATH': os.pathsep.join(filter(None, paths))}
+        finally:
+            for key, value in before.items():
+                if value is None:
+                    del os.environ[key]
+                else:
+                    os.environ[key] = value
 
 
 def wait_for(files: Sequence[Path], processes: Processes) -> None:

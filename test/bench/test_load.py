@@ -13,6 +13,7 @@ SECONDS = 2.0
 
 
 @pytest.mark.ros
+@pytest.mark.alone
 def test_recorder_under_load_misses_nothing() -> None:
     found = record(SECONDS)
     assert found.met, found.text()

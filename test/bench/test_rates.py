@@ -34,6 +34,7 @@ def test_deadlines_passed_over_count_as_missed() -> None:
 
 
 @pytest.mark.ros
+@pytest.mark.alone
 def test_campaign_loses_nothing_and_has_its_numbers() -> None:
     # a rate that a loaded machine keeps: how late the ticks are is not judged here
     campaign = measure(load_config('config/canadarm.yaml'), 200.0, seconds=1.0, blocks=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from bench.tick_latency import measure
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.alone]
 
 
 def test_tick_is_measured_beside_empty_nodes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 from campaign.stage import GOAL, INPUTS, Stage
 from node_robots import JOINTS
 from rclpy.serialization import serialize_message
+from ros_domains import claimed_domain
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 NAN, INF = math.nan, math.inf
@@ -127,10 +128,13 @@ while True:
 
 @contextmanager
 def another_domain(stage: Stage) -> Iterator[None]:
-    domain = str(int(stage.environment['ROS_DOMAIN_ID']) + 1)
     command = [sys.executable, '-c', STRANGER]
-    environment = {**os.environ, 'ROS_DOMAIN_ID': domain}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment) as process:
+    with (
+        claimed_domain() as domain,
+        subprocess.Popen(
+            command, stdout=subprocess.PIPE, env={**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+        ) as process,
+    ):
         assert process.stdout is not None
         process.stdout.readline()
         try:

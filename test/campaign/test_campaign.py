@@ -30,6 +30,7 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
 
 
 @pytest.mark.ros
+@pytest.mark.alone
 @pytest.mark.parametrize(('name', 'act'), SHORT, ids=[name for name, _ in SHORT])
 def test_fault_breaks_no_law(stage: Stage, name: str, act: Act) -> None:
     outcome = perform(stage, name, act)

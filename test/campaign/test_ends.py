@@ -8,7 +8,7 @@ import pytest
 from campaign.ends_campaign import Ends, Tally, ending, phases
 from campaign.zygote import NODES
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.alone]
 SHORT = [('feedforward', phase) for phase in phases('feedforward')]
 SHORT += [(node, 'active') for node in NODES if node != 'feedforward']
 

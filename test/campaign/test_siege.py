@@ -235,6 +235,7 @@ def test_steps_are_written_as_they_are_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.ros
+@pytest.mark.alone
 def test_a_minute_of_siege_breaks_no_law(tmp_path: Path) -> None:
     """The same steps each time: `make siege` draws new ones for an hour."""
     told = tmp_path / 'told.json'
