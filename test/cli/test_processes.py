@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from ros_domains import claimed_domain
 
 from denoc_ros.cli import processes as module
 from denoc_ros.cli.processes import ProcessError, Processes, free_domain
@@ -113,3 +114,10 @@ def test_a_free_domain_is_one_whose_port_can_be_had() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(('', 7410 + 250 * first))
         assert free_domain() != first
+
+
+def test_a_domain_that_a_test_has_claimed_is_not_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    with claimed_domain() as first, claimed_domain() as second:
+        assert first != second
+        monkeypatch.setattr('os.getpid', lambda: first - 1)  # where the search begins
+        assert free_domain() not in (first, second)
