@@ -50,4 +50,5 @@ class SensorFilter:
         above = np.ravel(above)
         given = np.interp(even, t, values)
         found, _ = lfilter(above, below, given, zi=given[0] * lfilter_zi(above, below))
-        return np.interp(t, even, found)
+        follows: Array = np.interp(t, even, found)
+        return follows

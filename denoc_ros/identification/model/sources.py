@@ -153,7 +153,9 @@ def _sensor_columns(
 def _rising(t: Array) -> NDArray[np.bool_]:
     """Return which times are finite and later than all before them."""
     latest = np.maximum.accumulate(np.where(np.isfinite(t), t, -np.inf))
-    return np.isfinite(t) & np.concatenate([[True], np.diff(latest) > 0.0])
+    later: NDArray[np.bool_] = np.isfinite(t)
+    later[1:] &= np.diff(latest) > 0.0
+    return later
 
 
 def _finite(t: Array, values: Array) -> tuple[Array, Array]:
