@@ -280,7 +280,8 @@ class RobotModel:
     def add_payload(self, frame: str, row: Array) -> None:
         """Add an inertia (10,), as kernels have it, to the payload of a frame; live."""
         self._payloads[frame] = self._payloads.get(frame, np.zeros(10)) + row
-        self._load_body(self._carrier(frame))
+        for _, constants, at in self._inertias(self._carrier(frame)):
+            constants[at : at + 10] += row
 
     def payload_mass(self, frame: str) -> float:
         """Mass [kg] of the payload that was set on a frame; 0 without one."""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from denoc_ros.types import Array
+from denoc_ros.types import Array, Flags
 
 LEVEL = 5.0  # s, over which a level is taken
 MOVEMENT = 2.0  # s, the same of movements about it
@@ -52,7 +52,7 @@ class ChannelLevels:
         return np.maximum(np.sqrt(self._rough / SECOND_DIFFERENCE), self._least)
 
     @property
-    def known(self) -> Array:
+    def known(self) -> Flags:
         """Which channels' noise is known (c,) bool."""
         return np.asarray(self._seen >= ENOUGH)
 
@@ -60,7 +60,7 @@ class ChannelLevels:
         """The next block does not follow the last one."""
         self._gaps[:] = np.nan
 
-    def take(self, heard: Array, gap: Array, value: Array, by: Array, duration: float) -> Array:
+    def take(self, heard: Flags, gap: Array, value: Array, by: Array, duration: float) -> Array:
         """Take a block in; return the derivatives without their level (c, p).
 
         Parameters
@@ -82,7 +82,7 @@ class ChannelLevels:
         self._roughen(heard, gap, duration)
         return np.asarray(about[:, 1:])
 
-    def _roughen(self, heard: Array, gap: Array, duration: float) -> None:
+    def _roughen(self, heard: Flags, gap: Array, duration: float) -> None:
         rough = (gap - 2.0 * self._gaps[1] + self._gaps[0]) ** 2
         self._gaps[0] = self._gaps[1]
         self._gaps[1] = np.where(heard, gap, np.nan)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from denoc_ros.types import Array
+from denoc_ros.types import Array, Flags
 
 GATE = 4.0  # deviations of the noise by which a parameter must move a block's values to count
 LATELY = 0.25  # s, over which that is looked at
@@ -28,8 +28,8 @@ class Block(NamedTuple):
         Derivatives of the prediction by the state at the block's beginning.
     by_parameters : (c, p) array
         Derivatives by the parameters, over the block.
-    noise, error : (c,) arrays
-        Deviation of the mean's noise, and of noise with the model's own error.
+    error : (c,) array
+        Deviation of the gap for a known state and known parameters.
     heard : (c,) bool array
         Which channels have values.
     """
@@ -37,9 +37,8 @@ class Block(NamedTuple):
     gap: Array
     by_state: Array
     by_parameters: Array
-    noise: Array
     error: Array
-    heard: Array
+    heard: Flags
 
 
 class Correction(NamedTuple):

@@ -9,7 +9,8 @@ import numpy as np
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.observer import Observer
-from denoc_ros.estimation.parameter_tracker import SILENT, BaseAt, ParameterTracker
+from denoc_ros.estimation.parameter_tracker import SILENT, ParameterTracker
+from denoc_ros.estimation.tracked_model import BaseAt
 from denoc_ros.estimation.tracked_paths import tracked_paths
 from denoc_ros.estimation.tracker_settings import TrackerSettings
 from denoc_ros.runtime.parameters import Settings
