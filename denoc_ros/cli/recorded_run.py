@@ -89,7 +89,7 @@ def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
         The run cannot be read, or not with this robot.
     """
     from denoc_ros.dynamics.robot import load_robot
-    from denoc_ros.reports.run_files import find_bag, read_session
+    from denoc_ros.reports.run_files import find_bag, read_session, recording_name
     from denoc_ros.viewer.recorded import RecordedRun
 
     if not args.start < args.end:
@@ -101,7 +101,7 @@ def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
     robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
     run = RecordedRun(bag, robot, args.source, args.start, args.end, rate)
     file = source if isinstance(source, Path) else _session_robot(session)
-    name = session.get('name') or path.resolve().stem
+    name = session.get('name') or recording_name(path)
     title = robot.tree.name if name == robot.tree.name else f'{robot.tree.name}: {name}'
     return OpenedRun(run, robot, title, file.parent if file is not None else None)
 

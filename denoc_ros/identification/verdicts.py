@@ -12,7 +12,7 @@ from denoc_ros.identification.records import Record
 WIDEST = 0.05  # relative standard deviation of zeta of a good mode
 USELESS = 0.35  # relative standard deviation that says nothing
 FEWEST_CYCLES = 1.5
-HEAVIEST = 0.43  # damping ratio with which the amplitude falls to 5 % in one cycle
+HEAVIEST = 0.3  # damping ratio with which the amplitude falls to 5 % in one and a half cycles
 MOST_CLIPPED = 0.4
 WEAK = 0.1  # of the strongest, for a mode beside a coloured residual
 NEAR_NYQUIST = 0.8  # of half the sample rate
@@ -48,7 +48,7 @@ def _doubts(part: Component, record: Record, quality: Quality, coloured: bool) -
     if part.overlap:
         reasons.append(part.overlap)
     if part.zeta > HEAVIEST:
-        reasons.append(f'falls to 5 % in less than a cycle: a damping ratio above {HEAVIEST}')
+        reasons.append(f'falls to 5 % in less than 1.5 cycles: a damping ratio above {HEAVIEST}')
     if part.merged > 1:
         reasons.append(
             f'{part.merged} components closer than one over the duration '

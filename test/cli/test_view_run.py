@@ -52,7 +52,7 @@ def test_page_of_a_run_opens(
 def test_a_run_s_directory_says_its_name_and_gravity(
     simulated_bag: SimulatedBag, tmp_path: Path
 ) -> None:
-    run = tmp_path / 'run'
+    run = tmp_path / 'run_0.55s'
     (run / 'bag').mkdir(parents=True)
     with BagWriter(run / 'bag' / 'whole') as bag:
         bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
@@ -72,6 +72,9 @@ def test_a_run_s_directory_says_its_name_and_gravity(
     assert opened.folder == tmp_path
     assert list(opened.robot.gravity) == [0.0, -1.0, 0.0]
     assert opened.run.source == 'joints'
+    (run / 'session.json').unlink()  # then the directory's name, with its dot
+    opened = open_run(build_parser(arguments).parse_args(arguments), run, 60.0)
+    assert opened.title.endswith(': run_0.55s')
 
 
 @pytest.mark.parametrize(

@@ -65,6 +65,14 @@ def test_impact_or_motion_in_the_window_is_no_good_mode(force: Floats, begin: fl
         assert verdict != 'good' or off < 0.01, f'{modes.frequency[k]:.4g} Hz {modes.reasons[k]}'
 
 
+@pytest.mark.parametrize(('zeta', 'verdict'), [(0.2, 'good'), (0.35, 'doubtful')])
+def test_a_decay_of_one_cycle_may_be_the_end_of_a_motion(zeta: float, verdict: str) -> None:
+    rate = 2.0 * np.pi * 1.2
+    y = np.exp(-zeta * rate * T) * np.cos(rate * np.sqrt(1.0 - zeta**2) * T)
+    modes = fit_modes(Record(T, y + 1e-3 * np.random.default_rng(6).standard_normal(T.size)))
+    assert modes.verdict == (verdict,), modes.reasons
+
+
 def test_component_of_an_impact_is_not_found_by_a_later_start() -> None:
     t = np.arange(0.0, 2.0, 0.001)
     noise = 1e-3 * np.random.default_rng(4).standard_normal(t.size)
