@@ -21,7 +21,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint bench mechanisms rates soak siege longbag fuzz load watched requests bounds longload ends readme counts venv clean
+.PHONY: demo test check browser lint bench mechanisms rates soak siege longbag fuzz load watched requests bounds longload ends peers readme counts venv clean
 
 venv: $(STAMP)
 
@@ -69,6 +69,11 @@ counts:
 bench: $(STAMP)
 	$(BIN)/denoc bench
 	$(BIN)/python test/bench/tick_latency.py
+
+# minutes: denoc identify model beside mujoco.sysid and figaroh, which it installs
+peers: $(STAMP)
+	$(PIP) 'mujoco[sysid]' figaroh
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.identify_peers
 
 # two minutes: the flexible five-bar beside Exudyn's finite elements; the circle of section 5.5
 mechanisms: $(STAMP)
