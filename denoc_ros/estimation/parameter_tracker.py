@@ -214,7 +214,7 @@ class ParameterTracker:
             try:
                 if self._go_on() and not late:
                     break  # the rest in the next calls, so that none takes long
-            except (StateError, SolverError, np.linalg.LinAlgError):
+            except (StateError, SolverError, ArithmeticError, np.linalg.LinAlgError):
                 self.failures += 1
                 self.reset()
         return self.values is not before

@@ -17,6 +17,7 @@ from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.status import WARN, Status
 from denoc_ros.types import Array
 
+LONGEST_LAG = 0.1  # s that sensors' values may come late
 AT_BOUND = 1e-3  # share of the width of the bounds: nearer counts as there
 Bounds = dict[str, tuple[float, float]]
 
@@ -112,7 +113,7 @@ class Adaptation:
             return None
         values, deviations = tracker.values.copy(), tracker.deviations
         supported, bounds = tracker.supported, tracker.bounds
-        frozen = f'values held: {tracker.cause}' if tracker.cause else 'tracking'
+        frozen = f'no value changes: {tracker.cause}' if tracker.cause else 'tracking'
         status = Status('adaptation', message=frozen)
         ends = []
         for k, path in enumerate(tracker.paths):
@@ -130,7 +131,7 @@ class Adaptation:
             'model_failures': tracker.failures,
         }
         if tracker.cause == SILENT:
-            status.worsen(WARN, f'values held: {tracker.cause}')
+            status.worsen(WARN, f'no value changes: {SILENT}')
         if ends:
             status.worsen(WARN, f'at the end of its bounds: {", ".join(ends)}')
         return status
@@ -151,7 +152,7 @@ def _settings(settings: Settings) -> TrackerSettings:
         rate=settings.number('adapt_rate'),
         memory=settings.number('adapt_memory'),
         model_error=settings.number('adapt_error'),
-        lag=settings.number('joint_state_timeout'),
+        lag=min(settings.number('joint_state_timeout'), LONGEST_LAG),
     )
 
 

@@ -166,6 +166,7 @@ TABLE = ParameterTable(
             'and a half of the present values',
             'SI',
             0.0,
+            1e12,
             live=True,
         ),
         Parameter(
@@ -176,6 +177,7 @@ TABLE = ParameterTable(
             'bounds',
             '1/s',
             positive=True,
+            maximum=1e3,
             live=True,
         ),
         Parameter(
@@ -185,7 +187,8 @@ TABLE = ParameterTable(
             'time of motion after which data count less by a factor e: longer is steadier, '
             'shorter follows faster',
             's',
-            positive=True,
+            0.05,
+            1e4,
             live=True,
         ),
         Parameter(
@@ -195,8 +198,8 @@ TABLE = ParameterTable(
             'assumed error of the rest of the model, as a share of its torques: what it explains '
             'moves no number of `adapt`',
             '',
-            positive=True,
-            maximum=1.0,
+            1e-4,
+            1.0,
             live=True,
         ),
         Parameter(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import time
 from functools import cache
 from pathlib import Path
@@ -9,8 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from campaign import states as states_of
+from campaign.stage import stamp
+from node_robots import GRAVITY, two_links
+from node_robots import JOINTS as PAIR
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from tracked_runs import TrackedRun, simulated, swinging, with_noise
 
@@ -116,6 +122,76 @@ def test_the_value_is_published_and_reported(graph: Any) -> None:
     assert result.successful, result.reason
     graph.until(lambda: node.adaptation.tracker is None)
     assert node.observer.robot.payload_mass('tool') == pytest.approx(KNOWN)
+
+
+class Feed:
+    """What the campaign's faults are made of: a robot that swings, and says so."""
+
+    def __init__(self) -> None:
+        self.begin = time.perf_counter()
+
+    def state(self, positions: Any = None, names: Any = None) -> JointState:
+        t = time.perf_counter() - self.begin
+        count = 2 if positions is None else len(positions)
+        message = JointState(name=list(names or PAIR))
+        message.position = list(positions or [0.4 + 0.3 * np.sin(6.0 * t), -0.7])
+        message.velocity = ([1.8 * np.cos(6.0 * t), 0.0] * count)[:count]
+        message.effort = ([40.0 * np.sin(6.0 * t), 10.0] * count)[:count]
+        stamp(message, time.time_ns())
+        return message
+
+
+def wild(feed: Feed) -> JointState:
+    message = feed.state()
+    message.effort = [random.uniform(-1e6, 1e6) for _ in PAIR]
+    return message
+
+
+def without_effort(feed: Feed) -> JointState:
+    message = feed.state()
+    message.effort = []
+    return message
+
+
+def test_faults_of_inputs_never_take_a_value_beyond_its_bounds(graph: Any, tmp_path: Path) -> None:
+    """The campaign's faults of joint states, silence, wild efforts and gauges that lie."""
+    file = tmp_path / 'arm.urdf'
+    file.write_text(two_links())
+    paths = ['payload.two.mass', 'beam.one.y.ei']
+    low, high = np.array([0.5, 200.0]), np.array([3.0, 400.0])
+    node = graph.add(
+        PredictorNode,
+        parameters={
+            'urdf_path': str(file),
+            'gravity': GRAVITY,
+            'update_rate': 200.0,
+            'payload.two.mass': 1.0,
+            'adapt': paths,
+            'adapt_bounds': [0.5, 3.0, 200.0, 400.0],
+        },
+    )
+    shown = graph.collect(JointState, 'predictor/model_parameters')
+    states = graph.publisher(JointState, 'joint_states')
+    gauge = graph.probe.create_publisher(Float64, '/strain', 10)
+    feed: Any = Feed()  # the faults ask nothing but `state` of a stage
+    faults = (
+        states_of.not_finite, states_of.wrong_length, states_of.wrong_joints, states_of.shuffled,
+        states_of.bytes_of_nothing, states_of.backwards, states_of.jumped, wild, without_effort,
+    )  # fmt: skip
+    for fault in faults:
+        for k in range(60):
+            states.publish(fault(feed) if k % 3 == 0 else feed.state())
+            gauge.publish(Float64(data=random.choice([0.0, np.nan, np.inf, 1e3, -1e9])))
+            graph.spin(0.004)
+        if fault is wild:
+            graph.spin(0.4)  # silence: longer than is integrated over
+    graph.until(lambda: len(shown) > 10)
+    values = np.array([message.position for message in shown])
+    assert list(shown[-1].name) == paths
+    assert np.all((values >= low) & (values <= high))
+    assert np.isfinite([message.effort for message in shown]).all()
+    assert sum(node.joint_input.rejected.values()) > 60
+    assert node.state == 'active'
 
 
 def test_it_is_off_by_default(graph: Any) -> None:
