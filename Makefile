@@ -33,7 +33,7 @@ $(STAMP): setup.py package.xml constraints.txt
 	touch $@
 
 demo: $(STAMP)
-	$(BIN)/denoc up config/canadarm.yaml
+	$(BIN)/denoc up config/tip.yaml
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .

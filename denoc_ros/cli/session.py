@@ -27,6 +27,7 @@ TAIL = 0.2  # s a phase goes on behind its reference
 STOP_ORDER = ('player', 'viewer', 'shaper', 'feedforward', 'predictor', 'plant', 'recorder')
 START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward', 'shaper', 'viewer')
 SHAPING = 2.0  # s that a shaper has to plan, and a shaped motion to come to its end
+ENGAGING = 2.0  # s until state feedback has gains for a motion and trusts its estimate
 
 
 @dataclass(frozen=True)
@@ -181,17 +182,17 @@ class Session:
         self._reset('shaper')
         start = time.perf_counter()
         if self._task.trajectory is not None:
-            start += self._publish(self._task.trajectory, self._task.plans.get(phase.name))
+            lead = LEAD + self._shaping + self._engaging(phase)
+            start += self._publish(self._task.trajectory, self._task.plans.get(phase.name), lead)
             self._client.wait(SETTLING + self._shaping)
         self._reset('plant')
         self._client.wait(SETTLING)
         self._reset('predictor')
         return start - time.perf_counter()
 
-    def _publish(self, trajectory: Trajectory, plan: Plan | None) -> float:
-        """Publish what the joints are to do; return in how many s what was asked for starts."""
+    def _publish(self, trajectory: Trajectory, plan: Plan | None, lead: float) -> float:
+        """Publish what the joints are to do in `lead` s; return when what was asked for starts."""
         joints, listeners = self._task.joints, len(self._listeners())
-        lead = LEAD + self._shaping
         if plan is None:
             self._client.publish_reference(trajectory, joints, lead, listeners)
             return lead
@@ -204,6 +205,11 @@ class Session:
     def _shaping(self) -> float:
         """How long a shaper may take before the reference starts [s]."""
         return SHAPING if 'shaper' in self._names else 0.0
+
+    def _engaging(self, phase: Phase) -> float:
+        """How long the feedforward needs before a motion until its feedback acts [s]."""
+        state = self._wanted('feedforward', phase).get('feedback.state', 'off')
+        return 0.0 if state == 'off' else ENGAGING
 
     def _check_silence(self) -> None:
         # the viewer gives way to everybody: a run does not end for want of it
