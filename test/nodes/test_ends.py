@@ -18,6 +18,10 @@ from denoc_ros.bags.writer import BagWriter
 
 pytestmark = pytest.mark.ros
 
+PATIENCE = 300.0  # s for a process that imports everything, on a machine with twenty others
+# of shared memory, where it is used: the library's thread, not a participant's
+WATCHDOG = 'dds.shm.wdog'
+
 # a node that is told to end when it is active; then the threads that are left of the middleware
 LEFT_BEHIND = """
 import os, signal, sys, threading
@@ -101,9 +105,10 @@ def urdf(tmp_path: Path) -> str:
 
 def test_a_node_leaves_no_thread_of_the_middleware(ros_domain: int, urdf: str) -> None:
     command = [sys.executable, '-c', LEFT_BEHIND, '--ros-args', '-p', f'urdf_path:={urdf}']
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    # the watchdog of shared memory is the library's, not a participant's
-    assert done.stdout.splitlines()[-1] == '0 dds.shm.wdog', done.stderr
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+    status, *left = done.stdout.splitlines()[-1].split()
+    assert status == '0', done.stderr
+    assert set(left) <= {WATCHDOG}
 
 
 @pytest.mark.parametrize(('code', 'said'), [(LEFT_BY_CLIENT, []), (INTERRUPTED, ['interrupted'])])
@@ -111,15 +116,17 @@ def test_a_session_leaves_no_thread_of_the_middleware(
     ros_domain: int, code: str, said: list[str]
 ) -> None:
     command = [sys.executable, '-c', code]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == [*said, 'dds.shm.wdog'], done.stderr
+    *words, left = done.stdout.split('\n')[:-1]
+    assert words == said, done.stderr
+    assert set(left.split()) <= {WATCHDOG}
 
 
 def test_a_publisher_that_cannot_be_made_is_one_clear_end(ros_domain: int, urdf: str) -> None:
     command = [sys.executable, '-m', 'denoc_ros.nodes.feedforward', '--ros-args']
     command += ['-p', f'urdf_path:={urdf}', '-r', '~/effort:=/clash', '-r', '~/commands:=/clash']
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 1
     assert 'terminate' not in done.stderr
     assert 'create' in done.stderr
