@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from denoc_ros.estimation.parameter_tracker import ParameterTracker as ParameterTracker
     from denoc_ros.estimation.tracker_settings import TrackerSettings as TrackerSettings
     from denoc_ros.identification.fit import identify_modes as identify_modes
+    from denoc_ros.identification.model.excitation import design_excitation as design_excitation
     from denoc_ros.identification.model.fit import identify_model as identify_model
     from denoc_ros.identification.model.recording import Recording as Recording
     from denoc_ros.model.suggest.suggestion import suggest_flexibility as suggest_flexibility
@@ -41,6 +42,7 @@ _HOME = {
     'shape_motion': 'control.shape',
     'simulate': 'simulation.simulate',
     'identify_modes': 'identification.fit',
+    'design_excitation': 'identification.model.excitation',
     'identify_model': 'identification.model.fit',
     'Recording': 'identification.model.recording',
     'ParameterTracker': 'estimation.parameter_tracker',

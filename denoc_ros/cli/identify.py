@@ -16,6 +16,7 @@ ACTIONS = {
     'forced': 'identify_forced',
     'servo': 'identify_servo',
     'model': 'identify_model',
+    'excite': 'identify_excite',
     'apply': 'identify_results',
     'compare': 'identify_results',
     'selftest': 'identify_selftest',

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -46,16 +47,58 @@ def _write_reference(
         f'# Planned by `denoc shape`, method {plan.method}: 0 s is {plan.t[0]:.6g} s of the '
         f'motion that was asked for,\n# which is {plan.stretch:.6g} times slower here.\n'
     )
+    write_points(
+        file, head, plan.joint_names, times - times[0], (positions, velocities, accelerations)
+    )
+
+
+def write_points(
+    file: Path,
+    head: str,
+    joints: Sequence[str],
+    times: Array,
+    motion: tuple[Array, Array, Array],
+) -> None:
+    """Write a motion as a YAML reference of kind points.
+
+    Parameters
+    ----------
+    file : Path
+    head : str
+        Comment lines above it.
+    joints : sequence of str
+    times : (k,) array
+        From 0 on [s].
+    motion : three (k, joints) arrays
+        Positions, velocities, accelerations.
+    """
+    names = ('positions', 'velocities', 'accelerations')
     reference = {
         'kind': 'points',
-        'joints': list(plan.joint_names),
-        'times': _numbers(times - times[0]),
-        'positions': [_numbers(row) for row in positions],
-        'velocities': [_numbers(row) for row in velocities],
-        'accelerations': [_numbers(row) for row in accelerations],
+        'joints': list(joints),
+        'times': _numbers(times),
+        **{
+            name: [_numbers(row) for row in part] for name, part in zip(names, motion, strict=True)
+        },
     }
     text = yaml.safe_dump(reference, sort_keys=False, default_flow_style=None, width=110)
     file.write_text(head + text, encoding='utf-8')
+
+
+def write_joint_trajectory(
+    file: Path, joints: Sequence[str], times: Array, motion: tuple[Array, Array, Array]
+) -> None:
+    """Write a motion as the YAML of a trajectory_msgs/JointTrajectory; arguments as there."""
+    points = []
+    for time, *rows in zip(times, *motion, strict=True):
+        names = ('positions', 'velocities', 'accelerations')
+        whole = round(1e9 * float(time))
+        since = {'sec': whole // 10**9, 'nanosec': whole % 10**9}
+        point = {name: _numbers(row) for name, row in zip(names, rows, strict=True)}
+        points.append({**point, 'time_from_start': since})
+    message = {'joint_names': list(joints), 'points': points}
+    text = yaml.safe_dump(message, sort_keys=False, default_flow_style=None, width=110)
+    file.write_text(text, encoding='utf-8')
 
 
 def _write_table(plan: Plan, file: Path, times: Array, motion: tuple[Array, Array, Array]) -> None:

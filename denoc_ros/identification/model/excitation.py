@@ -1,0 +1,359 @@
+"""The motion that identifies free numbers of a robot best, and what to expect after it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from denoc_ros.control.joint_limits import Given, JointLimits, joint_limits
+from denoc_ros.dynamics.floating_base import require_known_base
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError
+from denoc_ros.identification.model.excitation_search import (
+    ExcitationSearch,
+    SearchClock,
+    random_motions,
+)
+from denoc_ros.identification.model.excited_channels import (
+    WHERE,
+    Along,
+    ExcitedChannels,
+    channel_noise,
+)
+from denoc_ros.identification.model.free_parameters import FreeParameters
+from denoc_ros.identification.model.information import (
+    TOUCHED,
+    Information,
+    Mask,
+    combinations,
+    information,
+    verdict_of,
+)
+from denoc_ros.identification.model.motion_space import (
+    Extreme,
+    MotionLimits,
+    MotionSpace,
+    deflection_limits,
+)
+from denoc_ros.identification.model.rest_series import FEWEST, MotionRows, RestSeries
+from denoc_ros.model.segments import whole_beams
+from denoc_ros.types import Array
+
+DEFLECTION = 0.1  # of its length, that a link may bend by: the model's tip is 0.1 % off there
+SEARCH_STEP, FINE_STEP = 0.04, 0.0025  # s
+SHOWN_BY = 8  # of the motions tried, that what no motion shows is worked out along
+NEVER = 1e-9  # of the information of the best seen direction: rounding of differences leaves more
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """A motion that identifies, and what a recording of it would tell.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        Order of all columns: the driven joints.
+    duration : float
+        s.
+    start : (joints,) array
+        Where the motion begins and ends, at rest [rad, m].
+    sines, cosines : (harmonics, joints) arrays
+        s_k and c_k of q = start + sum s_k sin(k w t) + c_k (cos(k w t) - 1), w = 2 pi / duration.
+    values, interval, verdict, combinations
+        As of :class:`IdentifiedModel`: what to expect, at the robot's numbers.
+    never : list of str
+        What none of the motions tried shows, whatever the noise; combinations that are seen.
+    seen : int
+        How many independent combinations of the numbers the motions tried show.
+    noise : dict of str to float
+        Of one sample of each channel.
+    rate : float
+        Of recording [Hz].
+    extremes : tuple of Extreme
+        What the motion has of what is limited.
+    gain : float
+        Mean factor by which intervals are shorter than after the best of the motions drawn.
+    seconds : float
+    evaluations : int
+        Of the model along a motion.
+    """
+
+    joints: tuple[str, ...]
+    duration: float
+    start: Array
+    sines: Array
+    cosines: Array
+    values: dict[str, float]
+    interval: dict[str, tuple[float, float]]
+    verdict: dict[str, str]
+    combinations: list[str]
+    never: list[str]
+    seen: int
+    noise: dict[str, float]
+    rate: float
+    extremes: tuple[Extreme, ...]
+    gain: float
+    seconds: float
+    evaluations: int
+
+    def rows(self, times: ArrayLike) -> MotionRows:
+        """Return the motion of the joints at times (k,) [s]; it rests outside of its duration."""
+        t = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        order = np.arange(1, len(self.sines) + 1)
+        rate = 2.0 * np.pi / self.duration * order
+        angle = np.outer(np.clip(t, 0.0, self.duration), rate)
+        sine, cosine = np.sin(angle), np.cos(angle)
+        q = self.start + sine @ self.sines + (cosine - 1.0) @ self.cosines
+        qd = cosine @ (rate[:, None] * self.sines) - sine @ (rate[:, None] * self.cosines)
+        square = rate[:, None] ** 2
+        qdd = -sine @ (square * self.sines) - cosine @ (square * self.cosines)
+        return MotionRows(t, q, qd, qdd)
+
+
+def design_excitation(
+    robot: Robot,
+    free: Sequence[str],
+    *,
+    duration: float = 10.0,
+    harmonics: int = 6,
+    start: Mapping[str, float] | None = None,
+    position: Mapping[str, tuple[float, float]] | None = None,
+    velocity: Given | None = None,
+    acceleration: Given | None = None,
+    effort: Given | None = None,
+    deflection: Mapping[str, float] | None = None,
+    noise: Mapping[str, float] | None = None,
+    rate: float = 200.0,
+    time_limit: float = 60.0,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Excitation:
+    """Return the motion within limits whose recording identifies free numbers best.
+
+    Parameters
+    ----------
+    robot : Robot
+        The best guess of its numbers; with its gravity and payload as they are set.
+    free : sequence of str
+        Dotted paths with `*`, as of :func:`identify_model`.
+    duration : float
+        Of the motion [s].
+    harmonics : int
+        Of the Fourier series of each joint, at least 3: the highest frequency is
+        harmonics / duration.
+    start : dict of str to float, optional
+        Where joints begin and end [rad, m]; default 0, or the middle of a range without 0.
+    position : dict of str to (float, float), optional
+        Ranges of joints [rad, m] within the URDF's. A joint without one has pi to either side.
+    velocity, acceleration, effort : optional
+        Limits as of :func:`joint_limits`; default the URDF's.
+    deflection : dict of str to float, optional
+        By flexible link, how far its tip may bend across its axis [m]; default a tenth of its
+        length.
+    noise : dict of str to float, optional
+        Standard deviation of one sample: `effort` or `effort.<joint>` [N m, N], `<sensor>` in the
+        unit of its value; infinite: not recorded. Default: of effort 1 % of its limit (without
+        one, 2 % of the largest torque tried), of sensors the URDF's.
+    rate : float
+        Of recording [Hz].
+    time_limit : float
+        Of the search [s of processor time]: the best motion until then counts.
+    seed : int
+        Of the motions drawn that it starts from.
+    progress : callable, optional
+        Receives the share of the time limit that is over.
+
+    Returns
+    -------
+    Excitation
+
+    Raises
+    ------
+    ConfigError
+        A path, joint, link or channel that is none; a limit or number that cannot be.
+    StateError
+        A limit that is not > 0; a base that floats.
+
+    Notes
+    -----
+    D-optimal: the determinant of the Fisher information of theta and of its prior is largest.
+    """
+    require_known_base(robot, WHERE)
+    _require(robot, duration, harmonics, rate, time_limit)
+    began = time.perf_counter()
+    clock = SearchClock(time_limit, progress or (lambda share: None))
+    along = Along(robot)
+    limits = _limits(robot, along, (velocity, acceleration, effort), position, deflection)
+    begin = _start(along, limits.joints, start or {})
+    by_joint = dict(zip(along.every_joint, limits.joints.effort.tolist(), strict=True))
+    # what is given wrong is told before anything is worked out
+    channel_noise(robot, along.joints, noise or {}, by_joint, dict.fromkeys(along.joints, 1.0))
+    FreeParameters(robot, free)
+    space = MotionSpace(along, RestSeries(duration, harmonics), begin, limits)
+    times = space.times(SEARCH_STEP)
+    drawn = random_motions(space, times, seed, clock)
+    tried = [along.response(space.rows(x, times)).effort for x in drawn]
+    largest = dict(zip(along.joints, np.abs(np.vstack(tried)).max(axis=0).tolist(), strict=True))
+    parameters = FreeParameters(robot, free, {k: v for k, v in largest.items() if v > 0.0})
+    channels = ExcitedChannels(
+        along, parameters, channel_noise(robot, along.joints, noise or {}, by_joint, largest), rate
+    )
+    search = ExcitationSearch(space, channels, times)
+    before = min(search.criterion(x) for x in drawn)
+    best, _ = search.best(drawn, clock)
+    fine = space.times(FINE_STEP)
+    best = space.to_limits(best, fine, 1.0)
+    gain = float(np.exp(before - search.criterion(best)))
+    never, seen = _never_seen(channels, [space.rows(x, times) for x in (best, *drawn)[:SHOWN_BY]])
+    return _concluded(
+        channels, space, best, fine, (never, seen, gain, time.perf_counter() - began)
+    )
+
+
+def _require(
+    robot: Robot, duration: float, harmonics: int, rate: float, time_limit: float
+) -> None:
+    findings = [
+        f'{name} must be > 0 {unit}, got {value}'
+        for name, value, unit in (
+            ('duration', duration, 's'), ('rate', rate, 'Hz'), ('time_limit', time_limit, 's')
+        )
+        if not 0.0 < value < np.inf
+    ]  # fmt: skip
+    if harmonics < FEWEST:
+        findings.append(f'harmonics must be at least {FEWEST}, got {harmonics}')
+    if robot.tree.loops:
+        loops = ', '.join(loop.name for loop in robot.tree.loops)
+        findings.append(f'the robot must have no loops, got {loops}')
+    if not robot.joint_names:
+        findings.append('the robot must have joints, got none')
+    if findings:
+        raise ConfigError(WHERE, findings)
+
+
+def _limits(
+    robot: Robot,
+    along: Along,
+    magnitudes: tuple[Given | None, Given | None, Given | None],
+    position: Mapping[str, tuple[float, float]] | None,
+    deflection: Mapping[str, float] | None,
+) -> MotionLimits:
+    """Return the limits: the robot's own, or those given."""
+    velocity, acceleration, effort = magnitudes
+    joints = joint_limits(robot, velocity, acceleration, None, effort)
+    lower, upper = joints.lower.copy(), joints.upper.copy()
+    names, findings = list(robot.joint_names), []
+    for name, (low, high) in (position or {}).items():
+        if name not in names:
+            findings.append(f'position must be of joints of {", ".join(names)}, got {name!r}')
+            continue
+        k = names.index(name)
+        if not (low < high and lower[k] <= low and high <= upper[k]):
+            findings.append(
+                f'position of {name} must be a range within {lower[k]:.6g} to {upper[k]:.6g}, '
+                f'got {low} to {high}'
+            )
+        lower[k], upper[k] = low, high
+    if findings:
+        raise ConfigError(WHERE, findings)
+    lengths = {beam.link: beam.length for beam in whole_beams(robot.tree)}
+    bent = deflection_limits(along, lengths, DEFLECTION, deflection or {})
+    return MotionLimits(replace(joints, lower=lower, upper=upper), bent)
+
+
+def _start(along: Along, limits: JointLimits, given: Mapping[str, float]) -> Array:
+    """Return where the driven joints begin."""
+    findings = [
+        f'start must be of joints of {", ".join(along.joints)}, got {name!r}'
+        for name in given
+        if name not in along.joints
+    ]
+    found = np.zeros(len(along.joints))
+    for k, name in enumerate(along.joints):
+        place = along.every_joint.index(name)
+        low, high = float(limits.lower[place]), float(limits.upper[place])
+        found[k] = given.get(name, 0.0 if low < 0.0 < high else 0.5 * (low + high))
+        if not low < found[k] < high:
+            findings.append(
+                f'start of {name} must be within {low:.6g} to {high:.6g}, got {found[k]}'
+            )
+    if findings:
+        raise ConfigError(WHERE, findings)
+    return found
+
+
+def _in_sizes(channels: ExcitedChannels, rows: MotionRows) -> Array:
+    """Return the derivatives of all channels by the reported numbers, in sizes of theirs."""
+    parameters = channels.parameters
+    zero = np.zeros(parameters.size)
+    by_numbers = channels.jacobian(rows, both=True) @ np.linalg.inv(parameters.slopes(zero))
+    return np.asarray(by_numbers * parameters.scales(zero))
+
+
+def _never_seen(channels: ExcitedChannels, motions: Sequence[MotionRows]) -> tuple[list[str], int]:
+    """Return what no motion shows, and how many combinations they do show.
+
+    The rank is that of all motions together, each number in the unit in which it is seen best.
+    """
+    parameters = channels.parameters
+    whole = np.zeros((parameters.size, parameters.size))
+    for rows in motions:
+        jacobian = _in_sizes(channels, rows)
+        whole += jacobian.T @ jacobian
+    values, vectors = np.linalg.eigh(whole)
+    seen = values > NEVER * max(float(values[-1]), 1e-300)
+    unseen = vectors[:, ~seen]
+    touched = np.linalg.norm(unseen, axis=1) > TOUCHED
+    blind = Information(np.where(touched, np.inf, 0.0), unseen, touched)
+    lines = combinations(blind, parameters.paths, parameters.multiplicative)
+    return lines, int(seen.sum())
+
+
+def _concluded(
+    channels: ExcitedChannels,
+    space: MotionSpace,
+    best: Array,
+    times: Array,
+    told: tuple[list[str], int, float, float],
+) -> Excitation:
+    never, seen, gain, seconds = told
+    parameters, series = channels.parameters, space.series
+    jacobian = _in_sizes(channels, space.rows(best, times))
+    # residuals of 1, each row for itself: the information of white noise
+    info = information(jacobian, np.ones(len(jacobian)), np.arange(len(jacobian)))
+    zero = np.zeros(parameters.size)
+    values, half = parameters.values(zero), info.half * parameters.scales(zero)
+    low, high = _interval(values, half, parameters.multiplicative)
+    sines, cosines = series.coefficients(space.free(best))
+    return Excitation(
+        space.along.joints,
+        series.duration,
+        space.start,
+        sines,
+        cosines,
+        dict(zip(parameters.paths, values.tolist(), strict=True)),
+        {p: (float(a), float(b)) for p, a, b in zip(parameters.paths, low, high, strict=True)},
+        {p: verdict_of(h) for p, h in zip(parameters.paths, info.half, strict=True)},
+        combinations(info, parameters.paths, parameters.multiplicative),
+        never,
+        seen,
+        channels.noise,
+        channels.rate,
+        space.extremes(best, times),
+        gain,
+        seconds,
+        channels.evaluations,
+    )
+
+
+def _interval(values: Array, half: Array, factors: Mask) -> tuple[Array, Array]:
+    """Return the ends (p,) of intervals of half a width; those of factors in logarithms."""
+    low, high = values - half, values + half
+    with np.errstate(over='ignore', divide='ignore'):
+        ratio = np.exp(half[factors] / np.abs(values[factors]))
+    low[factors], high[factors] = values[factors] / ratio, values[factors] * ratio
+    return low, high

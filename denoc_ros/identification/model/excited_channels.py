@@ -1,0 +1,287 @@
+"""What a recording of a motion that is still to be driven would show of a robot's free numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from denoc_ros.dynamics.mimic_joints import mimic_ties
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.errors import ConfigError
+from denoc_ros.identification.model.free_parameters import FreeParameters, SearchPoint
+from denoc_ros.identification.model.rest_series import MotionRows
+from denoc_ros.model.segments import whole_beams
+from denoc_ros.model.tree import JointKind
+from denoc_ros.types import Array
+
+WHERE = 'identify excite'
+SHARE_OF_LIMIT = 1e-2  # of a joint's effort limit: the noise of its measured effort, not given
+SHARE_OF_LARGEST = 2e-2  # the same of the largest torque, where a joint has no effort limit
+STEP = 1e-4  # of the differences by theta
+
+
+@dataclass(frozen=True)
+class Response:
+    """What a robot does on a motion of k rows.
+
+    Attributes
+    ----------
+    effort : (k, driven) array
+        [N m, N]
+    sensors : (k, sensors) array
+        Raw readings.
+    deflection : (k, flexible links) array
+        Of the tips across their axes [m].
+    """
+
+    effort: Array
+    sensors: Array
+    deflection: Array
+
+
+class Along:
+    """A robot that is led along motions of its joints; the amplitudes follow from equilibrium.
+
+    Parameters
+    ----------
+    robot : Robot
+        Without loops; mimic joints follow their leaders.
+
+    Attributes
+    ----------
+    joints, every_joint : tuple of str
+        The driven joints, and all.
+    units : dict of str to (str, str)
+        Of each joint's position and effort.
+    links : tuple of str
+        The flexible ones.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot.copy()
+        self._ties, self._offsets, self.joints = mimic_ties(robot, None, {})
+        self._stepper = Stepper(robot.copy(), 1.0)
+        self.every_joint = tuple(robot.joint_names)
+        self.units = {
+            body.joint.name: ('m', 'N')
+            if body.joint.kind is JointKind.PRISMATIC
+            else ('rad', 'N m')
+            for body in robot.tree.bodies
+            if body.joint is not None
+        }
+        self.links = tuple(beam.link for beam in whole_beams(robot.tree))
+        self._tips = [robot.section(link) for link in self.links]
+
+    def every(self, rows: MotionRows) -> MotionRows:
+        """Return the motion of all joints by that of the driven ones."""
+        ties = self._ties.T
+        return MotionRows(rows.t, rows.q @ ties + self._offsets, rows.qd @ ties, rows.qdd @ ties)
+
+    def response(self, rows: MotionRows) -> Response:
+        """Return effort, readings and deflection at even rows of the driven joints."""
+        robot, every = self._robot, self.every(rows)
+        bends = len(robot.flexible_indices) > 0
+        q, qd = self._states(every, bends)
+        if bends:
+            torque = robot.hybrid_dynamics(q, qd, every.qdd)[0]
+        else:
+            qdd = np.zeros_like(q)
+            qdd[:, robot.joint_indices] = every.qdd
+            torque = robot.inverse_dynamics(q, qd, qdd)[:, robot.joint_indices]
+        values = robot.beam_sensor_values(q)
+        for k, sensor in enumerate(robot.tree.sensors):
+            values[:, k] = (values[:, k] - sensor.offset) / sensor.gain
+        tips = [np.hypot(*tip.deflection(q[:, own])[:, 1:3].T) for tip, own in self._tips]
+        bent = np.column_stack(tips) if tips else np.zeros((len(q), 0))
+        return Response(torque @ self._ties, values, bent)
+
+    def slopes(self, rows: MotionRows, paths: list[str]) -> Array:
+        """Return the derivatives of a rigid robot's effort by its parameters (k, driven, p)."""
+        robot, every = self._robot, self.every(rows)
+        states = np.zeros((3, len(rows.t), robot.n))
+        for state, part in zip(states, (every.q, every.qd, every.qdd), strict=True):
+            state[:, robot.joint_indices] = part
+        columns = robot.torque_regressor(states[0], states[1], states[2], paths)
+        found: Array = np.einsum('kjp,jd->kdp', columns[:, robot.joint_indices], self._ties)
+        return found
+
+    def _states(self, every: MotionRows, bends: bool) -> tuple[Array, Array]:
+        """Return coordinates and rates (k, n) with the amplitudes."""
+        robot, index = self._robot, self._robot.joint_indices
+        count = len(every.t)
+        states, rates = np.zeros((2, count, robot.n))
+        states[:, index], rates[:, index] = every.q, every.qd
+        if not bends:
+            return states, rates
+        q, qd = robot.static_deflection(every.q[0]), np.zeros(robot.n)
+        self._stepper.step = float(every.t[1] - every.t[0])
+        middle = 0.5 * (every.qdd[1:] + every.qdd[:-1])
+        driven = self._stepper.driven
+        free = np.setdiff1d(np.arange(robot.n), index)
+        for k in range(count):
+            q[index], qd[index] = every.q[k], every.qd[k]
+            states[k, free], rates[k, free] = q[free], qd[free]
+            if k + 1 < count:
+                driven(q, qd, middle[k])
+        return states, rates
+
+
+class ExcitedChannels:
+    """Sensitivities of all channels by the free numbers, in the channels' noise.
+
+    Parameters
+    ----------
+    along : Along
+        Of the robot as it is.
+    parameters : FreeParameters
+    noise : dict of str to float
+        Deviation of one sample of each channel: `effort.<joint>` [N m, N], `<sensor>` in the unit
+        of its value; infinite: not recorded.
+    rate : float
+        Of recording [Hz].
+    """
+
+    def __init__(
+        self,
+        along: Along,
+        parameters: FreeParameters,
+        noise: Mapping[str, float],
+        rate: float,
+    ) -> None:
+        self.along, self.parameters, self.rate = along, parameters, rate
+        sensors = parameters.robot.tree.sensors
+        self.noise = dict(noise)
+        self._effort_noise = np.array([noise[f'effort.{joint}'] for joint in along.joints])
+        self._sensor_noise = np.array([noise[s.name] / abs(s.gain) for s in sensors])
+        self._names = [sensor.name for sensor in sensors]
+        self._point = parameters.settings(np.zeros(parameters.size))
+        linear, self._paths = parameters.linear
+        self._linear, self._slopes = linear, parameters.slopes(np.zeros(parameters.size))
+        self._others = sorted(set(range(parameters.size)) - set(linear))
+        self._sides: dict[tuple[int, float], tuple[Along, SearchPoint]] = {}
+        self.evaluations = 0
+
+    def whitened(self, along: Along, point: SearchPoint, rows: MotionRows) -> Array:
+        """Return all channels (k, channels), in deviations of so many samples."""
+        self.evaluations += 1
+        response = along.response(rows)
+        gains = [point.gains.get(joint, 1.0) for joint in along.joints]
+        offsets = [point.offsets.get(joint, 0.0) for joint in along.joints]
+        measured = response.effort * gains + offsets
+        effort = _late(rows.t, measured, point.delays.get('effort', 0.0))
+        sensors = response.sensors
+        for k, name in enumerate(self._names):
+            if name in point.delays:
+                sensors[:, k] = _late(rows.t, sensors[:, k], point.delays[name])
+        found = np.hstack([effort / self._effort_noise, sensors / self._sensor_noise])
+        return found * self._weight(rows)
+
+    def jacobian(self, rows: MotionRows, both: bool = False) -> Array:
+        """Return the derivatives of all channels by theta (k channels, parameters).
+
+        Parameters
+        ----------
+        rows : MotionRows
+            Evenly spaced.
+        both : bool
+            Differences to both sides: twice the work, squares of the error.
+        """
+        size, width = self.parameters.size, len(self._effort_noise) + len(self._names)
+        found = np.zeros((len(rows.t), width, size))
+        if self._linear:
+            self.evaluations += 1
+            columns = self.along.slopes(rows, self._paths)
+            turned = columns @ self._slopes[np.ix_(self._linear, self._linear)]
+            joints = len(self._effort_noise)
+            found[:, :joints, self._linear] = turned / self._effort_noise[:, None]
+            found *= self._weight(rows)
+        here = None
+        for k in self._others:
+            above = self.whitened(*self._side(k, STEP), rows)
+            if both:
+                below = self.whitened(*self._side(k, -STEP), rows)
+                found[:, :, k] = (above - below) / (2.0 * STEP)
+                continue
+            here = self.whitened(*self._here(), rows) if here is None else here
+            found[:, :, k] = (above - here) / STEP
+        return found.reshape(-1, size)
+
+    def _weight(self, rows: MotionRows) -> float:
+        """Return the root of how many samples a row stands for."""
+        return float(np.sqrt(self.rate * (rows.t[1] - rows.t[0])))
+
+    def _here(self) -> tuple[Along, SearchPoint]:
+        return self._sides.setdefault((-1, 0.0), (self._made(self._point), self._point))
+
+    def _side(self, k: int, change: float) -> tuple[Along, SearchPoint]:
+        """Return the robot with one theta changed; made once."""
+        if (k, change) not in self._sides:
+            theta = np.zeros(self.parameters.size)
+            theta[k] = change
+            point = self.parameters.settings(theta)
+            self._sides[(k, change)] = (self._made(point), point)
+        return self._sides[(k, change)]
+
+    def _made(self, point: SearchPoint) -> Along:
+        return Along(self.parameters.robot_at(point))
+
+
+def _late(t: Array, values: Array, delay: float) -> Array:
+    """Return values (k, ...) as they come a delay [s] later."""
+    if not delay:
+        return values
+    late: Array = CubicSpline(t, values)(t - delay)
+    return late
+
+
+def channel_noise(
+    robot: Robot,
+    joints: Iterable[str],
+    given: Mapping[str, float],
+    effort_limits: Mapping[str, float],
+    largest: Mapping[str, float],
+) -> dict[str, float]:
+    """Return the deviation of one sample of each channel.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its sensors have a noise.
+    joints : iterable of str
+        The driven joints.
+    given : dict of str to float
+        `effort` of all joints, `effort.<joint>`, `<sensor>`; infinite: not recorded.
+    effort_limits, largest : dict of str to float
+        By joint: its effort limit (infinite: none), and the largest torque on motions tried.
+
+    Raises
+    ------
+    ConfigError
+        A channel that is none, a deviation that is not > 0; with every finding.
+    """
+    sensors = {sensor.name: sensor.noise for sensor in robot.tree.sensors}
+    names = list(joints)
+    known = ['effort', *(f'effort.{joint}' for joint in names), *sensors]
+    findings = [
+        f'noise must be of one of {", ".join(known)}, got {name!r}'
+        for name in given
+        if name not in known
+    ]
+    found: dict[str, float] = {}
+    for joint in names:
+        limit = effort_limits[joint]
+        own = SHARE_OF_LIMIT * limit if np.isfinite(limit) else SHARE_OF_LARGEST * largest[joint]
+        found[f'effort.{joint}'] = given.get(f'effort.{joint}', given.get('effort', own))
+    found.update({name: given.get(name, noise) for name, noise in sensors.items()})
+    findings += [
+        f'noise of {name} must be > 0 (inf: not recorded), got {value}'
+        for name, value in found.items()
+        if not value > 0.0
+    ]
+    if findings:
+        raise ConfigError(WHERE, findings)
+    return found

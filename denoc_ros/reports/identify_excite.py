@@ -1,0 +1,132 @@
+"""The page of `denoc identify excite`: intervals to expect, the motion, its limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from denoc_ros.model.tree import Tree
+from denoc_ros.reports.figures import PHASE_COLOURS, Curve, Panel, line_figure
+from denoc_ros.reports.identify_result import SHOWN, TONES, interval_text
+from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict, engineering
+from denoc_ros.reports.provenance import provenance
+from denoc_ros.reports.sections import Units
+
+if TYPE_CHECKING:
+    from denoc_ros.identification.model.excitation import Excitation
+
+DRAWN = 400  # points of a curve
+
+
+def excitation_page(
+    found: Excitation, document: Mapping[str, Any], tree: Tree, command: str
+) -> ReportPage:
+    """Return the page of a motion that identifies.
+
+    Parameters
+    ----------
+    found : Excitation
+    document : mapping
+        The same as plain values, as `--json` prints it.
+    tree : Tree
+        Of the robot.
+    command : str
+        The command line.
+    """
+    numbers = document['parameters']
+    good = [one for one in numbers if one['verdict'] == 'found']
+    cards = [
+        Card(one['path'], f'{one["value"]:.5g}', interval_text(one['interval']))
+        for one in good[:SHOWN]
+    ]
+    text = (
+        f'After this motion {len(good)} of {len(numbers)} numbers are known within 5 %; the '
+        f'search made intervals {document["gain"]:.3g} times shorter than after the best motion '
+        f'drawn at random, in {document["seconds"]:.1f} s.'
+    )
+    return ReportPage(
+        title='The motion that tells most',
+        subtitle=f'{tree.name} · {found.duration:g} s from rest to rest',
+        verdict=Verdict(text, TONES[document['verdict']]),
+        cards=cards,
+        sections=[
+            _numbers(document),
+            _motion(found, Units.of(tree)),
+            _limits(document),
+            _never(document),
+            _noise(document),
+        ],
+        provenance=provenance(command, {'robot': document['robot']}),
+    )
+
+
+def _numbers(document: Mapping[str, Any]) -> PageSection:
+    rows = [
+        [one['path'], f'{one["value"]:.5g}', interval_text(one['interval']), one['verdict']]
+        for one in document['parameters']
+    ]
+    text = (
+        'What `denoc identify model` is to say of a recording of this motion, if the numbers are '
+        'near those of the model. SI units.'
+    )
+    table = PageTable(['number', 'is', 'expected', ''], rows)
+    tables = [table]
+    if document['not_identifiable']:
+        lines = [[line] for line in document['not_identifiable']]
+        tables.append(PageTable(['not one by one, by this motion'], lines))
+    return PageSection('Intervals to expect', text, tables=tables)
+
+
+def _motion(found: Excitation, units: Units) -> PageSection:
+    rows = found.rows(np.linspace(0.0, found.duration, DRAWN))
+    panels = []
+    for k, joint in enumerate(found.joints):
+        unit = units.position(joint)
+        for what, values, per in (('', rows.q, ''), (', velocity', rows.qd, '/s')):
+            curve = Curve(joint, PHASE_COLOURS[0], rows.t, values[:, k])
+            panels.append(Panel(f'{joint}{what}', unit + per, [curve]))
+    text = 'A Fourier series of each joint; velocity, acceleration and jerk are 0 at both ends.'
+    return PageSection('The motion', text, [line_figure(panels)])
+
+
+def _limits(document: Mapping[str, Any]) -> PageSection:
+    rows = [
+        [
+            f'{one["what"]} {one["name"]}',
+            engineering(one['value'], one['unit']),
+            engineering(one['limit'], one['unit']),
+            f'{100.0 * one["value"] / one["limit"]:.0f} %',
+        ]
+        for one in document['limits']
+    ]
+    text = (
+        'The largest magnitudes on this model; positions count from the middle of their range. '
+        'Collisions are not looked at: make the ranges of the joints as narrow as needed.'
+    )
+    return PageSection('Limits', text, tables=[PageTable(['', 'largest', 'limit', ''], rows)])
+
+
+def _never(document: Mapping[str, Any]) -> PageSection | None:
+    lines = [[line] for line in document['not_by_any_motion']]
+    if not lines:
+        return None
+    text = (
+        f'{document["combinations_seen"]} of {len(document["parameters"])} combinations are seen '
+        'by any of the motions tried, whatever the noise. The others need another sensor, another '
+        'direction of gravity or a known payload.'
+    )
+    return PageSection('What no motion shows', text, tables=[PageTable([''], lines)])
+
+
+def _noise(document: Mapping[str, Any]) -> PageSection:
+    rows = [
+        [name, 'not recorded' if value is None else f'{value:.4g}']
+        for name, value in document['noise'].items()
+    ]
+    text = (
+        'Standard deviation of one sample of each channel that the intervals assume, at '
+        f'{document["rate_hz"]:g} Hz.'
+    )
+    return PageSection('Noise', text, tables=[PageTable(['channel', 'deviation'], rows)])

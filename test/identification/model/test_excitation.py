@@ -1,0 +1,212 @@
+"""The motion that identifies best: rest, limits, intervals to expect and intervals on truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from identification_runs import recorded
+
+import denoc_ros as dn
+from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.identification.model.excitation import Excitation
+from denoc_ros.identification.model.excited_channels import Along, ExcitedChannels
+from denoc_ros.identification.model.free_parameters import FreeParameters
+from denoc_ros.identification.model.rest_series import RestSeries
+
+ROBOTS = Path(__file__).resolve().parents[3] / 'config' / 'robots'
+DURATION = 5.0
+EFFORT_NOISE = 100.0  # N m: 2 % of the joints' limit
+LOUD = 10.0  # times the noise that the gauges have in their file
+FREE = ['beam.*.ei', 'sensor.link_2_y_root.gain']
+
+
+def test_a_series_is_at_rest_at_both_ends() -> None:
+    series = RestSeries(4.0, 5)
+    ends = np.array([0.0, 4.0])
+    for derivative in range(4):
+        size = np.abs(series.design(np.linspace(0.0, 4.0, 101), derivative)).max()
+        assert np.abs(series.design(ends, derivative)).max() < 1e-12 * size
+    assert series.free == 7
+
+
+def test_derivatives_of_a_series_are_those_of_its_motion() -> None:
+    series = RestSeries(3.0, 4)
+    t, step = np.linspace(0.1, 2.9, 29), 1e-5
+    for derivative in range(2):
+        sides = [series.design(t + side * step, derivative) for side in (1.0, -1.0)]
+        slope = (sides[0] - sides[1]) / (2.0 * step)
+        wanted = series.design(t, derivative + 1)
+        np.testing.assert_allclose(slope, wanted, atol=1e-8 * np.abs(wanted).max())
+
+
+@pytest.fixture(scope='module')
+def arm() -> Robot:
+    return dn.load_robot(ROBOTS / 'canadarm_gauges.urdf', gravity=(0, 0, 0))
+
+
+def gauge_noise(arm: Robot) -> dict[str, float]:
+    return {sensor.name: LOUD * sensor.noise for sensor in arm.tree.sensors}
+
+
+@pytest.fixture(scope='module')
+def motion(arm: Robot) -> Excitation:
+    return dn.design_excitation(
+        arm,
+        FREE,
+        duration=DURATION,
+        harmonics=4,
+        noise={'effort': EFFORT_NOISE, **gauge_noise(arm)},
+        time_limit=6.0,
+    )
+
+
+def test_a_simulation_keeps_all_limits(arm: Robot, motion: Excitation) -> None:
+    t = np.linspace(0.0, DURATION, 1001)
+    rows = motion.rows(t)
+    run = recorded(arm, lambda t: motion.rows(t).q, DURATION, noise=0.0)
+    # 1 %: the motion may take 99.5 % of a limit, and this integration has steps of its own
+    assert np.abs(run.effort).max() <= 1.01 * 5000.0
+    assert np.abs(rows.qd).max() <= 1.0
+    assert np.abs(rows.q).max() <= 2.0 * np.pi
+    bent = deflections(arm, motion)
+    for link, length in (('link_1', 6.0), ('link_2', 7.0)):
+        assert bent[link] <= 1.01 * 0.1 * length
+    # and takes all of one of them: a slower motion would tell less
+    shares = [each.value / each.limit for each in motion.extremes]
+    assert 0.98 < max(shares) <= 1.0
+    for each in motion.extremes:
+        if each.what == 'deflection':
+            # steps of 2.5 ms against 0.5 ms
+            assert bent[each.name] == pytest.approx(each.value, rel=0.02)
+
+
+def deflections(arm: Robot, motion: Excitation) -> dict[str, float]:
+    """Return the largest deflection of each tip by an integration of the free links."""
+    step = 5e-4
+    t = np.arange(0.0, DURATION, step)
+    rows, index = motion.rows(t + 0.5 * step), arm.joint_indices
+    stepper, tips = Stepper(arm.copy(), step), TipDeflections(arm)
+    q, qd = arm.static_deflection(motion.start), np.zeros(arm.n)
+    found = dict.fromkeys(tips.links, 0.0)
+    for qdd in rows.qdd:
+        stepper.driven(q, qd, qdd)
+        values = tips.evaluate(q, qd)[0]
+        for k, link in enumerate(tips.links):
+            found[link] = max(found[link], float(np.hypot(*values[6 * k + 1 : 6 * k + 3])))
+    # the middle accelerations add up to the motion of the joints
+    np.testing.assert_allclose(q[index], motion.start, atol=1e-4)
+    return found
+
+
+def test_the_search_finds_more_than_chance(motion: Excitation) -> None:
+    # 3 to 4; less on a processor that does less in the time
+    assert motion.gain > 1.2
+    assert set(motion.verdict.values()) == {'found'}
+    assert not motion.combinations
+    assert not motion.never
+
+
+def test_interval_of_a_pendulum_is_the_closed_form() -> None:
+    pendulum = dn.load_robot(ROBOTS / 'rigid_pendulum.urdf')
+    pendulum = pendulum.with_overrides({'joint.joint_1.damping': 0.1})
+    found = dn.design_excitation(
+        pendulum, ['joint.*.damping'], duration=4.0, noise={'effort': 0.05}, rate=100.0,
+        position={'joint_1': (-1.0, 1.0)}, velocity=2.0, time_limit=5.0,
+    )  # fmt: skip
+    t = np.linspace(0.0, 4.0, 4001)
+    rate = found.rows(t).qd[:, 0]
+    deviation = 0.05 / np.sqrt(100.0 * np.trapezoid(rate**2, t))
+    low, high = found.interval['joint.joint_1.damping']
+    # of a factor: exp(+- 1.96 deviation / value), and the 0.1 % that every interval has
+    half = np.hypot(1.96 * deviation, 1e-3 * 0.1)
+    assert np.log(high / low) == pytest.approx(2.0 * half / 0.1, rel=0.01)
+    # the most that a motion within 1 rad and 2 rad/s tells is at least what one sine does
+    assert np.mean(rate**2) > 1.0
+
+
+def test_slopes_of_gains_offsets_and_delays(arm: Robot) -> None:
+    joint = 'joint_2'
+    paths = [f'effort.{joint}.gain', f'effort.{joint}.offset', 'delay.effort']
+    along, parameters = Along(arm), FreeParameters(arm, paths, {joint: 10.0})
+    ones = {f'effort.{name}': 1.0 for name in along.joints}
+    ones.update({sensor.name: 1.0 for sensor in arm.tree.sensors})
+    channels = ExcitedChannels(along, parameters, ones, 100.0)
+    series = RestSeries(DURATION, 4)
+    free = np.random.default_rng(1).normal(0.0, 0.05, (series.free, 3))
+    rows = series.rows(free, np.zeros(3), np.linspace(0.0, DURATION, 501))
+    found = channels.jacobian(rows, both=True).reshape(501, -1, 3)
+    torque = along.response(rows).effort
+    size = np.abs(torque).max()
+    np.testing.assert_allclose(found[:, 1, 0], torque[:, 1], atol=1e-6 * size)
+    np.testing.assert_allclose(found[:, 1, 1], 0.1 * 10.0, rtol=1e-6)
+    assert not found[:, (0, 2), :2].any()
+    slope = -0.01 * np.gradient(torque, rows.t, axis=0)  # a theta of delay is 10 ms
+    # gradient's own error at 10 ms, away from the ends
+    error = np.abs(found[5:-5, :3, 2] - slope[5:-5]).max()
+    assert error < 0.01 * np.abs(slope).max()
+
+
+def test_what_no_motion_shows_of_a_rigid_arm_is_the_rank_of_its_regressor() -> None:
+    puma = dn.load_robot(ROBOTS / 'puma.urdf')
+    free = ['link.*.inertial', 'joint.*.friction']
+    found = dn.design_excitation(puma, free, duration=5.0, harmonics=4, time_limit=0.5)
+    states = np.random.default_rng(2).normal(0.0, 1.0, (3, 200, puma.n))
+    regressor = puma.torque_regressor(states[0], states[1], states[2], list(found.values))
+    values = np.linalg.svd(regressor.reshape(-1, len(found.values)), compute_uv=False)
+    assert found.seen == int(np.sum(values > 1e-9 * values[0])) < len(found.values)
+    blind = found.never[0]
+    assert blind.startswith('nothing is seen of ')
+    # it turns about its own z only
+    assert 'link.link_1.inertia.ixx' in blind
+    assert 'joint.joint_1.friction' not in ' '.join(found.never)
+
+
+def test_what_no_motion_in_a_plane_shows(arm: Robot) -> None:
+    loaded = arm.with_overrides({'payload.tool.mass': 100.0})
+    free = ['payload.tool', 'effort.joint_3.gain', 'sensor.link_1_y_root.gain']
+    found = dn.design_excitation(loaded, free, duration=DURATION, harmonics=3, time_limit=0.5)
+    assert found.never == ['nothing is seen of payload.tool.com.z']
+    assert found.verdict['payload.tool.com.z'] == 'not identifiable'
+    assert found.seen == 5
+
+
+@pytest.mark.parametrize(
+    ('options', 'says'),
+    [
+        ({'duration': 0.0}, 'duration must be > 0 s, got 0.0'),
+        ({'rate': -1.0}, 'rate must be > 0 Hz, got -1.0'),
+        ({'time_limit': 0.0}, 'time_limit must be > 0 s, got 0.0'),
+        ({'harmonics': 2}, 'harmonics must be at least 3, got 2'),
+        ({'start': {'elbow': 0.0}}, "start must be of joints of joint_1, .*, got 'elbow'"),
+        ({'start': {'joint_1': 9.0}}, 'start of joint_1 must be within -6.28319 to 6.28319'),
+        ({'position': {'elbow': (0.0, 1.0)}}, "position must be of joints of .*, got 'elbow'"),
+        ({'position': {'joint_1': (1.0, 0.0)}}, 'position of joint_1 must be a range within'),
+        ({'velocity': -1.0}, 'velocity must be > 0'),
+        ({'deflection': {'link_3': 0.1}}, "deflection must be of one of link_1, .* 'link_3'"),
+        ({'deflection': {'link_1': 0.0}}, 'deflection of link_1 must be > 0 m, got 0.0'),
+        ({'noise': {'imu': 1.0}}, "noise must be of one of effort, .* got 'imu'"),
+        ({'noise': {'link_1_y_root': 0.0}}, r'noise of link_1_y_root must be > 0 \(inf'),
+    ],
+)
+def test_bad_options_are_refused(arm: Robot, options: dict[str, Any], says: str) -> None:
+    with pytest.raises(dn.DenocError, match=says):
+        dn.design_excitation(arm, ['beam.*.ei'], **{'time_limit': 0.5, **options})
+
+
+def test_robots_that_cannot_be_excited_are_refused(arm: Robot) -> None:
+    loop = dn.load_robot(ROBOTS / 'four_bar_rrr.urdf')
+    with pytest.raises(dn.ConfigError, match='the robot must have no loops'):
+        dn.design_excitation(loop, ['joint.*.damping'])
+    floating = dn.load_robot(ROBOTS / 'canadarm_10t.urdf')
+    with pytest.raises(dn.StateError, match=r'the base of canadarm.* must be fixed'):
+        dn.design_excitation(floating, ['joint.*.damping'])
+    weak = dn.load_robot(ROBOTS / 'rigid_pendulum.urdf', gravity=(9.81, 0, 0))
+    with pytest.raises(dn.ConfigError, match='effort of joint_1 must be within its limit at the'):
+        dn.design_excitation(weak, ['joint.*.damping'], effort=1e-3, start={'joint_1': 1.0})
+    with pytest.raises(dn.ConfigError, match=r"--free 'beam\.none\.ei' must be of one of"):
+        dn.design_excitation(arm, ['beam.none.ei'], time_limit=0.5)
