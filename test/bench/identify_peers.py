@@ -19,6 +19,7 @@ from identification_runs import recorded, sweeping
 from lxml import etree
 
 import denoc_ros as dn
+from denoc_ros.estimation.joint_motion import smooth
 from denoc_ros.identification.model.free_parameters import FreeParameters
 from denoc_ros.types import Array
 
@@ -114,19 +115,15 @@ def set_body(body: Any, theta: Array) -> None:
     body.mass, body.ipos, body.inertia, body.iquat = ten[0], centre, sizes, turn
 
 
-def of_mujoco(
-    urdf: str, run: dn.Recording, motion: tuple[Array, Array, Array]
-) -> tuple[Torque, str]:
-    """Identify with mujoco.sysid: simulations of a tenth of a second from measured states."""
+def mujoco_robot(urdf: str, joints: list[str]) -> Any:
+    """Return the robot with a motor and sensors of motion at each joint."""
     import mujoco
-    from mujoco import sysid
 
     read = mujoco.MjSpec.from_string(urdf)
     read.compile()
     spec = mujoco.MjSpec.from_string(read.to_xml())
     spec.option.timestep = FINE
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    joints = list(run.joints)
     for name in joints:
         joint = spec.joint(name)
         joint.limited = False
@@ -140,6 +137,40 @@ def of_mujoco(
             spec.add_sensor(
                 name=f'{name}_{what}', type=kind, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=name
             )
+    return spec
+
+
+def mujoco_sequences(
+    spec: Any, model: Any, run: dn.Recording, motion: tuple[Array, Array, Array]
+) -> Any:
+    """Return the recording in pieces, each from its measured state."""
+    import mujoco
+    from mujoco import sysid
+
+    q, qd, _ = motion
+    starts = range(0, len(q) - CHUNK, CHUNK)
+    data = mujoco.MjData(model)
+    pieces: tuple[list[Any], ...] = ([], [], [], [])
+    t = STEP * np.arange(CHUNK + 1)
+    for first in starts:
+        rows = slice(first, first + CHUNK + 1)
+        pieces[0].append(f'chunk_{first}')
+        pieces[1].append(sysid.create_initial_state(model, q[first], qd[first], data.act))
+        pieces[2].append(sysid.TimeSeries(t, run.effort[rows]))
+        both = np.stack([q[rows], qd[rows]], axis=2).reshape(CHUNK + 1, -1)
+        pieces[3].append(sysid.TimeSeries.from_names(t, both, model))
+    return sysid.ModelSequences('ur10', spec, *pieces)
+
+
+def of_mujoco(
+    urdf: str, run: dn.Recording, motion: tuple[Array, Array, Array]
+) -> tuple[Torque, str]:
+    """Identify with mujoco.sysid: simulations of a tenth of a second from measured states."""
+    import mujoco
+    from mujoco import sysid
+
+    joints = list(run.joints)
+    spec = mujoco_robot(urdf, joints)
     model = spec.compile()
     parameters = sysid.ParameterDict()
     bodies = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, k) for k in range(1, model.nbody)]
@@ -161,19 +192,7 @@ def of_mujoco(
                 modifier=lambda s, p, name=name: s.joint(name).damping.__setitem__(0, p.value[0]),
             )
         )  # fmt: skip
-    q, qd, _ = motion
-    starts = range(0, len(q) - CHUNK, CHUNK)
-    data = mujoco.MjData(model)
-    pieces: tuple[list[Any], ...] = ([], [], [], [])
-    t = STEP * np.arange(CHUNK + 1)
-    for first in starts:
-        rows = slice(first, first + CHUNK + 1)
-        pieces[0].append(f'chunk_{first}')
-        pieces[1].append(sysid.create_initial_state(model, q[first], qd[first], data.act))
-        pieces[2].append(sysid.TimeSeries(t, run.effort[rows]))
-        both = np.stack([q[rows], qd[rows]], axis=2).reshape(CHUNK + 1, -1)
-        pieces[3].append(sysid.TimeSeries.from_names(t, both, model))
-    sequences = sysid.ModelSequences('ur10', spec, *pieces)
+    sequences = mujoco_sequences(spec, model, run, motion)
     residual = sysid.build_residual_fn(models_sequences=[sequences])
     best, result = sysid.optimize(
         parameters, residual, optimizer='mujoco', verbose=False, max_iters=ITERATIONS
@@ -203,8 +222,6 @@ def main() -> None:
     start = dn.load_robot(urdf)
     true = truth(start)
     run = recorded(true, sweeping(start.n, 5), DURATION, NOISE)
-    from denoc_ros.estimation.joint_motion import smooth
-
     smoothed = smooth(run.t, run.position, run.velocity, cutoff=20.0)
     motion = (smoothed.q, smoothed.qd, smoothed.qdd)
     draw = np.random.default_rng(7)
