@@ -225,21 +225,21 @@ def main() -> None:
     smoothed = smooth(run.t, run.position, run.velocity, cutoff=20.0)
     motion = (smoothed.q, smoothed.qd, smoothed.qdd)
     draw = np.random.default_rng(7)
-    states = [draw.normal(0.0, size, (200, start.n)) for size in (1.0, 1.0, 2.0)]
-    wanted = true.inverse_dynamics(*states)
+    q, qd, qdd = (draw.normal(0.0, scale, (200, start.n)) for scale in (1.0, 1.0, 2.0))
+    wanted = true.inverse_dynamics(q, qd, qdd)
     size = np.sqrt(np.mean(wanted**2, axis=0))
     tools: dict[str, Callable[[], tuple[Torque, str]]] = {
         'denoc_ros': lambda: ours(start, run),
         'figaroh': lambda: of_figaroh(urdf, run, motion),
         'mujoco.sysid': lambda: of_mujoco(urdf, run, motion),
     }
-    before = start.inverse_dynamics(*states) - wanted
+    before = start.inverse_dynamics(q, qd, qdd) - wanted
     print(f'before: {100.0 * np.mean(np.sqrt(np.mean(before**2, axis=0)) / size):.1f} % of torque')
     for name in sys.argv[1:] or tools:
         began, processor = time.perf_counter(), time.process_time()
         torque, verdict = tools[name]()
         spent = time.perf_counter() - began, time.process_time() - processor
-        error = torque(*states) - wanted
+        error = torque(q, qd, qdd) - wanted
         share = 100.0 * np.sqrt(np.mean(error**2, axis=0)) / size
         row = {
             'tool': name,

@@ -36,6 +36,7 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
     robot = dn.load_robot(ROBOT)
     for k, damping in enumerate(DAMPING):
         run = recorded(robot.with_overrides({PATH: damping}), sweeping(1, k), 3.0, seed=k)
+        assert run.velocity is not None
         rows = np.column_stack((run.t, run.position, run.velocity, run.effort))
         names = 'time,joint_1/position,joint_1/velocity,joint_1/effort'
         np.savetxt(folder / f'arm-{k}.csv', rows, delimiter=',', header=names, comments='')

@@ -86,7 +86,7 @@ class PreparedRun:
         self._joints = joints
         self._low_pass = low_pass(t, self._cutoff)
         self._effort = self._passed(recording.effort[:, joints])
-        self._unpowered = ~recording.effort[:, joints].any(axis=0)
+        self._unpowered = np.asarray((recording.effort[:, joints] == 0.0).all(axis=0), dtype=bool)
         self._balance = self._balanced(robot) if self.has_unpowered_joints else np.ones(0)
         self.channels = [
             MeasuredSignal(

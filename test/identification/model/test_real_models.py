@@ -64,7 +64,7 @@ def off_by(robot: dn.Robot, run: dn.Recording, delays: dict[str, float]) -> Arra
     left = prepared.residuals(robot, SearchPoint(delays=delays))
     peaks = [np.abs(channel.value).max() for channel in prepared.channels]
     rms = [np.sqrt(np.mean(residual**2)) for residual in left]
-    return np.array(rms) / peaks
+    return np.asarray(np.array(rms) / np.array(peaks))
 
 
 @pytest.mark.parametrize('name', ['30deg_run01', '0deg_run02'])
