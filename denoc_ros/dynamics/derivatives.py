@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,11 +61,33 @@ class HybridDerivatives(NamedTuple):
     inverse_inertia: Array
 
 
-@cache
-def _prepared(kernel: Any) -> Callable[..., int]:
-    """Return the compiled function of a kernel, which compiles when first asked for."""
-    ready(kernel)
-    return entry(kernel)
+class _Deferred:
+    """A kernel that compiles when it is called first.
+
+    Parameters
+    ----------
+    kernel : dispatcher
+
+    Attributes
+    ----------
+    call : callable
+        Calls the compiled function.
+    """
+
+    __slots__ = ('_kernel', 'call')
+
+    def __init__(self, kernel: Any) -> None:
+        self._kernel = kernel
+        self.call: Callable[..., int] = self._first
+
+    def _first(self, *arguments: Any) -> int:
+        ready(self._kernel)
+        self.call = entry(self._kernel)
+        return self.call(*arguments)
+
+
+_INVERSE = _Deferred(inverse_derivatives.inverse_dynamics_derivatives)
+_FORWARD = _Deferred(forward_derivatives.forward_dynamics_derivatives)
 
 
 class DifferentiableModel(ConstrainedModel):
@@ -113,19 +134,17 @@ class DifferentiableModel(ConstrainedModel):
         if base is not None:
             options = {'wrenches': wrenches, 'out': out, 'check': check}
             return self._on_base(base, self.inverse_dynamics_derivatives, q, qd, qdd, **options)
-        n = self.n
         if out is None:
-            result = (_empty((n, n)), _empty((n, n)), _empty((n, n)))
+            result = (_empty(self._square), _empty(self._square), _empty(self._square))
         else:
             result = _three(out)
-        kernel = _prepared(inverse_derivatives.inverse_dynamics_derivatives)
-        status = kernel(self.handle, q, qd, qdd, *result)
+        status = _INVERSE.call(self.handle, q, qd, qdd, *result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'qdd': qdd}
             rows = inverse_derivatives.inverse_dynamics_derivatives_rows
             result = self._settle_derivatives(status, rows, arguments, out, result, check)
         if wrenches:
-            self._subtract_loads(as_rows('q', q, n), wrenches, result[0])
+            self._subtract_loads(as_rows('q', q, self.n), wrenches, result[0])
         return result
 
     def forward_dynamics_derivatives(
@@ -157,17 +176,15 @@ class DifferentiableModel(ConstrainedModel):
         if base is not None:
             options = {'wrenches': wrenches, 'out': out, 'check': check}
             return self._on_base(base, self.forward_dynamics_derivatives, q, qd, tau, **options)
-        n = self.n
         load = None
         if wrenches:
             load = self.load_derivative(q, wrenches)
-            tau = as_rows('tau', tau, n) + self._load(as_rows('q', q, n), wrenches)
+            tau = as_rows('tau', tau, self.n) + self._load(as_rows('q', q, self.n), wrenches)
         if out is None:
-            result = (_empty((n, n)), _empty((n, n)), _empty((n, n)))
+            result = (_empty(self._square), _empty(self._square), _empty(self._square))
         else:
             result = _three(out)
-        kernel = _prepared(forward_derivatives.forward_dynamics_derivatives)
-        status = kernel(self.handle, q, qd, tau, *result)
+        status = _FORWARD.call(self.handle, q, qd, tau, *result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'tau': tau}
             rows = forward_derivatives.forward_dynamics_derivatives_rows

@@ -236,7 +236,7 @@ class Robot(
 
     def inertia_matrix(self, q: ArrayLike, out: Array | None = None, check: bool = True) -> Array:
         """Return the generalized inertia matrix (n, n) or (k, n, n), armature included."""
-        result = _empty((self.n, self.n)) if out is None else out
+        result = _empty(self._square) if out is None else out
         status = self._inertia(self.handle, q, result)
         if status != GOOD:
             result = self._settle(status, INERTIA, {'q': q}, out, result, check)

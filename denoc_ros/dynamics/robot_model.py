@@ -128,6 +128,7 @@ class RobotModel:
             self._link_side = arrays.link_side.constants.copy()
         self._use(self.new_workspace())
         self._zero = np.zeros(self.n)
+        self._square = (self.n, self.n)  # of a matrix over the coordinates
         self._sections: dict[
             tuple[str, float | None], tuple[Section | SegmentedSection, slice]
         ] = {}

@@ -14,11 +14,14 @@ from denoc_ros.kernels.derivative_layout import (
     BY_RATE,
     BY_TURNING,
     COLUMN_SUMS,
+    LANES,
     MOMENTUM,
     OWN_SIZE,
     TURNING,
 )
+from denoc_ros.kernels.derivative_rows import own_of
 from denoc_ros.kernels.handle import at
+from denoc_ros.kernels.lanes import ones_before, put_all, put_pair, put_vector, take
 from denoc_ros.kernels.layout import (
     ANGULAR_ACCELERATION,
     ANGULAR_VELOCITY,
@@ -34,7 +37,6 @@ from denoc_ros.kernels.layout import (
     NT,
     NY,
     NZ,
-    OWN,
     TORQUE,
     WORK,
 )
@@ -66,18 +68,24 @@ def across(x, y, z):
 
 
 @inlined
-def column_sum(work, u, length, in_y):
-    """Return the sum of B_j times what the row of sums at u is made with, for mode j at u."""
-    s = work[u + length]
-    return -work[u], s * in_y, s * (1.0 - in_y)
+def planes_of(ny, j):
+    """Return lanes of 1 for the modes from j on that bend along y, and of 1 for the others."""
+    in_y = ones_before(ny - j)
+    return in_y, 1.0 - in_y
 
 
 @inlined
-def changed_sum(work, u, length, in_y, by_q, by_rate):
+def column_sum(work, u, length, planes):
+    """Return the sum of B_j times what the row of sums at u is made with, for modes from u on."""
+    s = take(work, u + length)
+    return -take(work, u), s * planes[0], s * planes[1]
+
+
+@inlined
+def changed_sum(work, u, length, planes, by_q, by_rate):
     """Return B_j, d acc/d d_j and d acc/d d'_j times what the row of sums at u is made with."""
-    h, s = work[u], work[u + length]
-    bend, lift = work[u + 2 * length], work[u + 3 * length]
-    column = (-h, s * in_y, s * (1.0 - in_y))
+    bend, lift = take(work, u + 2 * length), take(work, u + 3 * length)
+    column = column_sum(work, u, length, planes)
     turned = matrix_column(by_q, column)
     swept = matrix_column(by_rate, column)
     # 2 w x e_x
@@ -97,63 +105,76 @@ def matrix_column(matrix, v):
 
 
 @inlined
-def bending_mode(work, u, g, length, in_y, by_q, by_rate):
-    """Write at u what stands at OWN of one bending mode; its sums begin at g."""
+def bending_modes(work, own, step, g, length, planes, by_q, by_rate):
+    """Write the rows at OWN of some bending modes at once, from `own` on; their sums begin at g.
+
+    step, length: of the rows at OWN and of the sums.
+    """
     row = 4 * length
-    e = changed_sum(work, g, length, in_y, by_q, by_rate)
-    x = changed_sum(work, g + row, length, in_y, by_q, by_rate)
-    y = changed_sum(work, g + 2 * row, length, in_y, by_q, by_rate)
-    z = changed_sum(work, g + 3 * row, length, in_y, by_q, by_rate)
+    e = changed_sum(work, g, length, planes, by_q, by_rate)
+    x = changed_sum(work, g + row, length, planes, by_q, by_rate)
+    y = changed_sum(work, g + 2 * row, length, planes, by_q, by_rate)
+    z = changed_sum(work, g + 3 * row, length, planes, by_q, by_rate)
     velocity = across(
-        column_sum(work, g + 4 * row, length, in_y),
-        column_sum(work, g + 5 * row, length, in_y),
-        column_sum(work, g + 6 * row, length, in_y),
+        column_sum(work, g + 4 * row, length, planes),
+        column_sum(work, g + 5 * row, length, planes),
+        column_sum(work, g + 6 * row, length, planes),
     )
     acceleration = across(
-        column_sum(work, g + 7 * row, length, in_y),
-        column_sum(work, g + 8 * row, length, in_y),
-        column_sum(work, g + 9 * row, length, in_y),
+        column_sum(work, g + 7 * row, length, planes),
+        column_sum(work, g + 8 * row, length, planes),
+        column_sum(work, g + 9 * row, length, planes),
     )
-    store(work, u + BY_ACCELERATION, e[0])
-    store(work, u + BY_ACCELERATION + 3, across(x[0], y[0], z[0]))
-    store(work, u + BY_TURNING, velocity)
-    store(work, u + BY_POSITION, e[1])
-    store(work, u + BY_POSITION + 3, subtract(across(x[1], y[1], z[1]), acceleration))
-    store(work, u + BY_RATE, e[2])
-    store(work, u + BY_RATE + 3, across(x[2], y[2], z[2]))
+    position = e[1], subtract(across(x[1], y[1], z[1]), acceleration)
+    put_pair(work, own + step * BY_ACCELERATION, step, (e[0], across(x[0], y[0], z[0])))
+    put_vector(work, own + step * BY_TURNING, step, velocity)
+    put_pair(work, own + step * BY_POSITION, step, position)
+    put_pair(work, own + step * BY_RATE, step, (e[2], across(x[2], y[2], z[2])))
 
 
 @inlined
-def modal_forces(topology, work, i, by_q, by_rate):
-    """Write how the forces of body i's bending modes change with their amplitudes."""
-    ny, m = at(topology, i, NY), at(topology, i, MODES)
+def modes_along(planes, matrix):
+    """Return the column of a matrix in whose plane each mode bends."""
+    return add(scale(planes[0], matrix[1]), scale(planes[1], matrix[2]))
+
+
+@inlined
+def modal_forces(topology, work, i, j, planes, by_q, by_rate):
+    """Write how the forces of body i's bending modes change with some amplitudes, from j on."""
+    ny = at(topology, i, NY)
     count = ny + at(topology, i, NZ)
     _, _, length = sums_of(topology, i)
+    _, step, forces = own_of(topology, i)
+    m = at(topology, i, MODES)
     row = 4 * length
     pairs = mode_sums(topology, i) + COLUMN_SUMS * row
-    shortening = pairs + 2 * count * row
-    forces = at(topology, i, OWN) + OWN_SIZE * m
+    shortening = pairs + 2 * count * row + j
+    own_q, own_rate = modes_along(planes, by_q), modes_along(planes, by_rate)
     for n in range(count):
-        a = 1 if n < ny else 2
-        of_h, of_s = pairs + 2 * row * n, pairs + 2 * row * n + row
-        for j in range(count):
-            c = 1 if j < ny else 2
-            hh, hs = work[of_h + j], work[of_h + length + j]
-            ss, sh = work[of_s + length + j], work[pairs + 2 * row * j + length + n]
-            h_bend, s_bend = work[of_h + 2 * length + j], work[of_s + 2 * length + j]
-            q = by_q[0][0] * hh - by_q[c][0] * hs - by_q[0][a] * sh + by_q[c][a] * ss
-            q += work[of_h + 3 * length + j] - by_rate[0][a] * s_bend
-            rate = by_rate[c][a] * ss - by_rate[c][0] * hs - by_rate[0][a] * sh + 2.0 * h_bend
-            both = hh
-            if a == c:
-                both += ss
-                if n < ny:
-                    q -= work[shortening + ny * n + j]
-                else:
-                    q -= work[shortening + ny * ny + (count - ny) * (n - ny) + j - ny]
-            work[forces + m * n + j] = q
-            work[forces + m * (m + n) + j] = rate
-            work[forces + m * (2 * m + n) + j] = both
+        of_h = pairs + 2 * row * n + j
+        of_s = of_h + row
+        hh, hs = take(work, of_h), take(work, of_h + length)
+        sh, ss = take(work, of_s), take(work, of_s + length)
+        h_bend, s_bend = take(work, of_h + 2 * length), take(work, of_s + 2 * length)
+        if n < ny:
+            same = planes[0]
+            across_q, across_rate, both_q, both_rate = (
+                by_q[0][1], by_rate[0][1], own_q[1], own_rate[1],
+            )  # fmt: skip
+            shorter = take(work, shortening + ny * n)
+        else:
+            same = planes[1]
+            across_q, across_rate, both_q, both_rate = (
+                by_q[0][2], by_rate[0][2], own_q[2], own_rate[2],
+            )  # fmt: skip
+            shorter = take(work, shortening + ny * ny + (count - ny) * (n - ny) - ny)
+        lift = take(work, of_h + 3 * length)
+        q = by_q[0][0] * hh - own_q[0] * hs - across_q * sh + both_q * ss
+        q = q + lift - across_rate * s_bend - same * shorter
+        rate = both_rate * ss - own_rate[0] * hs - across_rate * sh + 2.0 * h_bend
+        put_all(work, forces + step * n + j, q)
+        put_all(work, forces + step * (m + n) + j, rate)
+        put_all(work, forces + step * (2 * m + n) + j, hh + same * ss)
 
 
 @inlined
@@ -191,33 +212,34 @@ def beam_body(topology, constants, work, i):
 def torsion_derivatives(topology, constants, work, qd, qdd, i):
     """Add the share of body i's twisting sections: torque e_x L' + w x e_x L, L = int rho J y."""
     m, nt = at(topology, i, MODES), at(topology, i, NT)
-    own = at(topology, i, OWN)
+    own, step, forces = own_of(topology, i)
     o, e = at(topology, i, WORK), at(topology, i, DERIVED)
-    forces = own + OWN_SIZE * m
     first = m - nt
     d = at(topology, i, COORDINATE) + at(topology, i, JOINT) + first
     w = load(work, o + ANGULAR_VELOCITY)
     b = at(topology, i, BEAM)
     work[o + COMPOSITE + 4] += constants[b]
-    for k in range(OWN_SIZE * first, OWN_SIZE * m):
-        work[own + k] = 0.0
     spin, spin_up = 0.0, 0.0
     for j in range(nt):
         s = constants[b + 1 + j]
         spin += s * qd[d + j]
         spin_up += s * qdd[d + j]
-        u = own + OWN_SIZE * (first + j)
-        work[u + BY_ACCELERATION + 3] = s
-        store(work, u + BY_TURNING, (0.0, 0.5 * s * w[2], -0.5 * s * w[1]))
-        store(work, u + BY_RATE + 3, (0.0, s * w[2], -s * w[1]))
+        u = own + first + j
+        for row in range(OWN_SIZE):
+            work[u + step * row] = 0.0
+        work[u + step * (BY_ACCELERATION + 3)] = s
+        turned = (0.0, 0.5 * s * w[2], -0.5 * s * w[1])
+        for k in range(3):
+            work[u + step * (BY_TURNING + k)] = turned[k]
+            work[u + step * (BY_RATE + 3 + k)] = 2.0 * turned[k]
         for k in range(m):
             for part in range(3):
-                work[forces + m * (m * part + first + j) + k] = 0.0
-                work[forces + m * (m * part + k) + first + j] = 0.0
+                work[forces + step * (m * part + first + j) + k] = 0.0
+                work[forces + step * (m * part + k) + first + j] = 0.0
     for j in range(nt):
         for k in range(nt):
             both = constants[b + 1 + nt + nt * j + k]
-            work[forces + m * (2 * m + first + j) + first + k] = both
+            work[forces + step * (2 * m + first + j) + first + k] = both
     work[e + TURNING + 5] += spin
     work[e + TURNING + 7] -= spin
     work[o + TORQUE] += spin_up
@@ -241,10 +263,11 @@ def beam_derivatives(topology, constants, work, qd, qdd, i):
     by_q, by_rate = acceleration_matrix(w, al), twice_turning(w)
     _, _, length = sums_of(topology, i)
     g = mode_sums(topology, i)
-    u = at(topology, i, OWN)
-    for j in range(at(topology, i, NY) + at(topology, i, NZ)):
-        in_y = 1.0 if j < at(topology, i, NY) else 0.0
-        bending_mode(work, u + OWN_SIZE * j, g + j, length, in_y, by_q, by_rate)
-    modal_forces(topology, work, i, by_q, by_rate)
+    own, step, _ = own_of(topology, i)
+    ny = at(topology, i, NY)
+    for j in range(0, ny + at(topology, i, NZ), LANES):
+        planes = planes_of(ny, j)
+        bending_modes(work, own + j, step, g + j, length, planes, by_q, by_rate)
+        modal_forces(topology, work, i, j, planes, by_q, by_rate)
     if at(topology, i, NT) > 0:
         torsion_derivatives(topology, constants, work, qd, qdd, i)

@@ -181,28 +181,36 @@ def column_sums(work, record, stride, points, length, out):
 
 @inlined
 def pair_sums(work, record, stride, points, length, count, out):
-    """Write what h and s of each mode make of all: rows h_1, s_1, h_2, ... ."""
+    """Write what h and s of each mode make of the modes: rows h_1, s_1, h_2, ... .
+
+    s not of the last of the four, for which nobody asks.
+    """
     zero = spread(0.0)
     for n in range(count):
         for j in range(0, length, LANES):
-            a, b = (zero, zero, zero, zero), (zero, zero)
+            a, b = (zero, zero, zero, zero), (zero, zero, zero)
             o = record + POINT_MODES
             for _ in range(points):
                 h, s = spread(work[o + n]), spread(work[o + length + n])
-                shape, bend = take(work, o + length + j), take(work, o + 2 * length + j)
+                other, shape = take(work, o + j), take(work, o + length + j)
+                bend = take(work, o + 2 * length + j)
                 a = (
-                    plus_product(a[0], h, take(work, o + j)),
+                    plus_product(a[0], h, other),
                     plus_product(a[1], h, shape),
                     plus_product(a[2], h, bend),
                     plus_product(a[3], h, take(work, o + 3 * length + j)),
                 )
-                b = plus_product(b[0], s, shape), plus_product(b[1], s, bend)
+                b = (
+                    plus_product(b[0], s, other),
+                    plus_product(b[1], s, shape),
+                    plus_product(b[2], s, bend),
+                )
                 o += stride
             u = out + 8 * length * n + j
             for r in range(4):
                 put_all(work, u + length * r, a[r])
-            put_all(work, u + 5 * length, b[0])
-            put_all(work, u + 6 * length, b[1])
+            for r in range(3):
+                put_all(work, u + length * (4 + r), b[r])
 
 
 @inlined

@@ -22,13 +22,13 @@ COMPOSITE_SIZE = 28  # BODY_MASS .. WRENCH
 SEEN = 40  # per mode of the carrier: J, J', J'' as seen from here (18)
 SEEN_SIZE = 18
 
-# work: a beam, from OWN: per mode
+# work: a beam, from OWN: rows over the modes, in whole lanes
 BY_ACCELERATION = 0  # (6) the wrench by d'' of this mode
 BY_TURNING = 6  # (3) half the modal force by an added angular velocity
 BY_POSITION = 9  # (6) the wrench by d
 BY_RATE = 15  # (6) the wrench by d'
 OWN_SIZE = 21
-# then modal forces by d, d' and d'' (each MODES x MODES, row: force)
+# then the modal forces by d, d' and d'' (a row for each force, in whole lanes)
 
 # work: from the base's DERIVED, after TWIST and ACCELERATED
 SCRATCH = 12  # (9)
@@ -68,12 +68,12 @@ def scratch_size(ny: int, nz: int, points: int) -> int:
     """Return the size of what sums over a beam's points take."""
     row = 4 * whole_lanes(ny + nz)
     sums = BODY_SUMS_SIZE + (COLUMN_SUMS + 2 * (ny + nz)) * row
-    return points * (POINT_MODES + row) + sums + whole_lanes(ny * ny + nz * nz)
+    return points * (POINT_MODES + row) + sums + whole_lanes(ny * ny + nz * nz) + LANES
 
 
 def own_size(modes: int) -> int:
     """Return the size of a beam's workspace."""
-    return modes * (OWN_SIZE + 3 * modes)
+    return whole_lanes(modes) * (OWN_SIZE + 3 * modes)
 
 
 def base_size(n: int, slots: int) -> int:

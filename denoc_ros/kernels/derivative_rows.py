@@ -15,6 +15,7 @@ from denoc_ros.kernels.derivative_layout import (
     COLUMNS,
     LANES,
     MOMENTUM,
+    OWN_SIZE,
     ROW_LENGTH,
     TURNING,
     WRENCH,
@@ -24,7 +25,7 @@ from denoc_ros.kernels.derivative_layout import (
 )
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.lanes import plus, plus_product, product, put, spread, take
-from denoc_ros.kernels.layout import COORDINATE, DERIVED, JOINT, MODES, PARENT, RUN
+from denoc_ros.kernels.layout import COORDINATE, DERIVED, JOINT, MODES, OWN, PARENT, RUN
 from denoc_ros.kernels.spatial import carried_wrench, pair, scale_pair, store_strided, sum_pair
 from denoc_ros.kernels.vector import add, cross, load, rotate, scale, unrotate
 
@@ -33,6 +34,14 @@ from denoc_ros.kernels.vector import add, cross, load, rotate, scale, unrotate
 def columns_of(topology):
     """Return where the rows over the coordinates begin in work, and how long they are."""
     return at(topology, 0, DERIVED) + COLUMNS, at(topology, 0, ROW_LENGTH)
+
+
+@inlined
+def own_of(topology, i):
+    """Return where the rows over body i's modes begin, their length, and the modal forces'."""
+    own = at(topology, i, OWN)
+    length = (at(topology, i, MODES) + LANES - 1) // LANES * LANES
+    return own, length, own + OWN_SIZE * length
 
 
 @inlined

@@ -22,17 +22,21 @@ from denoc_ros.kernels.derivative_layout import (
     COLUMN_BEND,
     COLUMN_RATE,
     COMPOSITE_SIZE,
-    OWN_SIZE,
+    LANES,
     SEEN,
     SEEN_SIZE,
     TWIST,
     WRENCH,
+    WRENCH_Q,
+    WRENCH_QD,
+    WRENCH_QDD,
 )
 from denoc_ros.kernels.derivative_rows import (
     columns_of,
     half_turning,
     inboard_entries,
     outboard_entries,
+    own_of,
     store_wrenches,
     with_carried,
     wrenches_by,
@@ -52,6 +56,17 @@ from denoc_ros.kernels.handle import (
     model_arrays,
 )
 from denoc_ros.kernels.internal import internal_slope
+from denoc_ros.kernels.lanes import (
+    add_pair,
+    add_vector,
+    put,
+    put_all,
+    put_pair,
+    put_vector,
+    take,
+    take_pair,
+    take_vector,
+)
 from denoc_ros.kernels.layout import (
     ACCELERATION,
     ANGULAR_ACCELERATION,
@@ -61,7 +76,6 @@ from denoc_ros.kernels.layout import (
     DERIVED,
     JOINT,
     MODES,
-    OWN,
     PARENT,
     POINTS,
     SECTION,
@@ -76,9 +90,8 @@ from denoc_ros.kernels.sine_cosine import write_sines
 from denoc_ros.kernels.spatial import (
     dot_pair,
     pair,
-    store_pair,
     strided,
-    sum_pair,
+    strided_vector,
     wrench_about_origin,
 )
 from denoc_ros.kernels.vector import (
@@ -139,29 +152,36 @@ def joint_entries(topology, work, n, i, by_q, by_rate, inertia):
 
 
 @inlined
+def hand_wrenches(work, rows, own, step, length, m):
+    """Let the wrenches of a beam's m modes come inward: from OWN to the rows from `rows` on."""
+    for j in range(0, m, LANES):
+        for k in range(6):
+            by = own + step * k + j
+            o = rows + length * k + j
+            put(work, o + length * WRENCH_Q, take(work, by + step * BY_POSITION), m - j)
+            put(work, o + length * WRENCH_QD, take(work, by + step * BY_RATE), m - j)
+            put(work, o + length * WRENCH_QDD, take(work, by + step * BY_ACCELERATION), m - j)
+
+
+@inlined
 def modal_entries(topology, work, n, i, by_q, by_rate, inertia):
     """Write the rows of body i's modes, inboard and among themselves, and their wrenches."""
     m = at(topology, i, MODES)
     j = at(topology, i, COORDINATE) + at(topology, i, JOINT)
-    own = at(topology, i, OWN)
-    forces = own + OWN_SIZE * m
+    own, step, forces = own_of(topology, i)
     c, length = columns_of(topology)
     end = at(topology, i, BRANCH_END)
+    hand_wrenches(work, c + j, own, step, length, m)
     for k in range(m):
-        u = own + OWN_SIZE * k
-        by_acceleration = pair(work, u + BY_ACCELERATION)
-        store_wrenches(
-            work, c, length, j + k, pair(work, u + BY_POSITION), pair(work, u + BY_RATE),
-            by_acceleration,
-        )  # fmt: skip
-        half = load(work, u + BY_TURNING)
-        share = (by_acceleration, half)
+        half = strided_vector(work, own + step * BY_TURNING + k, step)
+        share = (strided(work, own + step * BY_ACCELERATION + k, step), half)
         inboard_entries(topology, work, n, i, j + k, j, share, by_q, by_rate, inertia)
         o = n * (j + k) + j
-        for r in range(m):
-            by_q[o + r] = work[forces + m * k + r]
-            by_rate[o + r] = work[forces + m * (m + k) + r]
-            inertia[o + r] = work[forces + m * (2 * m + k) + r]
+        for r in range(0, m, LANES):
+            u = forces + step * k + r
+            put(by_q, o + r, take(work, u), m - r)
+            put(by_rate, o + r, take(work, u + step * m), m - r)
+            put(inertia, o + r, take(work, u + 2 * step * m), m - r)
         zero_span(end, n, n * (j + k), by_q, by_rate, inertia)
 
 
@@ -171,45 +191,57 @@ def own_to_base(topology, work, i):
     o = at(topology, i, WORK)
     turn = o + WORLD_ROTATION
     x = load(work, o + WORLD_POSITION)
-    for k in range(at(topology, i, MODES)):
-        u = at(topology, i, OWN) + OWN_SIZE * k
-        store(work, u + BY_TURNING, rotate(work, turn, load(work, u + BY_TURNING)))
+    own, step, _ = own_of(topology, i)
+    for u in range(own, own + at(topology, i, MODES), LANES):
+        half = u + step * BY_TURNING
+        put_vector(work, half, step, rotate(work, turn, take_vector(work, half, step)))
         for part in (BY_ACCELERATION, BY_POSITION, BY_RATE):
-            f, t = pair(work, u + part)
-            store_pair(work, u + part, wrench_about_origin(work, turn, x, f, t))
+            f, t = take_pair(work, u + step * part, step)
+            put_pair(work, u + step * part, step, wrench_about_origin(work, turn, x, f, t))
+
+
+@inlined
+def transmit_modes(topology, work, i, j):
+    """Add what body i and all it carries take part in some modes of their carrier, from j on."""
+    p = at(topology, i, PARENT)
+    m = at(topology, p, MODES)
+    e = at(topology, i, DERIVED)
+    own, step, forces = own_of(topology, p)
+    c, length = columns_of(topology)
+    c += at(topology, p, COORDINATE) + at(topology, p, JOINT) + j
+    column = take_pair(work, c + length * COLUMN, length)
+    rate = take_pair(work, c + length * COLUMN_RATE, length)
+    bend = take_pair(work, c + length * COLUMN_BEND, length)
+    by_q, by_rate, by_acceleration = wrenches_by(work, e, column, rate, bend)
+    u = own + j
+    add_vector(work, u + step * BY_TURNING, step, half_turning(work, e, column))
+    add_pair(work, u + step * BY_POSITION, step, with_carried(work, e, column, by_q))
+    add_pair(work, u + step * BY_RATE, step, by_rate)
+    add_pair(work, u + step * BY_ACCELERATION, step, by_acceleration)
+    for k in range(m):
+        other = pair(work, e + SEEN + SEEN_SIZE * k)
+        u = forces + step * k + j
+        put_all(work, u, take(work, u) + dot_pair(by_q, other))
+        u += step * m
+        put_all(work, u, take(work, u) + dot_pair(by_rate, other))
+        u += step * m
+        put_all(work, u, take(work, u) + dot_pair(by_acceleration, other))
 
 
 @shared
 def transmit_to_own(topology, constants, work, i):
     """Add what body i and all it carries take part in their carrier's modal forces."""
     p = at(topology, i, PARENT)
-    m = at(topology, p, MODES)
-    e = at(topology, i, DERIVED)
-    own = at(topology, p, OWN)
-    forces = own + OWN_SIZE * m
-    for j in range(m):
-        s = e + SEEN + SEEN_SIZE * j
-        column, rate, bend = pair(work, s), pair(work, s + 6), pair(work, s + 12)
-        by_q, by_rate, by_acceleration = wrenches_by(work, e, column, rate, bend)
-        u = own + OWN_SIZE * j
-        half = half_turning(work, e, column)
-        store(work, u + BY_TURNING, add(load(work, u + BY_TURNING), half))
-        carried = with_carried(work, e, column, by_q)
-        store_pair(work, u + BY_POSITION, sum_pair(pair(work, u + BY_POSITION), carried))
-        store_pair(work, u + BY_RATE, sum_pair(pair(work, u + BY_RATE), by_rate))
-        by = u + BY_ACCELERATION
-        store_pair(work, by, sum_pair(pair(work, by), by_acceleration))
-        for k in range(m):
-            other = pair(work, e + SEEN + SEEN_SIZE * k)
-            work[forces + m * k + j] += dot_pair(by_q, other)
-            work[forces + m * (m + k) + j] += dot_pair(by_rate, other)
-            work[forces + m * (2 * m + k) + j] += dot_pair(by_acceleration, other)
+    for j in range(0, at(topology, p, MODES), LANES):
+        transmit_modes(topology, work, i, j)
     turn = at(topology, p, WORK) + WORLD_ROTATION
-    f, t = pair(work, e + WRENCH)
+    f, t = pair(work, at(topology, i, DERIVED) + WRENCH)
     t = add(t, cross(f, section_place(topology, work, i)))
+    _, step, forces = own_of(topology, p)
     geometric_terms(
-        topology, constants, work, i, unrotate(work, turn, f), unrotate(work, turn, t), forces
-    )
+        topology, constants, work, i, unrotate(work, turn, f), unrotate(work, turn, t), forces,
+        step,
+    )  # fmt: skip
 
 
 @inlined

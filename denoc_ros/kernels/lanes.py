@@ -1,13 +1,17 @@
 """Lanes: several numbers at once, which the compiler keeps in one vector register.
 
 They are written out because the compiler cannot know that the rows of a result do not overlap its
-inputs, and would otherwise process one number at a time.
+inputs, and would otherwise process one number at a time. Lanes add, subtract and multiply as
+numbers do, with each other and with one number, so that the products of vectors serve them too.
 """
+
+import operator
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic, models, register_model
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, models, register_model
 
 from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.derivative_layout import LANES
@@ -73,16 +77,33 @@ def put_all(_typing, start, offset, value):
     return types.void(start, offset, value), generate
 
 
+def _in_every_lane(builder, number):
+    """Return one number in every lane."""
+    one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), number, _INDEX(0))
+    order = ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES)
+    return builder.shuffle_vector(one, ir.Constant(_VECTOR, ir.Undefined), order)
+
+
 @intrinsic
 def spread(_typing, value):
     """Return one number in every lane."""
 
     def generate(_context, builder, _signature, args):
-        one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), args[0], _INDEX(0))
-        order = ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES)
-        return builder.shuffle_vector(one, ir.Constant(_VECTOR, ir.Undefined), order)
+        return _in_every_lane(builder, args[0])
 
     return lanes(value), generate
+
+
+@intrinsic
+def ones_before(_typing, count):
+    """Return 1 in the first `count` lanes and 0 in the others; any integer is a count."""
+
+    def generate(_context, builder, _signature, args):
+        ones = ir.Constant(_VECTOR, [1.0] * LANES)
+        zeros = ir.Constant(_VECTOR, [0.0] * LANES)
+        return builder.select(_first(builder, args[0]), ones, zeros)
+
+    return lanes(count), generate
 
 
 @intrinsic
@@ -135,6 +156,47 @@ def product(_typing, a, b):
     return lanes(a, b), generate
 
 
+class _Arithmetic(AbstractTemplate):
+    """Lanes with lanes, or with one number, which then stands in every lane."""
+
+    def generic(self, args, _keywords):
+        kinds = (Lanes, types.Float)
+        if any(isinstance(one, Lanes) for one in args) and all(isinstance(a, kinds) for a in args):
+            return signature(lanes, *args)
+        return None
+
+
+def _as_lanes(builder, kind, value):
+    return value if isinstance(kind, Lanes) else _in_every_lane(builder, value)
+
+
+def _declare_operator(function, instruction):
+    """Let an operator of two numbers take lanes; instruction names it in the builder."""
+
+    def generate(_context, builder, sig, args):
+        pair = [_as_lanes(builder, *one) for one in zip(sig.args, args, strict=True)]
+        return getattr(builder, instruction)(*pair, flags=_FLAGS)
+
+    infer_global(function)(type('_Operator', (_Arithmetic,), {}))
+    for kinds in ((Lanes, Lanes), (Lanes, types.Float), (types.Float, Lanes)):
+        lower_builtin(function, *kinds)(generate)
+
+
+_declare_operator(operator.add, 'fadd')
+_declare_operator(operator.sub, 'fsub')
+_declare_operator(operator.mul, 'fmul')
+
+
+@infer_global(operator.neg)
+class _Negative(_Arithmetic):
+    """The change of sign of lanes."""
+
+
+@lower_builtin(operator.neg, Lanes)
+def _negative(_context, builder, _signature, args):
+    return builder.fsub(ir.Constant(_VECTOR, [-0.0] * LANES), args[0], flags=_FLAGS)
+
+
 @inlined
 def plus_product(a, b, c):
     """Return a + b c."""
@@ -156,3 +218,45 @@ def put(start, offset, value, count):
         put_all(start, offset, value)
     else:
         put_first(start, offset, value, count)
+
+
+@inlined
+def take_vector(a, o, step):
+    """Return a vector whose elements stand `step` apart, of several columns at once."""
+    return take(a, o), take(a, o + step), take(a, o + 2 * step)
+
+
+@inlined
+def take_pair(a, o, step):
+    """Return two such vectors, one after the other."""
+    return take_vector(a, o, step), take_vector(a, o + 3 * step, step)
+
+
+@inlined
+def put_vector(a, o, step, v):
+    """Write a vector whose elements stand `step` apart, of several columns at once."""
+    put_all(a, o, v[0])
+    put_all(a, o + step, v[1])
+    put_all(a, o + 2 * step, v[2])
+
+
+@inlined
+def add_vector(a, o, step, v):
+    """Add such a vector to what stands there."""
+    put_vector(
+        a, o, step, (take(a, o) + v[0], take(a, o + step) + v[1], take(a, o + 2 * step) + v[2])
+    )
+
+
+@inlined
+def put_pair(a, o, step, x):
+    """Write two such vectors, one after the other."""
+    put_vector(a, o, step, x[0])
+    put_vector(a, o + 3 * step, step, x[1])
+
+
+@inlined
+def add_pair(a, o, step, x):
+    """Add two such vectors to what stands there."""
+    add_vector(a, o, step, x[0])
+    add_vector(a, o + 3 * step, step, x[1])

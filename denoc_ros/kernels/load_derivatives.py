@@ -96,7 +96,7 @@ def subtract_geometric(topology, constants, work, n, i, wrench, out):
             f, t = unrotate(work, turn, wrench[0]), unrotate(work, turn, torque)
             for k in range(m * m):
                 work[block + k] = 0.0
-            geometric_terms(topology, constants, work, i, f, t, block)
+            geometric_terms(topology, constants, work, i, f, t, block, m)
             for k in range(m):
                 for r in range(m):
                     out[n * (j + k) + j + r] -= work[block + m * k + r]

@@ -265,27 +265,53 @@ def turning_power(work, k, phi, n, o):
 
 
 @inlined
-def geometric_terms(topology, constants, work, i, force, torque, out):
+def turned_back(work, k, phi, x):
+    """Return J^T x of a section: the left Jacobian's coefficients stand at offset k."""
+    turned = cross(phi, x)
+    return add(x, add(scale(-work[k], turned), scale(work[k + 1], cross(phi, turned))))
+
+
+@inlined
+def geometric_row(constants, slope, h, counts, power, force, k, work, o):
+    """Add the share of all modes' turns to row k of the modal forces, at offset o of work.
+
+    slope, h: offsets of the section's slopes and of H; power: by a turn about each axis.
+    """
+    ny, nz, nt = counts
+    for j in range(ny):
+        work[o + j] += constants[slope + j] * power[2]
+    for j in range(ny, ny + nz):
+        work[o + j] -= constants[slope + j] * power[1]
+    for j in range(ny + nz, ny + nz + nt):
+        work[o + j] += constants[slope + j] * power[0]
+    if k < ny:
+        for j in range(ny):
+            work[o + j] -= force * constants[h + ny * k + j]
+    elif k < ny + nz:
+        h += ny * ny + nz * (k - ny)
+        for j in range(nz):
+            work[o + ny + j] -= force * constants[h + j]
+
+
+@inlined
+def geometric_terms(topology, constants, work, i, force, torque, out, step):
     """Write what the wrench on a section adds to its carrier's modal forces as these turn it.
 
-    force and torque are about the section, in the carrier's axes. Added at offset out (m x m,
-    row: force) is f . dB_k/dd_j + B_k . (theta_j x f) + n . dtheta_j/dd_k.
+    force and torque are about the section, in the carrier's axes. Added at offset out (a row for
+    each force, `step` apart) is f . dB_k/dd_j + B_k . (theta_j x f) + n . dtheta_j/dd_k.
     """
     p = at(topology, i, PARENT)
-    m, ny, nz = at(topology, p, MODES), at(topology, p, NY), at(topology, p, NZ)
+    counts = at(topology, p, NY), at(topology, p, NZ), at(topology, p, NT)
     o = at(topology, i, SECTION_WORK)
+    phi = load(work, o + ROTATION_VECTOR)
     turning = at(topology, 0, DERIVED) + SCRATCH
-    turning_power(work, o + COEFFICIENTS, load(work, o + ROTATION_VECTOR), torque, turning)
-    h = at(topology, i, SECTION) + 1 + 2 * (ny + nz) + at(topology, p, NT)
-    for j in range(m):
-        slope, axis = mode_slope(topology, constants, i, j)
-        pushed = cross(load(work, o + SECTION_COLUMNS + 6 * j + 3), force)
-        for k in range(m):
-            other, about = mode_slope(topology, constants, i, k)
-            total = dot(load(work, o + SECTION_COLUMNS + 6 * k), pushed)
-            total += slope * other * work[turning + 3 * about + axis]
-            if j < ny and k < ny:
-                total -= force[0] * constants[h + ny * k + j]
-            elif ny <= j < ny + nz and ny <= k < ny + nz:
-                total -= force[0] * constants[h + ny * ny + nz * (k - ny) + j - ny]
-            work[out + m * k + j] += total
+    turning_power(work, o + COEFFICIENTS, phi, torque, turning)
+    slope = at(topology, i, SECTION) + 1 + counts[0] + counts[1]
+    h = slope + counts[0] + counts[1] + counts[2]
+    for k in range(at(topology, p, MODES)):
+        # theta_j = s_j J e: the power of both on a turn about each axis e
+        pushed = cross(force, load(work, o + SECTION_COLUMNS + 6 * k))
+        power = turned_back(work, o + COEFFICIENTS, phi, pushed)
+        own, axis = mode_slope(topology, constants, i, k)
+        power = add(power, scale(own, load(work, turning + 3 * axis)))
+        geometric_row(constants, slope, h, counts, power, force[0], k, work, out + step * k)

@@ -62,12 +62,15 @@ def wrench_about_origin(work, o, x, force, torque):
 
 
 @inlined
+def strided_vector(a, o, step):
+    """Return the vector whose elements stand `step` apart, from offset o of a."""
+    return a[o], a[o + step], a[o + 2 * step]
+
+
+@inlined
 def strided(a, o, step):
     """Return the two vectors whose elements stand `step` apart, from offset o of a."""
-    return (
-        (a[o], a[o + step], a[o + 2 * step]),
-        (a[o + 3 * step], a[o + 4 * step], a[o + 5 * step]),
-    )
+    return strided_vector(a, o, step), strided_vector(a, o + 3 * step, step)
 
 
 @inlined
