@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from denoc_ros.bench.results import BenchLine
 
 GROUPS = (
-    'inverse', 'forward', 'inertia', 'derivatives', 'ssrms', 'loops', 'growth', 'dense', 'batch',
-    'load', 'operations',
+    'inverse', 'forward', 'inertia', 'derivatives', 'ssrms', 'springs', 'loops', 'growth', 'dense',
+    'batch', 'load', 'operations',
 )  # fmt: skip
 SSRMS = 'config/robots/ssrms.urdf'
 WRONG = 2
@@ -113,7 +113,16 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[BenchLine]:
     quick : bool
         Check on less, and call only a few times: no line has a reach then.
     """
-    from denoc_ros.bench import batches, derivatives, growth, loading, loops, rigid, segments
+    from denoc_ros.bench import (
+        batches,
+        derivatives,
+        growth,
+        loading,
+        loops,
+        rigid,
+        segments,
+        springs,
+    )
     from denoc_ros.bench.timing import FULL, QUICK
     from denoc_ros.cli.config import find_file
 
@@ -125,6 +134,7 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[BenchLine]:
         'inertia': lambda: rigid.inertia_lines(effort),
         'derivatives': lambda: derivatives.derivative_lines(ssrms, effort, quick),
         'ssrms': lambda: rigid.ssrms_lines(ssrms, effort),
+        'springs': lambda: springs.spring_lines(ssrms.parent / 'ur10.urdf', effort),
         'loops': lambda: loops.loop_lines(ssrms.parent, effort),
         'growth': lambda: chain(
             growth.growth_lines(effort, quick), segments.segment_lines(effort)

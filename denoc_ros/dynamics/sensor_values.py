@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
 from denoc_ros.dynamics.rotations import cross_matrices
 from denoc_ros.dynamics.validation import as_states, same_rows
+from denoc_ros.kernels import inertial
 from denoc_ros.model.tree import InertialSensor
 from denoc_ros.types import Array
 
@@ -67,14 +70,15 @@ class SensorValues(KinematicDerivatives):
             zero if qd is None else as_states('qd', qd, self.n),
             zero if qdd is None else as_states('qdd', qdd, self.n),
         ]
-        if any(state.ndim == 2 for state in states):
-            states = same_rows(states)
-        values = np.empty((*states[0].shape[:-1], len(self.sensor_names)))
-        values[..., self.tree.beam_sensor_places] = on_beams
-        for sensor in self.tree.inertial_sensors:
-            part = slice(sensor.first, sensor.first + len(sensor.parts))
-            values[..., part] = self._inertial_values(sensor, states)
-        return values
+        single = all(state.ndim == 1 for state in states)
+        rows = [state[None] for state in states] if single else same_rows(states)
+        motion = self._inertial_values(rows)
+        values = np.empty((len(motion), len(self.sensor_names)))
+        values[:, self.tree.beam_sensor_places] = on_beams
+        for k, sensor in enumerate(self.tree.inertial_sensors):
+            count = len(sensor.parts)
+            values[:, sensor.first : sensor.first + count] = motion[:, k, -count:]
+        return values[0] if single else values
 
     def beam_sensor_values(self, q: ArrayLike) -> Array:
         """Return the predicted values of the sensors on beams alone, as `tree.sensors` has them.
@@ -127,14 +131,21 @@ class SensorValues(KinematicDerivatives):
             rows[..., k, own] = section.jacobian(q[..., own])[..., axis, :]
         return rows
 
-    def _inertial_values(self, sensor: InertialSensor, states: list[Array]) -> Array:
-        """Return the values (..., parts) of an IMU or accelerometer."""
+    @cached_property
+    def _inertial_frames(self) -> NDArray[np.int64]:
+        """The rows of the model on which inertial sensors are."""
+        frames = [self._row(sensor.frame) for sensor in self.tree.inertial_sensors]
+        return np.array(frames, dtype=np.int64)
+
+    def _inertial_values(self, states: list[Array]) -> Array:
+        """Return angular rate and specific force (k, sensors, 6) of all inertial sensors."""
+        count, frames = len(states[0]), self._inertial_frames
+        motion = np.empty((count, len(frames), 6))
+        inputs = (*states, frames)
+        status = run_rows(self, inertial.inertial_values_rows, count, inputs, (motion,))
         q, qd, qdd = states
-        axes = cast('Robot', self).frame_pose(sensor.frame, q)[..., :3, :3]
-        motion = self.frame_motion(sensor.frame, q, qd, qdd)
-        seen = [motion[..., 0, 3:], motion[..., 1, :3] - self.gravity_in_base]
-        values = np.concatenate([_turned(axes, vector) for vector in seen], axis=-1)
-        return np.asarray(values[..., -len(sensor.parts) :])
+        self.raise_for_status(status, q=q, qd=qd, qdd=qdd)
+        return motion
 
     def _inertial_derivatives(
         self, sensor: InertialSensor, states: list[Array]
@@ -167,8 +178,3 @@ class SensorValues(KinematicDerivatives):
             for parts in found
         )
         return by_q, by_qd, by_qdd
-
-
-def _turned(axes: Array, vector: Array) -> Array:
-    """Return vectors (..., 3) seen from axes (..., 3, 3)."""
-    return np.asarray(np.matmul(np.swapaxes(axes, -1, -2), vector[..., None])[..., 0])

@@ -17,7 +17,7 @@ from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.springs import spring_indices
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.correction import take_rows, take_values
+from denoc_ros.kernels.correction import take_values
 from denoc_ros.kernels.step import GAMMA
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array
@@ -85,7 +85,7 @@ class AmplitudeFilter:
         free: NDArray[np.int64] | None = None,
         constants: Array | None = None,
     ) -> None:
-        ready(take_values, take_rows)
+        ready(take_values)
         self._robot, self._step = robot, step
         self._error = model_error
         self._flexible = robot.flexible_indices
@@ -214,16 +214,17 @@ class AmplitudeFilter:
         (k,) array of bool
             Which were not refused.
         """
-        taken = np.zeros(len(values))
-        take_values(self.covariance, rows, noise, values, gate, lag, state, self._gain, taken)
-        return np.asarray(taken > 0.0)
+        whole = np.zeros((len(values), len(state)))
+        whole[:, : self._m] = rows
+        whole[:, self._m : 2 * self._m] = -lag * rows
+        return self.correct_rows(whole, noise, values, gate, state)
 
     def correct_rows(
         self, rows: Array, noise: Array, values: Array, gate: float, state: Array
     ) -> Array:
         """Take values in whose rows (k, 3 m + c) are over the whole state; else as `correct`."""
         taken = np.zeros(len(values))
-        take_rows(self.covariance, rows, noise, values, gate, state, self._gain, taken)
+        take_values(self.covariance, rows, noise, values, gate, state, self._gain, taken)
         return np.asarray(taken > 0.0)
 
     def carry(self, correction: Array) -> Array:

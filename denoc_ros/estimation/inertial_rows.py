@@ -68,6 +68,10 @@ class InertialRows:
         self.rows[:, 3 * m :] = np.eye(count)
         self.expected, self.change, self.uncertain = np.zeros((3, count))
         self._by_acceleration = np.zeros((count, robot.n))
+        if sensors:  # nothing compiles in the loop
+            zero = np.zeros(robot.n)
+            robot.sensor_values(zero)
+            robot.sensor_derivatives(zero)
         self.forget()
 
     def forget(self) -> None:

@@ -37,6 +37,7 @@ def test_quick_run_checks_every_line(capsys: pytest.CaptureFixture[str]) -> None
         'forward',
         'inertia',
         'ssrms',
+        'springs',
         'loops',
         'derivatives',
         'growth',
