@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -57,6 +58,36 @@ def test_inverse_derivatives_are_those_of_lagranges_equations(
 def test_sections_that_turn_far_have_exact_derivatives(text: str, seed: int) -> None:
     robot, oracle = pair(text)
     s = random_state(robot.coordinate_names, seed, deflection=0.6)
+    result = robot.inverse_dynamics_derivatives(s.q, s.qd, s.qdd)
+    agree(result, inverse_derivatives(oracle, s.q, s.qd, s.qdd))
+
+
+MANY_MODES = """<robot name="boom"><link name="world"/>
+  <link name="boom"><inertial><origin xyz="2 0 0"/><mass value="12"/>
+    <inertia ixx="0.2" iyy="16" izz="16" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="tip"><inertial><origin xyz="0.2 0.1 -0.3"/><mass value="3"/>
+    <inertia ixx="0.4" iyy="0.5" izz="0.3" ixy="0.02" ixz="0.01" iyz="-0.03"/></inertial></link>
+  <link name="arm"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
+    <inertia ixx="0.1" iyy="0.3" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="slew" type="revolute"><parent link="world"/><child link="boom"/>
+    <origin xyz="0 0 1" rpy="0.2 0.1 0"/><axis xyz="0 0 1"/>
+    <limit effort="10" velocity="1" lower="-2" upper="2"/></joint>
+  <joint name="grip" type="fixed"><parent link="boom"/><child link="tip"/>
+    <origin xyz="4 0 0" rpy="0.3 0 0"/></joint>
+  <joint name="side" type="revolute"><parent link="boom"/><child link="arm"/>
+    <origin xyz="2.5 0.1 0"/><axis xyz="0 1 0"/>
+    <limit effort="10" velocity="1" lower="-2" upper="2"/></joint>
+  <flexibility><beam link="boom" length="4">
+    <bending direction="y" ei="2e4" modes="4"/><bending direction="z" ei="3e4" modes="3"/>
+    <torsion gj="1e4" polar_inertia="0.05" modes="2"/></beam></flexibility></robot>"""
+
+
+@pytest.mark.parametrize('twist', [2, 0])
+def test_more_modes_than_lanes_have_exact_derivatives(twist: int) -> None:
+    text = MANY_MODES if twist else re.sub('<torsion[^>]*/>', '', MANY_MODES)
+    robot, oracle = pair(text)
+    assert robot.n == 2 + 4 + 3 + twist
+    s = random_state(robot.coordinate_names, 5)
     result = robot.inverse_dynamics_derivatives(s.q, s.qd, s.qdd)
     agree(result, inverse_derivatives(oracle, s.q, s.qd, s.qdd))
 
