@@ -21,7 +21,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint bench mechanisms rates soak siege longbag fuzz load watched requests bounds longload ends peers readme counts venv clean
+.PHONY: demo test check browser lint bench mechanisms rates soak siege longbag fuzz load watched requests bounds identification longload ends peers readme counts venv clean
 
 venv: $(STAMP)
 
@@ -117,6 +117,10 @@ requests: $(STAMP)
 # ten minutes, 3 GB on the disk
 longload: $(STAMP)
 	PYTHONPATH=test:test/support $(BIN)/python -m bench.recorder_load --seconds 600
+
+# an hour: a hundred random robots whose model is off, identified blind; what is found, and what is said of it
+identification: $(STAMP)
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.identify_truth --count 100 --json runs/identification.json
 
 # a quarter of an hour: all tests of the dynamics with kernels that check every offset
 bounds: $(STAMP)

@@ -107,6 +107,34 @@ def read_inertial(path: str | Path, topic: str) -> tuple[NDArray[np.int64], Arra
     return np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64)
 
 
+def read_poses(path: str | Path, topic: str) -> tuple[NDArray[np.int64], Array]:
+    """Return stamps [ns], and positions [m] with quaternions x, y, z, w (k, 7).
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag that `read_bag` reads.
+    topic : str
+        Of geometry_msgs/PoseStamped; a relative one is that of the robot's namespace.
+
+    Raises
+    ------
+    BagError
+        As `read_bag`; also for a topic that is not there, or of another type.
+    """
+    stamps, values = [], []
+    topic = resolved(topic, bag_topics(path))
+    for item in read_bag(path, [topic]):
+        if item.type != 'geometry_msgs/msg/PoseStamped':
+            raise BagError(
+                f'{path}: topic {topic} must be geometry_msgs/msg/PoseStamped, got {item.type}'
+            )
+        at, turned = item.message.pose.position, item.message.pose.orientation
+        stamps.append(item.stamp_ns)
+        values.append([at.x, at.y, at.z, turned.x, turned.y, turned.z, turned.w])
+    return np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64).reshape(-1, 7)
+
+
 def resolved(topic: str, topics: Iterable[str]) -> str:
     """Return the absolute name of a topic: in the root, else where only one namespace has it."""
     if topic.startswith('/'):

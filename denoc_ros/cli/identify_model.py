@@ -49,7 +49,8 @@ def add_actions(actions: Any) -> None:
         help='what is free: beam.<link>.<y|z>.ei, beam.<link>.torsion.gj, '
         'beam.<link>.<part>.damping_ratio, joint.<joint>.<stiffness|damping|friction|armature>, '
         'payload.<link>, link.<link>.inertial, sensor.<name>.<gain|offset>, '
-        'effort.<joint>.<gain|offset>, delay.effort, delay.<sensor>; * stands for any name',
+        'effort.<joint>.<gain|offset>, pose.<frame>.offset, delay.effort, delay.<sensor>, '
+        'delay.pose.<frame>; * stands for any name',
     )
     add_gravity(parser)
     add_overrides(parser)

@@ -42,6 +42,14 @@ def add_recording_settings(parser: argparse.ArgumentParser) -> None:
         'critical]; repeatable',
     )
     group.add_argument(
+        '--pose',
+        action='append',
+        default=[],
+        metavar='TOPIC=FRAME',
+        help='poses (geometry_msgs/PoseStamped) that a tracker measured of a frame of the robot, '
+        "in axes near those of the robot's base; repeatable",
+    )
+    group.add_argument(
         '--begin', metavar='S', type=float, default=0.0, help='since the first joint state [s]'
     )
     group.add_argument(
@@ -64,6 +72,7 @@ def recording_settings(args: argparse.Namespace) -> RecordingSettings:
     columns = named_values('--column', args.column, 'NAME=COLUMN', str, findings)
     form = 'SENSOR=OMEGA,DAMPING'
     filters = named_values('--filter', args.filter, form, _two_numbers, findings)
+    poses = named_values('--pose', args.pose, 'TOPIC=FRAME', str, findings)
     require(findings)
     return RecordingSettings(
         topic=args.topic,
@@ -74,6 +83,7 @@ def recording_settings(args: argparse.Namespace) -> RecordingSettings:
         begin=args.begin,
         end=args.end,
         filters={name: SensorFilter(*pair) for name, pair in filters.items()},
+        poses=poses,
     )
 
 

@@ -143,6 +143,34 @@ class TorqueReplay:
         models['flexible'] = models['rigid'] + parts['elastic']
         return Torques(parts, models, amplitudes, deflection)
 
+    def states(self, t: Array, motion: SmoothedMotion, starts: Flags) -> tuple[Array, Array]:
+        """Return the best model's states and torque of the next rows, and nothing else.
+
+        Arguments are those of `torques`.
+
+        Returns
+        -------
+        states : (3, k, n) array
+            Coordinates, rates and accelerations, amplitudes included.
+        torque : (k, joints) array
+            [N m, N]
+        """
+        robot, index = self._robot, self._index
+        if robot.tree.loops:
+            states = np.empty((3, len(t), robot.n))
+            return states, self._in_loops(motion, states)[2]
+        states = np.zeros((3, len(t), robot.n))
+        qdd = motion.qdd @ self._ties.T
+        if self._bends:
+            states[:2] = self._amplitudes(t, motion, starts)
+            forces, free = robot.hybrid_dynamics(states[0], states[1], qdd)
+            states[2][:, index] = qdd
+            states[2][:, np.setdiff1d(np.arange(robot.n), index)] = free
+            return states, forces @ self._ties
+        states[0][:, index] = motion.q @ self._ties.T + self._offsets
+        states[1][:, index], states[2][:, index] = motion.qd @ self._ties.T, qdd
+        return states, robot.inverse_dynamics(*states)[:, index] @ self._ties
+
     def without_friction(self, torques: Torques) -> Array:
         """Return the best model's torque without friction of the joints and offset."""
         kept = (part for name, part in torques.parts.items() if name not in ('friction', 'offset'))
@@ -173,8 +201,11 @@ class TorqueReplay:
         friction = self._of_model.torque(qd[:, index])
         return (*(force[:, index] @ self._ties for force in forces), friction @ self._ties)
 
-    def _in_loops(self, motion: SmoothedMotion) -> tuple[Array, ...]:
-        """Return the same of a mechanism, row by row: each closes its loops from the last."""
+    def _in_loops(self, motion: SmoothedMotion, states: Array | None = None) -> tuple[Array, ...]:
+        """Return the same of a mechanism, row by row: each closes its loops from the last.
+
+        States (3, k, n), if given, are written.
+        """
         robot, driven = self._robot, self._motion
         terms = np.empty((4, *motion.q.shape))
         zero = np.zeros(robot.n)
@@ -183,6 +214,8 @@ class TorqueReplay:
             driven.positions(q, motion.q[k])
             driven.rates(qd, motion.qd[k])
             driven.accelerations(q, qd, qdd, motion.qdd[k])
+            if states is not None:
+                states[:, k] = q, qd, qdd
             of_loops, friction = np.zeros((2, robot.n))
             driven.add_friction(qd, of_loops)
             friction[robot.joint_indices] = self._of_model.torque(qd[robot.joint_indices])
@@ -200,31 +233,40 @@ class TorqueReplay:
         self, t: Array, motion: SmoothedMotion, starts: Flags
     ) -> tuple[Array, Array, Array]:
         """Return torques, coordinates with their rates, and deflections of the flexible robot."""
-        q = motion.q @ self._ties.T + self._offsets
-        qd, qdd = motion.qd @ self._ties.T, motion.qdd @ self._ties.T
-        amplitudes = np.empty((2, len(t), self._robot.n))
+        amplitudes = self._amplitudes(t, motion, starts)
         deflection = np.empty((2, len(t), len(self.deflections.names)))
+        for k in range(len(t)):
+            q, qd = amplitudes[:, k]
+            self.deflections.evaluate(q, qd, (deflection[0, k], deflection[1, k]))
+        qdd = motion.qdd @ self._ties.T
+        torque, _ = self._robot.hybrid_dynamics(amplitudes[0], amplitudes[1], qdd)
+        return torque @ self._ties, amplitudes, deflection
+
+    def _amplitudes(self, t: Array, motion: SmoothedMotion, starts: Flags) -> Array:
+        """Return coordinates and rates (2, k, n) with the amplitudes, integrated."""
+        q, qd = motion.q @ self._ties.T + self._offsets, motion.qd @ self._ties.T
+        found = np.empty((2, len(t), self._robot.n))
+        q_before = np.concatenate([[self._q[self._index]], q[:-1]])
+        qd_before = np.concatenate([[self._qd[self._index]], qd[:-1]])
         elapsed = np.diff(t, prepend=self._last)
+        with np.errstate(invalid='ignore'):
+            means, slopes = connecting_acceleration(elapsed[:, None], q_before, qd_before, q, qd)
         for k in range(len(t)):
             if starts[k]:
                 self._q[:], self._qd[:] = self._robot.static_deflection(q[k]), 0.0
             else:
-                self._go(elapsed[k], q[k], qd[k])
+                self._go(elapsed[k], means[k], slopes[k])
             self._q[self._index], self._qd[self._index] = q[k], qd[k]
-            amplitudes[:, k] = self._q, self._qd
-            self.deflections.evaluate(self._q, self._qd, (deflection[0, k], deflection[1, k]))
+            found[:, k] = self._q, self._qd
         self._last = float(t[-1])
-        torque, _ = self._robot.hybrid_dynamics(amplitudes[0], amplitudes[1], qdd)
-        return torque @ self._ties, amplitudes, deflection
+        return found
 
-    def _go(self, interval: float, q: Array, qd: Array) -> None:
-        """Move the amplitudes over an interval, the joints to positions and rates (joints,).
+    def _go(self, interval: float, mean: Array, slope: Array) -> None:
+        """Move the amplitudes over an interval, the joints with accelerations linear in time.
 
-        The accelerations in between make the change of rates and positions exactly, so that errors
-        of accelerations at the stamps do not pile up in the amplitudes.
+        The accelerations make the change of rates and positions exactly, so that errors of
+        accelerations at the stamps do not pile up in the amplitudes.
         """
-        before = self._q[self._index], self._qd[self._index]
-        mean, slope = connecting_acceleration(interval, *before, q, qd)
         steps = math.ceil(interval / self._step - 1e-6)
         self._stepper.step = interval / steps
         for k in range(steps):

@@ -70,15 +70,15 @@ class TrackingFilter:
 
 
 def connecting_acceleration(
-    interval: float, q: Array, qd: Array, q_after: Array, qd_after: Array
+    interval: float | Array, q: Array, qd: Array, q_after: Array, qd_after: Array
 ) -> tuple[Array, Array]:
     """Return the linear acceleration that leads from one position and rate to another.
 
     Parameters
     ----------
-    interval : float
+    interval : float or (k, 1) array
         Between the two [s], > 0.
-    q, qd, q_after, qd_after : (joints,) arrays
+    q, qd, q_after, qd_after : (joints,) or (k, joints) arrays
         Positions and rates before and after.
 
     Returns

@@ -8,11 +8,13 @@ then sum over as many `points` as there are independent functions, seven for two
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import scipy.linalg
 
 from denoc_ros.model.shapes import ShapeFunctions, gauss_rule
-from denoc_ros.model.tree import Beam, Deformation
+from denoc_ros.model.tree import Beam
 from denoc_ros.types import Array
 
 GAUSS_POINTS = 16
@@ -30,21 +32,20 @@ def foreshortening(shapes: ShapeFunctions, x: Array) -> Array:
     return product
 
 
-def _plane(part: Deformation | None, x: Array, geometric: bool) -> tuple[Array, Array]:
+def _plane(shapes: ShapeFunctions | None, x: Array, geometric: bool) -> tuple[Array, Array]:
     """Return values (k, m) and H (k, m, m) of a bending plane at stations x."""
-    if part is None:
+    if shapes is None:
         return np.zeros((len(x), 0)), np.zeros((len(x), 0, 0))
-    values = part.shapes.values(x)
+    values = shapes.values(x)
     if not geometric:
-        return values, np.zeros((len(x), part.modes, part.modes))
-    return values, foreshortening(part.shapes, x)
+        return values, np.zeros((len(x), shapes.modes, shapes.modes))
+    return values, foreshortening(shapes, x)
 
 
-def _gauss_rule(beam: Beam) -> tuple[Array, Array]:
+def _gauss_rule(length: float, panels: int) -> tuple[Array, Array]:
     """Return stations and weights of a rule that integrates the beam's products to rounding."""
     node, weight = gauss_rule(GAUSS_POINTS)
-    panels = 4 + 4 * max(beam.modes)
-    width = beam.length / panels
+    width = length / panels
     start = width * np.arange(panels)
     return (start[:, None] + 0.5 * width * (node + 1.0)).ravel(), np.tile(
         0.5 * width * weight, panels
@@ -52,15 +53,32 @@ def _gauss_rule(beam: Beam) -> tuple[Array, Array]:
 
 
 def beam_points(beam: Beam, geometric: bool) -> Array:
-    """Return the rows (points, 2 + ny + nz + ny^2 + nz^2) that stand for a beam's functions."""
-    x, weight = _gauss_rule(beam)
-    y, h_y = _plane(beam.y, x, geometric)
-    z, h_z = _plane(beam.z, x, geometric)
+    """Return the rows (points, 2 + ny + nz + ny^2 + nz^2) that stand for a beam's functions.
+
+    Beams that differ in stiffness and damping alone share them: they are not to be written.
+    """
+    planes = [None if part is None else part.shapes for part in (beam.y, beam.z)]
+    panels = 4 + 4 * max(beam.modes)
+    return _points(planes[0], planes[1], beam.length, beam.mass_per_length, panels, geometric)
+
+
+@lru_cache(maxsize=64)
+def _points(
+    shapes_y: ShapeFunctions | None,
+    shapes_z: ShapeFunctions | None,
+    length: float,
+    mass_per_length: float,
+    panels: int,
+    geometric: bool,
+) -> Array:
+    x, weight = _gauss_rule(length, panels)
+    y, h_y = _plane(shapes_y, x, geometric)
+    z, h_z = _plane(shapes_z, x, geometric)
     functions = np.concatenate(
         [np.ones((len(x), 1)), x[:, None], y, z, h_y.reshape(len(x), -1), h_z.reshape(len(x), -1)],
         axis=1,
     )
-    weighted = np.sqrt(beam.mass_per_length * weight)[:, None] * functions
+    weighted = np.sqrt(mass_per_length * weight)[:, None] * functions
     norm = np.linalg.norm(weighted, axis=0)
     norm[norm == 0.0] = 1.0
     upper, order = scipy.linalg.qr(weighted / norm, mode='r', pivoting=True)
@@ -68,6 +86,7 @@ def beam_points(beam: Beam, geometric: bool) -> Array:
     rows = np.empty((rank, functions.shape[1]))
     rows[:, order] = upper[:rank]
     result: Array = rows * norm
+    result.setflags(write=False)
     return result
 
 
@@ -75,7 +94,7 @@ def polar_constants(beam: Beam) -> list[Array]:
     """Return the torsion constants int rho J [1; s; s s^T]."""
     if beam.torsion is None:
         return [np.zeros(1)]
-    x, weight = _gauss_rule(beam)
+    x, weight = _gauss_rule(beam.length, 4 + 4 * max(beam.modes))
     s = beam.torsion.shapes.values(x)
     scaled = beam.polar_inertia * weight
     return [
@@ -88,8 +107,8 @@ def polar_constants(beam: Beam) -> list[Array]:
 def section_constants(beam: Beam, station: float, geometric: bool) -> Array:
     """Return the constants of the section at a station."""
     x = np.array([station])
-    y, h_y = _plane(beam.y, x, geometric)
-    z, h_z = _plane(beam.z, x, geometric)
+    planes = [None if part is None else part.shapes for part in (beam.y, beam.z)]
+    (y, h_y), (z, h_z) = (_plane(shapes, x, geometric) for shapes in planes)
     slopes = [part.shapes.slopes(x).ravel() if part else np.zeros(0) for part in (beam.y, beam.z)]
     twist = beam.torsion.shapes.values(x).ravel() if beam.torsion else np.zeros(0)
     return np.concatenate([x, y.ravel(), z.ravel(), *slopes, twist, h_y.ravel(), h_z.ravel()])

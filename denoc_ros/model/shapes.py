@@ -135,6 +135,7 @@ def quadrature(length: float, points: int) -> tuple[Array, Array]:
     return 0.5 * length * (nodes + 1.0), 0.5 * length * weights
 
 
+@lru_cache(maxsize=256)
 def shape_functions(shape: str, modes: int, length: float) -> ShapeFunctions:
     """Return bending shape functions of a uniform beam.
 

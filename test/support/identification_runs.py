@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
@@ -34,9 +35,14 @@ def sweeping(joints: int, seed: int, ramp: float = 1.0) -> Motion:
 
 
 def recorded(
-    true: Robot, motion: Motion, duration: float, noise: float = 0.002, seed: int = 0
+    true: Robot,
+    motion: Motion,
+    duration: float,
+    noise: float = 0.002,
+    seed: int = 0,
+    frames: Sequence[str] = (),
 ) -> Recording:
-    """Return what a robot shows on a motion of its joints.
+    """Return what a robot shows on a motion of its joints, and a tracker of some frames.
 
     Noise is a part of each channel's deviation; positions have 1e-5 and rates 1e-3.
     """
@@ -53,11 +59,19 @@ def recorded(
             states.append((t, q.copy(), qd.copy()))
         stepper.driven(q, qd, spline(t + 0.5 * STEP / INSIDE, 2))
     t, rows, rates = (np.array(part) for part in zip(*states, strict=True))
-    torque = true.hybrid_dynamics(rows, rates, spline(t, 2))[0]
+    torque, free = true.hybrid_dynamics(rows, rates, spline(t, 2))
+    accelerations = np.zeros_like(rows)
+    accelerations[:, index] = spline(t, 2)
+    accelerations[:, np.setdiff1d(np.arange(true.n), index)] = free
+    values = true.sensor_values(rows, rates, accelerations)
     raw = {
-        sensor.name: (values - sensor.offset) / sensor.gain
-        for sensor, values in zip(true.tree.sensors, true.sensor_values(rows).T, strict=True)
+        sensor.name: (values[:, place] - sensor.offset) / sensor.gain
+        for place, sensor in zip(true.tree.beam_sensor_places, true.tree.sensors, strict=True)
     }
+    for inertial in true.tree.inertial_sensors:
+        own = slice(inertial.first, inertial.first + len(inertial.parts))
+        raw[inertial.name] = values[:, own]
+    seen = {frame: _poses(true.frame_pose(frame, rows)) for frame in frames}
     return Recording(
         t,
         tuple(true.joint_names),
@@ -66,7 +80,14 @@ def recorded(
         spline(t, 1) + 1e-3 * draw.standard_normal((len(t), len(index))),
         {name: (t, _noisy(values, noise, draw)) for name, values in raw.items()},
         'truth',
+        poses={frame: (t, _noisy(poses, noise, draw)) for frame, poses in seen.items()},
     )
+
+
+def _poses(matrices: Array) -> Array:
+    """Return positions and quaternions (k, 7) of poses (k, 4, 4)."""
+    turns = Rotation.from_matrix(matrices[:, :3, :3]).as_quat()
+    return np.hstack([matrices[:, :3, 3], turns])
 
 
 def _noisy(values: Array, noise: float, draw: np.random.Generator) -> Array:

@@ -8,7 +8,7 @@ robot has it: a prior of width exp(+-0.5) is part of the search and of no interv
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,8 +22,8 @@ from denoc_ros.identification.model.information import (
     verdict_of,
 )
 from denoc_ros.identification.model.prediction import PreparedRun
-from denoc_ros.identification.model.recording import Recording, read_recording
-from denoc_ros.identification.model.search import ModelSearch
+from denoc_ros.identification.model.recording import Recording, read_recording, reading_spreads
+from denoc_ros.identification.model.search import ModelSearch, vector_of
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
@@ -52,6 +52,11 @@ class ChannelFit:
     after: float
     held_out_before: float
     held_out_after: float
+
+    @property
+    def group(self) -> tuple[str, str]:
+        """The run, and the vector that the channel is one axis of."""
+        return self.run, vector_of(self.name)
 
 
 @dataclass(frozen=True)
@@ -104,6 +109,7 @@ def identify_model(
     cutoff: float = 20.0,
     held_out: float = HELD_OUT,
     step: float = 2e-3,
+    poses: Mapping[str, str] | None = None,
 ) -> IdentifiedModel:
     """Return a robot's numbers by maximum likelihood over what was recorded.
 
@@ -112,7 +118,7 @@ def identify_model(
     robot : Robot
         Where the search starts.
     recordings : path, Recording, or a sequence of them
-        Runs with joint positions and measured effort, gauges or other sensors of the model.
+        Runs with joint positions and measured effort, gauges, IMUs or other sensors of the model.
     free : sequence of str
         Dotted paths with `*`: see :class:`FreeParameters`.
     cutoff : float
@@ -121,6 +127,8 @@ def identify_model(
         Last part of each run that a first fit does not see, and is judged by; 0: none.
     step : float
         Longest step of the amplitudes' integration [s].
+    poses : dict of str to str, optional
+        Topic of geometry_msgs/PoseStamped of a tracker to the frame whose pose it has.
 
     Returns
     -------
@@ -139,9 +147,11 @@ def identify_model(
     given = [recordings] if isinstance(recordings, Source) else list(recordings)
     if not given:
         raise IdentificationError('identify model: recordings must be given, got none')
-    whole = [r if isinstance(r, Recording) else read_recording(r, robot) for r in given]
+    whole = [
+        r if isinstance(r, Recording) else read_recording(r, robot, poses=poses) for r in given
+    ]
     runs = [PreparedRun(recording, robot, cutoff, step) for recording in whole]
-    parameters = FreeParameters(robot, free, _largest_efforts(whole))
+    parameters = free_parameters(robot, free, whole)
     search = ModelSearch(runs, parameters)
     zero = np.zeros(parameters.size)
     start = zero
@@ -160,6 +170,13 @@ def identify_model(
     return _concluded(search, theta, channels, time.perf_counter() - began)
 
 
+def free_parameters(
+    robot: Robot, free: Sequence[str], recordings: Sequence[Recording]
+) -> FreeParameters:
+    """Return the free numbers of a robot, their sizes by what was recorded."""
+    return FreeParameters(robot, free, _largest_efforts(recordings), _spreads(robot, recordings))
+
+
 def _largest_efforts(recordings: Sequence[Recording]) -> dict[str, float]:
     found: dict[str, float] = {}
     for recording in recordings:
@@ -170,24 +187,23 @@ def _largest_efforts(recordings: Sequence[Recording]) -> dict[str, float]:
     return {name: size for name, size in found.items() if size > 0.0}
 
 
+def _spreads(robot: Robot, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Return by how much each sensor's value varies at most in a run, by name."""
+    gains = {sensor.name: abs(sensor.gain) for sensor in robot.tree.sensors}
+    found: dict[str, float] = {}
+    for recording in recordings:
+        for name, spread in reading_spreads(recording).items():
+            found[name] = max(found.get(name, 0.0), gains.get(name, 1.0) * spread)
+    return found
+
+
 def _concluded(
     search: ModelSearch, theta: Array, channels: tuple[ChannelFit, ...], seconds: float
 ) -> IdentifiedModel:
     parameters = search.parameters
     info = search.information(theta)
     values, scales = parameters.values(theta), parameters.scales(theta)
-    reasons = tuple(
-        f'{one.run}: {one.name}: what the model leaves must be below a tenth of what is measured '
-        f'({one.size:.3g} {one.unit}), got {one.after:.3g}'
-        for one in channels
-        if one.after > UNEXPLAINED * one.size
-    ) + tuple(
-        f'{one.run}: {one.name}: held-out rms must be near that of the fit '
-        f'({one.after:.3g} {one.unit}), got {one.held_out_after:.3g}'
-        for one in channels
-        if one.held_out_after
-        > max(WORSE * one.after * max(1.0, one.louder), NEGLIGIBLE * one.size)
-    )
+    reasons = _reasons(channels)
     verdicts = [verdict_of(half) for half in info.half]
     verdicts = ['doubtful' if reasons and v == 'found' else v for v in verdicts]
     half = info.half * scales
@@ -211,7 +227,7 @@ def _concluded(
         reasons,
         {
             path: value
-            for path, value in settings.overrides.items()
+            for path, value in parameters.overrides(settings).items()
             if path in told or any(each.startswith(f'{path}.') for each in told)
         },
         parameters.changes(theta),
@@ -219,6 +235,31 @@ def _concluded(
         seconds,
         search.evaluations,
     )
+
+
+def _reasons(channels: tuple[ChannelFit, ...]) -> tuple[str, ...]:
+    """Return why the model is not what made the recordings.
+
+    What is left is compared with the largest of a sensor's axes: one along which nothing happens
+    shows its noise alone.
+    """
+    sizes: dict[tuple[str, str], float] = {}
+    for one in channels:
+        sizes[one.group] = max(sizes.get(one.group, 0.0), one.size)
+    unexplained = [
+        f'{one.run}: {one.name}: what the model leaves must be below a tenth of what is measured '
+        f'({sizes[one.group]:.3g} {one.unit}), got {one.after:.3g}'
+        for one in channels
+        if one.after > UNEXPLAINED * sizes[one.group]
+    ]
+    worse = [
+        f'{one.run}: {one.name}: held-out rms must be near that of the fit '
+        f'({one.after:.3g} {one.unit}), got {one.held_out_after:.3g}'
+        for one in channels
+        if one.held_out_after
+        > max(WORSE * one.after * max(1.0, one.louder), NEGLIGIBLE * sizes[one.group])
+    ]
+    return (*unexplained, *worse)
 
 
 def _by_path(parameters: FreeParameters, values: Array) -> dict[str, float]:

@@ -19,22 +19,15 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
+from denoc_ros.identification.model.free_numbers import LEVER, free_numbers, payload_of
 from denoc_ros.model.inertia import difference, inverse_transform, moved, pseudo_inertia
-from denoc_ros.model.override_values import override_values
-from denoc_ros.model.overrides import carrying_links
 from denoc_ros.model.tree import Body, RigidInertia
 from denoc_ros.types import Array
 
 WHERE = 'identify model'
 # deviation of theta before anything is measured: a factor of e^(+-1) covers what is guessed badly
 PRIOR = 0.5
-SMALL_RATIO = 0.01  # what a damping ratio that is 0 changes by
-SMALL_FRICTION = 0.02  # the same of friction, of the joint's largest torque
-OFFSET = 0.1  # of effort, of its largest
-LEVER = 0.1  # m, of a payload's centre of mass
-PAYLOAD = 0.1  # of the robot's mass: a payload's where the model has none, at most 1 kg
-DELAY = 0.01  # s
-KINDS = ('beam.', 'joint.', 'payload.', 'link.', 'sensor.', 'effort.', 'delay.')
+KINDS = ('beam.', 'joint.', 'payload.', 'link.', 'sensor.', 'effort.', 'pose.', 'delay.')
 SHOWN = 12  # paths in a message
 ROUNDING = 1e-9  # of a pseudo-inertia: what arithmetic leaves of an exact zero
 SMALLEST = 1e-6  # of a body's pseudo-inertia: point masses and flat plates get so much
@@ -43,33 +36,6 @@ INERTIAL = (
     'inertia.ixx', 'inertia.ixy', 'inertia.ixz', 'inertia.iyy', 'inertia.iyz', 'inertia.izz',
 )  # fmt: skip
 UPPER = np.triu_indices(4)
-
-
-@dataclass(frozen=True)
-class Number:
-    """A number that may be free.
-
-    Attributes
-    ----------
-    path : str
-    value : float
-        As the robot has it.
-    scale : float
-        What it changes by per theta; of a positive one the least size that counts.
-    positive : bool
-        It is value times exp(theta).
-    """
-
-    path: str
-    value: float
-    scale: float
-    positive: bool
-
-    def at(self, theta: float) -> float:
-        """Return the number at a coordinate of the search."""
-        if self.positive:
-            return float(self.value * np.exp(theta))
-        return float(self.value + self.scale * theta)
 
 
 @dataclass(frozen=True)
@@ -88,6 +54,8 @@ class SearchPoint:
         Of that [N m, N].
     delays : dict of str to float
         By channel [s]: how much later than the joints it is stamped.
+    channels : dict of str to float
+        Gains and offsets of sensors, axes of trackers, by dotted path.
     """
 
     overrides: dict[str, float | list[float]] = field(default_factory=dict)
@@ -95,6 +63,7 @@ class SearchPoint:
     gains: dict[str, float] = field(default_factory=dict)
     offsets: dict[str, float] = field(default_factory=dict)
     delays: dict[str, float] = field(default_factory=dict)
+    channels: dict[str, float] = field(default_factory=dict)
 
 
 class InertialBlock:
@@ -163,10 +132,13 @@ class FreeParameters:
         Dotted paths; `*` and `?` stand for others. `beam.<link>.<y|z>.<ei|damping_ratio>`,
         `beam.<link>.torsion.<gj|damping_ratio>`, `joint.<joint>.<damping|friction|armature>`,
         `payload.<link>` (mass and centre of mass) or `payload.<link>.mass`,
-        `link.<link>.inertial`, `sensor.<name>.<gain|offset>`, `effort.<joint>.<gain|offset>`,
-        `delay.effort` and `delay.<sensor>`.
+        `link.<link>.inertial`, `sensor.<name>.<gain|offset>` (of an IMU each axis of it),
+        `effort.<joint>.<gain|offset>`, `pose.<frame>.offset`, `delay.effort`, `delay.<sensor>` and
+        `delay.pose.<frame>`.
     efforts : dict of str to float, optional
         The largest measured torque of each joint: the scale of what it is made of.
+    spreads : dict of str to float, optional
+        By how much the value of each sensor was measured to vary: the scale of its offset.
 
     Raises
     ------
@@ -175,10 +147,14 @@ class FreeParameters:
     """
 
     def __init__(
-        self, robot: Robot, free: Sequence[str], efforts: Mapping[str, float] | None = None
+        self,
+        robot: Robot,
+        free: Sequence[str],
+        efforts: Mapping[str, float] | None = None,
+        spreads: Mapping[str, float] | None = None,
     ) -> None:
         self.robot = robot
-        numbers = {n.path: n for n in _numbers(robot, efforts or {})}
+        numbers = {n.path: n for n in free_numbers(robot, efforts or {}, spreads or {})}
         blocks = {block.path: block for block in _blocks(robot)}
         chosen = _chosen(free, [*numbers, *blocks])
         self.numbers = [numbers[path] for path in chosen if path in numbers]
@@ -194,12 +170,33 @@ class FreeParameters:
         """Which reported numbers are factors of their start (p,)."""
         return np.array([n.positive for n in self.numbers] + [False] * (10 * len(self.blocks)))
 
+    @property
+    def moves_robot(self) -> NDArray[np.bool_]:
+        """Which coordinates of the search change the motion of amplitudes and links (p,)."""
+        measuring = ('sensor.', 'effort.', 'pose.', 'delay.')
+        found = [
+            not number.path.startswith(measuring) and not self._is_friction(number.path)
+            for number in self.numbers
+        ]
+        return np.array(found + [True] * (10 * len(self.blocks)))
+
     def values(self, theta: Array) -> Array:
         """Return the reported numbers (p,), in the order of `paths`."""
         found = [number.at(t) for number, t in zip(self.numbers, theta, strict=False)]
         for block, own in self._of_blocks(theta):
             found.extend(block.numbers(own))
         return np.array(found)
+
+    def point(self, values: Mapping[str, float]) -> Array:
+        """Return the coordinates of the search (p,) of numbers by path, bodies as at the start."""
+        found = np.zeros(self.size)
+        for k, number in enumerate(self.numbers):
+            value = values.get(number.path, number.value)
+            if number.positive:
+                found[k] = np.log(value / number.value)
+            else:
+                found[k] = (value - number.value) / number.scale
+        return found
 
     def scales(self, theta: Array) -> Array:
         """Return what counts as the size of each reported number (p,)."""
@@ -242,13 +239,15 @@ class FreeParameters:
                 found.gains[rest.removesuffix('.gain')] = value
             elif kind == 'delay':
                 found.delays[rest] = value
+            elif kind in ('pose', 'sensor'):
+                found.channels[number.path] = value
             elif kind == 'payload' and '.com.' in rest:
                 link, _, axis = rest.rpartition('.com.')
                 coms.setdefault(link, {})['xyz'.index(axis)] = value
             else:
                 found.overrides[number.path] = value
         for link, parts in coms.items():
-            centre = _payload_of(self.robot, link)[1].tolist()
+            centre = payload_of(self.robot, link)[1].tolist()
             for place, value in parts.items():
                 centre[place] = value
             found.overrides[f'payload.{link}.com'] = centre
@@ -264,9 +263,31 @@ class FreeParameters:
         """Yield each body with its ten coordinates of the search."""
         return zip(self.blocks, theta[len(self.numbers) :].reshape(-1, 10), strict=True)
 
+    def overrides(self, settings: SearchPoint) -> dict[str, float | list[float]]:
+        """Return what a point of the search changes of the robot, but for its bodies."""
+        beams = {sensor.name for sensor in self.robot.tree.sensors}
+        of_sensors = {
+            path: value
+            for path, value in settings.channels.items()
+            if path.removeprefix('sensor.').rpartition('.')[0] in beams
+        }
+        return {**settings.overrides, **of_sensors}
+
+    def moving(self, settings: SearchPoint) -> dict[str, float | list[float]]:
+        """Return the overrides that change more than torque of joints that move as recorded."""
+        given = settings.overrides.items()
+        return {path: value for path, value in given if not self._is_friction(path)}
+
+    def _is_friction(self, path: str) -> bool:
+        """Say whether a number acts along its own joint alone."""
+        if self.robot.constraint_names or not path.startswith('joint.'):
+            return False
+        return path.rpartition('.')[2] in ('damping', 'friction', 'armature')
+
     def robot_at(self, settings: SearchPoint) -> Robot:
         """Return the robot of a point of the search."""
-        robot = self.robot.with_overrides(settings.overrides) if settings.overrides else self.robot
+        overrides = self.overrides(settings)
+        robot = self.robot.with_overrides(overrides) if overrides else self.robot
         if not settings.bodies:
             return robot
         bodies = tuple(
@@ -281,9 +302,13 @@ def _chosen(free: Sequence[str], known: Sequence[str]) -> list[str]:
     chosen: dict[str, None] = {}
     findings = []
     for pattern in free:
-        given = f'{pattern}.*' if pattern.startswith('payload.') else pattern
-        matched = [path for path in known if fnmatchcase(path, pattern) or path == pattern]
-        matched = matched or [path for path in known if fnmatchcase(path, given)]
+        several = pattern.startswith(('payload.', 'sensor.', 'pose.'))
+        given = f'{pattern}.*' if several else pattern
+        matched = [
+            path
+            for path in known
+            if path == pattern or fnmatchcase(path, pattern) or fnmatchcase(path, given)
+        ]
         if not matched:
             kind = pattern.partition('.')[0]
             alike = [path for path in known if path.startswith(f'{kind}.')]
@@ -295,68 +320,6 @@ def _chosen(free: Sequence[str], known: Sequence[str]) -> list[str]:
     if findings:
         raise ConfigError(WHERE, findings)
     return list(chosen)
-
-
-def _numbers(robot: Robot, efforts: Mapping[str, float]) -> list[Number]:
-    """Return every number of a robot that may be free."""
-    found: list[Number] = []
-    for path, value in override_values(robot.tree).items():
-        found.extend(_of_model(path, float(np.ravel(np.asarray(value))[0]), efforts))
-    for body in robot.tree.bodies:
-        if body.joint is not None:
-            joint = body.joint.name
-            found.append(Number(f'effort.{joint}.gain', 1.0, 0.0, True))
-            scale = OFFSET * efforts.get(joint, 1.0)
-            found.append(Number(f'effort.{joint}.offset', 0.0, scale, False))
-    for link in carrying_links(robot.tree):
-        mass, centre = _payload_of(robot, link)
-        found.append(_positive(f'payload.{link}.mass', mass, _payload_scale(robot)))
-        found.extend(
-            Number(f'payload.{link}.com.{axis}', float(value), LEVER, False)
-            for axis, value in zip('xyz', centre, strict=True)
-        )
-    for sensor in robot.tree.sensors:
-        found.append(Number(f'delay.{sensor.name}', 0.0, DELAY, False))
-    found.append(Number('delay.effort', 0.0, DELAY, False))
-    return found
-
-
-def _of_model(path: str, value: float, efforts: Mapping[str, float]) -> list[Number]:
-    """Return the number of a path of the model; none where it is no number to be identified."""
-    kind, _, rest = path.partition('.')
-    name, _, term = rest.rpartition('.')
-    if kind == 'beam':
-        return [_positive(path, value, 0.0 if term in ('ei', 'gj') else SMALL_RATIO)]
-    if kind == 'joint' and term == 'stiffness':
-        return [Number(path, value, 0.0, True)]
-    if kind == 'joint' and (value > 0.0 or term in ('damping', 'friction', 'armature')):
-        return [_positive(path, value, SMALL_FRICTION * efforts.get(name, 1.0))]
-    if kind == 'sensor' and term == 'gain':
-        return [Number(path, value, 0.0, True)]
-    if kind == 'sensor' and term == 'offset':
-        return [Number(path, value, abs(value) or 1.0, False)]
-    return []
-
-
-def _positive(path: str, value: float, scale: float) -> Number:
-    """Return a number that must not be negative; one that is 0 starts from its scale's share."""
-    return Number(path, value if value > 0.0 else scale, scale, True)
-
-
-def _payload_scale(robot: Robot) -> float:
-    """Return the least mass of a payload that counts [kg]."""
-    beams = [body.beam for body in robot.tree.bodies if body.beam is not None]
-    mass = sum(body.inertia.mass for body in robot.tree.bodies)
-    mass += sum(beam.mass_per_length * beam.length for beam in beams)
-    return min(1.0, PAYLOAD * mass) or 1.0
-
-
-def _payload_of(robot: Robot, link: str) -> tuple[float, Array]:
-    """Return mass and centre of mass (3,) of the payload that the model has on a link."""
-    given = robot.tree.overrides
-    mass = float(np.ravel(np.asarray(given.get(f'payload.{link}.mass', 0.0)))[0])
-    centre = np.asarray(given.get(f'payload.{link}.com', np.zeros(3)), dtype=np.float64)
-    return mass, centre
 
 
 def _blocks(robot: Robot) -> list[InertialBlock]:

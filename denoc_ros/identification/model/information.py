@@ -40,7 +40,9 @@ class Information:
     touched: Mask
 
 
-def information(jacobian: Array, residual: Array, blocks: NDArray[np.int64]) -> Information:
+def information(
+    jacobian: Array, residual: Array, blocks: NDArray[np.int64], drawn: Array | None = None
+) -> Information:
     """Return what whitened residuals tell.
 
     Parameters
@@ -50,11 +52,16 @@ def information(jacobian: Array, residual: Array, blocks: NDArray[np.int64]) -> 
     residual : (m,) array
     blocks : (m,) int array
         Which stretch of time a row is of: rows of one stretch may hang together as they like.
+    drawn : (d, m) array, optional
+        Changes of the residuals by noise of what drives the model, drawn d times: links that
+        vibrate remember it for longer than a stretch.
 
     Notes
     -----
     The covariance is H^-1 M H^-1 with H = J^T J and M the sum over stretches of g g^T, g = J_b^T
-    r_b: right whatever the residuals' colour (K.-Y. Liang, S. L. Zeger, Biometrika 73, 1986).
+    r_b: right whatever the residuals' colour (K.-Y. Liang, S. L. Zeger, Biometrika 73, 1986). It
+    is never less than that of white residuals, and has what the drawn changes do to the estimate
+    on top.
     """
     p = jacobian.shape[1]
     labels, place = np.unique(blocks, return_inverse=True)
@@ -64,9 +71,13 @@ def information(jacobian: Array, residual: Array, blocks: NDArray[np.int64]) -> 
     values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
     along = scores @ vectors
     freedom = max(count - p, 5)
-    meat = np.sum(along**2, axis=0) * count / max(count - 1, 1)
+    # p numbers that were fitted have taken their share of the residuals with them
+    fitted = count / freedom
+    meat = np.sum(along**2, axis=0) * fitted
     # colour can only take information away: never less than white residuals would leave
     meat = np.maximum(meat, values * np.mean(residual**2))
+    shifts = np.zeros((1, p)) if drawn is None else drawn @ jacobian
+    meat = meat + np.mean((shifts @ vectors) ** 2, axis=0)
     quantile = float(student.ppf(0.975, freedom))
     with np.errstate(divide='ignore', invalid='ignore'):
         width = quantile * np.sqrt(meat) / values
@@ -74,7 +85,8 @@ def information(jacobian: Array, residual: Array, blocks: NDArray[np.int64]) -> 
     inverse = vectors[:, seen] / values[seen]
     spread = scores @ inverse @ vectors[:, seen].T
     white = np.sum(inverse * vectors[:, seen], axis=1) * np.mean(residual**2)
-    variance = np.maximum(np.sum(spread**2, axis=0) * count / max(count - 1, 1), white)
+    variance = np.maximum(np.sum(spread**2, axis=0) * fitted, white)
+    variance += np.mean((shifts @ inverse @ vectors[:, seen].T) ** 2, axis=0)
     half = np.hypot(quantile * np.sqrt(variance), EXACT)
     unseen = vectors[:, ~seen]
     touched = np.linalg.norm(unseen, axis=1) > TOUCHED

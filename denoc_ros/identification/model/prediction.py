@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
@@ -13,40 +12,18 @@ from scipy.interpolate import CubicSpline
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
-from denoc_ros.estimation.joint_motion import SmoothedMotion, smooth
-from denoc_ros.estimation.torque_along import TorqueReplay, Torques
+from denoc_ros.estimation.joint_friction import JointFriction
+from denoc_ros.estimation.joint_motion import SmoothedMotion
+from denoc_ros.estimation.torque_along import TorqueReplay
 from denoc_ros.identification.model.free_parameters import SearchPoint
+from denoc_ros.identification.model.measured_motion import FINEST, measured_motion
 from denoc_ros.identification.model.recording import Recording
+from denoc_ros.identification.model.sensed import MeasuredSignal, SensedChannels
+from denoc_ros.identification.model.spikes import without_spikes
 from denoc_ros.types import Array
 
 PER_CUTOFF = 4.0  # samples of a smoothed channel that are kept, per period of the cutoff
-FINEST = 0.3  # of the sampling rate: the cutoff of the motion's smoothing, as high as it goes
 REACH = 4.0  # standard deviations at which a Gaussian's tail is cut
-
-
-@dataclass(frozen=True)
-class MeasuredSignal:
-    """One measured signal.
-
-    Attributes
-    ----------
-    name : str
-        `effort <joint>` or `<sensor>`.
-    unit : str
-    t : (m,) array
-        Stamps [s].
-    value : (m,) array
-        As measured; effort through the low-pass.
-    size : float
-        What residuals are compared with: the deviation of the values, or of what is balanced in
-        a joint without effort.
-    """
-
-    name: str
-    unit: str
-    t: Array
-    value: Array
-    size: float
 
 
 class PreparedRun:
@@ -75,9 +52,7 @@ class PreparedRun:
         t = recording.t
         period = float(np.median(np.diff(t)))
         self._cutoff = min(cutoff, FINEST / period)
-        self._motion = smooth(
-            t, recording.position, recording.velocity, cutoff=FINEST / period, period=period
-        )
+        self._measured = measured_motion(t, recording.position, recording.velocity)
         self._starts = np.concatenate([[True], np.diff(t) > 10.0 * period])
         self._kept = self._clear_rows(period)
         joints = [
@@ -85,7 +60,7 @@ class PreparedRun:
         ]
         self._joints = joints
         self._low_pass = low_pass(t, self._cutoff)
-        self._effort = self._passed(recording.effort[:, joints])
+        self._effort = self._passed(without_spikes(recording.effort[:, joints]))
         self._unpowered = np.asarray((recording.effort[:, joints] == 0.0).all(axis=0), dtype=bool)
         self._balance = self._balanced(robot) if self.has_unpowered_joints else np.ones(0)
         self.channels = [
@@ -102,20 +77,9 @@ class PreparedRun:
             )
             for column, k in enumerate(joints)
         ]
-        self._sensors = [
-            sensor for sensor in robot.tree.sensors if sensor.name in recording.sensors
-        ]
-        first, last = t[self._kept[0]], t[self._kept[-1]]
-        self._inside = {}
-        for sensor in self._sensors:
-            stamps, raw = recording.sensors[sensor.name]
-            inside = (stamps >= first) & (stamps <= last)
-            self._inside[sensor.name] = inside
-            size = float(raw[inside].std()) if inside.any() else 0.0
-            self.channels.append(
-                MeasuredSignal(sensor.name, 'raw', stamps[inside], raw[inside], size)
-            )
-        self.channels = [channel for channel in self.channels if len(channel.t)]
+        span = (float(t[self._kept[0]]), float(t[self._kept[-1]]))
+        self._sensed = SensedChannels(recording, robot, span, self._thinned, self._low_pass)
+        self.channels += self._sensed.channels
         if not self.channels:
             raise IdentificationError(
                 f'{self.name}: must have measured effort or sensors of the robot, got neither'
@@ -126,14 +90,22 @@ class PreparedRun:
         """Whether a joint's effort is 0 throughout: what balances in it is seen, not its scale."""
         return bool(self._unpowered.any())
 
-    def _balanced(self, robot: Robot, torques: Torques | None = None) -> Array:
+    def _balanced(self, robot: Robot, count: int | None = None) -> Array:
         """Return the size of what gravity and inertia make in each joint with effort, rms."""
-        if torques is None:
-            replay = TorqueReplay(robot, self.recording.joints, step=self._step)
-            torques = replay.torques(self.recording.t, self._motion, self._starts)
+        replay = TorqueReplay(robot, self.recording.joints, step=self._step)
+        t, moved, starts = self._first(count or len(self.recording.t))
+        torques = replay.torques(t, moved, starts)
         parts = [torques.parts[name][:, self._joints] for name in ('gravity', 'inertia')]
         sizes = np.sqrt(sum(np.mean(part**2, axis=0) for part in parts))
         return np.asarray(np.maximum(sizes, 1e-300))
+
+    def _first(
+        self, count: int, motion: SmoothedMotion | None = None
+    ) -> tuple[Array, SmoothedMotion, NDArray[np.bool_]]:
+        """Return stamps, motion and starts of the first rows."""
+        whole = motion or self._measured.motion
+        rows = SmoothedMotion(whole.q[:count], whole.qd[:count], whole.qdd[:count])
+        return self.recording.t[:count], rows, self._starts[:count]
 
     def gains(self, settings: SearchPoint) -> list[float]:
         """Return effort over torque of each joint whose effort was measured."""
@@ -146,54 +118,85 @@ class PreparedRun:
         edge = min(int(1.0 / (self._cutoff * period)) + 8, count // 10)
         return np.arange(edge, count - edge, every)
 
+    def _thinned(self, t: Array) -> tuple[scipy.sparse.csr_array, NDArray[np.int64]]:
+        """Return the low-pass over other stamps (m,), and which of them tell something new."""
+        period = float(np.median(np.diff(t)))
+        every = max(1, int(1.0 / (PER_CUTOFF * self._cutoff * period)))
+        return low_pass(t, self._cutoff), np.arange(0, len(t), every)
+
     def _passed(self, values: Array) -> Array:
         passed: Array = self._low_pass @ values
         return passed
 
-    def residuals(self, robot: Robot, settings: SearchPoint, until: float = 1.0) -> list[Array]:
+    def motion(
+        self, robot: Robot, until: float = 1.0, draw: np.random.Generator | None = None
+    ) -> tuple[Array, Array]:
+        """Return states (3, j, n) and torques (j, joints) of a robot on the recorded motion.
+
+        Parameters
+        ----------
+        robot : Robot
+        until : float
+            Part of the run that matters: what is behind it is not worked out.
+        draw : Generator, optional
+            Adds noise of the size that the joints' measurement has.
+        """
+        replay = TorqueReplay(robot, self.recording.joints, step=self._step)
+        count = len(self.recording.t)
+        end = min(count, int(until * count) + 2 * int(self._kept[0]) + 2)
+        measured = self._measured
+        whole = measured.motion if draw is None else measured.disturbed(self.recording.t, draw)
+        return replay.states(*self._first(end, whole))
+
+    def residuals(
+        self, robot: Robot, settings: SearchPoint, motion: tuple[Array, Array] | None = None
+    ) -> list[Array]:
         """Return measured minus predicted of each channel, in its unit.
 
         Parameters
         ----------
         robot : Robot
-            Of these settings.
+            Of these settings, but for friction and armature of joints: those are added.
         settings : SearchPoint
-            Gains of effort, and delays.
-        until : float
-            Part of the run that matters: what is behind it is not worked out.
+            Gains and offsets of channels, and delays.
+        motion : (states, torques), optional
+            As `motion` gives them for this robot.
         """
-        replay = TorqueReplay(robot, self.recording.joints, step=self._step)
-        count = len(self.recording.t)
-        end = min(count, int(until * count) + 2 * int(self._kept[0]) + 2)
-        whole = self._motion
-        motion = SmoothedMotion(whole.q[:end], whole.qd[:end], whole.qdd[:end])
-        torques = replay.torques(self.recording.t[:end], motion, self._starts[:end])
-        delay = settings.delays.get('effort', 0.0)
-        torque = np.zeros((count, len(self._joints)))
-        torque[:end] = torques.best[:, self._joints] * self.gains(settings)
+        states, torques = self.motion(robot) if motion is None else motion
+        torque = np.zeros((len(self.recording.t), len(self._joints)))
+        torques = torques[:, self._joints] + self._own_torque(robot, states, settings)
+        torque[: len(torques)] = torques * self.gains(settings)
         torque += [settings.offsets.get(self.recording.joints[k], 0.0) for k in self._joints]
         predicted = self._passed(torque)
+        delay = settings.delays.get('effort', 0.0)
         if delay:
             predicted = CubicSpline(self.recording.t, predicted)(self.recording.t - delay)
         if self.has_unpowered_joints:
             # as many times as large, robot and residual alike would fit alike: held to one scale
-            scale = self._balance / self._balanced(robot, torques)
+            scale = self._balance / self._balanced(robot, len(states[0]))
             predicted = predicted * np.where(self._unpowered, scale, 1.0)
         found = list((self._effort - predicted)[self._kept].T)
-        if torques.amplitudes is None:
-            return found + [self._raw(s.name) for s in self._sensors]
-        values = np.zeros((count, len(robot.tree.sensors)))
-        values[:end] = robot.beam_sensor_values(torques.amplitudes[0])
-        for k, sensor in enumerate(robot.tree.sensors):
-            if sensor.name not in self._inside:
-                continue
-            stamps = self.recording.sensors[sensor.name][0][self._inside[sensor.name]]
-            stamps = stamps - settings.delays.get(sensor.name, 0.0)
-            if (behind := self.recording.filters.get(sensor.name)) is not None:
-                values[:end, k] = behind.passed(self.recording.t[:end], values[:end, k])
-            value = CubicSpline(self.recording.t, values[:, k])(stamps)
-            found.append(self._raw(sensor.name) - (value - sensor.offset) / sensor.gain)
-        return [residual for residual in found if len(residual)]
+        return found + self._sensed.residuals(robot, states, settings)
+
+    def _own_torque(self, robot: Robot, states: Array, settings: SearchPoint) -> Array:
+        """Return what friction and armature of the settings add to the robot's (k, joints)."""
+        names = [self.recording.joints[k] for k in self._joints]
+        index = robot.indices(names)
+        viscous, coulomb, armature = (
+            [
+                settings.overrides.get(f'joint.{n}.{term}', has)
+                for n, has in zip(names, own, strict=True)
+            ]
+            - own
+            for term, own in (
+                ('damping', robot.damping[index]),
+                ('friction', robot.friction[index]),
+                ('armature', robot.armature[index]),
+            )
+        )
+        added = JointFriction(viscous, coulomb, 0.0 * viscous).torque(states[1][:, index])
+        torque: Array = added + armature * states[2][:, index]
+        return torque
 
     def torque_slopes(self, robot: Robot, paths: Sequence[str], gains: Sequence[float]) -> Array:
         """Return how the residuals (m,) of a rigid robot's effort change by its parameters (m, p).
@@ -202,7 +205,7 @@ class PreparedRun:
         """
         q, qd, qdd = np.zeros((3, len(self.recording.t), robot.n))
         index = robot.indices(self.recording.joints)
-        motion = self._motion
+        motion = self._measured.motion
         q[:, index], qd[:, index], qdd[:, index] = motion.q, motion.qd, motion.qdd
         columns = robot.torque_regressor(q, qd, qdd, paths)
         found = [
@@ -212,10 +215,6 @@ class PreparedRun:
         rest = sum(len(channel.t) for channel in self.channels[len(self._joints) :])
         slopes: Array = np.concatenate([*found, np.zeros((rest, len(paths)))])
         return slopes
-
-    def _raw(self, name: str) -> Array:
-        raw: Array = self.recording.sensors[name][1][self._inside[name]]
-        return raw
 
 
 def low_pass(t: Array, cutoff: float) -> scipy.sparse.csr_array:

@@ -9,25 +9,49 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError, IdentificationError
-from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters
+from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters, SearchPoint
 from denoc_ros.identification.model.information import Information, information
 from denoc_ros.identification.model.prediction import PreparedRun
+from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
 HUBER = 2.5  # standard deviations from which a residual counts linearly
 STEP = 1e-4  # of the differences by theta
+COARSE = 1e-3  # of the cost: a fit goes on while it falls by more, before weights are settled
+FINE = 1e-6  # the same of the last one
 ROUNDS = 6  # of weights by the residuals' own deviation
 SETTLED = 0.03  # change of a deviation that needs no other round
 LOST = 1e6  # standard deviations that a robot which cannot be is off by
 GROWING = (0.08, 0.2, 0.45)  # parts of the runs that a flexible robot is first fitted to
 FEWEST_ROWS = 25  # of each channel in such a part
+DRAWS = 24  # of the joints' noise, for the intervals
+WILD = 10.0  # robust deviations: what is beyond says nothing of the size of residuals
+QUIETEST = 1e-4  # of what a sensor measures: no channel is taken to be more exact
 STRETCHES = 60  # of time, whose residuals are independent of each other
 
 
 def root_mean_square(values: Array) -> float:
     """Return the root of the mean of squares."""
     return float(np.sqrt(np.mean(values**2)))
+
+
+def _held_rms(values: Array) -> float:
+    """Return the rms of values, those beyond ten of their robust deviations held to that."""
+    bound = WILD * 1.48 * float(np.median(np.abs(values)))
+    return root_mean_square(np.clip(values, -bound, bound) if bound > 0.0 else values)
+
+
+def vector_of(name: str) -> str:
+    """Return the vector that a channel is one axis of: `imu/gyro` of `imu/gyro_x`."""
+    sensor, slash, part = name.partition('/')
+    kind = part.partition('_')[0] if '_' in part else part.rstrip('xyz')
+    return f'{sensor}{slash}{kind}'
+
+
+def _bytes(body: RigidInertia) -> bytes:
+    return np.concatenate([[body.mass], body.first_moment, body.inertia.ravel()]).tobytes()
 
 
 def _bent(residual: Array) -> Array:
@@ -69,10 +93,12 @@ class ModelSearch:
         of_run = np.repeat([number[id(run)] for run, _ in channels], self.counts)
         self.blocks = of_run * per_run + stretch
         self._measured = np.concatenate([channel.value for _, channel in channels])
+        self._least = QUIETEST * self._vector_sizes()
         self.evaluations = 0
         self.deviation = np.ones(len(channels))
         self._until = 1.0
         self._last: tuple[bytes, float, Array] | None = None
+        self._motions: tuple[object, Robot, list[tuple[Array, Array]]] | None = None
 
     def rows_before(self, part: float) -> NDArray[np.bool_]:
         """Return which rows are in the first part of their run."""
@@ -82,6 +108,14 @@ class ModelSearch:
     def sizes(self) -> Array:
         """What each channel's residuals are compared with."""
         return np.array([channel.size for run in self._runs for channel in run.channels])
+
+    def _vector_sizes(self) -> Array:
+        """Return the largest deviation of the axes that each channel is one of."""
+        vectors = [(run, vector_of(name)) for run, name, _ in self.labels]
+        largest: dict[tuple[str, str], float] = {}
+        for vector, size in zip(vectors, self.sizes, strict=True):
+            largest[vector] = max(largest.get(vector, 0.0), float(size))
+        return np.array([largest[vector] for vector in vectors])
 
     def louder(self, held: NDArray[np.bool_]) -> Array:
         """Return by how much each channel moves more over held-out rows than over the others."""
@@ -94,19 +128,42 @@ class ModelSearch:
         key = (theta.tobytes(), self._until)
         if self._last is not None and self._last[:2] == key:
             return self._last[2]
-        self.evaluations += 1
-        settings, until = self.parameters.settings(theta), self._until
+        settings = self.parameters.settings(theta)
         try:
-            robot = self.parameters.robot_at(settings)
-            parts = [each for run in self._runs for each in run.residuals(robot, settings, until)]
+            robot, motions = self._moved(settings)
+            parts = [
+                each
+                for run, motion in zip(self._runs, motions, strict=True)
+                for each in run.residuals(robot, settings, motion)
+            ]
         except DenocError:
             return np.full(len(self.row_t), np.nan)
         self._last = (*key, np.concatenate(parts))
         return self._last[2]
 
+    def _moved(self, settings: SearchPoint) -> tuple[Robot, list[tuple[Array, Array]]]:
+        """Return the robot of a point and its motion along each run.
+
+        Delays, gains and offsets of channels move nothing, and friction of a joint that moves as
+        recorded moves only its own torque: points that differ in those share the motion.
+        """
+        # torque of joints without effort is scaled by what balances in them, armature and all
+        is_scaled = any(run.has_unpowered_joints for run in self._runs)
+        moving = settings.overrides if is_scaled else self.parameters.moving(settings)
+        own = SearchPoint(overrides=moving, bodies=settings.bodies)
+        key = (self._until, repr(own.overrides), *(_bytes(body) for body in own.bodies.values()))
+        if self._motions is None or self._motions[0] != key:
+            self.evaluations += 1
+            robot = self.parameters.robot_at(own)
+            self._motions = key, robot, [run.motion(robot, self._until) for run in self._runs]
+        return self._motions[1:]
+
     def rms(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
-        """Return the rms of each channel's residuals over some rows, NaN where it has none."""
-        return self._by_channel(self.residuals(theta), rows, root_mean_square)
+        """Return the rms of each channel's residuals over some rows, NaN where it has none.
+
+        Wild values are held to a bound that no vibration reaches.
+        """
+        return self._by_channel(self.residuals(theta), rows, _held_rms)
 
     def _by_channel(
         self, values: Array, rows: NDArray[np.bool_], statistic: Callable[[Array], Any]
@@ -136,16 +193,16 @@ class ModelSearch:
                 continue
             self._until = part
             self._reweigh(theta, early)
-            theta = self._least_squares(theta, early)
+            theta = self._least_squares(theta, early, COARSE)
         self._until = 1.0
         self._reweigh(theta, rows)
         for _ in range(ROUNDS):
-            theta = self._least_squares(theta, rows)
+            theta = self._least_squares(theta, rows, COARSE)
             before = self.deviation.copy()
             self._reweigh(theta, rows)
             if np.nanmax(np.abs(self.deviation / before - 1.0)) < SETTLED:
                 break
-        return theta
+        return self._least_squares(theta, rows, FINE)
 
     def _is_enough(self, rows: NDArray[np.bool_]) -> bool:
         """Say whether each channel has rows for a fit of its own."""
@@ -163,6 +220,7 @@ class ModelSearch:
         size = self._by_channel(residual, rows, lambda x: 1.48 * np.median(np.abs(x)))
         clipped = np.minimum(np.abs(residual), HUBER * size[self._channel])
         size = self._by_channel(clipped, rows, root_mean_square)
+        size = np.maximum(size, self._least)
         self.deviation = np.where(size > 0.0, size, 1.0)
 
     def jacobian(self, theta: Array) -> Array:
@@ -185,13 +243,15 @@ class ModelSearch:
             )
             found[:, linear] = by_numbers @ slopes[np.ix_(linear, linear)]
             found[:, linear] /= self.deviation[self._channel][:, None]
-        for k in sorted(set(range(parameters.size)) - set(linear)):
+        of_robot = parameters.moves_robot
+        # what moves nothing first: it shares the motion that was just worked out
+        for k in sorted(set(range(parameters.size)) - set(linear), key=lambda k: of_robot[k]):
             change = np.zeros(parameters.size)
             change[k] = STEP
             found[:, k] = (self.whitened(theta + change) - here) / STEP
         return found
 
-    def _least_squares(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
+    def _least_squares(self, theta: Array, rows: NDArray[np.bool_], tolerance: float) -> Array:
         count = int(rows.sum())
 
         prior = np.eye(len(theta)) / PRIOR
@@ -204,7 +264,7 @@ class ModelSearch:
             return np.concatenate([weights[:, None] * self.jacobian(x)[rows], prior])
 
         found = least_squares(
-            function, theta, jacobian, method='trf', x_scale=1.0, xtol=1e-5, ftol=1e-6,
+            function, theta, jacobian, method='trf', x_scale=1.0, xtol=1e-5, ftol=tolerance,
             gtol=1e-8 * count, max_nfev=40,
         )  # fmt: skip
         return np.asarray(found.x)
@@ -212,7 +272,30 @@ class ModelSearch:
     def information(self, theta: Array) -> Information:
         """Return what the data alone tell of the reported numbers, in sizes of theirs."""
         whitened = self.whitened(theta)
-        residual, jacobian = _bent(whitened), self.jacobian(theta)
-        jacobian *= _slope(whitened)[:, None]
+        residual, slope = _bent(whitened), _slope(whitened)
+        jacobian = self.jacobian(theta) * slope[:, None]
         by_numbers = jacobian @ np.linalg.inv(self.parameters.slopes(theta))
-        return information(by_numbers * self.parameters.scales(theta), residual, self.blocks)
+        return information(
+            by_numbers * self.parameters.scales(theta),
+            residual,
+            self.blocks,
+            self._by_joint_noise(theta) * slope,
+        )
+
+    def _by_joint_noise(self, theta: Array) -> Array:
+        """Return changes of the whitened residuals by noise of the joints, drawn anew (d, m)."""
+        settings, here = self.parameters.settings(theta), self.whitened(theta)
+        robot, _ = self._moved(settings)
+        found = np.empty((DRAWS, len(here)))
+        for k in range(DRAWS):
+            draw = np.random.default_rng(k)
+            found[k] = np.concatenate(
+                [
+                    each
+                    for run in self._runs
+                    for each in run.residuals(robot, settings, run.motion(robot, draw=draw))
+                ]
+            )
+        self.evaluations += DRAWS
+        changes: Array = found / self.deviation[self._channel] - here
+        return changes

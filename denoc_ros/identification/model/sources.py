@@ -44,6 +44,9 @@ class RecordingSettings:
         The window [s], from the first joint state on.
     filters : mapping of str to SensorFilter
         By the sensor's name: what its readings have passed.
+    poses : mapping of str to str
+        Topics of poses that a tracker measured, of a bag, and the frames of the robot that have
+        them.
     """
 
     topic: str = '/joint_states'
@@ -54,6 +57,7 @@ class RecordingSettings:
     begin: float = 0.0
     end: float = math.inf
     filters: Mapping[str, SensorFilter] = field(default_factory=dict)
+    poses: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_source(path: str | Path, robot: Robot, settings: RecordingSettings) -> Recording:
@@ -75,11 +79,15 @@ def read_source(path: str | Path, robot: Robot, settings: RecordingSettings) -> 
     """
     path = Path(path)
     if is_table(path):
+        if settings.poses:
+            raise BagError(f'{path}: --pose must come with a bag, got a table')
         whole = _of_table(path, robot, settings)
     elif settings.columns:
         raise BagError(f'{path}: --column must come with a table, got a bag')
     else:
-        whole = read_recording(path, robot, settings.topic, settings.stamp, settings.rename)
+        whole = read_recording(
+            path, robot, settings.topic, settings.stamp, settings.rename, settings.poses
+        )
     known = [sensor.name for sensor in robot.tree.sensors]
     if unknown := sorted(set(settings.filters) - set(known)):
         raise BagError(

@@ -1,0 +1,110 @@
+"""Joint motion from what was measured, smoothed as far as its own noise asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from denoc_ros.estimation.joint_motion import SmoothedMotion, smooth
+from denoc_ros.identification.model.spikes import without_spikes
+from denoc_ros.types import Array
+
+FINEST = 0.3  # of the sampling rate: the cutoff of smoothing, as high as it goes
+STEPS = 0.7 ** np.arange(8)  # cutoffs that are tried, in terms of the finest
+
+
+@dataclass(frozen=True)
+class MeasuredMotion:
+    """Motion of the joints, and what was measured of it.
+
+    Attributes
+    ----------
+    motion : SmoothedMotion
+    position_noise, velocity_noise : (joints,) array
+        Standard deviations of what was measured [rad, m] and [rad/s, m/s].
+    cutoffs : (2, joints) array
+        Of the smoothing of positions and rates [Hz]; 0 where rates were not measured.
+    period : float
+        Usual time between samples [s].
+    """
+
+    motion: SmoothedMotion
+    position_noise: Array
+    velocity_noise: Array
+    cutoffs: Array
+    period: float
+
+    def disturbed(self, t: Array, draw: np.random.Generator) -> SmoothedMotion:
+        """Return the motion at the stamps t (k,) with noise of this size once more on top."""
+        own, shape = self.motion, self.motion.q.shape
+        position = self.position_noise * draw.standard_normal(shape)
+        velocity = self.velocity_noise * draw.standard_normal(shape)
+        measured = bool((self.cutoffs[1] > 0.0).any())
+        more = _smoothed(t, position, velocity if measured else None, self.cutoffs, self.period)
+        return SmoothedMotion(own.q + more.q, own.qd + more.qd, own.qdd + more.qdd)
+
+
+def measured_motion(t: Array, position: Array, velocity: Array | None) -> MeasuredMotion:
+    """Return smoothed joint motion.
+
+    Parameters
+    ----------
+    t : (k,) array
+        Stamps [s].
+    position : (k, joints) array
+    velocity : (k, joints) array or None
+
+    Notes
+    -----
+    Each signal's cutoff is one step above that of generalized cross-validation, with which the
+    samples' prediction by their neighbours is best (P. Craven, G. Wahba, Numerische Mathematik 31,
+    1979): what is cut off there is as large as what is left of the noise, and of no known sign.
+    """
+    period = float(np.median(np.diff(t)))
+    tried: Array = np.asarray(FINEST / period * STEPS, dtype=np.float64)
+    position = without_spikes(position)
+    velocity = None if velocity is None else without_spikes(velocity)
+    signals = [position, velocity]
+    cutoffs: Array = np.zeros((2, position.shape[1]))
+    noise: Array = np.zeros((2, position.shape[1]))
+    for row, values in enumerate(signals):
+        if values is not None:
+            cutoffs[row], noise[row] = _chosen(t, values, tried, period)
+    motion = _smoothed(t, position, velocity, cutoffs, period)
+    return MeasuredMotion(motion, noise[0], noise[1], cutoffs, period)
+
+
+def _smoothed(
+    t: Array, position: Array, velocity: Array | None, cutoffs: Array, period: float
+) -> SmoothedMotion:
+    q, qd, qdd = (np.empty(position.shape) for _ in range(3))
+    for k in range(position.shape[1]):
+        own = smooth(t, position[:, [k]], cutoff=cutoffs[0, k], period=period)
+        q[:, k], qd[:, k], qdd[:, k] = own.q[:, 0], own.qd[:, 0], own.qdd[:, 0]
+        if velocity is not None:
+            rates = smooth(t, velocity[:, [k]], cutoff=cutoffs[1, k], period=period)
+            qd[:, k], qdd[:, k] = rates.q[:, 0], rates.qd[:, 0]
+    return SmoothedMotion(q, qd, qdd)
+
+
+def _chosen(t: Array, values: Array, tried: Array, period: float) -> tuple[Array, Array]:
+    """Return the cutoff and the noise of each column (joints,)."""
+    scores, noises = np.empty((2, len(tried), values.shape[1]))
+    for row, cutoff in enumerate(tried):
+        left = values - smooth(t, values, cutoff=cutoff, period=period).q
+        kept = 1.0 - own_weight(len(t), cutoff, period)
+        square = np.mean(left**2, axis=0)
+        scores[row], noises[row] = square / kept**2, np.sqrt(square / kept)
+    best = np.argmin(scores, axis=0)
+    columns = np.arange(values.shape[1])
+    return tried[np.maximum(best - 1, 0)], noises[best, columns]
+
+
+def own_weight(count: int, cutoff: float, period: float) -> float:
+    """Return how much a sample counts in its own smoothed value."""
+    size = min(count, 401)
+    stamps: Array = period * np.arange(size, dtype=np.float64)
+    impulse: Array = np.zeros((size, 1))
+    impulse[size // 2] = 1.0
+    return float(smooth(stamps, impulse, cutoff=cutoff, period=period).q[size // 2, 0])
