@@ -10,6 +10,7 @@ import numpy as np
 from denoc_ros.bags.series import Diagnostic
 from denoc_ros.types import Array
 
+SECOND = 1_000_000_000  # ns
 COUNTED = ('ticks', 'overruns_total', 'skipped_total', 'histogram_counts')
 
 
@@ -71,11 +72,24 @@ def loop_measures(statuses: Sequence[Diagnostic], since_ns: int = 0) -> tuple[Lo
     return tuple(_loop(node, values, before.get(node)) for node, values in sorted(after.items()))
 
 
-def warnings(statuses: Sequence[Diagnostic], since_ns: int = 0) -> dict[str, tuple[int, str]]:
-    """Return, by status, how many of its messages were no plain ok, and what the last said."""
+def warnings(
+    statuses: Sequence[Diagnostic], intervals: Sequence[tuple[int, int]]
+) -> dict[str, tuple[int, str]]:
+    """Return, by status, how many of its messages were no plain ok, and what the last said.
+
+    Parameters
+    ----------
+    statuses : sequence of Diagnostic
+        In order of time.
+    intervals : sequence of (int, int)
+        Begin and end [ns] of what counts: between them nodes may be restarted. A status speaks of
+        the second before its stamp, which must be in an interval whole.
+    """
     found: dict[str, tuple[int, str]] = {}
     for status in statuses:
-        if status.level > 0 and status.stamp_ns >= since_ns:
+        stamp = status.stamp_ns
+        during = any(begin + SECOND <= stamp <= end for begin, end in intervals)
+        if status.level > 0 and during:
             count = found.get(status.name, (0, ''))[0]
             found[status.name] = count + 1, status.message
     return found

@@ -55,6 +55,8 @@ class PhaseMeasures:
     """
 
     name: str
+    begin: float  # of what is shown, since the recording's origin [s]
+    end: float  # s
     joints: Series | None  # measured positions
     error: Series | None  # reference minus measured [rad, m]
     tip_error: Series | None  # distance of the deflected tip from where it was asked to be [m]
@@ -138,6 +140,8 @@ def _phase(
     measured = _cut(recording.series('joint_states'), start, end)
     return PhaseMeasures(
         name=interval.name,
+        begin=interval.start if reference is None else start,
+        end=end,
         joints=measured,
         error=_tracking(measured, reference),
         tip_error=_tip_error(recording, asked, robot, tip, start, end),

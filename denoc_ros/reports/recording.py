@@ -146,8 +146,13 @@ class RecordedTopics:
     @property
     def begin_ns(self) -> int:
         """When the first phase begins [ns]; 0 where the bag names none."""
-        start = self.phases[0].start
-        return self.origin_ns + round(start * 1e9) if np.isfinite(start) else 0
+        return self.span_ns(self.phases[0].start, np.inf)[0]
+
+    def span_ns(self, begin: float, end: float) -> tuple[int, int]:
+        """Return an interval of s since the origin in ns; infinite ends are those of all time."""
+        first = self.origin_ns + round(begin * 1e9) if np.isfinite(begin) else 0
+        last = self.origin_ns + round(end * 1e9) if np.isfinite(end) else 2**63
+        return first, last
 
     def series(self, suffix: str, field: str = 'position') -> Series | None:
         """Return a field of the JointState topic with this name or ending, None without values.

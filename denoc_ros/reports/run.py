@@ -116,7 +116,7 @@ def _of_path(run_path: Path, command: str) -> Report:
     phases = measure(recording, robot, tip)
     statuses = recording.diagnostics()
     loops = loop_measures(statuses, recording.begin_ns)
-    warned = warnings(statuses, recording.begin_ns)
+    warned = warnings(statuses, [recording.span_ns(each.begin, each.end) for each in phases])
     simulated = None
     if robot is not None and session.get('kind') == SIMULATED:
         simulated = energy_balance.energy_balance(recording, robot)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from denoc_ros.nodes.diagnostics import Diagnostic, Series
 from denoc_ros.reports import headline, tip
+from denoc_ros.reports.loop_timing import warnings
 from denoc_ros.reports.measures import Deflection, PhaseMeasures, summarize
-from denoc_ros.reports.recording import Series
 from denoc_ros.reports.sections import Units
 from denoc_ros.reports.summary import summary_lines
 
@@ -23,6 +24,8 @@ def phase(name: str, predicted: NDArray[np.float64], distance: Any = 0.0) -> Pha
     gap = np.broadcast_to(distance, len(T))[:, np.newaxis]
     return PhaseMeasures(
         name=name,
+        begin=0.0,
+        end=float(T[-1]),
         joints=None,
         error=None,
         tip_error=Series(T, ('tool',), gap),
@@ -53,8 +56,20 @@ def test_a_deflection_that_is_predicted_badly_makes_a_run_doubtful(
 
 def test_an_error_that_nobody_sees_is_no_bad_prediction() -> None:
     tiny = Deflection('arm/uy', T, 3e-5 * np.cos(T), 3e-5 * np.sin(T))
-    still = PhaseMeasures('run', None, None, None, np.nan, None, None, (tiny,))
+    still = PhaseMeasures('run', 0.0, 15.0, None, None, None, np.nan, None, None, (tiny,))
     assert headline.verdict([still], {}, 15.0, Units()).tone == 'good'
+
+
+def test_warnings_count_where_a_whole_second_of_them_is_within_a_phase() -> None:
+    """Between phases nodes are restarted, and those that wait for them say so."""
+    second = 10**9
+    statuses = [
+        Diagnostic(round(t * second), 'plant: loop', level, f'at {t}', '', {})
+        for t, level in [(9.0, 1), (10.4, 1), (12.0, 0), (13.0, 1), (19.9, 1), (20.5, 1)]
+    ]
+    assert warnings(statuses, [(10 * second, 20 * second)]) == {'plant: loop': (2, 'at 19.9')}
+    assert warnings(statuses, [(0, 2**63)])['plant: loop'][0] == 5
+    assert not warnings(statuses, [])
 
 
 def test_the_tip_is_told_moving_after_the_stop_and_settled() -> None:
