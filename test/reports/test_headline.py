@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from denoc_ros.nodes.diagnostics import Diagnostic, Series
+from denoc_ros.bags.series import Diagnostic, Series
 from denoc_ros.reports import headline, tip
 from denoc_ros.reports.loop_timing import warnings
 from denoc_ros.reports.measures import Deflection, PhaseMeasures, summarize
