@@ -28,6 +28,7 @@ GROWING = (0.08, 0.2, 0.45)  # parts of the runs that a flexible robot is first 
 FEWEST_ROWS = 25  # of each channel in such a part
 DRAWS = 24  # of the joints' noise, for the intervals
 WILD = 10.0  # robust deviations: what is beyond says nothing of the size of residuals
+ROUNDING = 1e-5  # of a channel's largest value: nothing that varies less is a signal
 QUIETEST = 1e-4  # of what a sensor measures: no channel is taken to be more exact
 STRETCHES = 60  # of time, whose residuals are independent of each other
 
@@ -113,7 +114,10 @@ class ModelSearch:
         """Return the largest deviation of the axes that each channel is one of."""
         vectors = [(run, vector_of(name)) for run, name, _ in self.labels]
         largest: dict[tuple[str, str], float] = {}
-        for vector, size in zip(vectors, self.sizes, strict=True):
+        every = np.ones(len(self._measured), dtype=bool)
+        # what a constant channel shows beside its constant is rounding
+        peaks = self._by_channel(np.abs(self._measured), every, np.max)
+        for vector, size in zip(vectors, np.maximum(self.sizes, ROUNDING * peaks), strict=True):
             largest[vector] = max(largest.get(vector, 0.0), float(size))
         return np.array([largest[vector] for vector in vectors])
 
