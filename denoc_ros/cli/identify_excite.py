@@ -9,8 +9,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from denoc_ros.cli.arguments import add_gravity, given_file, named_values, require
 from denoc_ros.cli.overrides import add_overrides, overrides_of
 from denoc_ros.errors import BagError
@@ -124,6 +122,8 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
 
 def run_excite(args: argparse.Namespace) -> int:
     """Plan the motion; exit status 0 good, 2 doubtful, 3 not identifiable."""
+    import numpy as np
+
     from denoc_ros.cli.identify_inputs import load_named_robot
     from denoc_ros.cli.plan_file import write_joint_trajectory, write_points
     from denoc_ros.cli.progress import share_bar

@@ -16,6 +16,7 @@ Mask = NDArray[np.bool_]
 UNSEEN = 0.5  # half a 95 % interval, in sizes of the parameters: a direction that data do not tell
 FOUND = 0.05  # the same of one parameter that is found
 TOUCHED = 0.05  # component along what is not seen that makes a parameter not identifiable
+REACH = 100.0  # sizes that a direction may move by, where data do not tell it at all
 SMALL = 0.08  # coefficient of a combination that is left out
 EXACT = 1e-3  # sizes: what smoothing and the motion between samples leave, beside noise
 LISTED = 12  # combinations that are written down
@@ -89,6 +90,9 @@ def information(
     variance += np.mean((shifts @ inverse @ vectors[:, seen].T) ** 2, axis=0)
     half = np.hypot(quantile * np.sqrt(variance), EXACT)
     unseen = vectors[:, ~seen]
+    # however little of a parameter lies in a direction that is not told, it moves with it
+    leak = np.linalg.norm(unseen * np.fmin(width[~seen], REACH), axis=1)
+    half = np.hypot(half, leak)
     touched = np.linalg.norm(unseen, axis=1) > TOUCHED
     half[touched] = np.inf
     return Information(half, unseen, touched)
