@@ -140,7 +140,10 @@ def test_signals_are_honoured_while_a_node_imports(ros_domain: int, number: int)
         assert process.stderr is not None
         assert process.stdout.readline() == b'predictor: starting\n'
         process.send_signal(number)
-        assert process.wait(10.0) == 0
+        try:
+            assert process.wait(10.0) == 0
+        finally:
+            process.kill()
         assert process.stderr.read() == b''
 
 

@@ -23,11 +23,16 @@ CLASSES = {
 # with these a node has every topic that it can have
 EVERYTHING: dict[str, dict[str, Any]] = {
     'feedforward': {'publish_joint_trajectory': True},
-    'predictor': {'source': 'torque', 'effort_source': 'commanded', 'horizon': 0.05},
+    'predictor': {
+        'source': 'torque',
+        'effort_source': 'commanded',
+        'horizon': 0.05,
+        'adapt': ['beam.one.y.ei'],
+    },
     'plant': {'feedback.kp': [1.0]},
 }
 OF_EVERY_NODE = re.compile(
-    r'/(rosout|parameter_events|robot_description|\w+/(transition_event|\w*parameter\w*'
+    r'/(rosout|parameter_events|robot_description|\w+/(transition_event|(?!model_)\w*parameter\w*'
     r'|change_state|get_\w+|\w+_type_description))$'
 )
 
