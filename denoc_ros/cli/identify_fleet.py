@@ -35,7 +35,7 @@ def model_rows(args: argparse.Namespace) -> RowKind:
     from denoc_ros.bags.digest import file_hash
     from denoc_ros.cli.arguments import given_file
     from denoc_ros.cli.identify_folder import RowKind
-    from denoc_ros.cli.identify_model import started_robot
+    from denoc_ros.cli.model_fit import started_robot
     from denoc_ros.cli.recording_options import recording_settings
     from denoc_ros.identification.model.free_parameters import FreeParameters
 
@@ -59,7 +59,7 @@ def model_row(item: tuple[argparse.Namespace, Path]) -> Row:
 
     `held_out` is the largest share of a channel's deviation that is left of the held-out part.
     """
-    from denoc_ros.cli.identify_model import fitted_model
+    from denoc_ros.cli.model_fit import fitted_model
     from denoc_ros.identification.model.result import result_of
 
     options, path = item

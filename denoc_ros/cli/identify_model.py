@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import add_gravity
 from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
-from denoc_ros.cli.overrides import add_overrides, overrides_of
+from denoc_ros.cli.overrides import add_overrides
 from denoc_ros.cli.progress import Progress
-from denoc_ros.cli.recording_options import add_recording_settings, recording_settings
+from denoc_ros.cli.recording_options import add_recording_settings
 from denoc_ros.errors import BagError
 from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
     from denoc_ros.identification.model.fit import IdentifiedModel
     from denoc_ros.reports.pages import ReportPage
 
@@ -97,6 +96,7 @@ def run_model(args: argparse.Namespace) -> int:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
     from denoc_ros.cli.identify_modal import recordings
     from denoc_ros.cli.identify_outputs import give_result
+    from denoc_ros.cli.model_fit import fitted_model
 
     if args.apply is not None and args.apply.exists():
         raise BagError(f'{args.apply}: --apply must be a new file, got an existing one')
@@ -117,25 +117,6 @@ def run_model(args: argparse.Namespace) -> int:
         return model_page(document, args.command)
 
     return give_result(args, document, as_text(document), page)
-
-
-def fitted_model(args: argparse.Namespace, paths: Sequence[Path]) -> IdentifiedModel:
-    """Return the model that fits recordings best."""
-    from denoc_ros.identification.model.fit import identify_model
-    from denoc_ros.identification.model.sources import read_source
-
-    robot, settings = started_robot(args), recording_settings(args)
-    read = [read_source(path, robot, settings) for path in paths]
-    return identify_model(robot, read, args.free, cutoff=args.cutoff, held_out=args.held_out)
-
-
-def started_robot(args: argparse.Namespace) -> Robot:
-    """Return the robot where the search starts."""
-    from denoc_ros.cli.identify_inputs import load_named_robot
-
-    robot = load_named_robot(args.robot, args.gravity)
-    overrides = overrides_of(args.set, args.payload)
-    return robot.with_overrides(overrides) if overrides else robot
 
 
 def model_result(

@@ -17,7 +17,7 @@ LATELY = 0.25  # s, over which that is looked at
 WILD = 4.0  # deviations beyond which a value counts less, the more the farther
 
 
-class Block(NamedTuple):
+class BlockValues(NamedTuple):
     """What one block of time shows of c channels.
 
     Attributes
@@ -119,12 +119,12 @@ class ParameterFilter:
         self.covariance[p, :] = by @ self.covariance[p, :]
         self.covariance[:, p] = self.covariance[:, p] @ by.T
 
-    def take(self, block: Block, free: Array) -> Correction:
+    def take(self, block: BlockValues, free: Array) -> Correction:
         """Take a block in.
 
         Parameters
         ----------
-        block : Block
+        block : BlockValues
         free : (p, e) array
             Orthonormal directions along which parameters may be corrected; along the others they
             stay, and so does what is known of them. Without any only the offsets are corrected:
@@ -187,7 +187,7 @@ def _unexplained(gap: Array, expected: Array, by_parameters: Array) -> float:
     return float(np.sum(rest**2)) / float(left)
 
 
-class Excitation:
+class ExcitedDirections:
     """Directions of parameters that the values of late tell from their noise.
 
     Parameters

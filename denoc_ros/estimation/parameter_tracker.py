@@ -13,7 +13,7 @@ from denoc_ros.dynamics.live_numbers import LiveNumbers
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.estimation.channel_levels import ChannelLevels
-from denoc_ros.estimation.parameter_filter import Block, Excitation, ParameterFilter
+from denoc_ros.estimation.parameter_filter import BlockValues, ExcitedDirections, ParameterFilter
 from denoc_ros.estimation.tracked_model import BaseAt, BlockMeans, TrackedModel
 from denoc_ros.estimation.tracked_paths import tracked_bounds, tracked_paths
 from denoc_ros.estimation.tracker_settings import TrackerSettings
@@ -111,7 +111,7 @@ class ParameterTracker:
         model, p = self._model, len(self.paths)
         channels = len(model.joints) + model.sensors.count
         self._filter = ParameterFilter(model.sensitivity.states, p, channels)
-        self._excitation = Excitation(p)
+        self._excitation = ExcitedDirections(p)
         least = np.concatenate([np.full(len(model.joints), TINY), model.sensors.noise])
         self._levels = ChannelLevels(channels, p, least)
         self._target: Array = self.values.copy()
@@ -299,7 +299,7 @@ class ParameterTracker:
         added = model.error_covariance(math.sqrt(COLOUR) * self.model_error * self.moving.any())
         error = np.hypot(noise, math.sqrt(COLOUR) * self.model_error * movement)
         if usable.any():
-            block = Block(means.gap, means.by_state, means.by_parameters, error, usable)
+            block = BlockValues(means.gap, means.by_state, means.by_parameters, error, usable)
             found = self._filter.take(block, free)
             yield
             self._judge(found.surprise, model.sensitivity.duration)
