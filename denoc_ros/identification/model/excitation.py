@@ -26,10 +26,10 @@ from denoc_ros.identification.model.excited_channels import (
 )
 from denoc_ros.identification.model.free_parameters import FreeParameters
 from denoc_ros.identification.model.information import (
-    TOUCHED,
     Information,
     Mask,
     combinations,
+    in_directions,
     information,
     verdict_of,
 )
@@ -307,8 +307,7 @@ def _never_seen(channels: ExcitedChannels, motions: Sequence[MotionRows]) -> tup
     values, vectors = np.linalg.eigh(whole)
     seen = values > NEVER * max(float(values[-1]), 1e-300)
     unseen = vectors[:, ~seen]
-    touched = np.linalg.norm(unseen, axis=1) > TOUCHED
-    blind = Information(np.where(touched, np.inf, 0.0), unseen, touched)
+    blind = Information(np.where(in_directions(unseen), np.inf, 0.0), unseen)
     lines = combinations(blind, parameters.paths, parameters.multiplicative)
     return lines, int(seen.sum())
 

@@ -32,13 +32,20 @@ class Information:
         Half the 95 % interval; infinite where not identifiable.
     unseen : (p, u) array
         Orthonormal directions that the data do not tell.
-    touched : (p,) bool array
-        Parameters in such a direction.
     """
 
     half: Array
     unseen: Array
-    touched: Mask
+
+    @property
+    def touched(self) -> Mask:
+        """Parameters in a direction that the data do not tell, (p,) bool."""
+        return in_directions(self.unseen)
+
+
+def in_directions(unseen: Array) -> Mask:
+    """Return which parameters (p,) lie in orthonormal directions (p, u)."""
+    return np.asarray(np.linalg.norm(unseen, axis=1) > TOUCHED)
 
 
 def information(
@@ -93,9 +100,8 @@ def information(
     # however little of a parameter lies in a direction that is not told, it moves with it
     leak = np.linalg.norm(unseen * np.fmin(width[~seen], REACH), axis=1)
     half = np.hypot(half, leak)
-    touched = np.linalg.norm(unseen, axis=1) > TOUCHED
-    half[touched] = np.inf
-    return Information(half, unseen, touched)
+    half[in_directions(unseen)] = np.inf
+    return Information(half, unseen)
 
 
 def verdict_of(half: float) -> str:
