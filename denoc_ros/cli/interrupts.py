@@ -3,18 +3,35 @@
 from __future__ import annotations
 
 import signal
+import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Any
+from typing import Any, NoReturn
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SOON = 0.02  # s
+
+
+class Interrupt(KeyboardInterrupt):
+    """A signal asks the command to end.
+
+    A class of its own: once a plain KeyboardInterrupt has passed through code made from a string
+    (each dataclass is), Python ends the process by SIGINT, even if the exception was caught.
+    """
+
+
+def interrupt(_number: int, _frame: object) -> NoReturn:
+    """Handle a signal: raise Interrupt."""
+    raise Interrupt
 
 
 class Interrupts:
-    """Raises KeyboardInterrupt at the first signal, and at no further one: the end goes on.
+    """Raises Interrupt at the first signal, and at no further one: the end goes on.
 
-    As a context manager it takes the signals over for a while.
+    As a context manager it takes the signals over for a while. Python swallows what is raised in a
+    finalizer: then it is raised again soon after.
 
     Parameters
     ----------
@@ -28,6 +45,7 @@ class Interrupts:
         self._before: dict[int, Callable[..., Any] | int | None] = {}
         self._held = 0
         self._waits = self._raised = False
+        self._hook = sys.unraisablehook
 
     def __enter__(self) -> Interrupts:
         """Take the signals over; nohup is obeyed."""
@@ -35,6 +53,7 @@ class Interrupts:
             if number == signal.SIGHUP and signal.getsignal(number) == signal.SIG_IGN:
                 continue
             self._before[number] = signal.signal(number, self._on_signal)
+        self._hook, sys.unraisablehook = sys.unraisablehook, self._on_swallowed
         return self
 
     def __exit__(
@@ -44,6 +63,7 @@ class Interrupts:
         trace: TracebackType | None,
     ) -> None:
         """Give the signals back."""
+        sys.unraisablehook = self._hook
         for number, before in self._before.items():
             stays_deaf = self._raised and self._is_process
             signal.signal(number, signal.SIG_IGN if stays_deaf else before)
@@ -60,12 +80,12 @@ class Interrupts:
             self._interrupt()
 
     def check(self) -> None:
-        """Raise a swallowed interrupt again: not every caller passes a KeyboardInterrupt on.
+        """Raise a swallowed interrupt again: not every caller passes an Interrupt on.
 
         For work that goes on only while there was no signal, not for an end.
         """
         if self._raised and not self._held:
-            raise KeyboardInterrupt
+            raise Interrupt
 
     def _on_signal(self, _number: int, _frame: object) -> None:
         if self._held:
@@ -73,8 +93,17 @@ class Interrupts:
         else:
             self._interrupt()
 
+    def _on_swallowed(self, swallowed: sys.UnraisableHookArgs) -> None:
+        if swallowed.exc_type is not Interrupt:
+            self._hook(swallowed)
+            return
+        self._raised = False
+        again = threading.Timer(SOON, signal.raise_signal, (signal.SIGINT,))
+        again.daemon = True
+        again.start()
+
     def _interrupt(self) -> None:
         self._waits = False
         if not self._raised:
             self._raised = True
-            raise KeyboardInterrupt
+            raise Interrupt

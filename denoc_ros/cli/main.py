@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import NoReturn
 
+from denoc_ros.cli.interrupts import interrupt
 from denoc_ros.errors import DenocError
 
 VERBS = (
@@ -68,6 +69,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         130 interrupted.
     """
     arguments = _with_action(list(sys.argv[1:] if argv is None else argv))
+    if argv is None and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, interrupt)
     try:
         return _execute(arguments, is_process=argv is None)
     except KeyboardInterrupt:

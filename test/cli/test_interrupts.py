@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from contextlib import suppress
 
 import pytest
@@ -69,3 +70,14 @@ def test_a_process_that_ends_stays_deaf() -> None:
     finally:
         for number in NUMBERS:
             signal.signal(number, signal.default_int_handler if number == 2 else before)
+
+
+def test_an_interrupt_in_a_finalizer_comes_again(capsys: pytest.CaptureFixture[str]) -> None:
+    class Finalized:
+        def __del__(self) -> None:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt), Interrupts():  # noqa: PT012
+        Finalized()
+        time.sleep(10.0)
+    assert 'Traceback' not in capsys.readouterr().err

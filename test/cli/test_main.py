@@ -7,6 +7,7 @@ import subprocess
 import sys
 import types
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -47,6 +48,22 @@ def test_errors_become_a_message_and_a_status(
     monkeypatch.setattr(frame, '_verb_module', fake_verb(raising(error)))
     assert frame.main(['check']) == status
     assert capsys.readouterr().err == message
+
+
+@pytest.mark.parametrize('verb', ['check', 'up'])
+def test_an_interrupt_in_code_from_a_string_is_one_like_any(tmp_path: Path, verb: str) -> None:
+    """`python -m` itself ends by SIGINT once a plain KeyboardInterrupt came out of such code."""
+    (tmp_path / 'interrupted.py').write_text(
+        'import importlib, signal, sys\n'
+        'from denoc_ros.cli import main as frame\n'
+        f'verb = importlib.import_module("denoc_ros.cli.{verb}")\n'
+        'verb.__dict__["_configured" if hasattr(verb, "_configured") else "run"] = (\n'
+        '    lambda args: eval("signal.raise_signal(signal.SIGINT)"))\n'
+        'sys.exit(frame.main())\n'
+    )
+    command = [sys.executable, '-m', 'interrupted', verb, 'robot']
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert (run.returncode, run.stderr) == (130, f'denoc {verb}: interrupted\n')
 
 
 def test_status_of_a_verb_is_the_exit_status(monkeypatch: pytest.MonkeyPatch) -> None:
