@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
+from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot_model import RobotModel
 
 Int = NDArray[np.int64]
 

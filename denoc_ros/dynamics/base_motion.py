@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,9 +11,6 @@ from numpy.typing import ArrayLike
 from denoc_ros.dynamics.validation import as_states, require_finite
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot_model import RobotModel
 
 Base = Sequence[Any]  # (twist, acceleration) or (twist, acceleration, pose)
 Result = TypeVar('Result')
@@ -104,8 +101,19 @@ def _as_pose(value: ArrayLike) -> Array:
     return pose
 
 
+class HasBase(Protocol):
+    """A robot whose base can be moved."""
+
+    @property
+    def base_motion(self) -> BaseMotion | None:
+        """The present motion of the base; None: it is at rest."""
+
+    def move_base(self, base: Base | None) -> None:
+        """Set the motion of the base for every verb from now on."""
+
+
 def on_base(
-    robot: RobotModel,
+    robot: HasBase,
     base: Base,
     verb: Callable[..., Result],
     *states: ArrayLike,
@@ -135,7 +143,7 @@ def on_base(
 
 
 def _each_row(
-    robot: RobotModel,
+    robot: HasBase,
     motion: BaseMotion,
     count: int,
     verb: Callable[..., Any],

@@ -6,17 +6,15 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.validation import same_rows
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot_model import RobotModel
 
 ROWS_PER_THREAD = 64  # below that a thread costs more than it saves
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 from math import prod
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.constrained_model import Wrenches
 from denoc_ros.dynamics.derivatives import DifferentiableModel
+from denoc_ros.dynamics.tree_dynamics import Wrenches
 from denoc_ros.dynamics.validation import as_outputs, as_rows, as_vector, same_rows
 from denoc_ros.kernels.constrained_derivative_layout import FORWARD, HYBRID, INVERSE
 from denoc_ros.kernels.constrained_derivatives import (
@@ -21,9 +21,6 @@ from denoc_ros.kernels.constrained_derivatives import (
 )
 from denoc_ros.kernels.handle import GOOD
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 Int = NDArray[np.int64]
 
@@ -136,10 +133,10 @@ class DifferentiableMechanism(DifferentiableModel):
         if base is not None:
             verb = self.constrained_forward_dynamics_derivatives
             return self._on_base(base, verb, q, qd, tau, out=out, wrenches=wrenches)
-        robot, n = cast('Robot', self), self.n
+        n = self.n
         states = [as_rows('q', q, n), as_rows('qd', qd, n), as_rows('tau', tau, n)]
         call = _Call(FORWARD, np.zeros(0, dtype=np.int64), wrenches)
-        return ConstrainedForwardDerivatives(*_find(robot, call, states, out))
+        return ConstrainedForwardDerivatives(*_find(self, call, states, out))
 
     def constrained_inverse_dynamics_derivatives(
         self,
@@ -180,10 +177,10 @@ class DifferentiableMechanism(DifferentiableModel):
             options = {'actuated': actuated, 'out': out, 'wrenches': wrenches}
             verb = self.constrained_inverse_dynamics_derivatives
             return self._on_base(base, verb, q, qd, qdd, **options)
-        robot, n = cast('Robot', self), self.n
+        n = self.n
         states = [as_rows('q', q, n), as_rows('qd', qd, n), as_rows('qdd', qdd, n)]
         call = _Call(INVERSE, self._actuated(actuated), wrenches)
-        return ConstrainedInverseDerivatives(*_find(robot, call, states, out))
+        return ConstrainedInverseDerivatives(*_find(self, call, states, out))
 
     def constrained_hybrid_dynamics_derivatives(
         self,
@@ -231,12 +228,12 @@ class DifferentiableMechanism(DifferentiableModel):
                 ),
                 q, qd, qdd_actuated, self._zero if tau is None else tau, out=out,
             )  # fmt: skip
-        robot, n, index = cast('Robot', self), self.n, self._actuated(actuated)
+        n, index = self.n, self._actuated(actuated)
         states = [as_rows('q', q, n), as_rows('qd', qd, n)]
         states.append(as_rows('qdd_actuated', qdd_actuated, len(index)))
         states.append(self._zero if tau is None else as_rows('tau', tau, n))
         call = _Call(HYBRID, index, wrenches)
-        return ConstrainedHybridDerivatives(*_find(robot, call, states, out))
+        return ConstrainedHybridDerivatives(*_find(self, call, states, out))
 
 
 class _Call(NamedTuple):
@@ -283,7 +280,10 @@ def _results(
 
 
 def _find(
-    robot: Robot, call: _Call, states: Sequence[Array], out: Sequence[Array] | None
+    robot: DifferentiableMechanism,
+    call: _Call,
+    states: Sequence[Array],
+    out: Sequence[Array] | None,
 ) -> Sequence[Array]:
     """Return the derivatives at states q, q', third and perhaps tau, in `out` where given."""
     single = all(state.ndim == 1 for state in states)
@@ -305,7 +305,7 @@ def _find(
     return found
 
 
-def _loads(robot: Robot, wrenches: Wrenches | None) -> Array:
+def _loads(robot: DifferentiableMechanism, wrenches: Wrenches | None) -> Array:
     """Return wrenches as the kernel takes them, (wrenches, 7)."""
     loads = np.zeros((len(wrenches or {}), 7))
     for row, (frame, wrench) in zip(loads, (wrenches or {}).items(), strict=True):
@@ -313,7 +313,7 @@ def _loads(robot: Robot, wrenches: Wrenches | None) -> Array:
     return loads
 
 
-def _values(robot: Robot, call: _Call, states: Sequence[Array]) -> None:
+def _values(robot: DifferentiableMechanism, call: _Call, states: Sequence[Array]) -> None:
     """Call the verb whose derivatives are asked for, to raise what it raises."""
     names = [robot.coordinate_names[k] for k in call.actuated]
     (q, qd, third), loads = states[:3], call.wrenches
@@ -326,7 +326,7 @@ def _values(robot: Robot, call: _Call, states: Sequence[Array]) -> None:
 
 
 def _of_tree(
-    robot: Robot, call: _Call, states: Sequence[Array], found: Sequence[Array]
+    robot: DifferentiableMechanism, call: _Call, states: Sequence[Array], found: Sequence[Array]
 ) -> Sequence[Array]:
     """Write the derivatives of a robot without constraints, which are those of its tree."""
     (q, qd, third), loads, index = states[:3], call.wrenches, call.actuated

@@ -1,8 +1,8 @@
-"""The verbs of loops and mimic joints; :class:`denoc_ros.dynamics.robot.Robot` adds the others."""
+"""The verbs of loops and mimic joints."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,19 +10,18 @@ from numpy.typing import ArrayLike, NDArray
 from denoc_ros.dynamics import assembling, constraints
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import each_row
-from denoc_ros.dynamics.robot_model import RobotModel
-from denoc_ros.dynamics.validation import as_states, as_vector, require_finite, same_rows
-from denoc_ros.kernels import constrained, world
+from denoc_ros.dynamics.tree_dynamics import TreeDynamics, Wrenches
+from denoc_ros.dynamics.validation import as_states, same_rows
+from denoc_ros.kernels import constrained
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.handle import GOOD, MISFIT
 from denoc_ros.model.arrays import ModelArrays
 from denoc_ros.types import Array
 
-Wrenches = Mapping[str, ArrayLike]
 _empty = np.empty  # a global name is found more quickly than a module's
 
 
-class ConstrainedModel(RobotModel):
+class ConstrainedModel(TreeDynamics):
     """What a robot does with its loops closed and its mimic joints on their leaders.
 
     Rows are loops in file order, then mimic joints in that of their coordinates. A loop's rows are
@@ -229,17 +228,6 @@ class ConstrainedModel(RobotModel):
             self._load(states[0], wrenches or {}),
         )
         return torque, qdd, multipliers
-
-    def _load(self, q: Array, wrenches: Wrenches) -> Array:
-        """Return the generalized forces (n,) or (k, n) of wrenches on frames."""
-        if q.ndim == 2:
-            return np.array([self._load(row, wrenches) for row in q])
-        require_finite({'q': q})
-        load, jacobian = np.zeros(self.n), np.empty((6, self.n))
-        for frame, wrench in wrenches.items():
-            world.frame_jacobian(self.handle, q, self._row(frame), jacobian)
-            load += jacobian.T @ as_vector('wrench', wrench, (6,))
-        return load
 
     def _actuated(self, names: Sequence[str] | None) -> NDArray[np.int64]:
         if names is None:

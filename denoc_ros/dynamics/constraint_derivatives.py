@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from denoc_ros.dynamics.derivatives import DifferentiableModel
+from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.kernels import constraint_layout
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.constrained_derivatives import (
@@ -13,9 +15,6 @@ from denoc_ros.kernels.constrained_derivatives import (
     constraint_row_rates,
 )
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 
 class RowDerivatives(NamedTuple):
@@ -39,20 +38,20 @@ class ForceDerivatives(NamedTuple):
     inertia: Array
 
 
-def _count(robot: Robot) -> int:
+def _count(robot: RobotModel) -> int:
     """Return the number of all rows, those of free axes included."""
     axes = int(robot.arrays.topology[0, constraint_layout.AXIS_ROWS])
     return len(robot.constraint_names) + axes
 
 
-def _run(robot: Robot, kernel: Any, *arrays: Array) -> None:
+def _run(robot: RobotModel, kernel: Any, *arrays: Array) -> None:
     """Run a kernel on arrays, compiling it first if need be."""
     if not kernel.signatures:
         ready(kernel)
     robot.raise_for_status(kernel(robot.handle, *arrays), q=arrays[0])
 
 
-def row_derivatives(robot: Robot, q: Array, qd: Array, qdd: Array) -> RowDerivatives:
+def row_derivatives(robot: RobotModel, q: Array, qd: Array, qdd: Array) -> RowDerivatives:
     """Return the rows and how their accelerations g'' change with a closed state."""
     out = np.zeros((3, _count(robot), robot.n))
     hard = len(robot.constraint_names)
@@ -62,7 +61,7 @@ def row_derivatives(robot: Robot, q: Array, qd: Array, qdd: Array) -> RowDerivat
     return RowDerivatives(rows, up, 2.0 * rates, axes, axis_rates)
 
 
-def applied_change(robot: Robot, q: Array, v: Array) -> Array:
+def applied_change(robot: RobotModel, q: Array, v: Array) -> Array:
     """Return d(J v)/dq (rows, n) with v (n,) constant."""
     return row_derivatives(robot, q, np.zeros(robot.n), v).by_q
 
@@ -72,7 +71,7 @@ def force_change_is_ready() -> bool:
     return bool(constraint_force_change.signatures)
 
 
-def transposed_change(robot: Robot, q: Array, weights: Array, axis_weights: Array) -> Array:
+def transposed_change(robot: RobotModel, q: Array, weights: Array, axis_weights: Array) -> Array:
     """Return d(J^T weights + axes^T axis_weights)/dq (n, n), both weights constant.
 
     Each loop's weights are a wrench on its child and the opposite one on its parent: they change
@@ -86,7 +85,7 @@ def transposed_change(robot: Robot, q: Array, weights: Array, axis_weights: Arra
     return -change
 
 
-def _resistance(robot: Robot, axes: Array, qd: Array, friction: bool) -> tuple[Array, Array]:
+def _resistance(robot: RobotModel, axes: Array, qd: Array, friction: bool) -> tuple[Array, Array]:
     """Return force and slope (axes,) of damping and friction along the loops' free axes."""
     loops = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
     damping, dry = np.array([(x.damping, x.friction) for x in loops]).reshape(-1, 2).T
@@ -97,7 +96,12 @@ def _resistance(robot: Robot, axes: Array, qd: Array, friction: bool) -> tuple[A
 
 
 def force_derivatives(
-    robot: Robot, q: Array, qd: Array, qdd: Array, multipliers: Array, friction: bool = True
+    robot: DifferentiableModel,
+    q: Array,
+    qd: Array,
+    qdd: Array,
+    multipliers: Array,
+    friction: bool = True,
 ) -> ForceDerivatives:
     """Return how the forces that motion in the loops asks for change.
 

@@ -6,13 +6,12 @@ planar loop in space has two or three of them): multipliers are then those of le
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.batch import each_row, run_rows
+from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels import articulated, closure, constrained, constraint_layout, inverse
 from denoc_ros.kernels.closing import OPEN, OPENED
@@ -20,9 +19,6 @@ from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.constrained import CONTRADICTED
 from denoc_ros.kernels.handle import GOOD, MISFIT
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot_model import RobotModel
 
 Int = NDArray[np.int64]
 

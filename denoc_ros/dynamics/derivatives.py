@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.constrained_model import ConstrainedModel, Wrenches
+from denoc_ros.dynamics.constrained_model import ConstrainedModel
+from denoc_ros.dynamics.tree_dynamics import Wrenches
 from denoc_ros.dynamics.validation import (
     as_output,
     as_outputs,

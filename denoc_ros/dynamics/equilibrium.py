@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
+from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.linearization import stiffness
 from denoc_ros.dynamics.springs import half_play
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import SolverError
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 Int = NDArray[np.int64]
 
@@ -28,7 +25,7 @@ FOLLOWED = 1e-7  # relative change above which the tangent no longer serves
 
 
 def static_deflection(
-    robot: Robot,
+    robot: DifferentiableModel,
     q_joints: ArrayLike,
     wrenches: Mapping[str, ArrayLike] | None,
     start: ArrayLike | None,
@@ -50,7 +47,7 @@ class Equilibrium:
 
     Parameters
     ----------
-    robot : Robot
+    robot : DifferentiableModel
         Its workspace is used: do not share it with another thread.
     free : (f,) int array
         The coordinates that settle: amplitudes, and joints that the loops bind.
@@ -67,7 +64,7 @@ class Equilibrium:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: DifferentiableModel,
         free: Int,
         wrenches: Mapping[str, ArrayLike] | None = None,
         closed: bool = True,

@@ -2,51 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
-
 from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.segmented_section import SegmentedSection
+from denoc_ros.dynamics.tree_dynamics import KernelOperation, TreeDynamics
 from denoc_ros.dynamics.validation import as_output, as_states, same_rows
 from denoc_ros.errors import StateError
 from denoc_ros.kernels import frame_motion
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.types import Array
 
-
-class KinematicOperation(NamedTuple):
-    """A kernel, the same over rows, and the shape of its result for n coordinates."""
-
-    kernel: Callable[..., int]
-    rows: Callable[..., int]
-    shape: Callable[[int], tuple[int, ...]]
-
-
-MOTION = KinematicOperation(
+MOTION = KernelOperation(
     frame_motion.frame_motion, frame_motion.frame_motion_rows, lambda n: (2, 6)
 )
-JACOBIAN_RATE = KinematicOperation(
+JACOBIAN_RATE = KernelOperation(
     frame_motion.frame_jacobian_rate, frame_motion.frame_jacobian_rate_rows, lambda n: (6, n)
 )
-VELOCITY = KinematicOperation(
+VELOCITY = KernelOperation(
     frame_motion.frame_velocity_derivatives,
     frame_motion.frame_velocity_derivatives_rows,
     lambda n: (2, 6, n),
 )
-ACCELERATION = KinematicOperation(
+ACCELERATION = KernelOperation(
     frame_motion.frame_acceleration_derivatives,
     frame_motion.frame_acceleration_derivatives_rows,
     lambda n: (3, 6, n),
 )
 
 
-class KinematicDerivatives(RobotModel):
+class KinematicDerivatives(TreeDynamics):
     """What frames, beams and sensors do as the state changes; exact, by recursion.
 
     Of a frame: linear first, base axes, at its origin. The derivative of a pose by q is the
@@ -143,6 +131,12 @@ class KinematicDerivatives(RobotModel):
             self._sections[key] = structure.find_section(self, link, station)
         return self._sections[key]
 
+    def tip_deflection(self, link: str, q: ArrayLike, station: float | None = None) -> Array:
+        """Return the deflection (3,) [m] of a link's beam in the beam frame; default the tip."""
+        section, amplitudes = self.section(link, station)
+        q = as_states('q', q, self.n)
+        return section.deflection(q[..., amplitudes])[..., :3]
+
     def tip_deflection_jacobian(
         self, link: str, q: ArrayLike, station: float | None = None, out: Array | None = None
     ) -> Array:
@@ -191,7 +185,7 @@ class KinematicDerivatives(RobotModel):
 
     def _of_motion(
         self,
-        verb: KinematicOperation,
+        verb: KernelOperation,
         frame: str,
         q: ArrayLike,
         qd: ArrayLike,

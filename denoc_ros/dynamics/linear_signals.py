@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from denoc_ros.dynamics.sensor_values import SensorValues
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-
 
 WRENCH = ('fx', 'fy', 'fz', 'mx', 'my', 'mz')
 POSE = ('x', 'y', 'z', 'rx', 'ry', 'rz')
@@ -35,7 +31,7 @@ class Outputs:
 
 
 def read_inputs(
-    robot: Robot, q: Array, inputs: Sequence[str] | None
+    robot: SensorValues, q: Array, inputs: Sequence[str] | None
 ) -> tuple[tuple[str, ...], Array]:
     """Return names and the generalized forces (n, inputs) per unit of each input.
 
@@ -63,7 +59,7 @@ def read_inputs(
 
 
 def read_outputs(
-    robot: Robot, state: tuple[Array, Array, Array], outputs: Sequence[str]
+    robot: SensorValues, state: tuple[Array, Array, Array], outputs: Sequence[str]
 ) -> Outputs:
     """Return the outputs of a linear model about a state q, q', q''.
 
@@ -82,7 +78,7 @@ def read_outputs(
     )
 
 
-def _read(robot: Robot, state: tuple[Array, Array, Array], given: str) -> Outputs:
+def _read(robot: SensorValues, state: tuple[Array, Array, Array], given: str) -> Outputs:
     kind, colon, name = given.partition(':')
     if colon and kind in KINDS:
         return _measured(robot, state, kind, name, given)
@@ -107,7 +103,7 @@ def _read(robot: Robot, state: tuple[Array, Array, Array], given: str) -> Output
     return _sensors(robot, state, given)
 
 
-def _sensors(robot: Robot, state: tuple[Array, Array, Array], given: str) -> Outputs:
+def _sensors(robot: SensorValues, state: tuple[Array, Array, Array], given: str) -> Outputs:
     names = robot.sensor_names
     rows = robot.sensor_derivatives(*state)
     if given == 'sensors':
@@ -121,7 +117,7 @@ def _sensors(robot: Robot, state: tuple[Array, Array, Array], given: str) -> Out
 
 
 def _measured(
-    robot: Robot, state: tuple[Array, Array, Array], kind: str, name: str, given: str
+    robot: SensorValues, state: tuple[Array, Array, Array], kind: str, name: str, given: str
 ) -> Outputs:
     """Return what frames and beams show."""
     q, qd, qdd = state

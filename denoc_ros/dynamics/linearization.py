@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from denoc_ros.dynamics.springs import elasticity, require_rotors
+from denoc_ros.dynamics.derivatives import DifferentiableModel
+from denoc_ros.dynamics.springs import elasticity
+from denoc_ros.dynamics.validation import require_rotors
 from denoc_ros.kernels import inverse_derivatives, load_derivatives
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 STEP = 1e-3  # of a central difference of fourth order; rounding and truncation meet near 1e-11
 
@@ -30,7 +29,7 @@ class NaturalModes(NamedTuple):
     damping_ratios: Array
 
 
-def difference_steps(robot: Robot) -> Array:
+def difference_steps(robot: DifferentiableModel) -> Array:
     """Return the difference step of each coordinate: rad, or a share of the beam's length."""
     steps = np.full(robot.n, STEP)
     for body in robot.tree.bodies:
@@ -60,7 +59,9 @@ def derivatives_are_ready(loaded: bool = False) -> bool:
     return all(kernel.signatures for kernel in kernels)
 
 
-def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None = None) -> Array:
+def stiffness(
+    robot: DifferentiableModel, q: Array, wrenches: Mapping[str, ArrayLike] | None = None
+) -> Array:
     """Return the symmetric tangent stiffness (n, n) at rest: elasticity, gravity and loads.
 
     Analytical once a derivative was asked for in this process. Until then by differences, exact
@@ -80,7 +81,7 @@ def stiffness(robot: Robot, q: Array, wrenches: Mapping[str, ArrayLike] | None =
     return symmetric
 
 
-def natural_modes(robot: Robot, q: Array, held: bool) -> NaturalModes:
+def natural_modes(robot: DifferentiableModel, q: Array, held: bool) -> NaturalModes:
     """Return the natural modes at rest at q."""
     index = robot.free_indices if held else np.arange(robot.n)
     if not held:

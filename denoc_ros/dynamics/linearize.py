@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import constraints
+from denoc_ros.dynamics.constrained_derivatives import DifferentiableMechanism
 from denoc_ros.dynamics.constraint_derivatives import force_derivatives
 from denoc_ros.dynamics.linear_model import LinearModel
 from denoc_ros.dynamics.linear_signals import read_inputs, read_outputs
 from denoc_ros.dynamics.mechanism_modes import independent_joints
 from denoc_ros.dynamics.minimal_coordinates import minimal_coordinates
 from denoc_ros.dynamics.robot_model import RobotModel
+from denoc_ros.dynamics.sensor_values import SensorValues
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 Int = NDArray[np.int64]
 State = tuple[Array, Array, Array]
 
 
-class Linearizable(RobotModel):
+class Linearizable(DifferentiableMechanism, SensorValues):
     """What a robot does in small about a state."""
 
     def linearize(
@@ -81,11 +79,11 @@ class Linearizable(RobotModel):
         null space Z of the closure Jacobian, dq = Z y, and dq', dq'' as the rows of the loops
         then say (docs/linear_models.md).
         """
-        return _linearize(cast('Robot', self), q, qd, tau, inputs, outputs, locked, friction)
+        return _linearize(self, q, qd, tau, inputs, outputs, locked, friction)
 
 
 def _linearize(
-    robot: Robot,
+    robot: Linearizable,
     q: ArrayLike,
     qd: ArrayLike | None,
     tau: ArrayLike | None,
@@ -125,7 +123,7 @@ def _linearize(
 
 
 def _nominal(
-    robot: Robot, q: Array, qd: Array, tau: ArrayLike | None, locked: Int
+    robot: Linearizable, q: Array, qd: Array, tau: ArrayLike | None, locked: Int
 ) -> tuple[Array, Array, Array]:
     """Return forces, accelerations and multipliers at a state."""
     zero = np.zeros(robot.n)
@@ -145,7 +143,7 @@ def _nominal(
 
 
 def _forces(
-    robot: Robot, state: State, multipliers: Array, friction: bool
+    robot: Linearizable, state: State, multipliers: Array, friction: bool
 ) -> tuple[Array, Array, Array]:
     """Return the derivatives (n, n) by q and q' of I q'' + h - J^T lambda, and I."""
     _q, qd, _qdd = state

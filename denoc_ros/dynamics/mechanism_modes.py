@@ -9,6 +9,7 @@ import scipy.linalg
 
 from denoc_ros.dynamics.constraint_derivatives import force_change_is_ready, transposed_change
 from denoc_ros.dynamics.constraints import RANK, jacobian, least_solution
+from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.linearization import (
     NaturalModes,
     derivative,
@@ -21,15 +22,13 @@ from denoc_ros.types import Array
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from denoc_ros.dynamics.robot import Robot
 
-
-def independent_joints(robot: Robot, q: Array) -> tuple[str, ...]:
+def independent_joints(robot: DifferentiableModel, q: Array) -> tuple[str, ...]:
     """Return joints that, held, leave no other joint to move; those nearest to the base first.
 
     Parameters
     ----------
-    robot : Robot
+    robot : DifferentiableModel
     q : (n,) array
         A closed configuration.
 
@@ -54,12 +53,12 @@ def independent_joints(robot: Robot, q: Array) -> tuple[str, ...]:
     return tuple(name for name in robot.joint_names if name in held)
 
 
-def mechanism_modes(robot: Robot, q: Array, held: Sequence[str]) -> NaturalModes:
+def mechanism_modes(robot: DifferentiableModel, q: Array, held: Sequence[str]) -> NaturalModes:
     """Return the natural modes at rest at q with some joints held and the loops closed.
 
     Parameters
     ----------
-    robot : Robot
+    robot : DifferentiableModel
     q : (n,) array
         A closed configuration at rest, in equilibrium for exact load stiffness.
     held : names of joints
@@ -101,14 +100,14 @@ def mechanism_modes(robot: Robot, q: Array, held: Sequence[str]) -> NaturalModes
     return NaturalModes(np.sign(squares) * omega / (2.0 * np.pi), shapes, ratios)
 
 
-def _turning(robot: Robot, q: Array, multipliers: Array) -> Array:
+def _turning(robot: DifferentiableModel, q: Array, multipliers: Array) -> Array:
     """Return d(J^T multipliers)/dq (n, n): analytical once its kernel is compiled."""
     if force_change_is_ready():
         return transposed_change(robot, q, multipliers, np.zeros(0))
     return derivative(lambda x: multipliers @ jacobian(robot, x)[0], q, difference_steps(robot))
 
 
-def _depth(robot: Robot, joint: str) -> int:
+def _depth(robot: DifferentiableModel, joint: str) -> int:
     """Return the number of bodies that carry a joint's body."""
     bodies = robot.tree.bodies
     at = next(k for k, body in enumerate(bodies) if body.joint and body.joint.name == joint)

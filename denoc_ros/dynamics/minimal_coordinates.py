@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -11,12 +10,10 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.constraint_derivatives import applied_change, row_derivatives
 from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
+from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.mechanism_modes import independent_joints
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 Int = NDArray[np.int64]
 
@@ -38,7 +35,7 @@ class MinimalCoordinates:
 
 
 def minimal_coordinates(
-    robot: Robot, state: tuple[Array, Array, Array], locked: Int
+    robot: DifferentiableModel, state: tuple[Array, Array, Array], locked: Int
 ) -> MinimalCoordinates:
     """Return the motions that are left about a state q, q', q'' (n,) with some joints locked.
 
@@ -82,7 +79,7 @@ def minimal_coordinates(
     return MinimalCoordinates(free[chosen], basis, rates, accelerations)
 
 
-def _require_closed(robot: Robot, q: Array, qd: Array) -> None:
+def _require_closed(robot: DifferentiableModel, q: Array, qd: Array) -> None:
     errors, rates, _bias = closure_rows(robot, q, qd)
     for what, values, unit, verb in (
         ('q', errors, 'm (or rad)', 'assemble'),
@@ -96,7 +93,7 @@ def _require_closed(robot: Robot, q: Array, qd: Array) -> None:
             )
 
 
-def _independent(robot: Robot, q: Array, free: Int, null: Array) -> Int:
+def _independent(robot: DifferentiableModel, q: Array, free: Int, null: Array) -> Int:
     """Return which rows of a null space (free, m) determine the others.
 
     Amplitudes, and the joints that hold the mechanism still, if they do; else those that come

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from denoc_ros.dynamics.assembling import assemble
 from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
+from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.errors import SolverError
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot_model import RobotModel
-
 
 TRIALS = 3  # other configurations that are looked at
 SPREAD = 0.3  # rad or m, how far from the first

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.errors import ConfigError
 from denoc_ros.kernels import layout
 from denoc_ros.model.arrays import inertia_row
@@ -19,9 +19,6 @@ from denoc_ros.model.overrides import carrying_links, damping_names
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.model.tree import Beam, Deformation, RigidInertia
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot_model import RobotModel
 
 Int = NDArray[np.int64]
 

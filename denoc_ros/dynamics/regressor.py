@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,17 +14,15 @@ from denoc_ros.dynamics.parameter_columns import (
     beam_constants,
     find_columns,
 )
-from denoc_ros.dynamics.robot_model import RobotModel
+from denoc_ros.dynamics.robot_model import Held
+from denoc_ros.dynamics.tree_dynamics import TreeDynamics
 from denoc_ros.dynamics.validation import as_output, as_states, same_rows
 from denoc_ros.kernels import layout
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array
 
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
-
-class TorqueRegressor(RobotModel):
+class TorqueRegressor(TreeDynamics):
     """What inverse dynamics make of parameters in which they are linear."""
 
     def torque_regressor(
@@ -87,16 +84,18 @@ class TorqueRegressor(RobotModel):
         k = len(rows[0])
         shape = (self.n, len(columns))
         result = as_output(out, shape if single else (k, *shape))
-        _write(cast('Robot', self), columns, rows, result.reshape(k, *shape))
+        _write(self, columns, rows, result.reshape(k, *shape))
         return result
 
 
-def _write(robot: Robot, columns: Iterable[Column], rows: Sequence[Array], out: Array) -> None:
+def _write(
+    robot: TreeDynamics, columns: Iterable[Column], rows: Sequence[Array], out: Array
+) -> None:
     """Write columns (k, n, parameters) at states (k, n)."""
     q, qd, qdd = rows
     slip = np.tanh(qd / robot.slip_rate)
     factors = dict(zip(DIAGONAL_TERMS, (q, qd, slip, qdd), strict=True))
-    bare: Robot | None = None
+    bare: TreeDynamics | None = None
     for index, column in enumerate(columns):
         if column.term in factors:
             np.multiply(factors[column.term], column.values, out=out[:, :, index])
@@ -109,7 +108,7 @@ def _write(robot: Robot, columns: Iterable[Column], rows: Sequence[Array], out: 
         bare.constants[column.constants] = constants
 
 
-def massless(robot: Robot) -> Robot:
+def massless(robot: Held) -> Held:
     """Return the robot with neither mass nor elasticity, damping, friction and armature.
 
     Its inverse dynamics are those of the masses that are then put in.

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.base_motion import (
     AT_REST,
     Base,
@@ -18,10 +16,10 @@ from denoc_ros.dynamics.base_motion import (
     as_base_motion,
     on_base,
 )
+from denoc_ros.dynamics.payload import payload_inertia
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.segmented_section import SegmentedSection
-from denoc_ros.dynamics.springs import require_rotors
-from denoc_ros.dynamics.validation import as_vector, require_finite
+from denoc_ros.dynamics.validation import as_vector, require_finite, require_rotors
 from denoc_ros.dynamics.workspace import Workspace
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels import (
@@ -50,7 +48,6 @@ from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.tree import Tree
 from denoc_ros.types import Array
 
-Source = str | os.PathLike[str]
 KERNELS = (
     inverse.inverse_dynamics,
     articulated.forward_dynamics,
@@ -266,7 +263,7 @@ class RobotModel:
         attachment = self.tree.frames.get(frame)
         if row == 0 or attachment is None or attachment.station != 0.0:
             raise StateError(f'frame {frame!r} must be a link that moves, got one that does not')
-        payload = structure.payload_inertia(attachment.placement, mass, com, inertia)
+        payload = payload_inertia(attachment.placement, mass, com, inertia)
         self._payloads[frame] = inertia_row(payload, self.arrays.axes[row - 1])
         self._load_body(row)
 

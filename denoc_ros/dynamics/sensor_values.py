@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,9 +16,6 @@ from denoc_ros.dynamics.validation import as_states, same_rows
 from denoc_ros.kernels import inertial
 from denoc_ros.model.tree import InertialSensor
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 
 class SensorValues(KinematicDerivatives):
@@ -158,9 +154,8 @@ class SensorValues(KinematicDerivatives):
         d(R^T x)/dq_j = R^T (dx/dq_j - T_j x x).
         """
         q, qd, qdd = states
-        robot = cast('Robot', self)
-        axes = robot.frame_pose(sensor.frame, q)[..., :3, :3]
-        jacobian = robot.frame_jacobian(sensor.frame, q)
+        axes = self.frame_pose(sensor.frame, q)[..., :3, :3]
+        jacobian = self.frame_jacobian(sensor.frame, q)
         motion = self.frame_motion(sensor.frame, q, qd, qdd)
         rate, force = motion[..., 0, 3:], motion[..., 1, :3] - self.gravity_in_base
         velocity = self.frame_velocity_derivatives(sensor.frame, q, qd)

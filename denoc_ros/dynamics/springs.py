@@ -1,22 +1,15 @@
-"""Springs of elastic joints: their forces and energy at a state, and their checks."""
+"""Springs of elastic joints: where they stand, their forces at a state."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.errors import SolverError
+from denoc_ros.dynamics.robot_model import Held, RobotModel
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.handle import PLAY, STIFFNESS3
 from denoc_ros.kernels.link_side import elastic_terms
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.dynamics.robot_model import RobotModel
-    from denoc_ros.model.tree import Tree
 
 
 def half_play(robot: RobotModel) -> Array:
@@ -43,7 +36,7 @@ def elasticity(robot: RobotModel, q: Array) -> tuple[Array, Array]:
     return force, slope
 
 
-def with_motors(robot: Robot) -> Robot:
+def with_motors(robot: Held) -> Held:
     """Return a robot whose kernels leave what every row does in the workspace.
 
     Of a robot with elastic joints, inverse and forward dynamics else work on its link side.
@@ -55,15 +48,3 @@ def with_motors(robot: Robot) -> Robot:
     other.constants[:] = robot.constants
     other.move_base(robot.base_motion)
     return other
-
-
-def require_rotors(tree: Tree) -> None:
-    """Raise SolverError where the motor side of an elastic joint has no inertia."""
-    joints = [body.joint for body in tree.bodies if body.joint is not None]
-    without = [j.name for j in joints if j.spring is not None and not j.armature > 0.0]
-    if without:
-        raise SolverError(
-            f'{tree.name}: joint {without[0]!r} has a <spring>: the armature of '
-            f'<actuator joint="{without[0]}" armature="…"/> must be > 0 where its motor side is '
-            'not held, got none'
-        )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,17 +10,14 @@ from numpy.typing import ArrayLike
 from denoc_ros.dynamics import equilibrium, linearization
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import each_row
-from denoc_ros.dynamics.robot_model import RobotModel
+from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.validation import as_states
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 Wrenches = Mapping[str, ArrayLike]
 
 
-class StaticsAndVibration(RobotModel):
+class StaticsAndVibration(DifferentiableModel):
     """What a robot does at rest, and in small about it."""
 
     def static_deflection(
@@ -54,7 +50,7 @@ class StaticsAndVibration(RobotModel):
             )
         joints = as_states('q_joints', q_joints, len(self.joint_indices))
         states: Array = each_row(
-            lambda row: equilibrium.static_deflection(cast('Robot', self), row, wrenches, start),
+            lambda row: equilibrium.static_deflection(self, row, wrenches, start),
             joints,
         )
         return states
@@ -76,7 +72,5 @@ class StaticsAndVibration(RobotModel):
                 (np.zeros(6), falling), lambda rows: self.natural_modes(rows, held), q
             )
         q = as_states('q', q, self.n)
-        modes = each_row(
-            lambda row: tuple(linearization.natural_modes(cast('Robot', self), row, held)), q
-        )
+        modes = each_row(lambda row: tuple(linearization.natural_modes(self, row, held)), q)
         return linearization.NaturalModes(*modes)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.errors import StateError
+from denoc_ros.errors import SolverError, StateError
+from denoc_ros.model.tree import Tree
 from denoc_ros.types import Array
 
 
@@ -100,3 +101,15 @@ def same_rows(arrays: Sequence[Array]) -> list[Array]:
         raise StateError(f'states must have the same number of rows, got {sorted(counts)}')
     k = counts.pop() if counts else 1
     return [array if array.ndim == 2 else np.tile(array, (k, 1)) for array in arrays]
+
+
+def require_rotors(tree: Tree) -> None:
+    """Raise SolverError where the motor side of an elastic joint has no inertia."""
+    joints = [body.joint for body in tree.bodies if body.joint is not None]
+    without = [j.name for j in joints if j.spring is not None and not j.armature > 0.0]
+    if without:
+        raise SolverError(
+            f'{tree.name}: joint {without[0]!r} has a <spring>: the armature of '
+            f'<actuator joint="{without[0]}" armature="…"/> must be > 0 where its motor side is '
+            'not held, got none'
+        )

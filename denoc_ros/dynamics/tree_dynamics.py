@@ -1,0 +1,338 @@
+"""The verbs of an open tree: inverse, forward and hybrid dynamics, inertia, energy, frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from denoc_ros.dynamics import structure
+from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.batch import each_row, run_rows
+from denoc_ros.dynamics.momentum import MassAndMomentum
+from denoc_ros.dynamics.validation import (
+    as_output,
+    as_rows,
+    as_states,
+    as_vector,
+    require_finite,
+    same_rows,
+)
+from denoc_ros.kernels import articulated, composite, inverse, sprung, world
+from denoc_ros.kernels.compiled import entry, ready
+from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.model.arrays import ModelArrays
+from denoc_ros.model.tree import Tree
+from denoc_ros.types import Array
+
+Wrenches = Mapping[str, ArrayLike]
+
+
+_empty = np.empty  # a global name is found more quickly than a module's
+
+
+class KernelOperation(NamedTuple):
+    """A kernel, the same over rows, and the shape of its result for n coordinates."""
+
+    kernel: Callable[..., int]
+    rows: Callable[..., int]
+    shape: Callable[[int], tuple[int, ...]]
+
+
+INVERSE = KernelOperation(inverse.inverse_dynamics, inverse.inverse_dynamics_rows, lambda n: (n,))
+FORWARD = KernelOperation(
+    articulated.forward_dynamics, articulated.forward_dynamics_rows, lambda n: (n,)
+)
+# of robots with elastic joints
+SPRUNG_INVERSE = KernelOperation(
+    sprung.inverse_dynamics, sprung.inverse_dynamics_rows, INVERSE.shape
+)
+SPRUNG_FORWARD = KernelOperation(
+    sprung.forward_dynamics, sprung.forward_dynamics_rows, FORWARD.shape
+)
+INERTIA = KernelOperation(
+    composite.inertia_matrix, composite.inertia_matrix_rows, lambda n: (n, n)
+)
+ENERGY = KernelOperation(composite.energies, composite.energies_rows, lambda n: (2,))
+FRAME_POSE = KernelOperation(world.frame_pose, world.frame_pose_rows, lambda n: (4, 4))
+FRAME_JACOBIAN = KernelOperation(world.frame_jacobian, world.frame_jacobian_rows, lambda n: (6, n))
+
+
+class TreeDynamics(MassAndMomentum):
+    """The dynamics of the open tree and the poses of its frames; the other verbs build on them."""
+
+    def __init__(
+        self,
+        tree: Tree,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        geometric_stiffness: bool = True,
+    ) -> None:
+        super().__init__(tree, gravity, geometric_stiffness)
+        self._inertia = entry(composite.inertia_matrix)
+        self._energies = entry(composite.energies)
+
+    def _adopt(self, arrays: ModelArrays) -> None:
+        super()._adopt(arrays)
+        elastic = arrays.link_side is not None
+        self._inverse_operation = SPRUNG_INVERSE if elastic else INVERSE
+        self._forward_operation = SPRUNG_FORWARD if elastic else FORWARD
+        if elastic:
+            ready(sprung.inverse_dynamics, sprung.forward_dynamics)
+        self._inverse = entry(self._inverse_operation.kernel)
+        self._forward = entry(self._forward_operation.kernel)
+
+    # dynamics ---------------------------------------------------------------------------------
+
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        wrenches: Wrenches | None = None,
+        out: Array | None = None,
+        check: bool = True,
+        base: Base | None = None,
+    ) -> Array:
+        """Return the generalized forces I q'' + h.
+
+        Parameters
+        ----------
+        q, qd, qdd : (n,) or (k, n)
+        wrenches : {frame: (6,)}, optional
+            External loads, base axes, linear first, at the frame's origin [N, N m].
+        base : (twist, acceleration) or (twist, acceleration, pose), optional
+            A base that moves, as :class:`BaseMotion` says: (6,) or a row for each state.
+
+        Returns
+        -------
+        tau : (n,) or (k, n) [N m, N]
+
+        Raises
+        ------
+        StateError
+            For a wrong shape or type, or a number that is not finite.
+        """
+        if base is not None:
+            options = {'wrenches': wrenches, 'out': out, 'check': check}
+            return self._on_base(base, self.inverse_dynamics, q, qd, qdd, **options)
+        result = _empty(self.n) if out is None else out
+        status = self._inverse(self.handle, q, qd, qdd, result)
+        if status != GOOD:
+            arguments = {'q': q, 'qd': qd, 'qdd': qdd}
+            result = self._settle(status, self._inverse_operation, arguments, out, result, check)
+        if wrenches:
+            result -= self._load(as_rows('q', q, self.n), wrenches)
+        return result
+
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        wrenches: Wrenches | None = None,
+        out: Array | None = None,
+        check: bool = True,
+        base: Base | None = None,
+    ) -> Array:
+        """Return the accelerations (n,) or (k, n) under generalized forces tau, by UDU^T, O(n).
+
+        Parameters and errors as in :meth:`inverse_dynamics`; SolverError where the inertia is
+        singular (a massless chain).
+        """
+        if base is not None:
+            options = {'wrenches': wrenches, 'out': out, 'check': check}
+            return self._on_base(base, self.forward_dynamics, q, qd, tau, **options)
+        if wrenches:
+            tau = as_rows('tau', tau, self.n) + self._load(as_rows('q', q, self.n), wrenches)
+        result = _empty(self.n) if out is None else out
+        status = self._forward(self.handle, q, qd, tau, result)
+        if status != GOOD:
+            arguments = {'q': q, 'qd': qd, 'tau': tau}
+            result = self._settle(status, self._forward_operation, arguments, out, result, check)
+        return result
+
+    def hybrid_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd_joints: ArrayLike,
+        joints: Sequence[str] | None = None,
+        tau: ArrayLike | None = None,
+        wrenches: Wrenches | None = None,
+        check: bool = True,
+        base: Base | None = None,
+    ) -> tuple[Array, Array]:
+        """Return the torques of joints whose motion is given and the other accelerations.
+
+        Parameters
+        ----------
+        q, qd : (n,) or (k, n)
+        qdd_joints : (joints,) or (k, joints)
+            In the order of `joints`.
+        joints : names, optional
+            The prescribed joints; default all, in the order of `joint_names`.
+        tau : (n,) or (k, n), optional
+            Generalized forces of the free coordinates; default zero.
+        base : (twist, acceleration[, pose]), optional
+            As in :meth:`inverse_dynamics`.
+
+        Returns
+        -------
+        tau_joints : (joints,) or (k, joints) [N m, N]
+        qdd_free : (n - joints,) or (k, n - joints), the other coordinates in order
+        """
+        if base is not None:
+            return self._on_base(
+                base,
+                lambda q, qd, qdd, tau: self.hybrid_dynamics(
+                    q, qd, qdd, joints, tau, wrenches, check
+                ),
+                q, qd, qdd_joints, self._zero if tau is None else tau,
+            )  # fmt: skip
+        names = self.joint_names if joints is None else tuple(joints)
+        index = self.indices(names)
+        n = self.n
+        q, qd = as_rows('q', q, n), as_rows('qd', qd, n)
+        qdd_joints = as_rows('qdd_joints', qdd_joints, len(names))
+        force = self._zero if tau is None else as_rows('tau', tau, n)
+        if wrenches:
+            force = force + self._load(q, wrenches)
+        single = q.ndim == qd.ndim == qdd_joints.ndim == force.ndim == 1
+        arrays = (q, qd, qdd_joints, force)
+        q, qd, qdd_joints, force = same_rows([a[None] for a in arrays] if single else arrays)
+        given = np.zeros(q.shape)
+        given[:, index] = qdd_joints
+        qdd, torque = np.empty(q.shape), np.empty(q.shape)
+        rows = (self.held(index), q, qd, given, force)
+        status = run_rows(self, articulated.articulated_dynamics_rows, len(q), rows, (qdd, torque))
+        self._raise_for_status(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
+        free = np.flatnonzero(rows[0] == 0.0)
+        torque, qdd = np.ascontiguousarray(torque[:, index]), np.ascontiguousarray(qdd[:, free])
+        return (torque[0], qdd[0]) if single else (torque, qdd)
+
+    def inertia_matrix(self, q: ArrayLike, out: Array | None = None, check: bool = True) -> Array:
+        """Return the generalized inertia matrix (n, n) or (k, n, n), armature included."""
+        result = _empty(self._square) if out is None else out
+        status = self._inertia(self.handle, q, result)
+        if status != GOOD:
+            result = self._settle(status, INERTIA, {'q': q}, out, result, check)
+        return result
+
+    def bias_forces(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        out: Array | None = None,
+        check: bool = True,
+        base: Base | None = None,
+    ) -> Array:
+        """Return h (n,) or (k, n): velocity, gravity, elastic, damping and friction forces.
+
+        On a base that moves, also what its motion alone asks for.
+        """
+        return self.inverse_dynamics(q, qd, self._zero, out=out, check=check, base=base)
+
+    def energy(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        out: Array | None = None,
+        check: bool = True,
+        base: Base | None = None,
+    ) -> Array:
+        """Return (kinetic, potential) [J], shape (2,) or (k, 2).
+
+        Potential is gravity, with zero at the base origin, plus strain. On a base that moves, the
+        kinetic energy is that of the motion in space; with its pose, gravity's is zero at the
+        world's origin.
+        """
+        if base is not None:
+            return self._on_base(base, self.energy, q, qd, out=out, check=check)
+        result = np.empty(2) if out is None else out
+        status = self._energies(self.handle, q, qd, result)
+        if status != GOOD:
+            result = self._settle(status, ENERGY, {'q': q, 'qd': qd}, out, result, check)
+        if self._base is not None and self._base.pose is not None:
+            result[..., 1] -= self.mass * (self.gravity @ self._base.pose[:3, 3])
+        return result
+
+    def denoc_matrices(self, q: ArrayLike) -> tuple[Array, Array]:
+        """Return the dense decoupled natural orthogonal complement N_l, N_d (section 3.1.4).
+
+        Stacked twists t_i = [v; omega; d'; c'] of the bodies, each in its body frame at its
+        origin, are N_l @ N_d @ qd.
+        """
+        q = as_states('q', q, self.n)
+        n_l, n_d = each_row(lambda row: structure.denoc_matrices(self, row), q)
+        return n_l, n_d
+
+    # kinematics -------------------------------------------------------------------------------
+
+    def frame_pose(self, frame: str, q: ArrayLike, out: Array | None = None) -> Array:
+        """Return the pose (4, 4) of a link or loop frame in the base frame, deflected."""
+        return self._of_frame(FRAME_POSE, frame, q, out)
+
+    def frame_jacobian(self, frame: str, q: ArrayLike, out: Array | None = None) -> Array:
+        """Return the Jacobian (6, n) of a frame: linear first, base axes, at its origin."""
+        return self._of_frame(FRAME_JACOBIAN, frame, q, out)
+
+    def amplitudes(self, link: str) -> slice:
+        """Return the indices of a flexible link's amplitudes among the coordinates.
+
+        Of a link of several segments all of them; `link/2` is its second segment alone.
+        """
+        return structure.amplitudes(self, link)
+
+    def _load(self, q: Array, wrenches: Wrenches) -> Array:
+        """Return the generalized forces (n,) or (k, n) of wrenches on frames."""
+        if q.ndim == 2:
+            return np.array([self._load(row, wrenches) for row in q])
+        require_finite({'q': q})
+        load, jacobian = np.zeros(self.n), np.empty((6, self.n))
+        for frame, wrench in wrenches.items():
+            world.frame_jacobian(self.handle, q, self._row(frame), jacobian)
+            load += jacobian.T @ as_vector('wrench', wrench, (6,))
+        return load
+
+    def _of_frame(
+        self, verb: KernelOperation, frame: str, q: ArrayLike, out: Array | None
+    ) -> Array:
+        """Return a pose or Jacobian of a frame, at one state or many."""
+        row, shape = self._row(frame), verb.shape(self.n)
+        q = as_states('q', q, self.n)
+        if q.ndim == 1:
+            out = as_output(out, shape)
+            verb.kernel(self.handle, q, row, out)
+        else:
+            out = as_output(out, (len(q), *shape))
+            run_rows(self, verb.rows, len(q), (q, row), (out,))
+        return out
+
+    def _settle(
+        self,
+        status: int,
+        verb: KernelOperation,
+        arguments: dict[str, ArrayLike],
+        out: Array | None,
+        result: Array,
+        check: bool,
+    ) -> Array:
+        """Return a verb's result on the slow path: batches, conversions, errors.
+
+        Rows, lists and wrong arguments come here, and results that are not finite.
+        """
+        shape = verb.shape(self.n)
+        arrays = {name: as_rows(name, value, self.n) for name, value in arguments.items()}
+        single = all(array.ndim == 1 for array in arrays.values())
+        if status == MISFIT and single:
+            result = as_output(out, shape)
+            status = entry(verb.kernel)(self.handle, *arrays.values(), result)
+        if status == MISFIT:
+            rows = same_rows(list(arrays.values()))
+            k = len(rows[0])
+            result = as_output(out, shape if single else (k, *shape))
+            status = run_rows(self, verb.rows, k, rows, (result.reshape(k, *shape),))
+        self._raise_for_status(status, check, **arrays)
+        return result
