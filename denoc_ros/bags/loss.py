@@ -37,6 +37,22 @@ class Identity:
             return True
 
 
+def displacement(path: Path, size: int) -> str:
+    """Return what became of a finished file of a size [bytes], '' when it is as it was written."""
+    try:
+        found = path.stat().st_size
+    except (FileNotFoundError, NotADirectoryError):
+        return 'a deleted or moved one'
+    except OSError:  # the system does not tell
+        return ''
+    return '' if found == size else cut(found, size)
+
+
+def cut(found: int, written: int) -> str:
+    """Say that a file does not have the bytes that were written."""
+    return f'one of {found} bytes instead of {written}'
+
+
 @dataclass(frozen=True)
 class Loss:
     """A file of a bag that was moved, deleted or damaged during the recording.

@@ -16,7 +16,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from denoc_ros.bags.ending import McapIndex, read_layout
-from denoc_ros.bags.loss import MOVED, Identity
+from denoc_ros.bags.loss import MOVED, Identity, cut
 from denoc_ros.bags.metadata import FileContents, Topic
 from denoc_ros.errors import BagError
 
@@ -154,7 +154,7 @@ class McapFile:
         if not status.st_nlink:
             return 'one replaced by another' if self.path.exists() else 'a deleted one'
         if status.st_size != self._disk.tell():
-            return f'one of {status.st_size} bytes instead of {self._disk.tell()}'
+            return cut(status.st_size, self._disk.tell())
         return '' if Identity.of(status).is_at(self.path) else MOVED
 
     def abandon(self, cause: str) -> None:

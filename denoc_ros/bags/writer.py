@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Any, NoReturn
 
 from denoc_ros.bags.definitions import encode, message_definition
-from denoc_ros.bags.loss import Identity, Loss, free_paths
+from denoc_ros.bags.loss import Identity, Loss, displacement, free_paths
 from denoc_ros.bags.metadata import (
     FileContents,
     Qos,
@@ -48,7 +48,7 @@ class BagWriter:
     What was written before the last `flush` survives a kill of the process (`denoc recover`).
     When the disk refuses a write, BagError says so and the file is closed, whole up to the last
     flush. `check` notices a file that is deleted, moved, replaced or cut while it is written, and
-    goes on in another.
+    goes on in another; and finished files that are gone or cut.
     """
 
     def __init__(
@@ -223,7 +223,7 @@ class BagWriter:
             self._give_up(error)
 
     def check(self) -> bool:
-        """Check that the written file is still there; if not, go on in a new file.
+        """Check that all files are as written; if the last one is not, go on in a new file.
 
         The new file lies beside the old one, or in a new folder with a name by time when the
         folder is gone. Nothing is overwritten. `losses` tells what is no longer in the bag.
@@ -240,6 +240,8 @@ class BagWriter:
                 self._lose(file, cause)
                 self._begin_file(self._file_beside())
                 self._losses[-1] = replace(self._losses[-1], next_path=self._open_file().path)
+            else:
+                self._lose_finished()
         except OSError as error:
             self._give_up(error)
         return bool(cause)
@@ -256,7 +258,7 @@ class BagWriter:
                 self._lose(self._file, cause)
             else:
                 self._finish_file()
-            self._lose_missing()
+            self._lose_finished()
             self._write_metadata()
         except OSError as error:
             self._give_up(error)
@@ -324,16 +326,16 @@ class BagWriter:
         """Leave out the current file, and all before it that went with the folder."""
         self._file = None
         file.abandon(cause)
-        self._lose_missing()
+        self._lose_finished()
         self._losses.append(Loss(file.path, cause, file.contents))
 
-    def _lose_missing(self) -> None:
-        """Leave out the finished files that are gone."""
+    def _lose_finished(self) -> None:
+        """Leave out the finished files that are gone or cut."""
+        folder = self.path.parent if self._bare else self.path
         for part in tuple(self._finished):
-            path = (self.path.parent if self._bare else self.path) / part.name
-            if not path.exists():
+            if cause := displacement(folder / part.name, part.size):
                 self._finished.remove(part)
-                self._losses.append(Loss(path, 'a deleted or moved one', part))
+                self._losses.append(Loss(folder / part.name, cause, part))
 
     def _due(self, stamp_ns: int) -> bool:
         file = self._open_file()

@@ -173,6 +173,32 @@ def test_end_names_what_exists(tmp_path: Path) -> None:
     assert sorted(loss.path.name for loss in writer.losses) == ['run_1.mcap', 'run_2.mcap']
 
 
+@pytest.mark.parametrize(
+    ('spoil', 'cause'),
+    [
+        (delete, 'a deleted or moved one'),
+        (cut, 'one of 100 bytes instead of'),
+        (cut_and_written_on, 'one of 100000 bytes instead of'),
+    ],
+)
+def test_finished_file_that_is_spoiled_is_noticed(
+    tmp_path: Path, spoil: Callable[[Path], None], cause: str
+) -> None:
+    with begin(tmp_path / 'run') as writer:
+        writer.split()
+        write(writer, 4)
+        assert not writer.check()
+        assert not writer.losses
+        spoil(tmp_path / 'run' / 'run_0.mcap')
+        assert not writer.check()
+        (loss,) = writer.losses
+        assert cause in str(loss)
+        assert str(loss).endswith('are lost')
+        assert loss.contents.messages == 3
+    assert named(tmp_path / 'run') == ['run_1.mcap']
+    assert len(writer.losses) == 1
+
+
 def wait_for(writer: BackgroundWriter, condition: Callable[[WriterStatus], bool]) -> float:
     """Wait until a condition holds of the status; return how long that took [s]."""
     begin = time.monotonic()
