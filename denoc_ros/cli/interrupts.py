@@ -27,6 +27,12 @@ def interrupt(_number: int, _frame: object) -> NoReturn:
     raise Interrupt
 
 
+def is_made_by_interrupt(error: BaseException) -> bool:
+    """Say whether an interrupt caused an error: an extension that was being imported makes one."""
+    cause = error.__cause__
+    return cause is not None and (isinstance(cause, Interrupt) or is_made_by_interrupt(cause))
+
+
 class Interrupts:
     """Raises Interrupt at the first signal, and at no further one: the end goes on.
 
@@ -62,11 +68,13 @@ class Interrupts:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Give the signals back."""
+        """Give the signals back; an error that an interrupt made becomes the interrupt again."""
         sys.unraisablehook = self._hook
         for number, before in self._before.items():
             stays_deaf = self._raised and self._is_process
             signal.signal(number, signal.SIG_IGN if stays_deaf else before)
+        if error is not None and is_made_by_interrupt(error):
+            raise Interrupt from error
 
     @contextmanager
     def held(self) -> Iterator[None]:

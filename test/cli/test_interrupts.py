@@ -81,3 +81,19 @@ def test_an_interrupt_in_a_finalizer_comes_again(capsys: pytest.CaptureFixture[s
         Finalized()
         time.sleep(10.0)
     assert 'Traceback' not in capsys.readouterr().err
+
+
+def test_an_error_made_of_an_interrupt_is_the_interrupt() -> None:
+    with pytest.raises(KeyboardInterrupt), Interrupts():  # noqa: PT012
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except KeyboardInterrupt as interrupt:  # as a C extension while it is imported
+            raise ImportError('initialization failed') from interrupt
+
+
+def test_an_error_at_the_end_of_an_interrupted_command_is_told() -> None:
+    with pytest.raises(OSError, match='disk'), Interrupts():  # noqa: PT012
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        finally:
+            raise OSError('disk')
