@@ -158,11 +158,11 @@ def test_rviz_opens_the_package_s_configuration() -> None:
 
 @pytest.mark.ros
 def test_the_player_is_called_as_its_command_line_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    from denoc_ros.nodes import player
+    from denoc_ros.cli import player
 
     processes = start('replay', speed='0.5')
     command = processes['player'].command(context())
-    assert command[:3] == [sys.executable, '-m', 'denoc_ros.nodes.player']
+    assert command[:3] == [sys.executable, '-m', 'denoc_ros.cli.player']
     seen: list[Any] = []
     parse = ArgumentParser.parse_args
 
@@ -184,7 +184,7 @@ def test_the_player_is_called_as_its_command_line_is(monkeypatch: pytest.MonkeyP
 def test_the_player_takes_no_speed_that_there_is_not(
     speed: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from denoc_ros.nodes import player
+    from denoc_ros.cli import player
 
     with pytest.raises(SystemExit) as caught:
         player.main(['bag', f'--speed={speed}'])

@@ -231,7 +231,7 @@ class Session:
             self._client.trigger(f'/{name}/reset')
 
     def _play(self, bag: Path, phase: Phase) -> None:
-        arguments = ['-m', 'denoc_ros.nodes.player', str(bag), '--listeners', *self._listeners()]
+        arguments = ['-m', 'denoc_ros.cli.player', str(bag), '--listeners', *self._listeners()]
         self._processes.start('player', arguments, ends=True)
         with self._progress.phase(phase.name, self._task.duration) as show:
             start = time.perf_counter()

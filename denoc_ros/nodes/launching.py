@@ -240,7 +240,7 @@ def player(bag: str, speed: str, listeners: Sequence[str]) -> Any:
         executable=sys.executable,
         exec_name='player',
         name='player',
-        arguments=['-m', 'denoc_ros.nodes.player', *words],
+        arguments=['-m', 'denoc_ros.cli.player', *words],
         output='screen',
         on_exit=end,
     )

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,7 +24,6 @@ from denoc_ros.errors import BagError, DenocError
 from denoc_ros.nodes.base import EVERY_MESSAGE
 from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.nodes.messages import TrajectoryPointMessage
-from denoc_ros.nodes.process import leave
 from denoc_ros.nodes.sockets import use_sockets
 from denoc_ros.nodes.without_events import WithoutEvents
 from denoc_ros.runtime.signals import SIGNALS, Interrupted
@@ -186,38 +182,31 @@ class Player(WithoutEvents):
         return sorted(missing)
 
 
-def speed(text: str) -> float:
-    """Return how many times as fast as real time a recording is played.
+def own_arguments(given: Sequence[str]) -> list[str]:
+    """Return the words of a command line that are not for ROS."""
+    return list(remove_ros_args(given))
 
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        It is no finite number > 0.
+
+def run(
+    bag: Path, topic: str, speed: float, listeners: Sequence[str], arguments: Sequence[str]
+) -> int:
+    """Play a bag until it is over or a signal comes; return the exit status.
+
+    Parameters
+    ----------
+    bag, topic, speed, listeners
+        As of :func:`read_motion`, :class:`Player` and its `play`.
+    arguments : sequence of str
+        Command line, whose part for ROS counts.
     """
-    with suppress(ValueError):
-        value = float(text)
-        if 0.0 < value < np.inf:
-            return value
-    raise argparse.ArgumentTypeError(f'speed must be a number > 0, got {text!r}')
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Play a bag as a process; return the exit status."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    parser = argparse.ArgumentParser(prog='denoc_ros.nodes.player', description=__doc__)
-    parser.add_argument('bag', type=Path)
-    parser.add_argument('--topic', default='/joint_states')
-    parser.add_argument('--speed', type=speed, default=1.0, help='> 0; 1 for real time')
-    parser.add_argument('--listeners', nargs='*', default=[], help='nodes to wait for')
-    options = parser.parse_args(remove_ros_args(given))
     SIGNALS.keep()
-    use_sockets(os.environ, rclpy.get_rmw_implementation_identifier())
-    rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
+    use_sockets()
+    rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     player: Player | None = None
     try:
         with SIGNALS.interrupting():
-            player = Player(read_motion(options.bag, options.topic), options.speed)
-            player.play(options.listeners)
+            player = Player(read_motion(bag, topic), speed)
+            player.play(listeners)
     except DenocError as error:
         print(f'player: {error}', file=sys.stderr)
         return 1
@@ -228,7 +217,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
             player.destroy_node()
         leave_graph()
     return 0
-
-
-if __name__ == '__main__':
-    leave(main())

@@ -63,7 +63,7 @@ def run(
     SIGNALS.keep()
     _show_log()
     if not shared_memory:
-        use_sockets(os.environ, rclpy.get_rmw_implementation_identifier())
+        use_sockets()
     try:
         # rclpy's own handlers would end the context before the safe command is out
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)

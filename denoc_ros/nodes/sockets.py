@@ -8,6 +8,7 @@ cost the same processor time.
 
 from __future__ import annotations
 
+import os
 from collections.abc import MutableMapping
 from pathlib import Path
 
@@ -19,21 +20,27 @@ PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 IMPLICIT_PROFILES = Path('DEFAULT_FASTRTPS_PROFILES.xml')  # Fast DDS reads it where it is started
 
 
-def use_sockets(environment: MutableMapping[str, str], middleware: str) -> None:
+def use_sockets(
+    environment: MutableMapping[str, str] = os.environ, middleware: str | None = None
+) -> None:
     """Have this process's participant use sockets alone, unless the user has said what to use.
 
     Parameters
     ----------
     environment : mapping
-        The process's own, before the participant exists; changed in place.
-    middleware : str
-        Identifier of the implementation; others than Fast DDS are left alone.
+        Default the process's own, before the participant exists; changed in place.
+    middleware : str, optional
+        Identifier of the implementation, default that in use; others than Fast DDS are left alone.
 
     Notes
     -----
     With discovery on localhost rmw_fastrtps adds shared memory whatever is asked. So the node's
     own profile says then what localhost means, and discovery is left to it.
     """
+    if middleware is None:
+        from rclpy import get_rmw_implementation_identifier  # which tests without ROS have not
+
+        middleware = str(get_rmw_implementation_identifier())
     chosen = any(environment.get(name) for name in (TRANSPORTS, PROFILES))
     if chosen or IMPLICIT_PROFILES.exists() or not middleware.startswith('rmw_fastrtps'):
         return

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-NODES = ('feedforward', 'predictor', 'recorder', 'plant', 'viewer', 'shaper', 'player')
+NODES = ('feedforward', 'predictor', 'recorder', 'plant', 'viewer', 'shaper')
 
 
 class Interrupted(BaseException):

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import gc
 import json
-import os
 import signal
 import struct
 import sys
@@ -125,7 +124,7 @@ def main() -> None:
     signals: list[int] = []
     sys.setswitchinterval(SWITCH_INTERVAL)
     signal.signal(signal.SIGINT, lambda number, _: signals.append(number))
-    use_sockets(os.environ, rclpy.get_rmw_implementation_identifier())
+    use_sockets()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = Node(spec['name'])
     keeper = Keeper(node, spec['listen'], Path(spec['bag'])) if 'bag' in spec else None

@@ -6,7 +6,6 @@ one, or by `rclpy.spin`.
 
 from __future__ import annotations
 
-import os
 import sys
 
 import rclpy
@@ -21,7 +20,7 @@ DEPTH = 100
 
 
 def main() -> None:
-    use_sockets(os.environ, rclpy.get_rmw_implementation_identifier())
+    use_sockets()
     rclpy.init()
     node = Node('echo')
     publisher = node.create_publisher(JointState, 'out', DEPTH)

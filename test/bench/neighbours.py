@@ -33,7 +33,7 @@ TRANSPORTS = ('shared memory', 'sockets')
 def send(transport: str, seconds: float) -> None:
     """Publish for some time; print the longest calls [s] as JSON."""
     if transport == 'sockets':
-        use_sockets(os.environ, rclpy.get_rmw_implementation_identifier())
+        use_sockets()
     rclpy.init()
     node = rclpy.create_node('sender')
     publisher = node.create_publisher(JointState, 'torque', 1)

@@ -44,3 +44,4 @@ def test_the_package_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().out
     assert 'importers of rclpy outside nodes: 0' in printed
     assert 'modules in an import circle: 0' in printed  # imports for types and in functions too
+    assert 'importers of argparse outside cli: 0' in printed

@@ -43,7 +43,7 @@ def publisher(rate: float, priority: int, file: Path) -> None:
     told: list[int] = []
     signal.signal(signal.SIGINT, lambda number, _: told.append(number))
     sys.setswitchinterval(SWITCH_INTERVAL)
-    use_sockets(os.environ, rclpy.get_rmw_implementation_identifier())
+    use_sockets()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = Node('bare', use_global_arguments=False)
     publisher = node.create_publisher(JointState, '/bare/effort', STATE)

@@ -184,7 +184,7 @@ def test_a_player_ends_as_it_is_told(graph: Any, tmp_path: Path, numbers: list[i
     bag = tmp_path / 'bag'
     write_motion(bag)
     states = graph.collect(JointState, '/joint_states')
-    command = [sys.executable, '-m', 'denoc_ros.nodes.player', str(bag), '--speed', '0.1']
+    command = [sys.executable, '-m', 'denoc_ros.cli.player', str(bag), '--speed', '0.1']
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         graph.until(lambda: len(states) > 3, timeout=60.0)
         for number in numbers:

@@ -48,7 +48,7 @@ def test_every_recorded_message_gets_the_torque_of_rnea(graph: Any) -> None:
     )
     answers = graph.collect(JointState, '/feedforward/effort')
     options = ['--speed', str(SPEED), '--listeners', 'feedforward']
-    player = subprocess.Popen([sys.executable, '-m', 'denoc_ros.nodes.player', str(bag), *options])
+    player = subprocess.Popen([sys.executable, '-m', 'denoc_ros.cli.player', str(bag), *options])
     try:
         graph.until(lambda: player.poll() is not None, 60.0)
         graph.spin(0.5)

@@ -14,10 +14,10 @@ from denoc_ros.nodes.sockets import LOCALHOST, ONLY, PROFILES, RANGE, TRANSPORTS
 FASTRTPS = 'rmw_fastrtps_cpp'
 # prints whether shared memory of the middleware is mapped, then sends
 SENDER = """
-import os, rclpy, sys, time
+import rclpy, sys, time
 from denoc_ros.nodes.sockets import use_sockets
 from std_msgs.msg import String
-use_sockets(os.environ, rclpy.get_rmw_implementation_identifier())
+use_sockets()
 rclpy.init()
 publisher = rclpy.create_node('sender').create_publisher(String, 'torque', 1)
 print('/dev/shm/fast' in open('/proc/self/maps').read(), flush=True)
