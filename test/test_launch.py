@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 import yaml
-from launch_stand_in import Context, ExecuteProcess, LifecycleNode, Node, arguments, started
+from launch_files import arguments, started
+from launch_stand_in import Context, ExecuteProcess, LifecycleNode, Node
 
 from denoc_ros.cli.config import NODES
 

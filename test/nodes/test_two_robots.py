@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from launch_stand_in import Context, Node, started
+from launch_files import started
+from launch_stand_in import Context, Node
 from rosbags.highlevel import AnyReader
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from launch_stand_in import arguments as launch_arguments
+from launch_files import arguments as launch_arguments
 from pages import Snippet
 
 from denoc_ros.cli.config import NODES, find_file, load_config
