@@ -25,6 +25,12 @@ class FindingsError(DenocError):
         self.findings = tuple(findings)
         super().__init__('\n'.join(f'{where}: {finding}' for finding in self.findings))
 
+    @classmethod
+    def raise_any(cls, where: str, findings: Sequence[str]) -> None:
+        """Raise the error with the findings, if there are any."""
+        if findings:
+            raise cls(where, findings)
+
 
 class ModelError(FindingsError):
     """A robot description does not give a model."""

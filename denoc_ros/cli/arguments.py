@@ -132,5 +132,4 @@ def named_values(
 
 def require(findings: Sequence[str]) -> None:
     """Raise ConfigError with what was found on the command line, if anything."""
-    if findings:
-        raise ConfigError('command line', findings)
+    ConfigError.raise_any('command line', findings)

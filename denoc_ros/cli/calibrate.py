@@ -151,8 +151,7 @@ def read_table(path: Path) -> tuple[list[float], list[float]]:
             continue
         reference.append(pair[0])
         raw.append(pair[1])
-    if findings:
-        raise ConfigError(str(path), findings)
+    ConfigError.raise_any(str(path), findings)
     return raw, reference
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -15,6 +14,7 @@ import yaml
 from denoc_ros.cli.path_settings import apply_setting
 from denoc_ros.cli.yaml_text import load_yaml
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.mapping_reader import MappingReader, are_numbers, is_number
 from denoc_ros.model.overrides import FAMILIES
 
 NODES = ('plant', 'feedforward', 'predictor', 'recorder', 'viewer', 'shaper')
@@ -129,8 +129,7 @@ def load_config(path: str | os.PathLike[str], settings: Sequence[str] = ()) -> S
     for setting in settings:
         apply_setting(raw, setting, findings)
     config = _Checker(file, findings).session(raw)
-    if findings:
-        raise ConfigError(str(path), findings)
+    ConfigError.raise_any(str(path), findings)
     return config
 
 
@@ -176,17 +175,17 @@ def flatten(values: Mapping[Any, Any], prefix: str = '') -> Parameters:
     return flat
 
 
-class _Checker:
+class _Checker(MappingReader):
     """Checks one file's mapping; every finding goes into the list it was given."""
 
     def __init__(self, file: Path, findings: list[str]) -> None:
+        super().__init__(findings)
         self._file = file
-        self._findings = findings
 
     def session(self, raw: Mapping[str, Any]) -> SessionConfig:
-        self._known('the configuration', raw, KEYS)
-        plant = flatten(self._mapping('plant', raw.get('plant')))
-        listed = self._mapping('nodes', raw.get('nodes'))
+        self.only('the configuration', raw, KEYS)
+        plant = flatten(self.mapping('plant', raw.get('plant')))
+        listed = self.mapping('nodes', raw.get('nodes'))
         without = frozenset(n for n in NODES if listed.get(n, n not in WHEN_ASKED) is False)
         nodes = self._nodes('nodes', {k: v for k, v in listed.items() if k not in without})
         nodes['plant'] = {**nodes.get('plant', {}), **_split(plant, FAMILIES)[1]}
@@ -196,7 +195,7 @@ class _Checker:
                 nodes[name] = {**mechanism, **nodes.get(name, {})}
             shape = {name: value for name, value in mechanism.items() if name == 'posture'}
             nodes['viewer'] = {**shape, **nodes.get('viewer', {})}
-        model = flatten(self._mapping('model', raw.get('model')))
+        model = flatten(self.mapping('model', raw.get('model')))
         return SessionConfig(
             path=self._file,
             robot=self._robot(raw.get('robot')),
@@ -213,64 +212,48 @@ class _Checker:
             phases=self._phases(raw.get('phases')),
         )
 
-    def _find(self, text: str) -> None:
-        self._findings.append(text)
-
-    def _known(self, whose: str, values: Mapping[Any, Any], known: Sequence[str]) -> None:
-        for key in values:
-            if key not in known:
-                self._find(f"{whose}'s keys must be of {', '.join(known)}, got {key!r}")
-
-    def _mapping(self, whose: str, value: Any) -> Mapping[Any, Any]:
-        if value is None:
-            return {}
-        if not isinstance(value, Mapping):
-            self._find(f'{whose} must be a mapping, got {_kind(value)}')
-            return {}
-        return value
-
     def _robot(self, value: Any) -> Path:
         if not isinstance(value, str) or not value:
-            self._find(f'robot must be the path of a URDF, got {value!r}')
+            self.find(f'robot must be the path of a URDF, got {value!r}')
             return Path()
         found = find_file(Path(value), self._file.parent)
         if found is None:
-            self._find(
+            self.find(
                 f'robot must be a file (relative to {self._file.parent} or to the installed '
                 f'config directory), got {value!r}'
             )
         return found or Path()
 
     def _gravity(self, value: Any) -> tuple[float, float, float]:
-        if isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)):
+        if isinstance(value, list) and len(value) == 3 and all(map(is_number, value)):
             return float(value[0]), float(value[1]), float(value[2])
-        self._find(f'gravity must be three finite numbers [m/s^2], got {value!r}')
+        self.find(f'gravity must be three finite numbers [m/s^2], got {value!r}')
         return 0.0, 0.0, 0.0
 
     def _duration(self, value: Any) -> float:
-        if _is_number(value) and value >= 0.0:
+        if is_number(value) and value >= 0.0:
             return float(value)
-        self._find(f'duration must be a number >= 0 s (0: that of the reference), got {value!r}')
+        self.find(f'duration must be a number >= 0 s (0: that of the reference), got {value!r}')
         return 0.0
 
     def _boolean(self, whose: str, value: Any) -> bool:
         if not isinstance(value, bool):
-            self._find(f'{whose} must be true or false, got {value!r}')
+            self.find(f'{whose} must be true or false, got {value!r}')
         return bool(value)
 
     def _text(self, whose: str, value: Any) -> str:
         if not isinstance(value, str):
-            self._find(f'{whose} must be a name, got {value!r}')
+            self.find(f'{whose} must be a name, got {value!r}')
         return str(value)
 
     def _mechanism(self, raw: Mapping[str, Any]) -> Parameters:
         """Return the parameters for the robot's loops, which all nodes share."""
         joints, posture = raw.get('joints', []), raw.get('posture', [])
         if not (isinstance(joints, list) and all(isinstance(name, str) for name in joints)):
-            self._find(f'joints must be a list of the driven joints, got {joints!r}')
+            self.find(f'joints must be a list of the driven joints, got {joints!r}')
             joints = []
-        if posture != [] and not _is_numbers(posture):
-            self._find(f'posture must be a list of finite numbers [rad or m], got {posture!r}')
+        if posture != [] and not are_numbers(posture):
+            self.find(f'posture must be a list of finite numbers [rad or m], got {posture!r}')
             posture = []
         given = {'joints': joints, 'posture': [float(value) for value in posture]}
         return {name: value for name, value in given.items() if value}
@@ -279,22 +262,22 @@ class _Checker:
         if isinstance(value, str):
             found = find_file(Path(value), self._file.parent)
             if found is None:
-                self._find(f'reference must be a mapping or an existing YAML file, got {value!r}')
+                self.find(f'reference must be a mapping or an existing YAML file, got {value!r}')
                 return {}
             return self._reference(read_yaml(found))
-        values = dict(self._mapping('reference', value))
+        values = dict(self.mapping('reference', value))
         if values and values.get('kind') not in REFERENCE_KINDS:
-            self._find(
+            self.find(
                 f"reference's kind must be of {', '.join(REFERENCE_KINDS)}, "
                 f'got {values.get("kind")!r}'
             )
         return values
 
     def _nodes(self, whose: str, value: Any) -> dict[str, Parameters]:
-        values = self._mapping(whose, value)
-        self._known(whose, values, NODES)
+        values = self.mapping(whose, value)
+        self.only(whose, values, NODES)
         return {
-            name: flatten(self._mapping(f'{whose}.{name}', parameters))
+            name: flatten(self.mapping(f'{whose}.{name}', parameters))
             for name, parameters in values.items()
             if name in NODES
         }
@@ -302,33 +285,33 @@ class _Checker:
     def _overrides(self, whose: str, flat: Parameters) -> Parameters:
         for path, value in flat.items():
             if path.split('.')[0] not in FAMILIES:
-                self._find(f"{whose}'s paths must start with one of {FAMILIES}, got {path!r}")
-            elif not (_is_number(value) or _is_numbers(value)):
-                self._find(f'{whose} {path} must be a finite number or some, got {value!r}')
+                self.find(f"{whose}'s paths must start with one of {FAMILIES}, got {path!r}")
+            elif not (is_number(value) or are_numbers(value)):
+                self.find(f'{whose} {path} must be a finite number or some, got {value!r}')
         return flat
 
     def _phases(self, value: Any) -> tuple[Phase, ...]:
         if value is None:
             return (Phase('run'),)
         if not isinstance(value, list) or not value:
-            self._find(f'phases must be a list with at least one entry, got {_kind(value)}')
+            self.find(f'phases must be a list with at least one entry, got {_kind(value)}')
             return (Phase('run'),)
         phases = tuple(self._phase(f'phases[{k}]', entry) for k, entry in enumerate(value))
         names = [phase.name for phase in phases]
         if len(set(names)) < len(names):
-            self._find(f'phases must have different names, got {names}')
+            self.find(f'phases must have different names, got {names}')
         return phases
 
     def _phase(self, whose: str, value: Any) -> Phase:
-        values = self._mapping(whose, value)
-        self._known(whose, values, ('name', 'shape', *NODES))
+        values = self.mapping(whose, value)
+        self.only(whose, values, ('name', 'shape', *NODES))
         name = values.get('name')
         if not isinstance(name, str) or not name:
-            self._find(f'{whose}.name must be a text, got {name!r}')
+            self.find(f'{whose}.name must be a text, got {name!r}')
         nodes = self._nodes(whose, {k: v for k, v in values.items() if k in NODES})
-        shape = self._mapping(f'{whose}.shape', values.get('shape'))
+        shape = self.mapping(f'{whose}.shape', values.get('shape'))
         if 'shape' in values and not isinstance(shape.get('method'), str):
-            self._find(f'{whose}.shape must have a method, got {shape}')
+            self.find(f'{whose}.shape must have a method, got {shape}')
         return Phase(str(name), nodes, dict(shape))
 
 
@@ -336,14 +319,6 @@ def _split(flat: Parameters, heads: Sequence[str]) -> tuple[Parameters, Paramete
     """Return the entries whose path starts with one of the heads, and the rest."""
     inside = {path: value for path, value in flat.items() if path.split('.')[0] in heads}
     return inside, {path: value for path, value in flat.items() if path not in inside}
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _is_numbers(value: Any) -> bool:
-    return isinstance(value, list) and len(value) > 0 and all(map(_is_number, value))
 
 
 def _one_line(error: Exception) -> str:

@@ -104,8 +104,7 @@ def asked_of(args: argparse.Namespace) -> tuple[tuple[float, float], int | None]
             findings.append(f'--band must have 0 <= LO < HI, got {args.band}')
     if args.modes is not None and args.modes < 1:
         findings.append(f'--modes must be at least 1, got {args.modes}')
-    if findings:
-        raise ConfigError('identify', findings)
+    ConfigError.raise_any('identify', findings)
     return band, args.modes
 
 
@@ -124,8 +123,7 @@ def channel_of(args: argparse.Namespace) -> Channel:
     begin, end = getattr(args, 'begin', 0.0), getattr(args, 'end', math.inf)
     if not begin < end:
         findings.append(f'--begin must be before --end, got {begin} and {end} s')
-    if findings:
-        raise ConfigError('identify', findings)
+    ConfigError.raise_any('identify', findings)
     return Channel(
         topic=args.topic,
         field=args.field,

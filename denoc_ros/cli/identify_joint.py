@@ -183,5 +183,4 @@ def _check(args: argparse.Namespace) -> None:
     ]
     if args.inertia is not None and args.gravity_torque is not None:
         findings.append('--gravity-torque must not come with --inertia, got both')
-    if findings:
-        raise ConfigError('identify joint', findings)
+    ConfigError.raise_any('identify joint', findings)

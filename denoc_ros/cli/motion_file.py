@@ -49,8 +49,7 @@ def read_motion(
     posture = values.get('posture') or [0.0] * len(joints)
     if not isinstance(posture, list) or len(posture) != len(joints):
         findings.append(f'posture must be {len(joints)} numbers, got {posture!r}')
-    if findings:
-        raise ConfigError(str(file), findings)
+    ConfigError.raise_any(str(file), findings)
     if 'joint_names' in values:
         times, rows = _joint_trajectory(values, named, str(file))
     else:
@@ -104,8 +103,7 @@ def _joint_trajectory(
         findings.append(f'joint_names must be of {list(joints)}, got {names}')
     if len(points) < 2:
         findings.append(f'points must be two or more, got {len(points)}')
-    if findings:
-        raise ConfigError(where, findings)
+    ConfigError.raise_any(where, findings)
     columns = [list(joints).index(name) for name in names]
     rows, times = np.zeros((len(points), len(joints))), np.zeros(len(points))
     for k, point in enumerate(points):
@@ -117,6 +115,5 @@ def _joint_trajectory(
             findings.append(
                 f'points {k} must have time_from_start (sec, nanosec) and {len(names)} positions'
             )
-    if findings:
-        raise ConfigError(where, findings)
+    ConfigError.raise_any(where, findings)
     return times, rows

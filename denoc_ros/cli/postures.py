@@ -61,8 +61,7 @@ def read_postures(robot: Robot, given: Sequence[Sequence[str]] | None) -> list[P
             findings.append(f'--at must be {order}, got {" ".join(words)!r}')
             continue
         postures.append(values)
-    if findings:
-        raise ConfigError('command line', findings)
+    ConfigError.raise_any('command line', findings)
     return [posture(robot, values) for values in postures]
 
 

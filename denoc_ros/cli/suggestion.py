@@ -83,8 +83,7 @@ def check_options(args: argparse.Namespace) -> None:
         findings.append('--free must come with --bode, got it alone')
     if args.suggest and (args.bode or args.at):
         findings.append('--suggest must come without --bode and --at, got both')
-    if findings:
-        raise ConfigError('command line', findings)
+    ConfigError.raise_any('command line', findings)
 
 
 def run_suggestion(args: argparse.Namespace, file: Path | str) -> int:

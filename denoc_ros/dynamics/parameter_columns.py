@@ -75,8 +75,7 @@ def find_columns(robot: RobotModel, paths: Sequence[str]) -> list[Column]:
             columns.append(finders[kind](robot, rest))
         except _Unfit as unfit:
             findings.append(f'path {path!r}: must {unfit}')
-    if findings:
-        raise ConfigError(WHERE, findings)
+    ConfigError.raise_any(WHERE, findings)
     return columns
 
 

@@ -46,8 +46,7 @@ def tracked_paths(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:
         if not found:
             findings.append(_unknown(pattern, known))
         chosen.update(dict.fromkeys(found))
-    if findings:
-        raise ConfigError(WHERE, findings)
+    ConfigError.raise_any(WHERE, findings)
     return tuple(chosen)
 
 
@@ -86,6 +85,5 @@ def tracked_bounds(
                 f'bounds of {path!r} must have its value {value:g} within, '
                 f'got {low:g} and {high:g}'
             )
-    if findings:
-        raise ConfigError(WHERE, findings)
+    ConfigError.raise_any(WHERE, findings)
     return found

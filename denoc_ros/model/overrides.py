@@ -103,8 +103,7 @@ def with_overrides(
     payloads: dict[str, dict[str, Array]] = {}
     for path, value in overrides.items():
         _apply(root, path, value, payloads, findings)
-    if findings.items:
-        raise ConfigError(WHERE, findings.items)
+    ConfigError.raise_any(WHERE, findings.items)
     tree = _with_payloads(tree_of(root, where, text), payloads)
     return replace(tree, overrides=dict(overrides))
 
@@ -135,8 +134,7 @@ def edited_description(
             findings.add(f'path {path!r}', 'must be of a beam, a joint or a sensor, got a payload')
         else:
             _apply(root, path, value, {}, findings)
-    if findings.items:
-        raise ConfigError(WHERE, findings.items)
+    ConfigError.raise_any(WHERE, findings.items)
     edited = written(root, text)
     tree_of(parse_xml(where, edited), where, edited)
     return edited
@@ -160,8 +158,7 @@ def payloads_of(overrides: Mapping[str, Value | Array], tree: Tree) -> dict[str,
     links = carrying_links(tree)
     for path, value in overrides.items():
         _override_payload(links, path, path.partition('.')[2], value, payloads, findings)
-    if findings.items:
-        raise ConfigError(WHERE, findings.items)
+    ConfigError.raise_any(WHERE, findings.items)
     return {link: _payload(given) for link, given in payloads.items()}
 
 
@@ -209,8 +206,7 @@ def plain_paths(names: Mapping[str, str], overrides: Mapping[str, Given]) -> dic
             findings.add(f'path {path!r}', f'value must be that of {name!r}, got another')
         plain.pop(_instead_of(name), None)
         plain[name] = value
-    if findings.items:
-        raise ConfigError(WHERE, findings.items)
+    ConfigError.raise_any(WHERE, findings.items)
     return plain
 
 

@@ -74,8 +74,7 @@ def tree_of(root: Element, where: str, text: str) -> Tree:
     _check_loop_frames(robot, flexibility, findings)
     springs, armatures = flexibility.springs, flexibility.armatures
     check_springs(robot, springs, armatures, flexibility.loops, findings, warnings)
-    if findings.items:
-        raise ModelError(where, findings.items)
+    ModelError.raise_any(where, findings.items)
     assembly = assemble(robot, flexible, armatures, springs)
     loops = tuple(_loop(loop, assembly) for loop in flexibility.loops)
     return Tree(

@@ -80,8 +80,7 @@ class ReplaySettings:
             findings.append(f'cutoff must be > 0 Hz, got {self.cutoff}')
         if self.stamp not in ('header', 'log'):
             findings.append(f'stamp must be header or log, got {self.stamp!r}')
-        if findings:
-            raise ConfigError('replay', findings)
+        ConfigError.raise_any('replay', findings)
 
 
 @dataclass(frozen=True)

@@ -122,8 +122,7 @@ class LiveStateFeedback:
                 "parameters 'feedback.state' and 'feedback.strain_gain' must not be set both: the "
                 'stability check of one does not cover the other'
             )
-        if findings:
-            raise ConfigError(self._name, findings)
+        ConfigError.raise_any(self._name, findings)
 
     @property
     def designs(self) -> int:

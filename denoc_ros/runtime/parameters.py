@@ -250,8 +250,7 @@ class ParameterTable:
                 values[name] = self.accept(name, value)
             except ValueError as finding:
                 findings.append(str(finding))
-        if findings:
-            raise ConfigError(where, findings)
+        ConfigError.raise_any(where, findings)
         return Settings(values)
 
     def changes(self, settings: Settings, given: Mapping[str, object]) -> dict[str, Value]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.mapping_reader import MappingReader
 from denoc_ros.trajectories import (
     CycloidalTrajectory,
     SineTrajectory,
@@ -86,8 +87,8 @@ def _points(reader: _Reader) -> Trajectory | None:
     return SplineTrajectory(times, positions, velocities, accelerations)
 
 
-class _Reader:
-    """Reads a mapping's numbers into joint order; gathers findings."""
+class _Reader(MappingReader):
+    """Reads a mapping's numbers into joint order."""
 
     def __init__(
         self,
@@ -96,21 +97,21 @@ class _Reader:
         keys: set[str],
         needed: Sequence[str],
     ) -> None:
-        self.findings: list[str] = []
+        super().__init__()
         self._values = values
         self._n = len(joints)
         given = values.get('joints', list(joints))
         unknown = [name for name in given if name not in joints]
         if unknown or len(set(given)) != len(given):
-            self.findings.append(f'joints must be different ones of {list(joints)}, got {given}')
+            self.find(f'joints must be different ones of {list(joints)}, got {given}')
         else:
             self._places = [list(joints).index(name) for name in given]
         for key in values:
             if key not in keys | {'kind', 'joints'}:
-                self.findings.append(f'keys must be of {sorted(keys)}, got {key!r}')
+                self.find(f'keys must be of {sorted(keys)}, got {key!r}')
         for key in needed:
             if key not in values:
-                self.findings.append(f'{key} must be given')
+                self.find(f'{key} must be given')
 
     def _numbers(self, key: str, value: Any) -> Array | None:
         try:
@@ -119,7 +120,7 @@ class _Reader:
             array = np.array(np.nan)
         if np.isfinite(array).all():
             return array
-        self.findings.append(f'{key} must be finite numbers, got {value!r}')
+        self.find(f'{key} must be finite numbers, got {value!r}')
         return None
 
     def column(self, key: str, default: float, positive: bool = False) -> Array:
@@ -128,11 +129,11 @@ class _Reader:
         if value is None:
             return result
         if value.shape not in ((), (len(self._places),)):
-            self.findings.append(
+            self.find(
                 f'{key} must be a number or {len(self._places)} numbers, got {value.tolist()}'
             )
         elif positive and (value <= 0.0).any():
-            self.findings.append(f'{key} must be > 0 s, got {value.tolist()}')
+            self.find(f'{key} must be > 0 s, got {value.tolist()}')
         else:
             result[self._places] = value
         return result
@@ -143,13 +144,13 @@ class _Reader:
             return None
         array = self._numbers(key, value)
         if array is not None and (array.shape != () or array <= 0.0):
-            self.findings.append(f'{key} must be a number > 0 s, got {value!r}')
+            self.find(f'{key} must be a number > 0 s, got {value!r}')
         return None if array is None or array.shape != () else float(array)
 
     def form(self) -> str:
         form = self._values.get('form', 'full')
         if form not in ('full', 'half'):
-            self.findings.append(f'form must be full or half, got {form!r}')
+            self.find(f'form must be full or half, got {form!r}')
         return str(form)
 
     def times(self) -> Array:
@@ -157,7 +158,7 @@ class _Reader:
         if times is None:
             return np.zeros(1)
         if times.ndim != 1 or not len(times) or times[0] < 0.0 or (np.diff(times) <= 0.0).any():
-            self.findings.append(f'times must increase from >= 0 s, got {times.tolist()}')
+            self.find(f'times must increase from >= 0 s, got {times.tolist()}')
             return np.zeros(1)
         return times
 
@@ -168,7 +169,7 @@ class _Reader:
         shape = (len(np.atleast_1d(self._values['times'])), len(self._places))
         if value is None or value.shape != shape:
             got = None if value is None else value.shape
-            self.findings.append(f'{key} must have the shape {shape} (points, joints), got {got}')
+            self.find(f'{key} must have the shape {shape} (points, joints), got {got}')
             return None
         result = np.zeros((shape[0], self._n))
         result[:, self._places] = value

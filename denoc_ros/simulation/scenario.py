@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.model.mapping_reader import is_number
 from denoc_ros.simulation.motion import Prescribed, Torque
 from denoc_ros.simulation.run import Run
 from denoc_ros.simulation.scenario_inputs import ScenarioInputs
-from denoc_ros.simulation.scenario_reader import ScenarioReader, is_number
+from denoc_ros.simulation.scenario_reader import ScenarioReader
 from denoc_ros.simulation.simulate import METHODS, simulate
 from denoc_ros.simulation.swaying_base import SHIFTS, TURNS, Harmonic, SwayingBase
 from denoc_ros.simulation.time_functions import TimeFunction, of_joint

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.model.mapping_reader import is_number
 from denoc_ros.simulation.motion import Torque
 from denoc_ros.simulation.path import Circle, follow
-from denoc_ros.simulation.scenario_reader import ScenarioReader, is_number
+from denoc_ros.simulation.scenario_reader import ScenarioReader
 from denoc_ros.simulation.time_functions import (
     SampledTorque,
     SpinUp,

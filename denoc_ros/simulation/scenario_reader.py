@@ -2,45 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.mapping_reader import MappingReader, is_number
 from denoc_ros.simulation.reference import trajectory_from_config
 from denoc_ros.trajectories import Trajectory
 
 
-class ScenarioReader:
+class ScenarioReader(MappingReader):
     """Reads a mapping's values; what does not hold becomes a finding."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:
+        super().__init__()
         self.values = values
-        self.findings: list[str] = []
-
-    def find(self, text: str) -> None:
-        """Note a finding."""
-        self.findings.append(text)
-
-    def finish(self, where: str) -> None:
-        """Raise what was found."""
-        if self.findings:
-            raise ConfigError(where, self.findings)
-
-    def only(self, whose: str, values: Mapping[Any, Any], known: Sequence[str]) -> None:
-        """Find keys that are not known."""
-        for key in values:
-            if key not in known:
-                self.find(f"{whose}'s keys must be of {', '.join(known)}, got {key!r}")
-
-    def mapping(self, whose: str, value: Any) -> Mapping[str, Any]:
-        """Return a mapping, empty where there is none."""
-        if value is None:
-            return {}
-        if isinstance(value, Mapping):
-            return value
-        self.find(f'{whose} must be a mapping, got {value!r}')
-        return {}
 
     def numbers(self, key: str, default: list[float]) -> list[float]:
         """Return a list of numbers."""
@@ -99,8 +75,3 @@ class ScenarioReader:
         except ConfigError as error:
             self.findings += [f'{whose}: {finding}' for finding in error.findings]
         return None
-
-
-def is_number(value: Any) -> bool:
-    """Say whether a value is a finite number."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

@@ -309,8 +309,7 @@ def _require_forward(robot: Robot, scenario: Scenario) -> None:
         findings.append(f'the robot must have no mimic joints and no loops, got {robot.tree.name}')
     if len(scenario.times) < 4:
         findings.append(f'the scenario must have 4 output times, got {len(scenario.times)}')
-    if findings:
-        raise ConfigError('stability', findings)
+    ConfigError.raise_any('stability', findings)
 
 
 def _joint_units(robot: Robot) -> tuple[str, ...]:

@@ -72,8 +72,7 @@ class Look:
                 f'size must be even numbers of {SIDES[0]} to {SIDES[1]} pixels, '
                 f'got {self.size[0]}x{self.size[1]}'
             )
-        if findings:
-            raise ConfigError('picture', findings)
+        ConfigError.raise_any('picture', findings)
 
 
 def frame_times(start: float, end: float, fps: float, speed: float = 1.0) -> Array:
@@ -98,8 +97,7 @@ def frame_times(start: float, end: float, fps: float, speed: float = 1.0) -> Arr
         for name, value in (('fps', fps), ('speed', speed))
         if not 0.0 < value < float('inf')
     ]
-    if findings:
-        raise ConfigError('film', findings)
+    ConfigError.raise_any('film', findings)
     count = max(1, round((end - start) * fps / speed))
     return np.asarray(start + np.arange(count) * (speed / fps))
 

@@ -74,7 +74,7 @@ phases: [{name: a}, {name: a}, {feedforward: {}}]
         r'duration must be a number >= 0 s .*, got -1',
         "record must be true or false, got 'perhaps'",
         "nodes's keys must be of .*, got 'visor'",
-        'nodes.plant must be a mapping, got int 3',
+        'nodes.plant must be a mapping, got 3',
         "model beam.arm.y.ei must be a finite number or some, got 'much'",
         "model's paths must start with .*, got 'mass'",
         'phases must have different names',

@@ -136,8 +136,7 @@ def read_system(
         _damping_ratio(reader),
         _limits(reader),
     )
-    if findings.items:
-        raise ConfigError(where, findings.items)
+    ConfigError.raise_any(where, findings.items)
     return system
 
 

@@ -147,8 +147,7 @@ def _check_wishes(material: str, bandwidth: float, gravity: float) -> None:
         findings.append(f'bandwidth must be > 0 Hz and finite, got {bandwidth:g}')
     if not 0.0 <= gravity < math.inf:
         findings.append(f'gravity must be >= 0 m/s^2 and finite, got {gravity:g}')
-    if findings:
-        raise ConfigError('suggestion', findings)
+    ConfigError.raise_any('suggestion', findings)
 
 
 def _check_links(
@@ -163,8 +162,7 @@ def _check_links(
         for link in links or ()
         if _has_beam(root, link)
     ]
-    if findings:
-        raise ConfigError(where, findings)
+    ConfigError.raise_any(where, findings)
 
 
 def _has_beam(root: Element, link: str) -> bool:

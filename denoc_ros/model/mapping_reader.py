@@ -1,0 +1,55 @@
+"""Read the mapping of a YAML file; each violated condition becomes a finding."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from denoc_ros.errors import ConfigError
+
+
+class MappingReader:
+    """Gathers the findings of a configuration: what it reads goes on where a value is wrong.
+
+    Parameters
+    ----------
+    findings : list of str, optional
+        Takes the findings; default a new list.
+    """
+
+    def __init__(self, findings: list[str] | None = None) -> None:
+        self.findings = [] if findings is None else findings
+
+    def find(self, text: str) -> None:
+        """Note a finding."""
+        self.findings.append(text)
+
+    def finish(self, where: str) -> None:
+        """Raise what was found."""
+        ConfigError.raise_any(where, self.findings)
+
+    def only(self, whose: str, values: Mapping[Any, Any], known: Sequence[str]) -> None:
+        """Find keys that are not known."""
+        for key in values:
+            if key not in known:
+                self.find(f"{whose}'s keys must be of {', '.join(known)}, got {key!r}")
+
+    def mapping(self, whose: str, value: Any) -> Mapping[str, Any]:
+        """Return a mapping, empty where there is none."""
+        if value is None:
+            return {}
+        if isinstance(value, Mapping):
+            return value
+        self.find(f'{whose} must be a mapping, got {value!r}')
+        return {}
+
+
+def is_number(value: Any) -> bool:
+    """Say whether a value is a finite number."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def are_numbers(value: Any) -> bool:
+    """Say whether a value is a list of one finite number or more."""
+    return isinstance(value, list) and len(value) > 0 and all(map(is_number, value))
