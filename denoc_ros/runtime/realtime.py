@@ -62,7 +62,11 @@ def lower_priority(niceness: int) -> dict[str, str]:
 
 
 def freeze_gc() -> dict[str, str]:
-    """Collect once, freeze survivors, disable automatic collection; return as for a thread."""
+    """Collect once, freeze survivors, disable automatic collection; return as for a thread.
+
+    What an earlier call froze is collected as well, if it is no longer needed.
+    """
+    gc.unfreeze()
     gc.collect()
     gc.freeze()
     gc.disable()
