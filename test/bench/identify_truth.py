@@ -98,15 +98,21 @@ def _attempt(seed: int, duration: float) -> Document:
 def campaign(
     seeds: Sequence[int], duration: float, workers: int, minutes: float, output: Path | None
 ) -> list[Document]:
-    """Return the results of robots, as many as are done in time; the file grows with each."""
+    """Return the results of robots, as many as are done in time; the file grows with each.
+
+    Robots that the file has already are not worked out again.
+    """
     robots: list[Document] = []
+    if output is not None and output.exists():
+        robots = json.loads(output.read_text(encoding='utf-8'))['robots']
+    done = {robot['seed'] for robot in robots}
     until = time.monotonic() + 60.0 * minutes
     context = multiprocessing.get_context('spawn')
     with ProcessPoolExecutor(workers, context, os.nice, (NICENESS,)) as pool:
-        waiting = {pool.submit(_attempt, seed, duration) for seed in seeds}
+        waiting = {pool.submit(_attempt, seed, duration) for seed in seeds if seed not in done}
         try:
-            for done in as_completed(waiting, max(until - time.monotonic(), 0.0)):
-                robots.append(done.result())
+            for ended in as_completed(waiting, max(until - time.monotonic(), 0.0)):
+                robots.append(ended.result())
                 _report(robots, output)
         except TimeoutError:
             for future in waiting:
@@ -135,7 +141,7 @@ def main() -> int:
     parser.add_argument('--duration', type=float, default=4.0, help='of each recording [s]')
     parser.add_argument('--workers', type=int, default=2)
     parser.add_argument('--minutes', type=float, default=120.0, help='no new result after that')
-    parser.add_argument('--json', type=Path, help='write all results')
+    parser.add_argument('--json', type=Path, help='all results; robots that it has stay as they are')
     args = parser.parse_args()
     seeds = range(args.first, args.first + args.count)
     robots = campaign(seeds, args.duration, args.workers, args.minutes, args.json)

@@ -32,6 +32,7 @@ Source = Recording | str | Path
 HELD_OUT = 0.25
 UNEXPLAINED = 0.1  # of a channel: the model is not what made it
 NEGLIGIBLE = 0.02  # of a channel: so little may be left of a held-out part
+SHAKEN = 2.0  # times what noise of the joints makes of a channel: no fault of the model
 WORSE = 1.5  # times the rms of what was fitted: a held-out part that is not explained
 
 
@@ -40,6 +41,7 @@ class ChannelFit:
     """What a channel's residuals are, rms in its unit: over what was fitted, and held out.
 
     `size` is the channel's own deviation, `louder` how much more it moves while it is held out.
+    `shaken` and `held_out_shaken` are what noise of the measured joints makes of the prediction.
     """
 
     run: str
@@ -52,6 +54,8 @@ class ChannelFit:
     after: float
     held_out_before: float
     held_out_after: float
+    shaken: float = 0.0
+    held_out_shaken: float = 0.0
 
     @property
     def group(self) -> tuple[str, str]:
@@ -162,7 +166,8 @@ def identify_model(
     held = ~search.rows_before(1.0 - held_out)
     fitted = [search.rms(each, ~held) for each in (zero, judge)]
     judged = [search.rms(each, held) for each in (zero, judge)]
-    sides = zip(search.sizes, search.louder(held), *fitted, *judged, strict=True)
+    shaken = [search.shaken(theta, rows) for rows in (~held, held)]
+    sides = zip(search.sizes, search.louder(held), *fitted, *judged, *shaken, strict=True)
     channels = tuple(
         ChannelFit(*label, int(samples), *map(float, row))
         for label, samples, row in zip(search.labels, search.counts, sides, strict=True)
@@ -250,14 +255,18 @@ def _reasons(channels: tuple[ChannelFit, ...]) -> tuple[str, ...]:
         f'{one.run}: {one.name}: what the model leaves must be below a tenth of what is measured '
         f'({sizes[one.group]:.3g} {one.unit}), got {one.after:.3g}'
         for one in channels
-        if one.after > UNEXPLAINED * sizes[one.group]
+        if one.after > max(UNEXPLAINED * sizes[one.group], SHAKEN * one.shaken)
     ]
     worse = [
         f'{one.run}: {one.name}: held-out rms must be near that of the fit '
         f'({one.after:.3g} {one.unit}), got {one.held_out_after:.3g}'
         for one in channels
         if one.held_out_after
-        > max(WORSE * one.after * max(1.0, one.louder), NEGLIGIBLE * sizes[one.group])
+        > max(
+            WORSE * one.after * max(1.0, one.louder),
+            NEGLIGIBLE * sizes[one.group],
+            SHAKEN * one.held_out_shaken,
+        )
     ]
     return (*unexplained, *worse)
 

@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.identification.model.free_numbers import LEVER, free_numbers, payload_of
-from denoc_ros.model.inertia import difference, inverse_transform, moved, pseudo_inertia
+from denoc_ros.model.inertia import (
+    difference,
+    inverse_transform,
+    moved,
+    pseudo_inertia,
+    total,
+)
 from denoc_ros.model.tree import Body, RigidInertia
 from denoc_ros.types import Array
 
@@ -290,11 +296,14 @@ class FreeParameters:
         robot = self.robot.with_overrides(overrides) if overrides else self.robot
         if not settings.bodies:
             return robot
-        bodies = tuple(
-            replace(body, inertia=settings.bodies.get(body.name, body.inertia))
-            for body in robot.tree.bodies
-        )
-        return Robot(replace(robot.tree, bodies=bodies), robot.gravity, robot.geometric_stiffness)
+        bodies = []
+        for body, own in zip(robot.tree.bodies, self.robot.tree.bodies, strict=True):
+            if (found := settings.bodies.get(body.name)) is not None:
+                # a payload of the point stays on it
+                added = difference(body.inertia, own.inertia)
+                body = replace(body, inertia=total(found, added))
+            bodies.append(body)
+        return Robot(replace(robot.tree, bodies=tuple(bodies)), robot.gravity, robot.geometric_stiffness)
 
 
 def _chosen(free: Sequence[str], known: Sequence[str]) -> list[str]:

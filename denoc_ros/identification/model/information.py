@@ -49,7 +49,11 @@ def in_directions(unseen: Array) -> Mask:
 
 
 def information(
-    jacobian: Array, residual: Array, blocks: NDArray[np.int64], drawn: Array | None = None
+    jacobian: Array,
+    residual: Array,
+    blocks: NDArray[np.int64],
+    drawn: Array | None = None,
+    channels: int = 1,
 ) -> Information:
     """Return what whitened residuals tell.
 
@@ -63,6 +67,8 @@ def information(
     drawn : (d, m) array, optional
         Changes of the residuals by noise of what drives the model, drawn d times: links that
         vibrate remember it for longer than a stretch.
+    channels : int
+        How many rows of a stretch do not hang together.
 
     Notes
     -----
@@ -78,9 +84,11 @@ def information(
     np.add.at(scores, place, jacobian * residual[:, None])
     values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
     along = scores @ vectors
-    freedom = max(count - p, 5)
+    independent = channels * count
+    freedom = max(independent - p, 5)
     # p numbers that were fitted have taken their share of the residuals with them
-    fitted = count / freedom
+    fitted = independent / freedom
+    freedom = min(freedom, count - 1)
     meat = np.sum(along**2, axis=0) * fitted
     # colour can only take information away: never less than white residuals would leave
     meat = np.maximum(meat, values * np.mean(residual**2))

@@ -16,13 +16,16 @@ from denoc_ros.estimation.joint_friction import JointFriction
 from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.estimation.torque_along import TorqueReplay
 from denoc_ros.identification.model.free_parameters import SearchPoint
+from denoc_ros.identification.model.innovations import LinkedRows, linked_rows
 from denoc_ros.identification.model.measured_motion import FINEST, measured_motion
+from denoc_ros.identification.model.nearby_motion import NearbyMotion
 from denoc_ros.identification.model.recording import Recording
 from denoc_ros.identification.model.sensed import MeasuredSignal, SensedChannels
 from denoc_ros.identification.model.spikes import without_spikes
 from denoc_ros.types import Array
 
 PER_CUTOFF = 4.0  # samples of a smoothed channel that are kept, per period of the cutoff
+SMALL_CHANGE = 1e-6  # m or rad, and per s: of amplitudes, for differences
 REACH = 4.0  # standard deviations at which a Gaussian's tail is cut
 
 
@@ -84,6 +87,52 @@ class PreparedRun:
             raise IdentificationError(
                 f'{self.name}: must have measured effort or sensors of the robot, got neither'
             )
+
+    def nearby(self, robot: Robot, motion: tuple[Array, Array]) -> NearbyMotion:
+        """Return the linear model of the amplitudes about a motion that `motion` gave."""
+        count = len(motion[0][0])
+        stamps, starts = self.recording.t[:count], self._starts[:count]
+        return NearbyMotion(robot, self.recording.joints, stamps, starts, motion)
+
+    def is_followed(self, robot: Robot) -> bool:
+        """Say whether the amplitudes have a linear model that rows hang on stamp by stamp."""
+        odd = robot.constraint_names or len(robot.base_indices)
+        plain = not (odd or self.has_unpowered_joints or self.recording.filters)
+        return plain and len(robot.flexible_indices) > 0
+
+    def linked_rows(
+        self, robot: Robot, settings: SearchPoint, nearby: NearbyMotion
+    ) -> LinkedRows:
+        """Return which residuals hang on which stamp, and how on the amplitudes there.
+
+        Arguments are those of `residuals`; by what they become where amplitudes are a bit off.
+        """
+        stamps = self.recording.t[: len(nearby.starts)]
+        here = np.concatenate(self.residuals(robot, settings, nearby.motion))
+        slopes = np.empty((len(here), 2 * len(nearby.free)))
+        for k in range(slopes.shape[1]):
+            change = np.zeros((len(stamps), slopes.shape[1]))
+            change[:, k] = SMALL_CHANGE
+            found = self.residuals(robot, settings, nearby.changed(change))
+            slopes[:, k] = (np.concatenate(found) - here) / SMALL_CHANGE
+        row_t = [
+            channel.t - settings.delays.get(delayed_with(channel.name), 0.0)
+            for channel in self.channels
+        ]
+        return linked_rows(nearby, stamps, np.concatenate(row_t), slopes)
+
+    def rate_noise(self, robot: Robot) -> Array:
+        """Return the density of what noise the joints' rates have (joints,).
+
+        Without measured rates they have that of positions at half the smoothing's cutoff.
+        """
+        measured = self._measured
+        slowly = np.pi * measured.cutoffs[0] * measured.position_noise
+        rates = np.where(measured.cutoffs[1] > 0.0, measured.velocity_noise, slowly)
+        found = np.zeros(len(robot.joint_names))
+        places = [robot.joint_names.index(name) for name in self.recording.joints]
+        found[places] = rates * np.sqrt(measured.period)
+        return found
 
     @property
     def has_unpowered_joints(self) -> bool:
@@ -232,6 +281,15 @@ def low_pass(t: Array, cutoff: float) -> scipy.sparse.csr_array:
     weights = np.exp(-0.5 * ((t[columns] - t[rows]) / deviation) ** 2)
     weights /= np.repeat(np.add.reduceat(weights, starts[:-1]), counts)
     return scipy.sparse.csr_array((weights, columns, starts), shape=(len(t), len(t)))
+
+
+def delayed_with(channel: str) -> str:
+    """Return what a channel shares its delay with: `imu` of `imu/gyro_x`, `pose.tool`."""
+    kind, _, rest = channel.partition(' ')
+    if kind == 'effort' and rest:
+        return 'effort'
+    name = channel.partition('/')[0]
+    return f'pose.{name.removeprefix("pose ")}' if name.startswith('pose ') else name
 
 
 def _unit(robot: Robot, joint: str) -> str:

@@ -11,17 +11,21 @@ from scipy.optimize import least_squares
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError, IdentificationError
+from denoc_ros.identification.model.candidates import Candidates
 from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters, SearchPoint
 from denoc_ros.identification.model.information import Information, information
+from denoc_ros.identification.model.nearby_motion import NearbyMotion
 from denoc_ros.identification.model.prediction import PreparedRun
+from denoc_ros.identification.model.whitening import Whitening
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
 HUBER = 2.5  # standard deviations from which a residual counts linearly
 STEP = 1e-4  # of the differences by theta
 COARSE = 1e-3  # of the cost: a fit goes on while it falls by more, before weights are settled
-FINE = 1e-6  # the same of the last one
-ROUNDS = 6  # of weights by the residuals' own deviation
+FINE = 1e-5  # the same of the last one
+ROUNDS = 12  # of weights by the residuals' own deviation
+BETWEEN, MOST = 5, 40  # evaluations of a fit before weights are taken anew, and at most
 SETTLED = 0.03  # change of a deviation that needs no other round
 LOST = 1e6  # standard deviations that a robot which cannot be is off by
 GROWING = (0.08, 0.2, 0.45)  # parts of the runs that a flexible robot is first fitted to
@@ -30,6 +34,8 @@ DRAWS = 24  # of the joints' noise, for the intervals
 WILD = 10.0  # robust deviations: what is beyond says nothing of the size of residuals
 ROUNDING = 1e-5  # of a channel's largest value: nothing that varies less is a signal
 QUIETEST = 1e-4  # of what a sensor measures: no channel is taken to be more exact
+PASSES = 6  # of deviations by what filters leave
+FASTEST = 4.0  # times a deviation changes at most in a pass
 STRETCHES = 60  # of time, whose residuals are independent of each other
 
 
@@ -42,6 +48,12 @@ def _held_rms(values: Array) -> float:
     """Return the rms of values, those beyond ten of their robust deviations held to that."""
     bound = WILD * 1.48 * float(np.median(np.abs(values)))
     return root_mean_square(np.clip(values, -bound, bound) if bound > 0.0 else values)
+
+
+def _roughness(values: Array) -> float:
+    """Return the deviation of white noise with such second differences."""
+    bent = np.diff(values, 2) if len(values) > 2 else values
+    return 1.48 * float(np.median(np.abs(bent))) / np.sqrt(6.0)
 
 
 def vector_of(name: str) -> str:
@@ -83,7 +95,10 @@ class ModelSearch:
         channels = [(run, channel) for run in runs for channel in run.channels]
         self.labels = [(run.name, channel.name, channel.unit) for run, channel in channels]
         self.counts = np.array([len(channel.t) for _, channel in channels])
-        self._channel = np.repeat(np.arange(len(channels)), self.counts)
+        self.whitening = Whitening(runs)
+        self._channel = self.whitening.channel
+        self._candidates = Candidates(parameters)
+        self._is_followed = all(run.is_followed(parameters.robot) for run in runs)
         self.row_t = np.concatenate([channel.t for _, channel in channels])
         ends = [(run.recording.t[0], run.recording.t[-1]) for run, _ in channels]
         first, last = (np.repeat(np.array(side), self.counts) for side in zip(*ends, strict=True))
@@ -96,10 +111,20 @@ class ModelSearch:
         self._measured = np.concatenate([channel.value for _, channel in channels])
         self._least = QUIETEST * self._vector_sizes()
         self.evaluations = 0
-        self.deviation = np.ones(len(channels))
         self._until = 1.0
         self._last: tuple[bytes, float, Array] | None = None
         self._motions: tuple[object, Robot, list[tuple[Array, Array]]] | None = None
+        self._nearby: tuple[object, list[NearbyMotion]] | None = None
+        self._drawn: tuple[bytes, Array] | None = None
+
+    @property
+    def deviation(self) -> Array:
+        """What each channel's residuals are in terms of, (channels,)."""
+        return self.whitening.deviation
+
+    @deviation.setter
+    def deviation(self, value: Array) -> None:
+        self.whitening.weigh(value, self._measured)
 
     def rows_before(self, part: float) -> NDArray[np.bool_]:
         """Return which rows are in the first part of their run."""
@@ -158,9 +183,18 @@ class ModelSearch:
         key = (self._until, repr(own.overrides), *(_bytes(body) for body in own.bodies.values()))
         if self._motions is None or self._motions[0] != key:
             self.evaluations += 1
-            robot = self.parameters.robot_at(own)
+            robot = self._candidates.at(own)
             self._motions = key, robot, [run.motion(robot, self._until) for run in self._runs]
         return self._motions[1:]
+
+    def _linear_motions(self, settings: SearchPoint) -> list[NearbyMotion]:
+        """Return the linear models of the amplitudes about the motions of a point."""
+        robot, motions = self._moved(settings)
+        key = self._motions[0] if self._motions else None
+        if self._nearby is None or self._nearby[0] != key:
+            pairs = zip(self._runs, motions, strict=True)
+            self._nearby = key, [run.nearby(robot, motion) for run, motion in pairs]
+        return self._nearby[1]
 
     def rms(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
         """Return the rms of each channel's residuals over some rows, NaN where it has none.
@@ -182,8 +216,10 @@ class ModelSearch:
 
     def whitened(self, theta: Array) -> Array:
         """Return all residuals in their deviations; far off where there is no such robot."""
-        found = self.residuals(theta) / self.deviation[self._channel]
-        return np.where(np.isfinite(found), found, LOST)
+        residuals = self.residuals(theta)
+        if not np.isfinite(residuals).all():
+            return np.full(len(residuals), LOST)
+        return self.whitening(residuals)
 
     def fit(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
         """Return the theta of the greatest likelihood over some rows.
@@ -201,7 +237,7 @@ class ModelSearch:
         self._until = 1.0
         self._reweigh(theta, rows)
         for _ in range(ROUNDS):
-            theta = self._least_squares(theta, rows, COARSE)
+            theta = self._least_squares(theta, rows, COARSE, BETWEEN)
             before = self.deviation.copy()
             self._reweigh(theta, rows)
             if np.nanmax(np.abs(self.deviation / before - 1.0)) < SETTLED:
@@ -221,11 +257,31 @@ class ModelSearch:
                 'identify model: the robot must be able to make the recorded motion, got a model '
                 'that cannot'
             )
+        if not self._is_followed:
+            self.deviation = self._own_size(residual, rows)
+            return
+        if not self.whitening.is_following:
+            rough = self._by_channel(self._measured, rows, _roughness)
+            self.whitening.deviation = np.maximum(rough, self._least)
+        settings = self.parameters.settings(theta)
+        robot, _ = self._moved(settings)
+        self.whitening.follow(robot, settings, self._linear_motions(settings))
+        deviation = self.deviation
+        for _ in range(PASSES):
+            self.whitening.weigh(deviation, residual)
+            left = self._own_size(self.whitening(residual), rows, 0.0)
+            deviation = np.maximum(deviation * np.clip(left, 1.0 / FASTEST, FASTEST), self._least)
+        self.whitening.weigh(deviation, residual)
+
+    def _own_size(
+        self, residual: Array, rows: NDArray[np.bool_], least: Array | float | None = None
+    ) -> Array:
+        """Return each channel's deviation, outliers held to Huber's bound."""
         size = self._by_channel(residual, rows, lambda x: 1.48 * np.median(np.abs(x)))
         clipped = np.minimum(np.abs(residual), HUBER * size[self._channel])
         size = self._by_channel(clipped, rows, root_mean_square)
-        size = np.maximum(size, self._least)
-        self.deviation = np.where(size > 0.0, size, 1.0)
+        size = np.maximum(size, self._least if least is None else least)
+        return np.where(size > 0.0, size, 1.0)
 
     def jacobian(self, theta: Array) -> Array:
         """Return the derivatives of the whitened residuals by theta (m, p).
@@ -247,15 +303,45 @@ class ModelSearch:
             )
             found[:, linear] = by_numbers @ slopes[np.ix_(linear, linear)]
             found[:, linear] /= self.deviation[self._channel][:, None]
+        rest = sorted(set(range(parameters.size)) - set(linear))
+        if self._is_followed:
+            found[:, rest] = self.whitening(self._slopes_nearby(theta, rest))
+            return found
         of_robot = parameters.moves_robot
         # what moves nothing first: it shares the motion that was just worked out
-        for k in sorted(set(range(parameters.size)) - set(linear), key=lambda k: of_robot[k]):
+        for k in sorted(rest, key=lambda k: of_robot[k]):
             change = np.zeros(parameters.size)
             change[k] = STEP
             found[:, k] = (self.whitened(theta + change) - here) / STEP
         return found
 
-    def _least_squares(self, theta: Array, rows: NDArray[np.bool_], tolerance: float) -> Array:
+    def _slopes_nearby(self, theta: Array, places: Sequence[int]) -> Array:
+        """Return derivatives of the residuals (m, c), motions nearby by their linear model."""
+        here = self.residuals(theta)
+        settings = self.parameters.settings(theta)
+        (robot, motions), nearby = self._moved(settings), self._linear_motions(settings)
+        found = np.empty((len(here), len(places)))
+        of_robot = self.parameters.moves_robot
+        for column, k in enumerate(places):
+            change = np.zeros(self.parameters.size)
+            change[k] = STEP
+            point = self.parameters.settings(theta + change)
+            moved, those = robot, motions
+            if of_robot[k]:
+                own = SearchPoint(overrides=self.parameters.moving(point), bodies=point.bodies)
+                moved = self._candidates.at(own)
+                those = [each.of(moved) for each in nearby]
+            parts = [
+                each
+                for run, motion in zip(self._runs, those, strict=True)
+                for each in run.residuals(moved, point, motion)
+            ]
+            found[:, column] = (np.concatenate(parts) - here) / STEP
+        return found
+
+    def _least_squares(
+        self, theta: Array, rows: NDArray[np.bool_], tolerance: float, most: int = MOST
+    ) -> Array:
         count = int(rows.sum())
 
         prior = np.eye(len(theta)) / PRIOR
@@ -269,7 +355,7 @@ class ModelSearch:
 
         found = least_squares(
             function, theta, jacobian, method='trf', x_scale=1.0, xtol=1e-5, ftol=tolerance,
-            gtol=1e-8 * count, max_nfev=40,
+            gtol=1e-8 * count, max_nfev=most,
         )  # fmt: skip
         return np.asarray(found.x)
 
@@ -283,17 +369,25 @@ class ModelSearch:
             by_numbers * self.parameters.scales(theta),
             residual,
             self.blocks,
-            self._by_joint_noise(theta) * slope,
+            self.whitening(self._by_joint_noise(theta)).T * slope,
+            len(self.labels),
         )
 
+    def shaken(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
+        """Return what noise of the joints makes of each channel over some rows, rms."""
+        square = np.mean(self._by_joint_noise(theta) ** 2, axis=1)
+        return self._by_channel(square, rows, lambda x: np.sqrt(np.mean(x)))
+
     def _by_joint_noise(self, theta: Array) -> Array:
-        """Return changes of the whitened residuals by noise of the joints, drawn anew (d, m)."""
-        settings, here = self.parameters.settings(theta), self.whitened(theta)
+        """Return changes of the residuals by noise of the joints, drawn anew (m, d)."""
+        if self._drawn is not None and self._drawn[0] == theta.tobytes():
+            return self._drawn[1]
+        settings, here = self.parameters.settings(theta), self.residuals(theta)
         robot, _ = self._moved(settings)
-        found = np.empty((DRAWS, len(here)))
+        found = np.empty((len(here), DRAWS))
         for k in range(DRAWS):
             draw = np.random.default_rng(k)
-            found[k] = np.concatenate(
+            found[:, k] = np.concatenate(
                 [
                     each
                     for run in self._runs
@@ -301,5 +395,5 @@ class ModelSearch:
                 ]
             )
         self.evaluations += DRAWS
-        changes: Array = found / self.deviation[self._channel] - here
-        return changes
+        self._drawn = theta.tobytes(), found - here[:, None]
+        return self._drawn[1]
