@@ -141,7 +141,9 @@ def main() -> int:
     parser.add_argument('--duration', type=float, default=4.0, help='of each recording [s]')
     parser.add_argument('--workers', type=int, default=2)
     parser.add_argument('--minutes', type=float, default=120.0, help='no new result after that')
-    parser.add_argument('--json', type=Path, help='all results; robots that it has stay as they are')
+    parser.add_argument(
+        '--json', type=Path, help='all results; robots that it has stay as they are'
+    )
     args = parser.parse_args()
     seeds = range(args.first, args.first + args.count)
     robots = campaign(seeds, args.duration, args.workers, args.minutes, args.json)

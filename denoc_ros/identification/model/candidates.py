@@ -114,6 +114,4 @@ class Candidates:
 def _numbers(mass: float, centre: Array) -> Array:
     """Return the ten numbers of a point mass about a link frame's origin (10,)."""
     point = from_centre(mass, centre, np.zeros((3, 3)))
-    return np.concatenate(
-        [[point.mass], point.first_moment, point.inertia[np.triu_indices(3)]]
-    )
+    return np.concatenate([[point.mass], point.first_moment, point.inertia[np.triu_indices(3)]])

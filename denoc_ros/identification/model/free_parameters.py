@@ -303,7 +303,9 @@ class FreeParameters:
                 added = difference(body.inertia, own.inertia)
                 body = replace(body, inertia=total(found, added))
             bodies.append(body)
-        return Robot(replace(robot.tree, bodies=tuple(bodies)), robot.gravity, robot.geometric_stiffness)
+        return Robot(
+            replace(robot.tree, bodies=tuple(bodies)), robot.gravity, robot.geometric_stiffness
+        )
 
 
 def _chosen(free: Sequence[str], known: Sequence[str]) -> list[str]:

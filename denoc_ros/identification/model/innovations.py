@@ -9,6 +9,7 @@ squares are the likelihood (L. Ljung, System Identification, 1999, section 7.4).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +60,7 @@ def linked_rows(nearby: NearbyMotion, t: Array, row_t: Array, by_state: Array) -
     near = np.flatnonzero(np.abs(apart) <= MOST_APART * period)
     order = near[np.argsort(nearest[near], kind='stable')]
     edges = np.searchsorted(nearest[order], np.arange(len(t) + 1))
-    return LinkedRows([order[a:b] for a, b in zip(edges, edges[1:], strict=False)], slopes)
+    return LinkedRows([order[a:b] for a, b in pairwise(edges)], slopes)
 
 
 class Innovations:
@@ -105,15 +106,19 @@ class Innovations:
 
     def _add(self, places: Int, spread: Array) -> Array:
         """Keep gain and root of the next rows; return what they leave of the spread."""
+        if not len(places):
+            self._gains.append(spread[:, :0])
+            self._roots.append(spread[:0, :0])
+            return spread
         seen = self._rows.slopes[places]
         shared = spread @ seen.T
-        whole = seen @ shared + np.diag(self._deviation[places] ** 2)
-        root = np.linalg.inv(np.linalg.cholesky(whole)) if len(places) else whole
-        gain = shared @ root.T @ root
-        self._gains.append(gain)
+        whole = seen @ shared
+        whole.flat[:: len(places) + 1] += self._deviation[places] ** 2
+        root = np.linalg.inv(np.linalg.cholesky(whole))
+        rooted = root @ shared.T
+        self._gains.append(rooted.T @ root)
         self._roots.append(root)
-        left = spread - gain @ shared.T
-        return np.asarray(0.5 * (left + left.T))
+        return np.asarray(spread - rooted.T @ rooted)
 
     def whitened(self, residuals: Array) -> Array:
         """Return residuals (m,) or (m, c) in deviations of what was not foreseen of them."""

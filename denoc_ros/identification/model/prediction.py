@@ -100,9 +100,7 @@ class PreparedRun:
         plain = not (odd or self.has_unpowered_joints or self.recording.filters)
         return plain and len(robot.flexible_indices) > 0
 
-    def linked_rows(
-        self, robot: Robot, settings: SearchPoint, nearby: NearbyMotion
-    ) -> LinkedRows:
+    def linked_rows(self, robot: Robot, settings: SearchPoint, nearby: NearbyMotion) -> LinkedRows:
         """Return which residuals hang on which stamp, and how on the amplitudes there.
 
         Arguments are those of `residuals`; by what they become where amplitudes are a bit off.

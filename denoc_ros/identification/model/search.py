@@ -270,7 +270,10 @@ class ModelSearch:
         for _ in range(PASSES):
             self.whitening.weigh(deviation, residual)
             left = self._own_size(self.whitening(residual), rows, 0.0)
+            before = deviation
             deviation = np.maximum(deviation * np.clip(left, 1.0 / FASTEST, FASTEST), self._least)
+            if np.abs(deviation / before - 1.0).max() < SETTLED:
+                break
         self.whitening.weigh(deviation, residual)
 
     def _own_size(

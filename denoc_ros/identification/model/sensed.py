@@ -150,17 +150,24 @@ class SensedChannels:
     def _of_inertial(self, robot: Robot, states: Array, settings: SearchPoint) -> list[Array]:
         if not self._inertial:
             return []
-        found, values = [], robot.sensor_values(*states)
+        found: list[Array] = []
+        values = robot.sensor_values(*states)
+        passing = self._low_pass
+        if len(values) < len(self._t):
+            passing = passing[: len(values), : len(values)]
         for sensor in self._inertial:
+            places = [k for k, p in enumerate(sensor.parts) if f'{sensor.name}/{p}' in self._names]
+            if not places:
+                continue
+            paths = [f'sensor.{sensor.name}.{{}}.{sensor.parts[k]}' for k in places]
+            gain, offset = (
+                np.array([settings.channels.get(path.format(word), usual) for path in paths])
+                for word, usual in (('gain', 1.0), ('offset', 0.0))
+            )
+            raw = (values[:, [sensor.first + k for k in places]] - offset) / gain
+            names = [f'{sensor.name}/{sensor.parts[k]}' for k in places]
             delay = settings.delays.get(sensor.name, 0.0)
-            for k, part in enumerate(sensor.parts):
-                if f'{sensor.name}/{part}' not in self._names:
-                    continue
-                gain = settings.channels.get(f'sensor.{sensor.name}.gain.{part}', 1.0)
-                offset = settings.channels.get(f'sensor.{sensor.name}.offset.{part}', 0.0)
-                raw = (values[:, sensor.first + k] - offset) / gain
-                passed = self._low_pass[: len(raw), : len(raw)] @ raw
-                found.append(self._missed(f'{sensor.name}/{part}', passed, delay))
+            found += self._missed_together(names, passing @ raw, delay)
         return found
 
     def _of_pose(self, robot: Robot, frame: str, q: Array, settings: SearchPoint) -> list[Array]:
@@ -173,10 +180,18 @@ class SensedChannels:
         turns = middle.inv() * axes * Rotation.from_matrix(poses[:, :3, :3])
         values = np.hstack([axes.apply(poses[:, :3, 3]) + offset[:3], turns.as_rotvec()])
         delay = settings.delays.get(f'pose.{frame}', 0.0)
-        return [
-            self._missed(f'pose {frame}/{part}', column, delay)
-            for part, column in zip(POSE_PARTS, values.T, strict=True)
-        ]
+        names = [f'pose {frame}/{part}' for part in POSE_PARTS]
+        return self._missed_together(names, values, delay)
+
+    def _missed_together(self, names: list[str], predicted: Array, delay: float) -> list[Array]:
+        """Return the same of channels with the same stamps, predicted (j, channels)."""
+        stamps = self._names[names[0]].t
+        if not len(stamps):
+            return [stamps for _ in names]
+        count = len(predicted)
+        at = np.minimum(stamps - delay, self._t[count - 1])
+        seen = CubicSpline(self._t[:count], predicted)(at)
+        return [self._names[name].value - own for name, own in zip(names, seen.T, strict=True)]
 
     def _missed(self, name: str, predicted: Array, delay: float) -> Array:
         """Return what a channel has more than predicted at the joints' first stamps (j,)."""

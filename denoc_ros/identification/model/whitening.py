@@ -50,9 +50,7 @@ class Whitening:
         """Whether filters follow the vibration that noise of the joints makes."""
         return bool(self._filters)
 
-    def follow(
-        self, robot: Robot, settings: SearchPoint, nearby: Sequence[NearbyMotion]
-    ) -> None:
+    def follow(self, robot: Robot, settings: SearchPoint, nearby: Sequence[NearbyMotion]) -> None:
         """Follow the vibration about these motions from now on; none: about no motion."""
         self._linked = [
             (run, motion, run.linked_rows(robot, settings, motion), run.rate_noise(robot))
