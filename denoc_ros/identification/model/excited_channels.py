@@ -34,12 +34,15 @@ class Response:
         [N m, N]
     sensors : (k, sensors) array
         Raw readings.
+    inertial : (k, values) array
+        Of IMUs and accelerometers, one after another [rad/s, m/s^2].
     deflection : (k, flexible links) array
         Of the tips across their axes [m].
     """
 
     effort: Array
     sensors: Array
+    inertial: Array
     deflection: Array
 
 
@@ -75,6 +78,7 @@ class Along:
         }
         self.links = tuple(beam.link for beam in whole_beams(robot.tree))
         self._tips = [robot.section(link) for link in self.links]
+        self._free = np.setdiff1d(np.arange(robot.n), robot.joint_indices)
 
     def every(self, rows: MotionRows) -> MotionRows:
         """Return the motion of all joints by that of the driven ones."""
@@ -86,18 +90,21 @@ class Along:
         robot, every = self._robot, self.every(rows)
         bends = len(robot.flexible_indices) > 0
         q, qd = self._states(every, bends)
+        qdd = np.zeros_like(q)
+        qdd[:, robot.joint_indices] = every.qdd
         if bends:
-            torque = robot.hybrid_dynamics(q, qd, every.qdd)[0]
+            torque, qdd[:, self._free] = robot.hybrid_dynamics(q, qd, every.qdd)
         else:
-            qdd = np.zeros_like(q)
-            qdd[:, robot.joint_indices] = every.qdd
             torque = robot.inverse_dynamics(q, qd, qdd)[:, robot.joint_indices]
         values = robot.beam_sensor_values(q)
         for k, sensor in enumerate(robot.tree.sensors):
             values[:, k] = (values[:, k] - sensor.offset) / sensor.gain
         tips = [np.hypot(*tip.deflection(q[:, own])[:, 1:3].T) for tip, own in self._tips]
         bent = np.column_stack(tips) if tips else np.zeros((len(q), 0))
-        return Response(torque @ self._ties, values, bent)
+        inertial = np.zeros((len(q), 0))
+        if robot.tree.inertial_sensors:
+            inertial = robot.sensor_values(q, qd, qdd)[:, robot.tree.inertial_sensors[0].first :]
+        return Response(torque @ self._ties, values, inertial, bent)
 
     def slopes(self, rows: MotionRows, paths: list[str]) -> Array:
         """Return the derivatives of a rigid robot's effort by its parameters (k, driven, p)."""
@@ -121,7 +128,7 @@ class Along:
         self._stepper.step = float(every.t[1] - every.t[0])
         middle = 0.5 * (every.qdd[1:] + every.qdd[:-1])
         driven = self._stepper.driven
-        free = np.setdiff1d(np.arange(robot.n), index)
+        free = self._free
         for k in range(count):
             q[index], qd[index] = every.q[k], every.qd[k]
             states[k, free], rates[k, free] = q[free], qd[free]
@@ -140,7 +147,7 @@ class ExcitedChannels:
     parameters : FreeParameters
     noise : dict of str to float
         Deviation of one sample of each channel: `effort.<joint>` [N m, N], `<sensor>` in the unit
-        of its value; infinite: not recorded.
+        of its value, `<imu>.gyro` [rad/s] and `<imu>.accel` [m/s^2]; infinite: not recorded.
     rate : float
         Of recording [Hz].
     """
@@ -158,6 +165,13 @@ class ExcitedChannels:
         self._effort_noise = np.array([noise[f'effort.{joint}'] for joint in along.joints])
         self._sensor_noise = np.array([noise[s.name] / abs(s.gain) for s in sensors])
         self._names = [sensor.name for sensor in sensors]
+        self._parts = [
+            (each.name, part) for each in parameters.robot.tree.inertial_sensors
+            for part in each.parts
+        ]  # fmt: skip
+        self._inertial_noise = np.array(
+            [noise[f'{name}.{part.partition("_")[0]}'] for name, part in self._parts]
+        )
         self._point = parameters.settings(np.zeros(parameters.size))
         linear, self._paths = parameters.linear
         self._linear, self._slopes = linear, parameters.slopes(np.zeros(parameters.size))
@@ -177,8 +191,20 @@ class ExcitedChannels:
         for k, name in enumerate(self._names):
             if name in point.delays:
                 sensors[:, k] = _late(rows.t, sensors[:, k], point.delays[name])
-        found = np.hstack([effort / self._effort_noise, sensors / self._sensor_noise])
+        inertial = self._inertial(rows.t, response.inertial, point)
+        found = np.hstack([effort / self._effort_noise, sensors / self._sensor_noise, inertial])
         return found * self._weight(rows)
+
+    def _inertial(self, t: Array, values: Array, point: SearchPoint) -> Array:
+        """Return what IMUs and accelerometers read (k, values), in their noise."""
+        raw = values.copy()
+        for k, (name, part) in enumerate(self._parts):
+            offset = point.channels.get(f'sensor.{name}.offset.{part}', 0.0)
+            gain = point.channels.get(f'sensor.{name}.gain.{part}', 1.0)
+            raw[:, k] = (raw[:, k] - offset) / gain
+            if name in point.delays:
+                raw[:, k] = _late(t, raw[:, k], point.delays[name])
+        return np.asarray(raw / self._inertial_noise)
 
     def jacobian(self, rows: MotionRows, both: bool = False) -> Array:
         """Return the derivatives of all channels by theta (k channels, parameters).
@@ -190,7 +216,8 @@ class ExcitedChannels:
         both : bool
             Differences to both sides: twice the work, squares of the error.
         """
-        size, width = self.parameters.size, len(self._effort_noise) + len(self._names)
+        size = self.parameters.size
+        width = len(self._effort_noise) + len(self._names) + len(self._parts)
         found = np.zeros((len(rows.t), width, size))
         if self._linear:
             self.evaluations += 1
@@ -254,7 +281,8 @@ def channel_noise(
     joints : iterable of str
         The driven joints.
     given : dict of str to float
-        `effort` of all joints, `effort.<joint>`, `<sensor>`; infinite: not recorded.
+        `effort` of all joints, `effort.<joint>`, `<sensor>`, `<imu>.gyro`, `<imu>.accel`;
+        infinite: not recorded, as IMUs are whose description has no noise.
     effort_limits, largest : dict of str to float
         By joint: its effort limit (infinite: none), and the largest torque on motions tried.
 
@@ -264,6 +292,10 @@ def channel_noise(
         A channel that is none, a deviation that is not > 0; with every finding.
     """
     sensors = {sensor.name: sensor.noise for sensor in robot.tree.sensors}
+    for each in robot.tree.inertial_sensors:
+        own = {'gyro': each.gyro_noise, 'accel': each.accel_noise}
+        for kind in sorted({part.partition('_')[0] for part in each.parts}):
+            sensors[f'{each.name}.{kind}'] = own[kind] or np.inf
     names = list(joints)
     known = ['effort', *(f'effort.{joint}' for joint in names), *sensors]
     findings = [
@@ -274,8 +306,8 @@ def channel_noise(
     found: dict[str, float] = {}
     for joint in names:
         limit = effort_limits[joint]
-        own = SHARE_OF_LIMIT * limit if np.isfinite(limit) else SHARE_OF_LARGEST * largest[joint]
-        found[f'effort.{joint}'] = given.get(f'effort.{joint}', given.get('effort', own))
+        usual = SHARE_OF_LIMIT * limit if np.isfinite(limit) else SHARE_OF_LARGEST * largest[joint]
+        found[f'effort.{joint}'] = given.get(f'effort.{joint}', given.get('effort', usual))
     found.update({name: given.get(name, noise) for name, noise in sensors.items()})
     findings += [
         f'noise of {name} must be > 0 (inf: not recorded), got {value}'

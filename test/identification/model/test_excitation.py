@@ -277,3 +277,60 @@ def test_robots_that_cannot_be_excited_are_refused(arm: Robot) -> None:
         dn.design_excitation(weak, ['joint.*.damping'], effort=1e-3, start={'joint_1': 1.0})
     with pytest.raises(dn.ConfigError, match=r"--free 'beam\.none\.ei' must be of one of"):
         dn.design_excitation(arm, ['beam.none.ei'], time_limit=0.5)
+
+
+LINK = """<robot name="link"><link name="base"/><link name="arm"><inertial><origin xyz="0.5 0 0"/>
+  <mass value="1"/><inertia ixx="0" ixy="0" ixz="0" iyy="0.083" iyz="0" izz="0.083"/></inertial>
+  </link><joint name="j" type="revolute"><parent link="base"/><child link="arm"/>
+  <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="50" velocity="2"/></joint>
+  <flexibility><beam link="arm" length="1"><bending direction="y" ei="20" modes="1"
+  damping_ratio="0.02"/></beam><sensor name="imu" type="imu" link="arm" station="1" topic="/imu"
+  {noise}/></flexibility></robot>"""
+
+
+@pytest.mark.parametrize(
+    ('stated', 'given', 'verdict'),
+    [
+        ('', {}, 'not identifiable'),  # an IMU whose noise nobody says is not recorded
+        ('', {'imu.gyro': 1e-3, 'imu.accel': 0.02}, 'found'),
+        ('gyro_noise="1e-3" accel_noise="0.02"', {}, 'found'),
+        (
+            'gyro_noise="1e-3" accel_noise="0.02"',
+            {'imu.gyro': np.inf, 'imu.accel': np.inf},
+            'not identifiable',
+        ),
+    ],
+)
+def test_an_imu_tells_stiffness_if_its_noise_is_known(
+    stated: str, given: dict[str, float], verdict: str
+) -> None:
+    link = dn.load_robot(LINK.format(noise=stated), gravity=(0, 0, 0))
+    found = dn.design_excitation(
+        link,
+        ['beam.*.ei'],
+        duration=3.0,
+        harmonics=3,
+        noise={'effort': np.inf, **given},
+        time_limit=0.5,
+    )
+    assert found.verdict['beam.arm.y.ei'] == verdict
+
+
+def test_slopes_of_an_imu_s_offset_gain_and_delay() -> None:
+    link = dn.load_robot(LINK.format(noise=''), gravity=(0, 0, 0))
+    paths = ['sensor.imu.offset.gyro_z', 'sensor.imu.gain.gyro_z', 'delay.imu']
+    along, parameters = Along(link), FreeParameters(link, paths)
+    noise = {'effort.j': 1.0, 'imu.gyro': 1.0, 'imu.accel': 1.0}
+    channels = ExcitedChannels(along, parameters, noise, 100.0)
+    series = RestSeries(DURATION, 4)
+    free = np.random.default_rng(1).normal(0.0, 0.05, (series.free, 1))
+    rows = series.rows(free, np.zeros(1), np.linspace(0.0, DURATION, 501))
+    found = channels.jacobian(rows, both=True).reshape(501, 7, 3)
+    rate = along.response(rows).inertial[:, 2]
+    scale = next(n.scale for n in parameters.numbers if n.path == paths[0])
+    np.testing.assert_allclose(found[:, 3, 0], -scale, rtol=1e-6)
+    np.testing.assert_allclose(found[:, 3, 1], -rate, atol=1e-6 * np.abs(rate).max())
+    slope = -0.01 * np.gradient(rate, rows.t)  # a theta of delay is 10 ms
+    error = np.abs(found[5:-5, 3, 2] - slope[5:-5]).max()
+    assert error < 0.01 * np.abs(slope).max()
+    assert not found[:, [0, 1, 2, 4, 5, 6], :2].any()
