@@ -100,8 +100,8 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
         metavar='CHANNEL=VALUE',
         action='append',
         default=[],
-        help='standard deviation of a sample of effort, effort.JOINT [N m, N] or a sensor; inf: '
-        "not recorded; default: 1 %% of the effort limit, the sensor's noise; repeatable",
+        help='standard deviation of a sample of effort, effort.JOINT [N m, N], a sensor, IMU.gyro '
+        "[rad/s] or IMU.accel [m/s^2]; inf: not recorded; default: 1 %% of the effort limit, the sensor's noise; repeatable",
     )
 
 

@@ -6,11 +6,11 @@ import numpy as np
 
 from denoc_ros.dynamics.parameter_columns import DIAGONAL_TERMS, Column, find_columns
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.identification.model.free_numbers import payload_of
 from denoc_ros.identification.model.free_parameters import (
     INERTIAL,
     FreeParameters,
     SearchPoint,
-    payload_of,
 )
 from denoc_ros.model.arrays import inertia_row
 from denoc_ros.model.inertia import difference, from_centre

@@ -116,7 +116,8 @@ def _transitions(t: Array, slopes: Array) -> tuple[Array, Array, Array]:
     f = slopes.shape[1] // 2
     h = np.diff(t)[:, None, None]
     middle = 0.5 * (slopes[:-1] + slopes[1:])
-    transitions = scipy.linalg.expm(middle * h)
+    transitions: Array = np.asarray(scipy.linalg.expm(middle * h), dtype=np.float64)
     held = np.linalg.solve(middle, transitions - np.eye(2 * f))
     late = np.linalg.solve(middle, held / h - np.eye(2 * f))
-    return transitions, (held - late)[:, :, f:], late[:, :, f:]
+    early: Array = (held - late)[:, :, f:]
+    return transitions, early, np.asarray(late[:, :, f:], dtype=np.float64)

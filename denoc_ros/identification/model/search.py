@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -53,7 +54,7 @@ def _held_rms(values: Array) -> float:
 def _roughness(values: Array) -> float:
     """Return the deviation of white noise with such second differences."""
     bent = np.diff(values, 2) if len(values) > 2 else values
-    return 1.48 * float(np.median(np.abs(bent))) / np.sqrt(6.0)
+    return 1.48 * float(np.median(np.abs(bent))) / math.sqrt(6.0)
 
 
 def vector_of(name: str) -> str:
