@@ -101,7 +101,8 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         help='standard deviation of a sample of effort, effort.JOINT [N m, N], a sensor, IMU.gyro '
-        "[rad/s] or IMU.accel [m/s^2]; inf: not recorded; default: 1 %% of the effort limit, the sensor's noise; repeatable",
+        '[rad/s] or IMU.accel [m/s^2]; inf: not recorded; default: 1 %% of the effort limit, '
+        "the sensor's noise; repeatable",
     )
 
 
