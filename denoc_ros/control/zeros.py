@@ -7,11 +7,11 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from denoc_ros.control.tip_problem import TipProblem
+from denoc_ros.dynamics.constraints import RANK
 from denoc_ros.types import Array
 
 DECADES = 5.0  # to which what goes before and after has died down at the window's ends
 SHARE = 0.1  # a zero whose real part is less of its size neither grows nor decays
-RANK = 1e-6
 
 
 def transmission_zeros(problem: TipProblem, q: Array) -> NDArray[np.complex128]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
+from denoc_ros.dynamics.constraints import closure_rows, jacobian, least_solution
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
@@ -37,6 +37,41 @@ def assemble(robot: RobotModel, guess: Array, fixed: Sequence[str]) -> Array:
     raise _failure(robot, worst, 'm or rad')
 
 
+def close_nearby(
+    robot: RobotModel,
+    q: Array,
+    free: Int,
+    change: Callable[[Array, Array], Array],
+    tolerance: float,
+    steps: int,
+) -> float:
+    """Close q (n,) in place by Newton's steps; return the error that was left before the last.
+
+    Parameters
+    ----------
+    free : (f,) int array
+        The coordinates that move.
+    change : callable
+        Takes closure errors (rows,) and the Jacobian's columns of the free coordinates, (rows, f);
+        returns the change (f,) that takes the errors away.
+    tolerance : float
+        m or rad, at which no further step is needed.
+    """
+    left, zero = np.inf, np.zeros(robot.n)
+    for _ in range(steps):
+        error = closure_rows(robot, q, zero)[0]
+        left = float(np.abs(error).max(initial=0.0))
+        if left <= tolerance:
+            break
+        q[free] -= change(error, jacobian(robot, q)[0][:, free])
+    return left
+
+
+def least_change(error: Array, rows: Array) -> Array:
+    """Return the smallest change (f,) that takes closure errors away, by rows (rows, f)."""
+    return least_solution(rows, error)[0]
+
+
 def _starts(guess: Array, free: Int) -> Iterator[Array]:
     """Yield the guess, then others beside it: a mechanism drawn flat has no slope to follow."""
     yield guess
@@ -53,7 +88,7 @@ def assemble_rates(robot: RobotModel, q: Array, guess: Array, fixed: Sequence[st
     for free in _choices(robot, fixed):
         qd: Array = guess.copy()
         for _ in range(POLISH):
-            qd[free] -= _least_step(rows[:, free], rows @ qd)
+            qd[free] -= least_change(rows @ qd, rows[:, free])
         if np.abs(rows @ qd).max(initial=0.0) <= CLOSED * max(1.0, float(np.abs(qd).max())):
             return qd
     raise _failure(robot, rows @ qd, 'm/s or rad/s')
@@ -87,13 +122,8 @@ def _closed(robot: RobotModel, guess: Array, free: Int) -> Array:
         return q
     found = least_squares(errors, guess[free], slopes, xtol=1e-14, ftol=1e-14, gtol=1e-14)
     q[free] = found.x
-    for _ in range(POLISH):
-        q[free] -= _least_step(jacobian(robot, q)[0][:, free], closure_rows(robot, q, zero)[0])
+    close_nearby(robot, q, free, least_change, 0.0, POLISH)
     return q
-
-
-def _least_step(matrix: Array, error: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(matrix, error, rcond=RANK)[0])
 
 
 def _failure(robot: RobotModel, error: Array, unit: str) -> SolverError:

@@ -13,11 +13,11 @@ from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
 from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.mechanism_modes import independent_joints
 from denoc_ros.errors import StateError
+from denoc_ros.kernels.closing import OPEN
 from denoc_ros.types import Array
 
 Int = NDArray[np.int64]
 
-CLOSED = 1e-6  # m or rad, m/s or rad/s: states come from files and trajectories
 REGULAR = 1e-6  # least singular value of a choice of coordinates that determines the others
 
 
@@ -86,10 +86,10 @@ def _require_closed(robot: DifferentiableModel, q: Array, qd: Array) -> None:
         ('qd', rates, 'm/s (or rad/s)', 'assemble_rates'),
     ):
         worst = int(np.argmax(np.abs(values)))
-        if abs(values[worst]) > CLOSED:
+        if abs(values[worst]) > OPEN:
             raise StateError(
                 f'{robot.tree.name}: {what} must keep {robot.constraint_names[worst]!r} closed '
-                f'to {CLOSED:g} {unit} (see {verb}), got {values[worst]:.3g}'
+                f'to {OPEN:g} {unit} (see {verb}), got {values[worst]:.3g}'
             )
 
 

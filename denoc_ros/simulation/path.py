@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from denoc_ros.dynamics.assembling import least_change
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
 from denoc_ros.trajectories import SplineTrajectory
@@ -14,7 +15,6 @@ from denoc_ros.types import Array
 KNOTS = 120  # per turn: quintics between them are true to 1e-9 of the radius
 CLOSED = 1e-11  # m, rad
 ITERATIONS = 50
-RANK = 1e-8  # below this part of the greatest singular value rows are redundant
 SMALL = 1e-5  # step of a central difference, of 1 / the largest rate
 
 
@@ -71,18 +71,14 @@ def follow(robot: Robot, circle: Circle, guess: Array) -> SplineTrajectory:
         rows = _rows(robot, circle.frame, near)
         none = np.zeros(len(rows) - 6)
         turning = np.zeros(3)
-        qd[k] = _least(rows, np.concatenate([none, velocity, turning]))
+        qd[k] = least_change(np.concatenate([none, velocity, turning]), rows)
         bias = _bias(robot, circle.frame, near, qd[k])
-        qdd[k] = _least(rows, np.concatenate([none, acceleration, turning]) - bias)
+        qdd[k] = least_change(np.concatenate([none, acceleration, turning]) - bias, rows)
     return SplineTrajectory(times, q, qd, qdd)
 
 
 def _rows(robot: Robot, frame: str, q: Array) -> Array:
     return np.vstack([robot.closure_jacobian(q), robot.frame_jacobian(frame, q)])
-
-
-def _least(rows: Array, wanted: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(rows, wanted, rcond=RANK)[0])
 
 
 def _bias(robot: Robot, frame: str, q: Array, qd: Array) -> Array:
@@ -104,7 +100,7 @@ def _reach(robot: Robot, frame: str, point: Array, directions: Array, guess: Arr
         wanted = np.concatenate([-robot.closure(q), point - pose[:3, 3], twist])
         if np.max(np.abs(wanted)) <= CLOSED:
             return q
-        q += _least(_rows(robot, frame, q), wanted)
+        q += least_change(wanted, _rows(robot, frame, q))
     raise SolverError(
         f'simulate: frame {frame!r} must reach {np.round(point, 6).tolist()} m with its '
         f'directions kept, got no closer than {np.max(np.abs(wanted)):.3g} m or rad'

@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.assembling import close_nearby, least_change
 from denoc_ros.dynamics.centre_line import CentreLine
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.structure import whole_beam
 from denoc_ros.errors import StateError
+from denoc_ros.kernels.closing import OPEN
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.types import Array
 from denoc_ros.viewer.cutting import cut_along
 from denoc_ros.viewer.outline import Colour, LinkSurface, outlines
 
 SAME = 1e-9  # of the beam's length: stations that are one
-CLOSED = 1e-6  # m, rad: what loops may be drawn open by
 STEPS = 8  # of Gauss-Newton, each of which squares the error
 
 
@@ -45,15 +46,10 @@ def exaggerated(robot: Robot, q: Array, scale: float) -> Array:
     closed: Array = drawn.copy()
     joints = robot.joint_indices
     try:
-        for _ in range(STEPS):
-            error = robot.closure(closed)
-            if np.abs(error).max() <= CLOSED:
-                return closed
-            rows = robot.closure_jacobian(closed)[:, joints]
-            closed[joints] -= np.linalg.lstsq(rows, error, rcond=1e-8)[0]
+        left = close_nearby(robot, closed, joints, least_change, OPEN, STEPS)
     except (StateError, np.linalg.LinAlgError):
         return drawn
-    return drawn
+    return closed if left <= OPEN else drawn
 
 
 class BentLink:
