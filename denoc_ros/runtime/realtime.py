@@ -15,6 +15,8 @@ PR_SET_TIMERSLACK = 29
 MCL_CURRENT_AND_FUTURE = 3
 OFF = 'off'
 REFUSED = 'refused'
+TRANSPORT = 'dds.'  # what the names of Fast DDS's threads begin with
+WATCHDOG = 'dds.shm.wdog'  # looks after dead processes: nothing waits for it
 
 # loaded once: a look-up takes longer than a period
 _LIBC = ctypes.CDLL(None, use_errno=True)
@@ -49,6 +51,32 @@ def lock_memory(wanted: bool) -> dict[str, str]:
     if _LIBC.mlockall(MCL_CURRENT_AND_FUTURE) != 0:
         return {'lock_memory': f'{REFUSED}: {os.strerror(ctypes.get_errno())}'}
     return {'lock_memory': 'taken: mlockall'}
+
+
+def make_transport_timely(priority: int) -> dict[str, str]:
+    """Set the priority of the threads that receive and send messages; return as for a thread.
+
+    Parameters
+    ----------
+    priority : int
+        SCHED_FIFO priority; 0: none. Fast DDS starts its threads with the participant, ordinary
+        ones: a message for a timely loop would wait for them on a busy machine.
+    """
+    if priority <= 0:
+        return {'transport thread_priority': OFF}
+    count = 0
+    for task in Path('/proc/self/task').iterdir():
+        try:
+            name = (task / 'comm').read_text().strip()
+            if not name.startswith(TRANSPORT) or name == WATCHDOG:
+                continue
+            _schedule(int(task.name), priority)
+        except (FileNotFoundError, ProcessLookupError):  # a thread that has just ended
+            continue
+        except OSError as error:
+            return {'transport thread_priority': f'{REFUSED}: {priority}, {error.strerror}'}
+        count += 1
+    return {'transport thread_priority': f'taken: SCHED_FIFO {priority}, {count} threads'}
 
 
 def lower_priority(niceness: int) -> dict[str, str]:
@@ -101,9 +129,13 @@ def _priority(priority: int) -> str:
     if priority <= 0:
         return OFF
     try:
-        # threads started from here on, DDS's among them, stay ordinary
-        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-        os.sched_setscheduler(0, policy, os.sched_param(priority))
+        _schedule(0, priority)
     except OSError as error:
         return f'{REFUSED}: {priority}, {error.strerror}'
     return f'taken: SCHED_FIFO {priority}'
+
+
+def _schedule(thread: int, priority: int) -> None:
+    """Run a thread under SCHED_FIFO; threads that it starts from here on stay ordinary."""
+    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    os.sched_setscheduler(thread, policy, os.sched_param(priority))

@@ -75,7 +75,8 @@ def loop_parameters() -> tuple[Parameter, ...]:
             'thread_priority',
             Kind.INTEGER,
             0,
-            'SCHED_FIFO priority of the loop thread, callbacks one below, where allowed; 0 = off',
+            'SCHED_FIFO priority of the loop thread and of those that receive and send messages, '
+            'callbacks one below, where allowed; 0 = off',
             '',
             0,
             99,

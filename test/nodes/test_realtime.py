@@ -15,10 +15,11 @@ import pytest
 from node_robots import GRAVITY, two_links
 
 from denoc_ros.nodes.feedforward import FeedforwardNode
-from denoc_ros.runtime.realtime import make_thread_timely, refusals
+from denoc_ros.runtime.realtime import make_thread_timely, make_transport_timely, refusals
 from denoc_ros.runtime.status import WARN, realtime_status
 
 PR_GET_TIMERSLACK = 30
+PR_SET_NAME = 15
 
 
 def in_a_thread(priority: int, core: int) -> tuple[dict[str, str], int, set[int], int]:
@@ -81,6 +82,31 @@ def test_memory_is_locked_where_it_says_so() -> None:
     # an interpreter has some MB
     assert (int(locked[1]) > 4000) == said.startswith('taken'), said
     assert int(settled.split()[1]) > 1000
+
+
+def test_threads_of_the_transport_get_the_priority_of_the_loop_and_no_others_do() -> None:
+    found: dict[str, int] = {}
+    stop, named = threading.Event(), threading.Barrier(4)
+
+    def wait(name: str) -> None:
+        ctypes.CDLL(None).prctl(PR_SET_NAME, name.encode(), 0, 0, 0)
+        named.wait(5.0)
+        stop.wait(5.0)
+        found[name] = os.sched_getparam(0).sched_priority
+
+    names = ('dds.udp.7410', 'dds.shm.wdog', 'numbers')
+    threads = [threading.Thread(target=wait, args=(name,)) for name in names]
+    for thread in threads:
+        thread.start()
+    named.wait(5.0)
+    said = make_transport_timely(7)['transport thread_priority']
+    stop.set()
+    for thread in threads:
+        thread.join(5.0)
+    taken = said.startswith('taken: SCHED_FIFO 7, ')
+    assert taken or said.startswith('refused: 7, ')
+    assert found == {'dds.udp.7410': 7 if taken else 0, 'dds.shm.wdog': 0, 'numbers': 0}
+    assert make_transport_timely(0) == {'transport thread_priority': 'off'}
 
 
 @pytest.mark.ros
