@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from node_robots import two_links
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -104,6 +106,14 @@ class Graph:
             node.destroy_node()
         self.executor.shutdown()
         rclpy.try_shutdown()
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> str:
+    """Return the file of the arm of two flexible links with three sensors."""
+    file = tmp_path / 'arm.urdf'
+    file.write_text(two_links())
+    return str(file)
 
 
 @pytest.fixture

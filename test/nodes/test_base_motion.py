@@ -27,13 +27,6 @@ HUB = '<inertial><mass value="20"/><inertia ixx="2" iyy="2" izz="2" ixy="0" ixz=
 
 
 @pytest.fixture
-def urdf(tmp_path: Path) -> str:
-    file = tmp_path / 'arm.urdf'
-    file.write_text(two_links())
-    return str(file)
-
-
-@pytest.fixture
 def adrift(tmp_path: Path) -> str:
     file = tmp_path / 'adrift.urdf'
     file.write_text(floating(two_links(), f'{HUB}</inertial>'))

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from feedforward_bench import FeedforwardBench, joint_state, point
-from node_robots import JOINTS, two_links
+from node_robots import JOINTS
 
 import denoc_ros
 
@@ -54,12 +54,10 @@ class Spy:
 
 @pytest.mark.parametrize('trigger', ['clock', 'message'])
 def test_few_calls_lead_from_a_message_to_the_kernel_and_back(
-    graph: Any, tmp_path: Path, trigger: str
+    graph: Any, urdf: str, trigger: str
 ) -> None:
-    urdf = tmp_path / 'arm.urdf'
-    urdf.write_text(two_links())
     streamed = {'reference_source': 'joint_states'} if trigger == 'message' else {}
-    arm = FeedforwardBench(graph, str(urdf), trigger=trigger, **streamed)
+    arm = FeedforwardBench(graph, urdf, trigger=trigger, **streamed)
     robot, output = arm.node.torque.source.robot, arm.node.output
     robot._inverse = kernel = Spy(robot._inverse)
     output._effort_out.publish = publish = Spy(output._effort_out.publish)

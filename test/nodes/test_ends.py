@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from node_robots import two_links
 from sensor_msgs.msg import JointState
 
 from denoc_ros.bags.writer import BagWriter
@@ -95,12 +94,6 @@ for task in Path('/proc/self/task').iterdir():
         pass
 print(*sorted(name for name in names if name.startswith('dds')))
 """
-
-
-@pytest.fixture
-def urdf(tmp_path: Path) -> str:
-    (tmp_path / 'arm.urdf').write_text(two_links())
-    return str(tmp_path / 'arm.urdf')
 
 
 def test_a_node_leaves_no_thread_of_the_middleware(ros_domain: int, urdf: str) -> None:

@@ -22,13 +22,6 @@ pytestmark = pytest.mark.ros
 
 
 @pytest.fixture
-def urdf(tmp_path: Path) -> str:
-    file = tmp_path / 'arm.urdf'
-    file.write_text(two_links())
-    return str(file)
-
-
-@pytest.fixture
 def bench(graph: Any, urdf: str) -> Any:
     return lambda **parameters: FeedforwardBench(graph, urdf, **parameters)
 

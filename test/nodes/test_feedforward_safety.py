@@ -28,13 +28,6 @@ APART = [2.28, 0.86]  # arms apart: the loop does not close
 
 
 @pytest.fixture
-def urdf(tmp_path: Path) -> str:
-    file = tmp_path / 'arm.urdf'
-    file.write_text(two_links())
-    return str(file)
-
-
-@pytest.fixture
 def bench(graph: Any, urdf: str) -> Any:
     return lambda **parameters: FeedforwardBench(graph, urdf, **parameters)
 

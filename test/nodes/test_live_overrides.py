@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from node_robots import GRAVITY, JOINTS, two_links
+from node_robots import GRAVITY, JOINTS
 from remote_parameters import Remote
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -20,13 +19,6 @@ from denoc_ros.runtime.live_model import LiveModel
 
 pytestmark = pytest.mark.ros
 Q, QD, QDD = [0.4, -0.7], [0.3, 0.2], [1.0, -2.0]
-
-
-@pytest.fixture
-def urdf(tmp_path: Path) -> str:
-    file = tmp_path / 'arm.urdf'
-    file.write_text(two_links())
-    return str(file)
 
 
 @pytest.fixture

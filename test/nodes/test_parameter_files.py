@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
-from node_robots import GRAVITY, two_links
+from node_robots import GRAVITY
 from remote_parameters import Remote
 
 from denoc_ros.errors import ConfigError
@@ -27,13 +27,6 @@ CLASSES = {
     'recorder': Recorder,
     'viewer': ViewerNode,
 }
-
-
-@pytest.fixture
-def urdf(tmp_path: Path) -> str:
-    file = tmp_path / 'arm.urdf'
-    file.write_text(two_links())
-    return str(file)
 
 
 def from_file(file: Path, *more: str) -> list[str]:

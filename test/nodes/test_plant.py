@@ -28,13 +28,6 @@ RATE = 200.0
 
 
 @pytest.fixture
-def urdf(tmp_path: Path) -> str:
-    file = tmp_path / 'arm.urdf'
-    file.write_text(two_links())
-    return str(file)
-
-
-@pytest.fixture
 def plant(graph: Any, urdf: str) -> Any:
     def make(**parameters: Any) -> Any:
         given = {'urdf_path': urdf, 'gravity': GRAVITY, 'update_rate': RATE, **parameters}

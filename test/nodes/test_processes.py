@@ -6,12 +6,11 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from node_robots import JOINTS, two_links
+from node_robots import JOINTS
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -19,13 +18,6 @@ from denoc_ros.dynamics.robot import load_robot
 
 pytestmark = pytest.mark.ros
 GRAVITY = '[0.0, -9.81, 0.0]'
-
-
-@pytest.fixture
-def urdf(tmp_path: Path) -> str:
-    file = tmp_path / 'arm.urdf'
-    file.write_text(two_links())
-    return str(file)
 
 
 @pytest.fixture

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from node_robots import JOINTS, two_links
+from node_robots import JOINTS
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -18,13 +17,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from denoc_ros.nodes.feedforward import FeedforwardNode
 
 pytestmark = pytest.mark.ros
-
-
-@pytest.fixture
-def urdf(tmp_path: Path) -> str:
-    file = tmp_path / 'arm.urdf'
-    file.write_text(two_links())
-    return str(file)
 
 
 def parameters(urdf: str, **more: Any) -> dict[str, Any]:

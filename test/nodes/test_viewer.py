@@ -6,12 +6,11 @@ import threading
 import time
 from collections.abc import Iterator
 from itertools import cycle
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from node_robots import GRAVITY, two_links
+from node_robots import GRAVITY
 from sensor_msgs.msg import JointState
 from viewer_client import ViewerClient
 
@@ -19,13 +18,6 @@ from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.nodes.viewer import ViewerNode
 
 pytestmark = pytest.mark.ros
-
-
-@pytest.fixture
-def urdf(tmp_path: Path) -> str:
-    file = tmp_path / 'arm.urdf'
-    file.write_text(two_links())
-    return str(file)
 
 
 @pytest.fixture
