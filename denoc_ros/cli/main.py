@@ -77,6 +77,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if argv is None:  # a second Ctrl-C is not to change the status on the last way
             signal.signal(signal.SIGINT, signal.SIG_IGN)
         print(f'denoc {" ".join(arguments[:1])}: interrupted', file=sys.stderr)
+        if argv is None:
+            _leave_compiler()
         return INTERRUPTED
 
 
@@ -143,6 +145,15 @@ def _show_log() -> None:
         handler.setFormatter(logging.Formatter('denoc: %(message)s'))
         log.addHandler(handler)
     log.setLevel(logging.INFO)
+
+
+def _leave_compiler() -> None:
+    """End now if a kernel is being compiled, for which the interpreter would wait."""
+    compiling = sys.modules.get('denoc_ros.kernels.compiling')
+    if compiling is not None and compiling.at_work():
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(INTERRUPTED)
 
 
 def _complain(verb: str, message: str) -> int:

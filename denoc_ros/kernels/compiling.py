@@ -16,6 +16,7 @@ import numba
 from denoc_ros.kernels.cache import is_kept
 
 LOG = logging.getLogger('denoc_ros')
+THREAD = 'compiling'  # name of the thread that compiles
 LOOK = 0.05  # s between looks whether it is our turn
 SAY = 5.0  # s between two words on how far it is
 PATIENCE = 20.0  # s without progress after which what another process has claimed is ours too
@@ -67,7 +68,11 @@ def _compile_one(dispatcher: Any, signature: Any) -> None:
 
 
 def _in_thread(act: Callable[[], object]) -> None:
-    """Do something in another thread; wait for it so that this one can be interrupted."""
+    """Do something in another thread; wait for it so that this one can be interrupted.
+
+    An interrupt does not wait for a kernel that is being compiled. The interpreter does, before it
+    ends: it must not go from under a compiler at work.
+    """
     failures: list[BaseException] = []
 
     def run() -> None:
@@ -76,16 +81,17 @@ def _in_thread(act: Callable[[], object]) -> None:
         except BaseException as error:
             failures.append(error)
 
-    thread = threading.Thread(target=run, name='compiling', daemon=True)
+    thread = threading.Thread(target=run, name=THREAD, daemon=False)
     thread.start()
-    try:
-        while thread.is_alive():
-            thread.join(LOOK)
-    except KeyboardInterrupt:
-        thread.join()  # the interpreter must not end under a compiler at work
-        raise
+    while thread.is_alive():
+        thread.join(LOOK)
     if failures:
         raise failures[0]
+
+
+def at_work() -> bool:
+    """Say whether a kernel is being compiled, also one that nobody waits for any more."""
+    return any(thread.name == THREAD for thread in threading.enumerate())
 
 
 @contextmanager
