@@ -9,8 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from ros_domains import claimed_domain
 from simulated_bags import SimulatedBag, make_simulated_bag
+
+# a loaded machine, or kernels that check every offset, take their time
+settings.register_profile('unhurried', deadline=None)
+settings.load_profile('unhurried')
 
 SOURCES = (
     'LICENSE',

@@ -12,7 +12,7 @@ from numba import types
 from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, content, is_vector
 from denoc_ros.kernels.block import block_at, wrench_of
 from denoc_ros.kernels.body_inertia import body_inertia, flexible_block
-from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.compiled import NUMBERS, apart, inlined, kernel, rows_kernel
 from denoc_ros.kernels.flexible_elimination import inward_flexible, outward_flexible
 from denoc_ros.kernels.handle import (
     ARMATURE,
@@ -117,7 +117,7 @@ def solve(
     return GOOD if all_finite(qdd, n) else NOT_FINITE
 
 
-@shared
+@apart(types.int64(types.int64, *[NUMBERS] * 4))
 def find_acceleration(handle, q, qd, tau, qdd):
     """Write the accelerations (n) under generalized forces tau (n)."""
     topology, constants, work, diagonals, bodies = model_arrays(handle)
@@ -158,7 +158,7 @@ def forward_dynamics_rows(handle, q, qd, tau, first, last, qdd):
     return worst
 
 
-@shared
+@apart(types.int64(types.int64, *[NUMBERS] * 8))
 def find_articulated(handle, shift, held, q, qd, given, tau, qdd, torque):
     """Write q'' (n) of the free coordinates and the torque (n) of the held joints.
 

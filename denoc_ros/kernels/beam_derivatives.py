@@ -6,7 +6,7 @@ d acc/d d'_j = 2 w x B_j - 2 (H d')_j e_x.
 """
 
 from denoc_ros.kernels.beam_sums import beam_sums, mode_sums, sums_of
-from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.compiled import short_inlined, short_shared
 from denoc_ros.kernels.derivative_layout import (
     BODY_SUMS,
     BY_ACCELERATION,
@@ -43,7 +43,7 @@ from denoc_ros.kernels.layout import (
 from denoc_ros.kernels.vector import add, load, scale, store, subtract
 
 
-@inlined
+@short_inlined
 def acceleration_matrix(w, al):
     """Return the columns of A = al x + w x w x."""
     x, y, z = w
@@ -54,34 +54,34 @@ def acceleration_matrix(w, al):
     )
 
 
-@inlined
+@short_inlined
 def twice_turning(w):
     """Return the columns of 2 w x."""
     x, y, z = scale(2.0, w)
     return (0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)
 
 
-@inlined
+@short_inlined
 def across(x, y, z):
     """Return the sum of u x B, given those of u_x B, u_y B and u_z B."""
     return y[2] - z[1], z[0] - x[2], x[1] - y[0]
 
 
-@inlined
+@short_inlined
 def planes_of(ny, j):
     """Return lanes of 1 for the modes from j on that bend along y, and of 1 for the others."""
     in_y = ones_before(ny - j)
     return in_y, 1.0 - in_y
 
 
-@inlined
+@short_inlined
 def column_sum(work, u, length, planes):
     """Return the sum of B_j times what the row of sums at u is made with, for modes from u on."""
     s = take(work, u + length)
     return -take(work, u), s * planes[0], s * planes[1]
 
 
-@inlined
+@short_inlined
 def changed_sum(work, u, length, planes, by_q, by_rate):
     """Return B_j, d acc/d d_j and d acc/d d'_j times what the row of sums at u is made with."""
     bend, lift = take(work, u + 2 * length), take(work, u + 3 * length)
@@ -97,14 +97,14 @@ def changed_sum(work, u, length, planes, by_q, by_rate):
     return column, position, (swept[0] - 2.0 * bend, swept[1], swept[2])
 
 
-@inlined
+@short_inlined
 def matrix_column(matrix, v):
     """Return a matrix, given as columns, times a vector."""
     x, y, z = matrix
     return add(add(scale(v[0], x), scale(v[1], y)), scale(v[2], z))
 
 
-@inlined
+@short_inlined
 def bending_modes(work, own, step, g, length, planes, by_q, by_rate):
     """Write the rows at OWN of some bending modes at once, from `own` on; their sums begin at g.
 
@@ -132,13 +132,13 @@ def bending_modes(work, own, step, g, length, planes, by_q, by_rate):
     put_pair(work, own + step * BY_RATE, step, (e[2], across(x[2], y[2], z[2])))
 
 
-@inlined
+@short_inlined
 def modes_along(planes, matrix):
     """Return the column of a matrix in whose plane each mode bends."""
     return add(scale(planes[0], matrix[1]), scale(planes[1], matrix[2]))
 
 
-@inlined
+@short_inlined
 def modal_forces(topology, work, i, j, planes, by_q, by_rate):
     """Write how the forces of body i's bending modes change with some amplitudes, from j on."""
     ny = at(topology, i, NY)
@@ -177,7 +177,7 @@ def modal_forces(topology, work, i, j, planes, by_q, by_rate):
         put_all(work, forces + step * (2 * m + n) + j, hh + same * ss)
 
 
-@inlined
+@short_inlined
 def beam_body(topology, constants, work, i):
     """Write COMPOSITE of body i alone, what its beam adds to FORCE, TORQUE, MOMENTUM, TURNING."""
     _, sums, _ = sums_of(topology, i)
@@ -208,7 +208,7 @@ def beam_body(topology, constants, work, i):
     store(work, o + TORQUE, across(x, y, z))
 
 
-@inlined
+@short_inlined
 def torsion_derivatives(topology, constants, work, qd, qdd, i):
     """Add the share of body i's twisting sections: torque e_x L' + w x e_x L, L = int rho J y."""
     m, nt = at(topology, i, MODES), at(topology, i, NT)
@@ -247,7 +247,7 @@ def torsion_derivatives(topology, constants, work, qd, qdd, i):
     work[o + TORQUE + 2] -= w[1] * spin
 
 
-@shared
+@short_shared
 def beam_derivatives(topology, constants, work, qd, qdd, i):
     """Write what stands at OWN and COMPOSITE of body i, and MOMENTUM and TURNING of its beam.
 

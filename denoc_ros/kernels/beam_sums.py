@@ -5,7 +5,7 @@ velocity and acceleration, then per bending mode rows of lanes: h = (H d)_j, the
 and (H d'')_j. A column is B_j = (-h, s, 0) or (-h, 0, s), and dB_j/dd_k = -H_jk e_x.
 """
 
-from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.compiled import short_inlined, short_shared
 from denoc_ros.kernels.derivative_layout import (
     BEAM_SCRATCH,
     BODY_SUMS,
@@ -34,7 +34,7 @@ from denoc_ros.kernels.layout import (
 from denoc_ros.kernels.vector import add, cross, load, scale, store
 
 
-@inlined
+@short_inlined
 def sums_of(topology, i):
     """Return where the records and the sums of body i's beam begin, and their rows' length."""
     record = at(topology, 0, BEAM_SCRATCH)
@@ -42,14 +42,14 @@ def sums_of(topology, i):
     return record, record + (POINT_MODES + 4 * length) * at(topology, i, POINTS), length
 
 
-@inlined
+@short_inlined
 def mode_sums(topology, i):
     """Return where the sums begin that have a row of four times the lanes for each factor."""
     _, sums, _ = sums_of(topology, i)
     return sums + BODY_SUMS_SIZE
 
 
-@inlined
+@short_inlined
 def write_plane(constants, work, qd, qdd, first, count, places, k, row, length):
     """Write one plane's modes of a record; return what they make of B d' and B d'' + B' d'.
 
@@ -75,7 +75,7 @@ def write_plane(constants, work, qd, qdd, first, count, places, k, row, length):
     return slip, slip_up, across, across_up
 
 
-@inlined
+@short_inlined
 def write_points(topology, constants, work, qd, qdd, i):
     """Write the records of body i's beam."""
     ny, nz, nt = at(topology, i, NY), at(topology, i, NZ), at(topology, i, NT)
@@ -115,7 +115,7 @@ def write_points(topology, constants, work, qd, qdd, i):
         record = row + 4 * length
 
 
-@inlined
+@short_inlined
 def four_products(work, o, x, a):
     """Return four sums, to each of which another of four numbers times x is added."""
     return (
@@ -126,7 +126,7 @@ def four_products(work, o, x, a):
     )
 
 
-@inlined
+@short_inlined
 def three_products(work, o, x, a):
     """Return three sums, to each of which another of three numbers times x is added."""
     return (
@@ -136,7 +136,7 @@ def three_products(work, o, x, a):
     )
 
 
-@inlined
+@short_inlined
 def body_sums(work, record, stride, points, out):
     """Write what weight and position make of themselves, of the slip and of u (4 x 12)."""
     zero = spread(0.0)
@@ -150,7 +150,7 @@ def body_sums(work, record, stride, points, out):
             put_all(work, out + 12 * r + 4 * part, a[r])
 
 
-@inlined
+@short_inlined
 def column_sums(work, record, stride, points, length, out):
     """Write what weight, position, velocity and acceleration make of the modes (10 rows)."""
     zero = spread(0.0)
@@ -179,7 +179,7 @@ def column_sums(work, record, stride, points, length, out):
             put_all(work, out + j - POINT_MODES + 4 * length * r, a[r])
 
 
-@inlined
+@short_inlined
 def pair_sums(work, record, stride, points, length, count, out):
     """Write what h and s of each mode make of the modes: rows h_1, s_1, h_2, ... .
 
@@ -213,7 +213,7 @@ def pair_sums(work, record, stride, points, length, count, out):
                 put_all(work, u + length * (4 + r), b[r])
 
 
-@inlined
+@short_inlined
 def shortening_sums(topology, constants, work, i, record, stride, out):
     """Write the sums of H times the axial acceleration: H_y, then H_z."""
     ny, nz, nt = at(topology, i, NY), at(topology, i, NZ), at(topology, i, NT)
@@ -230,7 +230,7 @@ def shortening_sums(topology, constants, work, i, record, stride, out):
         put_all(work, out + j, total)
 
 
-@shared
+@short_shared
 def beam_sums(topology, constants, work, qd, qdd, i):
     """Write all sums over the points of body i's beam; the body's motion stands at WORK."""
     record, sums, length = sums_of(topology, i)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from numba import njit
+import numba
+from llvmlite.binding import add_symbol
+from numba import njit, types
+from numba.core.compiler import Compiler
 
 from denoc_ros.kernels import CHECKED
 from denoc_ros.kernels.cache import keep_by_name
@@ -13,21 +16,57 @@ from denoc_ros.kernels.compiling import compile_in_turn
 
 keep_by_name()
 
+
+class LongLoops(Compiler):  # type: ignore[misc]
+    """Compiles as numba does, with vectorized loops.
+
+    Numba has one setting for all functions, which it reads as it compiles each, under its lock.
+    """
+
+    vectorizes = numba.config.LOOP_VECTORIZE
+
+    def compile_extra(self, func: Callable[..., Any]) -> Any:
+        """Compile a function; those that it calls come in between, with their own setting."""
+        before = numba.config.LOOP_VECTORIZE
+        numba.config.LOOP_VECTORIZE = self.vectorizes
+        try:
+            return super().compile_extra(func)
+        finally:
+            numba.config.LOOP_VECTORIZE = before
+
+
+class ShortLoops(LongLoops):
+    """Compiles without vectorizing loops, for those that go over a handful of modes or axes.
+
+    Vectorized, these spend more on finding out that they are short than on their work.
+    """
+
+    vectorizes = 0
+
+
 _OPTIONS = {
     'boundscheck': CHECKED or None,
     'cache': True,
     'error_model': 'numpy',
     'fastmath': {'contract', 'nsz', 'reassoc'},
+    'pipeline_class': LongLoops,
 }
+_SHORT_OPTIONS = {**_OPTIONS, 'pipeline_class': ShortLoops}
 # every kernel that Python calls, and the one signature it is compiled for
 DECLARED: dict[Any, Any] = {}
+# every function that kernels call by its symbol
+APART: dict[str, Any] = {}
+NUMBERS = types.CPointer(types.float64)
 
 # checks within one large function would take the compiler minutes
 inlined = njit(forceinline=not CHECKED, **_OPTIONS)
+# the same for loops over a handful of modes or axes
+short_inlined = njit(forceinline=not CHECKED, **_SHORT_OPTIONS)
 # its sums are done in the order in which they are written
 ordered = njit(forceinline=not CHECKED, **{**_OPTIONS, 'fastmath': {'contract', 'nsz'}})
 # the whole of an algorithm, which more than one kernel calls
 shared = njit(**_OPTIONS)
+short_shared = njit(**_SHORT_OPTIONS)
 # the same, compiled within each kernel that calls it: by itself it would be compiled once more
 merged = shared if CHECKED else njit(inline='always', **_OPTIONS)
 
@@ -46,6 +85,25 @@ def rows_kernel(signature: str) -> Callable[[Callable[..., Any]], Any]:
     return _declared(signature, njit(nogil=True, **_OPTIONS))
 
 
+def apart(signature: Any, short_loops: bool = False) -> Callable[[Callable[..., Any]], Any]:
+    """Declare the whole of an algorithm, compiled once for all kernels: they call its symbol.
+
+    What is `shared` or `merged` is compiled again within each kernel that calls it, which takes
+    seconds for the largest. Arguments are numbers and pointers; it calls no other one apart.
+    """
+
+    def declare(function: Callable[..., Any]) -> Any:
+        dispatcher = njit(**_SHORT_OPTIONS if short_loops else _OPTIONS)(function)
+        if CHECKED:  # its pointers know the numbers of their elements, and its errors are raised
+            return dispatcher
+        DECLARED[dispatcher] = signature
+        symbol = f'{function.__module__}.{function.__qualname__}'
+        APART[symbol] = dispatcher
+        return types.ExternalFunction(symbol, signature)
+
+    return declare
+
+
 def _declared(signature: Any, compiler: Any) -> Callable[[Callable[..., Any]], Any]:
     def declare(function: Callable[..., Any]) -> Any:
         dispatcher = compiler(function)
@@ -62,9 +120,43 @@ def ready(*kernels: Any) -> None:
     for it takes a while.
     """
     missing = [dispatcher for dispatcher in kernels if not dispatcher.signatures]
-    compile_in_turn([(dispatcher, DECLARED[dispatcher]) for dispatcher in missing])
-    for dispatcher in missing:
+    symbols = sorted({symbol for dispatcher in missing for symbol in _symbols(dispatcher)})
+    _compile([APART[symbol] for symbol in symbols if not APART[symbol].signatures])
+    for symbol in symbols:  # a kernel is linked as it is loaded
+        add_symbol(symbol, _address(APART[symbol]))
+    _compile(missing)
+
+
+def _compile(dispatchers: Sequence[Any]) -> None:
+    """Compile for the one signature that is declared, or load."""
+    compile_in_turn([(dispatcher, DECLARED[dispatcher]) for dispatcher in dispatchers])
+    for dispatcher in dispatchers:
         dispatcher.disable_compile()
+
+
+def _address(dispatcher: Any) -> int:
+    """Return where the code of a function stands that is called as C calls functions."""
+    (compiled,) = dispatcher.overloads.values()
+    name = compiled.fndesc.llvm_cfunc_wrapper_name
+    return int(compiled.library.get_pointer_to_function(name))
+
+
+def _symbols(dispatcher: Any) -> set[str]:
+    """Return the symbols that a kernel and all that is compiled within it call."""
+    found: set[str] = set()
+    seen, todo = set(), [dispatcher]
+    while todo:
+        function = todo.pop().py_func
+        if function in seen:
+            continue
+        seen.add(function)
+        for name in function.__code__.co_names:
+            called = function.__globals__.get(name)
+            if isinstance(called, types.ExternalFunction):
+                found.add(called.symbol)
+            elif hasattr(called, 'py_func'):
+                todo.append(called)
+    return found
 
 
 def entry(dispatcher: Any) -> Callable[..., int]:

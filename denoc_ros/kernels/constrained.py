@@ -15,7 +15,7 @@ from denoc_ros.kernels.articulated import (
     outward_accelerations,
 )
 from denoc_ros.kernels.closure import all_rows, constraint_rows, constraints
-from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.compiled import NUMBERS, apart, inlined, kernel, rows_kernel
 from denoc_ros.kernels.constraint_columns import constraint_columns
 from denoc_ros.kernels.constraint_layout import (
     AXIS_FORCE,
@@ -188,7 +188,7 @@ def find_multipliers(topology, constants, work, t, rows, n, y, stage, g):
     return good
 
 
-@shared
+@apart(types.int64(types.int64, types.int64, types.float64, *[NUMBERS] * 8))
 def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd, drive):
     """Write q'' (n) with all constraints kept; their multipliers stay in the workspace.
 

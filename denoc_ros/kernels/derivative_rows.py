@@ -5,7 +5,7 @@ q_j, J_j and 2 J'_j by q'_j, nothing and J_j by q''_j; they answer with their co
 turning. A column outboard sends its wrench inward, where every row's own J takes its power.
 """
 
-from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.compiled import short_inlined, short_shared
 from denoc_ros.kernels.composite import rigid_wrench
 from denoc_ros.kernels.derivative_layout import (
     BODY_MASS,
@@ -30,13 +30,13 @@ from denoc_ros.kernels.spatial import carried_wrench, pair, scale_pair, store_st
 from denoc_ros.kernels.vector import add, cross, load, rotate, scale, unrotate
 
 
-@inlined
+@short_inlined
 def columns_of(topology):
     """Return where the rows over the coordinates begin in work, and how long they are."""
     return at(topology, 0, DERIVED) + COLUMNS, at(topology, 0, ROW_LENGTH)
 
 
-@inlined
+@short_inlined
 def own_of(topology, i):
     """Return where the rows over body i's modes begin, their length, and the modal forces'."""
     own = at(topology, i, OWN)
@@ -44,13 +44,13 @@ def own_of(topology, i):
     return own, length, own + OWN_SIZE * length
 
 
-@inlined
+@short_inlined
 def turned_wrench(work, e, w):
     """Return the wrench that a composite body needs for an added angular velocity."""
     return scale(2.0, cross(w, load(work, e + MOMENTUM))), rotate(work, e + TURNING, w)
 
 
-@inlined
+@short_inlined
 def half_turning(work, e, x):
     """Return half the power on a twist x of that wrench, per angular velocity."""
     return add(
@@ -58,13 +58,13 @@ def half_turning(work, e, x):
     )
 
 
-@inlined
+@short_inlined
 def inertial_wrench(work, e, x):
     """Return the wrench that a composite body needs for an acceleration."""
     return rigid_wrench(work, e + BODY_MASS, x[0], x[1])
 
 
-@inlined
+@short_inlined
 def wrenches_by(work, e, column, rate, bend):
     """Return the wrenches on a composite body by a coordinate, its rate and its acceleration.
 
@@ -76,13 +76,13 @@ def wrenches_by(work, e, column, rate, bend):
     return by_q, by_rate, inertial_wrench(work, e, column)
 
 
-@inlined
+@short_inlined
 def with_carried(work, e, column, by_q):
     """Return a wrench by a coordinate with what the wrench there is carries along."""
     return sum_pair(by_q, carried_wrench(column, pair(work, e + WRENCH)))
 
 
-@inlined
+@short_inlined
 def store_wrenches(work, c, length, j, by_q, by_rate, by_acceleration):
     """Write the wrenches that come inward from coordinate j."""
     store_strided(work, c + length * WRENCH_Q + j, length, by_q)
@@ -90,14 +90,14 @@ def store_wrenches(work, c, length, j, by_q, by_rate, by_acceleration):
     store_strided(work, c + length * WRENCH_QDD + j, length, by_acceleration)
 
 
-@inlined
+@short_inlined
 def spread_pair(x):
     """Return the six numbers of a pair, each in every lane."""
     (a, b, c), (d, e, f) = x
     return spread(a), spread(b), spread(c), spread(d), spread(e), spread(f)
 
 
-@inlined
+@short_inlined
 def sixfold(x, work, o, length):
     """Return the product of six numbers with six rows, some columns at once."""
     a = product(x[0], take(work, o))
@@ -109,7 +109,7 @@ def sixfold(x, work, o, length):
     return plus(a, b)
 
 
-@inlined
+@short_inlined
 def threefold(x, work, o, length):
     """Return the product of three numbers with three rows, some columns at once."""
     a = product(x[0], take(work, o))
@@ -117,7 +117,7 @@ def threefold(x, work, o, length):
     return plus_product(a, x[2], take(work, o + 2 * length))
 
 
-@inlined
+@short_inlined
 def inboard_span(work, c, length, first, last, force, half, o, out):
     """Write a row's entries in columns first .. last - 1, all inboard of it.
 
@@ -137,16 +137,17 @@ def inboard_span(work, c, length, first, last, force, half, o, out):
         put(inertia, o + j, sixfold(force, work, k + length * COLUMN, length), count)
 
 
-@inlined
+@short_inlined
 def zero_span(first, last, o, by_q, by_rate, inertia):
     """Write zeros in columns first .. last - 1 of a row."""
-    for j in range(o + first, o + last):
-        by_q[j] = 0.0
-        by_rate[j] = 0.0
-        inertia[j] = 0.0
+    zero = spread(0.0)
+    for j in range(first, last, LANES):
+        put(by_q, o + j, zero, last - j)
+        put(by_rate, o + j, zero, last - j)
+        put(inertia, o + j, zero, last - j)
 
 
-@shared
+@short_shared
 def inboard_entries(topology, work, n, i, row, last, share, by_q, by_rate, inertia):
     """Write the entries of a row of body i in all columns before `last`.
 
@@ -174,7 +175,7 @@ def inboard_entries(topology, work, n, i, row, last, share, by_q, by_rate, inert
         run = at(topology, run, RUN)
 
 
-@shared
+@short_shared
 def outboard_entries(topology, work, n, row, first, last, column, by_q, by_rate, inertia):
     """Write a row's entries in columns first .. last - 1, all outboard of it."""
     c, length = columns_of(topology)

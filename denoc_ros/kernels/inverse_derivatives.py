@@ -10,7 +10,15 @@ from denoc_ros.kernels.array_object import (
     is_matrix,
     is_vector,
 )
-from denoc_ros.kernels.compiled import inlined, kernel, merged, rows_kernel, shared
+from denoc_ros.kernels.compiled import (
+    NUMBERS,
+    apart,
+    kernel,
+    merged,
+    rows_kernel,
+    short_inlined,
+    short_shared,
+)
 from denoc_ros.kernels.derivative_layout import (
     ACCELERATED,
     BODY_MASS,
@@ -129,7 +137,7 @@ def outward_derivatives(n, topology, constants, work, diagonals, bodies, q, qd, 
         own_share(topology, constants, work, qd, qdd, i)
 
 
-@inlined
+@short_inlined
 def joint_entries(topology, work, n, i, by_q, by_rate, inertia):
     """Write the row of body i's joint, and the wrenches that it sends inward."""
     j = at(topology, i, COORDINATE)
@@ -151,7 +159,7 @@ def joint_entries(topology, work, n, i, by_q, by_rate, inertia):
     zero_span(end, n, n * j, by_q, by_rate, inertia)
 
 
-@inlined
+@short_inlined
 def hand_wrenches(work, rows, own, step, length, m):
     """Let the wrenches of a beam's m modes come inward: from OWN to the rows from `rows` on."""
     for j in range(0, m, LANES):
@@ -163,7 +171,7 @@ def hand_wrenches(work, rows, own, step, length, m):
             put(work, o + length * WRENCH_QDD, take(work, by + step * BY_ACCELERATION), m - j)
 
 
-@inlined
+@short_inlined
 def modal_entries(topology, work, n, i, by_q, by_rate, inertia):
     """Write the rows of body i's modes, inboard and among themselves, and their wrenches."""
     m = at(topology, i, MODES)
@@ -185,7 +193,7 @@ def modal_entries(topology, work, n, i, by_q, by_rate, inertia):
         zero_span(end, n, n * (j + k), by_q, by_rate, inertia)
 
 
-@inlined
+@short_inlined
 def own_to_base(topology, work, i):
     """Turn what stands at OWN of body i from body axes to base axes."""
     o = at(topology, i, WORK)
@@ -200,7 +208,7 @@ def own_to_base(topology, work, i):
             put_pair(work, u + step * part, step, wrench_about_origin(work, turn, x, f, t))
 
 
-@inlined
+@short_inlined
 def transmit_modes(topology, work, i, j):
     """Add what body i and all it carries take part in some modes of their carrier, from j on."""
     p = at(topology, i, PARENT)
@@ -228,7 +236,7 @@ def transmit_modes(topology, work, i, j):
         put_all(work, u, take(work, u) + dot_pair(by_acceleration, other))
 
 
-@shared
+@short_shared
 def transmit_to_own(topology, constants, work, i):
     """Add what body i and all it carries take part in their carrier's modal forces."""
     p = at(topology, i, PARENT)
@@ -244,7 +252,7 @@ def transmit_to_own(topology, constants, work, i):
     )  # fmt: skip
 
 
-@inlined
+@short_inlined
 def carrier_entries(topology, constants, work, n, i, by_q, by_rate, inertia):
     """Write the entries of the modes of body i's carrier in the columns of body i's branch."""
     p = at(topology, i, PARENT)
@@ -262,7 +270,7 @@ def carrier_entries(topology, constants, work, n, i, by_q, by_rate, inertia):
         show_columns(topology, work, at(topology, i, SIBLING))
 
 
-@inlined
+@short_inlined
 def transmit_share(topology, work, i):
     """Add body i's composite to its carrier's."""
     e = at(topology, i, DERIVED) + BODY_MASS
@@ -286,7 +294,7 @@ def inward_derivatives(n, topology, constants, work, bodies, by_q, by_rate, iner
             transmit_share(topology, work, i)
 
 
-@merged
+@apart(types.int64(types.int64, *[NUMBERS] * 6), short_loops=True)
 def find_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia):
     """Write d tau / dq, d tau / dq' and I (n, n each)."""
     topology, constants, work, diagonals, bodies = model_arrays(handle)
@@ -305,7 +313,7 @@ def find_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia):
     return GOOD if finite and all_finite(inertia, n * n) else NOT_FINITE
 
 
-@inlined
+@short_inlined
 def fit(handle, states, matrices):
     """Say whether three objects are states (n,), and three more writable matrices (n, n)."""
     n = coordinates(handle)

@@ -4,7 +4,7 @@ With the left Jacobian J = 1 + b K + c K^2 of the section's rotation vector phi,
 angular column of a mode of slope s about axis e is J s e; K^2 = phi phi^T - |phi|^2.
 """
 
-from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.compiled import short_inlined, short_shared
 from denoc_ros.kernels.derivative_layout import (
     ACCELERATED,
     COLUMNS,
@@ -49,7 +49,7 @@ SERIES_DDB = tuple(2 * (k + 1) * SERIES_DB[k + 1] for k in range(5)) + (0.0,)
 SERIES_DDC = tuple(2 * (k + 1) * SERIES_DC[k + 1] for k in range(5)) + (0.0,)
 
 
-@inlined
+@short_inlined
 def second_coefficients(s, b, c, db, dc):
     """Return the rates per phi . phi' of db and dc, for s = |phi|^2."""
     if s < 0.25:
@@ -57,13 +57,13 @@ def second_coefficients(s, b, c, db, dc):
     return (c - b - 4.0 * db) / s, (db - 5.0 * dc) / s
 
 
-@inlined
+@short_inlined
 def unit(axis):
     """Return the unit vector along an axis."""
     return 1.0 * (axis == 0), 1.0 * (axis == 1), 1.0 * (axis == 2)
 
 
-@inlined
+@short_inlined
 def symmetric_rates(phi, rate, bend, x):
     """Return K^2 x and its first and second derivative at a constant x."""
     r = dot(phi, rate)
@@ -76,7 +76,7 @@ def symmetric_rates(phi, rate, bend, x):
     return zero, first, second
 
 
-@inlined
+@short_inlined
 def turning_rates(work, k, phi, rate, bend, x):
     """Return J x and its first and second derivative along a motion of phi, x constant.
 
@@ -100,7 +100,7 @@ def turning_rates(work, k, phi, rate, bend, x):
     return add(x, add(scale(b, turned), scale(c, zero))), up, upper
 
 
-@inlined
+@short_inlined
 def mode_slope(topology, constants, i, j):
     """Return slope and axis of the turn of mode j of row i's carrier, at row i's section."""
     p = at(topology, i, PARENT)
@@ -113,7 +113,7 @@ def mode_slope(topology, constants, i, j):
     return slope, 0
 
 
-@inlined
+@short_inlined
 def shortening_rate(topology, constants, i, j, qd):
     """Return (H d')_j of mode j of row i's carrier, at row i's section: 0 for torsion."""
     p = at(topology, i, PARENT)
@@ -131,7 +131,7 @@ def shortening_rate(topology, constants, i, j, qd):
     return total
 
 
-@inlined
+@short_inlined
 def slides(work, turn, k, w, al):
     """Return axis k of a body in base axes and its two rates."""
     u = (work[turn + k], work[turn + 3 + k], work[turn + 6 + k])
@@ -139,7 +139,7 @@ def slides(work, turn, k, w, al):
     return u, up, add(cross(al, u), cross(w, up))
 
 
-@inlined
+@short_inlined
 def turns(work, turn, x, w, al, unturned):
     """Return a twist about a moving point, and its two rates: a turn given in a body's axes.
 
@@ -154,7 +154,7 @@ def turns(work, turn, x, w, al, unturned):
     return (cross(x[0], z), z), (first, z_up), (second, z_upper)
 
 
-@inlined
+@short_inlined
 def section_slip(topology, constants, work, qd, qdd, i):
     """Return B d' and B d'' + B' d' of row i's section, base axes, phi' and phi''."""
     p = at(topology, i, PARENT)
@@ -171,7 +171,7 @@ def section_slip(topology, constants, work, qd, qdd, i):
     return rotate(work, turn, slip), rotate(work, turn, slip_up), rate, bend
 
 
-@inlined
+@short_inlined
 def write_mode(topology, constants, work, qd, qdd, i, j, along, across, turning):
     """Write what row i shows of mode j of its carrier: a sum of slides and a turn.
 
@@ -193,7 +193,7 @@ def write_mode(topology, constants, work, qd, qdd, i, j, along, across, turning)
     store_pair(work, k + 12, sum_pair((second, (0.0, 0.0, 0.0)), scale_pair(slope, turning[2])))
 
 
-@shared
+@short_shared
 def write_seen(topology, constants, work, qd, qdd, i):
     """Write what row i's section shows of its carrier's amplitudes; move its twist on.
 
@@ -234,7 +234,7 @@ def write_seen(topology, constants, work, qd, qdd, i):
     store_pair(work, e + ACCELERATED, up)
 
 
-@inlined
+@short_inlined
 def show_columns(topology, work, i):
     """Write among the columns what row i sees of its carrier's amplitudes."""
     p = at(topology, i, PARENT)
@@ -247,7 +247,7 @@ def show_columns(topology, work, i):
             work[c + length * k + j] = seen
 
 
-@inlined
+@short_inlined
 def turning_power(work, k, phi, n, o):
     """Write T at offset o of work: T_ba is the power of a torque n on dJ/dphi_b e_a.
 
@@ -264,14 +264,14 @@ def turning_power(work, k, phi, n, o):
         work[o + 4 * r] += c * along
 
 
-@inlined
+@short_inlined
 def turned_back(work, k, phi, x):
     """Return J^T x of a section: the left Jacobian's coefficients stand at offset k."""
     turned = cross(phi, x)
     return add(x, add(scale(-work[k], turned), scale(work[k + 1], cross(phi, turned))))
 
 
-@inlined
+@short_inlined
 def geometric_row(constants, slope, h, counts, power, force, k, work, o):
     """Add the share of all modes' turns to row k of the modal forces, at offset o of work.
 
@@ -293,7 +293,7 @@ def geometric_row(constants, slope, h, counts, power, force, k, work, o):
             work[o + ny + j] -= force * constants[h + j]
 
 
-@inlined
+@short_inlined
 def geometric_terms(topology, constants, work, i, force, torque, out, step):
     """Write what the wrench on a section adds to its carrier's modal forces as these turn it.
 

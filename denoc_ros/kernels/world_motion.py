@@ -2,7 +2,7 @@
 
 from denoc_ros.kernels.beam_derivatives import beam_derivatives
 from denoc_ros.kernels.block import six
-from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.compiled import short_inlined, short_shared
 from denoc_ros.kernels.composite import shifted_spin
 from denoc_ros.kernels.derivative_layout import (
     ACCELERATED,
@@ -68,7 +68,7 @@ from denoc_ros.kernels.vector import (
 )
 
 
-@inlined
+@short_inlined
 def joint_column(topology, constants, work, i):
     """Return the column of body i's joint: its motion subspace in base axes."""
     turn = at(topology, i, WORK) + WORLD_ROTATION
@@ -80,7 +80,7 @@ def joint_column(topology, constants, work, i):
     return twist_about_origin(work, turn, x, load(constants, s), load(constants, s + 3))
 
 
-@inlined
+@short_inlined
 def move_world(topology, constants, work, qd, qdd, i):
     """Write body i's twist and its derivative and the columns that its motion adds."""
     p = at(topology, i, PARENT)
@@ -109,7 +109,7 @@ def move_world(topology, constants, work, qd, qdd, i):
     store_strided(work, c + length * COLUMN_BEND, length, bend)
 
 
-@inlined
+@short_inlined
 def turning_of_rigid(mass_velocity, v, w, moment, spin, work, o):
     """Add to the 3 x 3 at offset o of work 2 int (v . p - v p^T) dm of a rigid body.
 
@@ -132,7 +132,7 @@ def turning_of_rigid(mass_velocity, v, w, moment, spin, work, o):
     work[o + 7] -= trace * w[0]
 
 
-@inlined
+@short_inlined
 def turn_matrix(work, turn, o):
     """Turn the 3 x 3 at offset o of work from body axes to base axes: R K R^T."""
     x, y, z = load(work, o), load(work, o + 3), load(work, o + 6)
@@ -142,7 +142,7 @@ def turn_matrix(work, turn, o):
         work[o + k], work[o + 3 + k], work[o + 6 + k] = column
 
 
-@inlined
+@short_inlined
 def own_beam(topology, constants, work, qd, qdd, i):
     """Write what body i's beam adds, in body axes; momentum and turning in base axes."""
     o, e = at(topology, i, WORK), at(topology, i, DERIVED)
@@ -166,7 +166,7 @@ def own_beam(topology, constants, work, qd, qdd, i):
             work[e + TURNING + 3 * r + k] -= 2.0 * momentum[r] * x[k]
 
 
-@shared
+@short_shared
 def own_share(topology, constants, work, qd, qdd, i):
     """Write inertia, momentum, turning and wrench of body i alone, in base axes."""
     o, e = at(topology, i, WORK), at(topology, i, DERIVED)

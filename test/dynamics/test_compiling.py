@@ -5,9 +5,12 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import signal
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NoReturn
@@ -15,8 +18,20 @@ from typing import Any, NoReturn
 import numba
 import pytest
 
-from denoc_ros.kernels import cache_folder, compiling, inverse
+from denoc_ros.dynamics.robot_model import KERNELS
+from denoc_ros.kernels import (
+    CHECKED,
+    articulated,
+    cache_folder,
+    closing,
+    compiled,
+    compiling,
+    forward_derivatives,
+    inverse,
+    step,
+)
 from denoc_ros.kernels.cache import KernelLocator, is_kept
+from denoc_ros.kernels.compiled import LongLoops, ShortLoops
 
 # two kernels that take a while, and are kept by a file as numba keeps them
 SLOW = """
@@ -99,6 +114,56 @@ def test_a_claim_of_a_process_that_stands_still_holds_nobody_for_long(
     assert time.monotonic() - begin > 0.2
 
 
+def test_an_interrupt_does_not_wait_for_the_kernel_that_is_being_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, goes_on = threading.Event(), threading.Event()
+
+    class Endless(Quick):
+        def compile(self, signature: Any) -> None:
+            begun.set()
+            goes_on.wait(60.0)
+
+    def interrupt() -> None:
+        begun.wait(60.0)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
+    threading.Thread(target=interrupt).start()
+    with pytest.raises(KeyboardInterrupt):
+        compiling.compile_in_turn([(Endless(), 'f(i)')])
+    assert compiling.at_work()
+    goes_on.set()
+    wait_until(lambda: not compiling.at_work())
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    """Wait until a condition holds, a minute at most."""
+    end = time.monotonic() + 60.0
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_command_is_interrupted_while_it_compiles(tmp_path: Path) -> None:
+    command = [sys.executable, '-m', 'denoc_ros.cli.main', 'warmup']
+    environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        assert process.stderr is not None
+        try:
+            assert 'denoc: compiling' in process.stderr.readline()
+            # within the first kernel: what it calls is compiled before it
+            wait_until(lambda: any(tmp_path.rglob('*.nbi')))
+            process.send_signal(signal.SIGINT)
+            assert process.wait(60.0) == 130
+        finally:
+            process.kill()
+        assert process.stderr.read() == 'denoc warmup: interrupted\n'
+    assert not any(tmp_path.rglob('inverse.inverse_dynamics-*.nbi'))  # it did not wait for it
+
+
 def test_a_file_system_without_locks_keeps_nobody_from_compiling(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,3 +203,52 @@ def test_compiled_code_of_somebody_else_is_not_run(
     assert cache_folder().is_relative_to(tmp_path / 'theirs')
     monkeypatch.setattr('denoc_ros.kernels._is_ours', lambda folder: 'theirs' not in folder.parts)
     assert cache_folder().is_relative_to(tmp_path / 'temporary')
+
+
+def doubled(a: Any) -> None:
+    for k in range(a.size):
+        a[k] *= 2.0
+
+
+@pytest.mark.skipif(CHECKED, reason='checked kernels are not optimized')
+def test_loops_are_vectorized_but_where_they_are_short() -> None:
+    before = numba.config.LOOP_VECTORIZE
+    signature = 'void(float64[::1])'
+    long = numba.njit(signature, pipeline_class=LongLoops)(doubled)
+    short = numba.njit(signature, pipeline_class=ShortLoops)(doubled)
+    assert 'vector.body' in next(iter(long.inspect_llvm().values()))
+    assert 'vector.body' not in next(iter(short.inspect_llvm().values()))
+    assert before == numba.config.LOOP_VECTORIZE
+
+
+@pytest.mark.skipif(CHECKED, reason='checked kernels call each other as numba has it')
+@pytest.mark.parametrize(
+    ('called', 'names'),
+    [
+        (inverse.inverse_dynamics, []),
+        (articulated.forward_dynamics, ['articulated.find_acceleration']),
+        (step.advance, ['articulated.find_articulated']),
+        (closing.advance_tied, ['constrained.find_constrained']),
+        (
+            forward_derivatives.forward_dynamics_derivatives,
+            ['articulated.find_articulated', 'inverse_derivatives.find_derivatives'],
+        ),
+    ],
+    ids=lambda each: getattr(each, '__name__', ''),
+)
+def test_a_kernel_is_ready_with_all_that_it_calls_apart(called: Any, names: list[str]) -> None:
+    from denoc_ros.kernels.compiled import ready
+
+    symbols = {f'denoc_ros.kernels.{name}' for name in names}
+    assert compiled._symbols(called) == symbols
+    if called in KERNELS:  # others take long to compile
+        ready(called)
+        assert all(len(compiled.APART[symbol].signatures) == 1 for symbol in symbols)
+
+
+@pytest.mark.skipif(CHECKED, reason='checked kernels call each other as numba has it')
+def test_what_stands_apart_calls_nothing_apart() -> None:
+    """All of it is compiled before all kernels, in any order."""
+    assert compiled.APART
+    for dispatcher in compiled.APART.values():
+        assert compiled._symbols(dispatcher) == set()
