@@ -13,8 +13,8 @@ from base_robots import description, floating, root_of, spacecraft
 from numpy.typing import NDArray
 from test_rigid_limit_pinocchio import EXAMPLES, Peer, close, identity, read, without_dynamics
 
-from denoc_ros.dynamics.floating_base import left_jacobian
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.rotations import left_jacobians
 
 Array = NDArray[np.float64]
 # the recursions differ by rounding; states of 1 rad and 1 m, up to 118 coordinates
@@ -49,7 +49,7 @@ def state_of(robot: Robot, peer: Peer, root: str, seed: int) -> State:
     place[3:7] = pin.Quaternion(pose[:3, :3]).coeffs()
     back = pose[:3, :3].T
     turn = np.eye(robot.n)
-    turn[:3, :3], turn[3:6, 3:6] = back, back @ left_jacobian(q[3:6])
+    turn[:3, :3], turn[3:6, 3:6] = back, back @ left_jacobians(q[3:6])
     rate = turn @ qd
     # the base's acceleration at q'' = 0: theirs is that of the components v, in turning axes
     bias = robot.frame_motion(root, q, qd)[1]

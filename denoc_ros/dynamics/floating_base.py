@@ -11,55 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.robot_model import RobotModel
+from denoc_ros.dynamics.rotations import left_jacobians, rotation_vectors
 from denoc_ros.dynamics.validation import as_states, as_vector, same_rows
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
 
 ATTITUDE = slice(3, 6)  # of a floating base's coordinates
-SMALL = 1e-4  # rad, below which series are exact to rounding
-
-
-def exponential(phi: Array) -> Array:
-    """Return the rotation (3, 3) by a rotation vector (3,)."""
-    angle = float(np.linalg.norm(phi))
-    k = np.array([[0.0, -phi[2], phi[1]], [phi[2], 0.0, -phi[0]], [-phi[1], phi[0], 0.0]])
-    if angle < SMALL:
-        return np.asarray(np.eye(3) + k + 0.5 * k @ k)
-    a, b = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
-    return np.asarray(np.eye(3) + a * k + b * k @ k)
-
-
-def left_jacobian(phi: Array) -> Array:
-    """Return J (3, 3) of angular velocity = J phi'."""
-    angle = float(np.linalg.norm(phi))
-    k = np.array([[0.0, -phi[2], phi[1]], [phi[2], 0.0, -phi[0]], [-phi[1], phi[0], 0.0]])
-    if angle < SMALL:
-        return np.asarray(np.eye(3) + 0.5 * k + k @ k / 6.0)
-    b = (1.0 - np.cos(angle)) / angle**2
-    c = (1.0 - np.sin(angle) / angle) / angle**2
-    return np.asarray(np.eye(3) + b * k + c * k @ k)
-
-
-def rotation_vector(rotation: Array) -> Array:
-    """Return phi (3,), |phi| <= pi, of a rotation (3, 3)."""
-    r = rotation
-    # the quaternion's largest component first: no case in which digits are lost
-    squares = np.array([np.trace(r), r[0, 0], r[1, 1], r[2, 2]])
-    squares[1:] = 2.0 * squares[1:] - squares[0]
-    largest = int(np.argmax(squares))
-    x = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-    q = np.empty(4)
-    if largest == 0:
-        q[0], q[1:] = 1.0 + squares[0], x
-    else:
-        i = largest - 1
-        q[0], q[1:] = x[i], r[i] + r[:, i]
-        q[largest] = 1.0 + squares[largest]
-    q *= 1.0 / np.linalg.norm(q) if q[0] >= 0.0 else -1.0 / np.linalg.norm(q)
-    sine = float(np.linalg.norm(q[1:]))
-    if sine < SMALL**2:
-        return np.asarray(2.0 * q[1:])
-    return np.asarray(2.0 * np.arctan2(sine, q[0]) / sine * q[1:])
 
 
 def wrap_attitude(phi: Array, rate: Array) -> tuple[Array, Array]:
@@ -69,8 +26,8 @@ def wrap_attitude(phi: Array, rate: Array) -> tuple[Array, Array]:
     if turns == 0.0:
         return phi, rate
     wrapped = phi * (1.0 - 2.0 * np.pi * turns / angle)
-    spin = left_jacobian(phi) @ rate
-    return wrapped, np.asarray(np.linalg.solve(left_jacobian(wrapped), spin), dtype=np.float64)
+    spin = left_jacobians(phi) @ rate
+    return wrapped, np.asarray(np.linalg.solve(left_jacobians(wrapped), spin), dtype=np.float64)
 
 
 def require_known_base(robot: RobotModel, whose: str) -> None:
@@ -133,8 +90,8 @@ class FloatingBase(RobotModel):
         wanted = as_vector('pose', pose, (4, 4))
         motion = np.zeros(6) if twist is None else as_vector('twist', twist, (6,))
         turn = placement[:3, :3]
-        phi = rotation_vector(turn.T @ wanted[:3, :3])
-        rate = np.linalg.solve(left_jacobian(phi), turn.T @ motion[3:])
+        phi = rotation_vectors(turn.T @ wanted[:3, :3])
+        rate = np.linalg.solve(left_jacobians(phi), turn.T @ motion[3:])
         position = turn.T @ (wanted[:3, 3] - placement[:3, 3])
         return np.append(position, phi), np.append(turn.T @ motion[:3], rate)
 
@@ -155,7 +112,7 @@ class FloatingBase(RobotModel):
         turn = self._require_base()[:3, :3]
         state, force = as_vector('q', q, (self.n,)), as_vector('tau', tau, (self.n,))
         index = self.base_indices
-        turning = left_jacobian(state[index[ATTITUDE]]).T
+        turning = left_jacobians(state[index[ATTITUDE]]).T
         torque = np.linalg.solve(turning, force[index[ATTITUDE]])
         return np.append(turn @ force[index[:3]], turn @ torque)
 

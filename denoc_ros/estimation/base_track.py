@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.base_motion import BaseMotion
-from denoc_ros.dynamics.floating_base import exponential
 from denoc_ros.types import Array
 
 
@@ -107,5 +107,5 @@ class BaseTrack:
         if pose is not None:
             turn, pose = pose[:3, :3], pose.copy()
             pose[:3, 3] += ahead * turn @ self._twist[:3]
-            pose[:3, :3] = turn @ exponential(ahead * self._twist[3:])
+            pose[:3, :3] = turn @ Rotation.from_rotvec(ahead * self._twist[3:]).as_matrix()
         return BaseMotion(twist, acceleration, pose)

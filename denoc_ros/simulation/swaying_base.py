@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from denoc_ros.dynamics.base_motion import BaseMotion
+from denoc_ros.model.poses import rotation_rpy
 from denoc_ros.types import Array
 
 SHIFTS = ('surge', 'sway', 'heave')  # m, along the world's x, y, z
@@ -45,24 +46,12 @@ class SwayingBase:
     def __call__(self, t: float) -> BaseMotion:
         """Return twist, acceleration and pose at a time [s]."""
         place, rate, up = np.array([motion(t) for motion in self._motions]).T
-        turn = _rotation(place[3:])
+        turn = rotation_rpy(place[3:])
         spin, grow = _turning(place[3:], rate[3:], up[3:])
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = turn, place[:3]
         twist = np.concatenate([rate[:3] @ turn, spin])
         return BaseMotion(twist, np.concatenate([up[:3] @ turn, grow]), pose)
-
-
-def _rotation(angles: Array) -> Array:
-    """Return Rz(yaw) Ry(pitch) Rx(roll)."""
-    (ca, cb, cc), (sa, sb, sc) = np.cos(angles), np.sin(angles)
-    return np.array(
-        [
-            [cc * cb, cc * sb * sa - sc * ca, cc * sb * ca + sc * sa],
-            [sc * cb, sc * sb * sa + cc * ca, sc * sb * ca - cc * sa],
-            [-sb, cb * sa, cb * ca],
-        ]
-    )
 
 
 def _turning(angles: Array, rates: Array, up: Array) -> tuple[Array, Array]:

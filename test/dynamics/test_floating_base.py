@@ -22,8 +22,9 @@ from small_robots import joint as hinge
 from small_robots import link
 
 import denoc_ros as dn
-from denoc_ros.dynamics.floating_base import left_jacobian, rotation_vector, wrap_attitude
+from denoc_ros.dynamics.floating_base import wrap_attitude
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.rotations import left_jacobians, rotation_vectors
 from denoc_ros.dynamics.strain_damping import StrainDamping
 from denoc_ros.errors import StateError
 
@@ -73,7 +74,7 @@ def test_pose_and_twist_are_those_of_the_coordinates(robot: Robot) -> None:
     np.testing.assert_allclose(frame[:3, 3], [0.3, -0.2, 0.5] + turn @ q[:3], rtol=0, atol=1e-14)
     twist = robot.frame_motion('base', q, qd)[0]
     np.testing.assert_allclose(twist[:3], turn @ qd[:3], rtol=0, atol=1e-13)
-    spin = turn @ left_jacobian(q[3:6]) @ qd[3:6]
+    spin = turn @ left_jacobians(q[3:6]) @ qd[3:6]
     np.testing.assert_allclose(twist[3:], spin, rtol=0, atol=1e-13)
     found, rates = robot.base_coordinates(frame, twist)
     np.testing.assert_allclose(found, q[:6], rtol=0, atol=1e-13)
@@ -136,7 +137,7 @@ def test_momentum_is_the_power_of_the_inertia_on_the_base() -> None:
     linear, angular = np.split(free.momentum(q, qd), 2)
     conjugate = free.inertia_matrix(q) @ qd
     close(linear, conjugate[:3])
-    turning = np.linalg.solve(left_jacobian(q[3:6]).T, conjugate[3:6])
+    turning = np.linalg.solve(left_jacobians(q[3:6]).T, conjugate[3:6])
     close(angular, turning + np.cross(q[:3], linear))
 
 
@@ -188,14 +189,14 @@ angles = st.tuples(*[st.floats(-1.0, 1.0)] * 3, st.floats(0.0, 3.1)).map(
 
 @given(angles)
 def test_rotation_vector_undoes_the_exponential(phi: Array) -> None:
-    found = rotation_vector(Rotation.from_rotvec(phi).as_matrix())
+    found = rotation_vectors(Rotation.from_rotvec(phi).as_matrix())
     np.testing.assert_allclose(found, phi, rtol=0, atol=1e-7)  # near pi the sine is small
 
 
 @pytest.mark.parametrize('axis', np.eye(3).tolist() + [[0.6, 0.0, -0.8]])
 def test_rotation_vector_of_half_turns(axis: list[float]) -> None:
     matrix = Rotation.from_rotvec(np.pi * np.array(axis)).as_matrix()
-    found = rotation_vector(matrix)
+    found = rotation_vectors(matrix)
     np.testing.assert_allclose(Rotation.from_rotvec(found).as_matrix(), matrix, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(found), np.pi, rtol=1e-12)
 
@@ -211,7 +212,7 @@ def test_wrapping_keeps_attitude_and_angular_velocity(phi: Array, rate: Array, t
     one, other = (Rotation.from_rotvec(x).as_matrix() for x in (long, wrapped))
     np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
     np.testing.assert_allclose(
-        left_jacobian(wrapped) @ rates, left_jacobian(long) @ rate, rtol=0, atol=1e-9
+        left_jacobians(wrapped) @ rates, left_jacobians(long) @ rate, rtol=0, atol=1e-9
     )
 
 
