@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.estimation.amplitude_filter import load_shapes
 from denoc_ros.types import Array
@@ -25,8 +24,9 @@ class BlockSensitivity:
     ----------
     robot : Robot
         Its workspace is used: do not share it with another thread.
-    joints : (j,) int array
-        Coordinates whose torques are measured.
+    reduction : (j, n) array
+        Torques of the measured joints by forces on all coordinates: those of mimic joints count
+        in their leaders'.
     parameters : int
         p.
 
@@ -44,8 +44,8 @@ class BlockSensitivity:
     Y_j p + M_jd d''. The state is stepped by (1 - a)^-1 (1 + a), a = h J / 2.
     """
 
-    def __init__(self, robot: Robot, joints: NDArray[np.int64], parameters: int) -> None:
-        self.robot, self._joints, self._p = robot, joints, parameters
+    def __init__(self, robot: Robot, reduction: Array, parameters: int) -> None:
+        self.robot, self._reduction, self._p = robot, reduction, parameters
         self._flexible = robot.flexible_indices
         m = self._m = len(self._flexible)
         self.states = s = 2 * m
@@ -54,10 +54,10 @@ class BlockSensitivity:
         self._whole: Array = np.zeros((s, s + 2 * parameters + m))
         self._transition: Array = np.eye(s)
         self._input: Array = np.zeros((s, m))
-        self._lead: Array = np.zeros((len(joints), m))  # of torques by forces on the amplitudes
-        self._slope: Array = np.zeros((len(joints), s))
+        self._lead: Array = np.zeros((len(reduction), m))  # of torques by forces on the amplitudes
+        self._slope: Array = np.zeros((len(reduction), s))
         self._sum = np.zeros_like(self._whole)
-        self._by_parameters = np.zeros((len(joints), parameters))
+        self._by_parameters = np.zeros((len(reduction), parameters))
         self._bent: Array = np.zeros((s, parameters))
         self._step, self.lowest = 0.0, 1.0
         self.mobility: Array = np.zeros((m, m))
@@ -81,7 +81,7 @@ class BlockSensitivity:
         root = np.sqrt(stiffness)
         lowest = float(np.linalg.eigvalsh(root[:, None] * answer * root)[0])
         self.lowest = math.sqrt(max(lowest, 1e-12))
-        self._lead = inertia[np.ix_(self._joints, self._flexible)] @ answer
+        self._lead = (self._reduction @ inertia)[:, self._flexible] @ answer
         self._slope = -np.hstack([self._lead * stiffness, self._lead * damping])
         half = np.zeros((2 * m, 2 * m))
         half[:m, m:] = np.eye(m)
@@ -138,7 +138,7 @@ class BlockSensitivity:
         mean: Array = 0.5 * (before + after)
         self._sum += step * mean
         self._bent = self.bent(regressor)
-        own = regressor[self._joints] - self._lead @ regressor[self._flexible]
+        own = self._reduction @ regressor - self._lead @ regressor[self._flexible]
         self._by_parameters += step * own
         self.duration += step
         return mean

@@ -47,7 +47,7 @@ class ParameterTracker:
     Parameters
     ----------
     robot : Robot
-        The model with what is known of it; worked on as copies. Without loops and mimic joints.
+        The model with what is known of it; worked on as copies. Without loops.
     paths : sequence of str
         Dotted paths of the numbers, of :func:`denoc_ros.dynamics.live_numbers.live_paths`; `*`
         and `?` stand for others, `payload.tool` for its mass.
@@ -56,7 +56,8 @@ class ParameterTracker:
         Lowest and highest value by path, not negative; default half and one and a half of the
         present value.
     joints : sequence of str, optional
-        The joints that are measured, in the order of all arrays of joints here; default all.
+        The joints that are measured, in the order of all arrays of joints here; default all that
+        are no mimics.
 
     Attributes
     ----------
@@ -77,7 +78,7 @@ class ParameterTracker:
     Raises
     ------
     ConfigError
-        Paths that cannot be tracked, wrong bounds, or a robot with loops or mimic joints.
+        Paths that cannot be tracked, wrong bounds, or a robot with loops.
 
     Notes
     -----

@@ -11,6 +11,7 @@ import numpy as np
 from denoc_ros.dynamics.base_motion import BaseMotion
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.live_numbers import LiveNumbers
+from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError
@@ -80,12 +81,14 @@ class TrackedModel:
         self._motion = driven_motion(self.robot, joints)
         self.joints = self._motion.index
         self._stepper = Stepper(robot.copy(), step, self._motion.given)
-        self.sensitivity = BlockSensitivity(robot.copy(), self.joints, len(size))
+        reduction = np.zeros((len(self.joints), robot.n))
+        reduction[:, robot.joint_indices] = mimic_ties(robot, joints, {})[0].T
+        self.sensitivity = BlockSensitivity(robot.copy(), reduction, len(size))
         self.sensors = BlockSensors(robot.copy(), self.sensitivity.states // 2)
         self._flexible = robot.flexible_indices
         self._regressor = np.zeros((robot.n, len(size)))
         self._q, self._qd = np.zeros((2, robot.n))
-        self._torque, self._impulse = np.zeros((2, len(self.joints)))
+        self._torque, self._impulse, self._reduced = np.zeros((3, len(self.joints)))
         self._with_effort, self._step = 0.0, step
         self.base: BaseAt | None = None
 
@@ -137,7 +140,7 @@ class TrackedModel:
         middle, rate = 0.5 * (q_before + self._q), 0.5 * (qd_before + self._qd)
         acceleration = (self._qd - qd_before) / step
         torque = self.robot.inverse_dynamics(middle, rate, acceleration)
-        self._torque += step * torque[self.joints]
+        self._torque += step * self._motion.reduce(torque, self._reduced)
         self._differentiate(middle, rate, acceleration)
         derivatives = self.sensitivity.advance(middle, step, self._regressor)
         self.sensors.advance(begin, end, q_before, self._q, derivatives)

@@ -28,13 +28,13 @@ def tracked_paths(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:
     Raises
     ------
     ConfigError
-        A pattern of nothing that can be tracked, no pattern at all, or a robot with loops, mimic
-        joints or a base that floats.
+        A pattern of nothing that can be tracked, no pattern at all, or a robot with loops or a
+        base that floats.
     """
     findings = [] if patterns else ['paths must name what is tracked, got none']
-    if robot.constraint_names:
-        names = ', '.join(dict.fromkeys(robot.constraint_names))
-        findings.append(f'the robot must have no loops and no mimic joints, got {names}')
+    if robot.tree.loops:
+        names = ', '.join(loop.name for loop in robot.tree.loops)
+        findings.append(f'the robot must have no loops, got {names}')
     if len(robot.base_indices):
         findings.append('the base must be fixed or its motion measured, got one that floats')
     names_of, known = damping_names(robot.tree), live_paths(robot)

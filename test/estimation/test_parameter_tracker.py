@@ -237,3 +237,39 @@ def test_refusals() -> None:
         dn.TrackerSettings(memory=0.0)
     with pytest.raises(dn.StateError, match='lag must be >= 0'):
         dn.TrackerSettings(lag=-1.0)
+
+
+FINGERS = """<robot name="fingers"><link name="base"/>
+  <link name="arm"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
+    <inertia ixx="0" ixy="0" ixz="0" iyy="0.17" iyz="0" izz="0.17"/></inertial></link>
+  <link name="follower"><inertial><origin xyz="0.2 0 0"/><mass value="0.5"/>
+    <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+  <joint name="lead" type="revolute"><parent link="base"/><child link="arm"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="99" velocity="9"/></joint>
+  <joint name="mimic" type="revolute"><parent link="arm"/><child link="follower"/>
+    <origin xyz="1 0 0"/><axis xyz="0 0 1"/><limit lower="-6" upper="6" effort="9" velocity="9"/>
+    <mimic joint="lead" multiplier="-2" offset="0.3"/></joint>
+  <flexibility><beam link="arm" length="1"><bending direction="y" ei="400" modes="1"
+    damping_ratio="0.02"/></beam></flexibility></robot>"""
+
+
+def test_a_payload_on_a_mimic_joint_is_found() -> None:
+    def fingers(mass: float) -> dn.Robot:
+        robot = dn.load_robot(FINGERS, gravity=(0.0, -9.81, 0.0))
+        robot.set_payload('follower', mass, (0.4, 0.0, 0.0))
+        return robot
+
+    swung = swinging(1, size=0.4, rate=4.0)
+
+    def both(t: float) -> Any:
+        q, qd, qdd = (part[0] for part in swung(t))
+        return np.array([q, 0.3 - 2.0 * q]), np.array([qd, -2.0 * qd]), np.array([qdd, -2.0 * qdd])
+
+    run = simulated(fingers(1.2), both, 4.0, 2e-3)
+    # the motor of the leader moves both: virtual work
+    effort = run.effort[:, :1] - 2.0 * run.effort[:, 1:]
+    led = with_noise(TrackedRun(run.t, run.q[:, :1], run.qd[:, :1], effort, run.sensors))
+    tracker = dn.ParameterTracker(fingers(1.0), ['payload.follower'])
+    values = follow(tracker, led)[:, 0]
+    assert np.all(np.abs(values[samples(led, 2.0) :] - 1.2) < 0.05)
+    assert tracker.supported.all()

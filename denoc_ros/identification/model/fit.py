@@ -41,7 +41,9 @@ class ChannelFit:
     """What a channel's residuals are, rms in its unit: over what was fitted, and held out.
 
     `size` is the channel's own deviation, `louder` how much more it moves while it is held out.
-    `shaken` and `held_out_shaken` are what noise of the measured joints makes of the prediction.
+    `shaken` and `held_out_shaken` are what noise of the measured joints makes of the prediction;
+    `unforeseen` and `held_out_unforeseen` what could not be foreseen of the residuals, in their
+    deviations: where links vibrate, less hangs on how they happen to do so.
     """
 
     run: str
@@ -56,6 +58,8 @@ class ChannelFit:
     held_out_after: float
     shaken: float = 0.0
     held_out_shaken: float = 0.0
+    unforeseen: float = 1.0
+    held_out_unforeseen: float = np.inf
 
     @property
     def group(self) -> tuple[str, str]:
@@ -167,7 +171,10 @@ def identify_model(
     fitted = [search.rms(each, ~held) for each in (zero, judge)]
     judged = [search.rms(each, held) for each in (zero, judge)]
     shaken = [search.shaken(theta, rows) for rows in (~held, held)]
-    sides = zip(search.sizes, search.louder(held), *fitted, *judged, *shaken, strict=True)
+    unforeseen = [search.unforeseen(judge, rows) for rows in (~held, held)]
+    sides = zip(
+        search.sizes, search.louder(held), *fitted, *judged, *shaken, *unforeseen, strict=True
+    )
     channels = tuple(
         ChannelFit(*label, int(samples), *map(float, row))
         for label, samples, row in zip(search.labels, search.counts, sides, strict=True)
@@ -267,6 +274,7 @@ def _reasons(channels: tuple[ChannelFit, ...]) -> tuple[str, ...]:
             NEGLIGIBLE * sizes[one.group],
             SHAKEN * one.held_out_shaken,
         )
+        and one.held_out_unforeseen > WORSE * one.unforeseen * max(1.0, one.louder)
     ]
     return (*unexplained, *worse)
 

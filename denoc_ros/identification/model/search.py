@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,11 +16,18 @@ from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters
 from denoc_ros.identification.model.information import Information, information
 from denoc_ros.identification.model.nearby_motion import NearbyMotion
 from denoc_ros.identification.model.prediction import PreparedRun
+from denoc_ros.identification.model.robust import (
+    HUBER,
+    bending_slope,
+    bent,
+    held_rms,
+    root_mean_square,
+    roughness,
+)
 from denoc_ros.identification.model.whitening import Whitening
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
-HUBER = 2.5  # standard deviations from which a residual counts linearly
 STEP = 1e-4  # of the differences by theta
 COARSE = 1e-3  # of the cost: a fit goes on while it falls by more, before weights are settled
 FINE = 1e-5  # the same of the last one
@@ -32,29 +38,11 @@ LOST = 1e6  # standard deviations that a robot which cannot be is off by
 GROWING = (0.08, 0.2, 0.45)  # parts of the runs that a flexible robot is first fitted to
 FEWEST_ROWS = 25  # of each channel in such a part
 DRAWS = 24  # of the joints' noise, for the intervals
-WILD = 10.0  # robust deviations: what is beyond says nothing of the size of residuals
 ROUNDING = 1e-5  # of a channel's largest value: nothing that varies less is a signal
 QUIETEST = 1e-4  # of what a sensor measures: no channel is taken to be more exact
 PASSES = 6  # of deviations by what filters leave
 FASTEST = 4.0  # times a deviation changes at most in a pass
 STRETCHES = 60  # of time, whose residuals are independent of each other
-
-
-def root_mean_square(values: Array) -> float:
-    """Return the root of the mean of squares."""
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def _held_rms(values: Array) -> float:
-    """Return the rms of values, those beyond ten of their robust deviations held to that."""
-    bound = WILD * 1.48 * float(np.median(np.abs(values)))
-    return root_mean_square(np.clip(values, -bound, bound) if bound > 0.0 else values)
-
-
-def _roughness(values: Array) -> float:
-    """Return the deviation of white noise with such second differences."""
-    bent = np.diff(values, 2) if len(values) > 2 else values
-    return 1.48 * float(np.median(np.abs(bent))) / math.sqrt(6.0)
 
 
 def vector_of(name: str) -> str:
@@ -66,22 +54,6 @@ def vector_of(name: str) -> str:
 
 def _bytes(body: RigidInertia) -> bytes:
     return np.concatenate([[body.mass], body.first_moment, body.inertia.ravel()]).tobytes()
-
-
-def _bent(residual: Array) -> Array:
-    """Return residuals whose squares are Huber's loss."""
-    size = np.abs(residual)
-    far = size > HUBER
-    bent: Array = residual.copy()
-    bent[far] = np.sign(residual[far]) * np.sqrt(HUBER * (2.0 * size[far] - HUBER))
-    return bent
-
-
-def _slope(residual: Array) -> Array:
-    """Return the derivative of bent residuals by the straight ones."""
-    size = np.maximum(np.abs(residual), HUBER)
-    slope: Array = HUBER / np.sqrt(HUBER * (2.0 * size - HUBER))
-    return slope
 
 
 class ModelSearch:
@@ -202,7 +174,7 @@ class ModelSearch:
 
         Wild values are held to a bound that no vibration reaches.
         """
-        return self._by_channel(self.residuals(theta), rows, _held_rms)
+        return self._by_channel(self.residuals(theta), rows, held_rms)
 
     def _by_channel(
         self, values: Array, rows: NDArray[np.bool_], statistic: Callable[[Array], Any]
@@ -262,7 +234,7 @@ class ModelSearch:
             self.deviation = self._own_size(residual, rows)
             return
         if not self.whitening.is_following:
-            rough = self._by_channel(self._measured, rows, _roughness)
+            rough = self._by_channel(self._measured, rows, roughness)
             self.whitening.deviation = np.maximum(rough, self._least)
         settings = self.parameters.settings(theta)
         robot, _ = self._moved(settings)
@@ -351,10 +323,10 @@ class ModelSearch:
         prior = np.eye(len(theta)) / PRIOR
 
         def function(x: Array) -> Array:
-            return np.concatenate([_bent(self.whitened(x)[rows]), x / PRIOR])
+            return np.concatenate([bent(self.whitened(x)[rows]), x / PRIOR])
 
         def jacobian(x: Array) -> Array:
-            weights = _slope(self.whitened(x)[rows])
+            weights = bending_slope(self.whitened(x)[rows])
             return np.concatenate([weights[:, None] * self.jacobian(x)[rows], prior])
 
         found = least_squares(
@@ -366,7 +338,7 @@ class ModelSearch:
     def information(self, theta: Array) -> Information:
         """Return what the data alone tell of the reported numbers, in sizes of theirs."""
         whitened = self.whitened(theta)
-        residual, slope = _bent(whitened), _slope(whitened)
+        residual, slope = bent(whitened), bending_slope(whitened)
         jacobian = self.jacobian(theta) * slope[:, None]
         by_numbers = jacobian @ np.linalg.inv(self.parameters.slopes(theta))
         return information(
@@ -381,6 +353,10 @@ class ModelSearch:
         """Return what noise of the joints makes of each channel over some rows, rms."""
         square = np.mean(self._by_joint_noise(theta) ** 2, axis=1)
         return self._by_channel(square, rows, lambda x: np.sqrt(np.mean(x)))
+
+    def unforeseen(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
+        """Return the rms of each channel's residuals in their deviations, over some rows."""
+        return self._by_channel(self.whitened(theta), rows, held_rms)
 
     def _by_joint_noise(self, theta: Array) -> Array:
         """Return changes of the residuals by noise of the joints, drawn anew (m, d)."""
