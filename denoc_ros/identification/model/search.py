@@ -33,6 +33,7 @@ COARSE = 1e-3  # of the cost: a fit goes on while it falls by more, before weigh
 FINE = 1e-5  # the same of the last one
 ROUNDS = 12  # of weights by the residuals' own deviation
 BETWEEN, MOST = 5, 40  # evaluations of a fit before weights are taken anew, and at most
+STILL = 1e-4  # change of theta that needs no other round
 SETTLED = 0.03  # change of a deviation that needs no other round
 LOST = 1e6  # standard deviations that a robot which cannot be is off by
 GROWING = (0.08, 0.2, 0.45)  # parts of the runs that a flexible robot is first fitted to
@@ -210,10 +211,11 @@ class ModelSearch:
         self._until = 1.0
         self._reweigh(theta, rows)
         for _ in range(ROUNDS):
+            before, last = self.deviation.copy(), theta
             theta = self._least_squares(theta, rows, COARSE, BETWEEN)
-            before = self.deviation.copy()
             self._reweigh(theta, rows)
-            if np.nanmax(np.abs(self.deviation / before - 1.0)) < SETTLED:
+            is_still = np.abs(theta - last).max() < STILL
+            if is_still or np.nanmax(np.abs(self.deviation / before - 1.0)) < SETTLED:
                 break
         return self._least_squares(theta, rows, FINE)
 
