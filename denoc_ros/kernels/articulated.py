@@ -104,10 +104,10 @@ def held_force(topology, constants, work, qdd, i):
 
 
 @inlined
-def solve(
-    n, topology, constants, work, diagonals, bodies, shift, held, q, qd, given, tau, qdd, torque
-):
+def solve(handle, shift, held, q, qd, given, tau, qdd, torque):
     """Write accelerations and torques as :func:`articulated_dynamics` does; return its status."""
+    topology, constants, work, diagonals, bodies = model_arrays(handle)
+    n = coordinates(handle)
     for j in range(n):
         torque[j] = tau[j] - internal_force(constants, diagonals, q, qd, j)
     outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, given)
@@ -120,12 +120,9 @@ def solve(
 @apart(types.int64(types.int64, *[NUMBERS] * 4))
 def find_acceleration(handle, q, qd, tau, qdd):
     """Write the accelerations (n) under generalized forces tau (n)."""
-    topology, constants, work, diagonals, bodies = model_arrays(handle)
+    diagonals = model_arrays(handle)[3]
     zero = diagonals[ZERO]
-    return solve(
-        coordinates(handle), topology, constants, work, diagonals, bodies, diagonals[ARMATURE],
-        zero, q, qd, zero, tau, qdd, diagonals[SCRATCH],
-    )  # fmt: skip
+    return solve(handle, diagonals[ARMATURE], zero, q, qd, zero, tau, qdd, diagonals[SCRATCH])
 
 
 @kernel(types.int64(types.int64, array_object, array_object, array_object, array_object))
@@ -169,22 +166,7 @@ def find_articulated(handle, shift, held, q, qd, given, tau, qdd, torque):
         return SINGULAR
     topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    status = solve(
-        n,
-        topology,
-        constants,
-        work,
-        diagonals,
-        bodies,
-        shift,
-        held,
-        q,
-        qd,
-        given,
-        tau,
-        qdd,
-        torque,
-    )
+    status = solve(handle, shift, held, q, qd, given, tau, qdd, torque)
     if status != GOOD:
         return status
     for i in range(1, bodies + 1):

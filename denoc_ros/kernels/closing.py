@@ -74,8 +74,10 @@ def follow(topology, constants, values, shifted):
 
 
 @inlined
-def correct(topology, constants, work, held, bodies, t, rows, n, which, values, zero, change):
+def correct(handle, held, t, rows, which, values, change):
     """Take the least change from values that undoes a vector of errors over the rows."""
+    topology, constants, work, diagonals, bodies = model_arrays(handle)
+    n = coordinates(handle)
     hard = at(topology, 0, ROWS)
     y = columns_of(t, rows, n) - 2 * n
     for k in range(rows):
@@ -86,7 +88,7 @@ def correct(topology, constants, work, held, bodies, t, rows, n, which, values, 
         work[y + j] = 0.0
     add_rows(work, t, rows, 0, rows, n, y)
     give_loads(topology, work, held, bodies, y)
-    outward_accelerations(topology, constants, work, held, bodies, zero, change)
+    outward_accelerations(topology, constants, work, held, bodies, diagonals[ZERO], change)
     for j in range(n):
         values[j] += change[j]
 
@@ -123,9 +125,7 @@ def close_constraints(handle, held, q, qd, change):
             return GOOD
         for which in range(ERROR, RATE + 1):
             values = q if which == ERROR else qd
-            correct(
-                topology, constants, work, held, bodies, t, rows, n, which, values, zero, change
-            )
+            correct(handle, held, t, rows, which, values, change)
     return GOOD if error <= OPEN and all_finite(q, n) and all_finite(qd, n) else OPENED
 
 

@@ -141,8 +141,10 @@ def resist(topology, constants, work, t, rows, stage):
 
 
 @inlined
-def write_columns(topology, constants, work, held, bodies, q, qd, given, zero, t, rows, n):
+def write_columns(handle, held, q, qd, given, t, rows):
     """Write all rows and their columns after an inward pass at this state."""
+    topology, constants, work, diagonals, bodies = model_arrays(handle)
+    n, zero = coordinates(handle), diagonals[ZERO]
     columns = columns_of(t, rows, n)
     for k in range(rows * n):
         work[columns + k] = 0.0
@@ -188,17 +190,17 @@ def find_multipliers(topology, constants, work, t, rows, n, y, stage, g):
     return good
 
 
-@apart(types.int64(types.int64, types.int64, types.float64, *[NUMBERS] * 8))
-def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd, drive):
+@apart(types.int64(types.int64, types.int64, types.float64, *[NUMBERS] * 7))
+def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd):
     """Write q'' (n) with all constraints kept; their multipliers stay in the workspace.
 
-    As articulated.find_articulated, without torques; drive (n) is scratch. In a time step's stages
-    g times the damping of free axes stands beside the inertia, as shift does.
+    As articulated.find_articulated, without torques. In a time step's stages g times the damping
+    of free axes stands beside the inertia, as shift does.
     """
     if lacks_rotor(handle, held):
         return SINGULAR
     topology, constants, work, diagonals, bodies = model_arrays(handle)
-    n = coordinates(handle)
+    n, drive = coordinates(handle), diagonals[SCRATCH]
     for j in range(n):
         drive[j] = tau[j] - internal_force(constants, diagonals, q, qd, j)
     outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, given)
@@ -207,9 +209,7 @@ def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd, driv
     t = at(topology, 0, CONSTRAINTS_WORK)
     rows = all_rows(topology)
     y = columns_of(t, rows, n) - 2 * n
-    write_columns(
-        topology, constants, work, held, bodies, q, qd, given, diagonals[ZERO], t, rows, n
-    )
+    write_columns(handle, held, q, qd, given, t, rows)
     take_loads(topology, work, held, bodies, y, y + n)
     good = find_multipliers(topology, constants, work, t, rows, n, y, stage, g)
     give_loads(topology, work, held, bodies, y)
@@ -245,7 +245,7 @@ def constrained_dynamics(handle, held, q, qd, given, tau, qdd, multipliers):
         return MISFIT
     status = find_constrained(
         handle, EXPLICIT, 0.0, diagonals[ARMATURE], content(held), content(q), content(qd),
-        content(given), content(tau), content(qdd), diagonals[SCRATCH],
+        content(given), content(tau), content(qdd),
     )  # fmt: skip
     copy_multipliers(handle, content(multipliers))
     return status
@@ -266,7 +266,7 @@ def constrained_dynamics_rows(handle, held, q, qd, given, tau, first, last, qdd,
         k = n * row
         status = find_constrained(
             handle, EXPLICIT, 0.0, diagonals[ARMATURE], flags, beyond(a, k), beyond(b, k),
-            beyond(c, k), beyond(d, k), beyond(e, k), diagonals[SCRATCH],
+            beyond(c, k), beyond(d, k), beyond(e, k),
         )  # fmt: skip
         copy_multipliers(handle, beyond(f, at(topology, 0, ROWS) * row))
         worst = max(worst, status)

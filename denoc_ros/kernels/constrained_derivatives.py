@@ -61,7 +61,6 @@ from denoc_ros.kernels.handle import (
     ARMATURE,
     GOOD,
     NOT_FINITE,
-    SCRATCH,
     ZERO,
     at,
     coordinates,
@@ -148,9 +147,8 @@ def find_accelerations(handle, verb, flags, q, qd, third, force, places):
         return GOOD
     given = room(topology, work, places, n, GIVEN)
     status = find_constrained(
-        handle, EXPLICIT, 0.0, diagonals[ARMATURE], flags, q, qd, given, force, qdd,
-        diagonals[SCRATCH],
-    )  # fmt: skip
+        handle, EXPLICIT, 0.0, diagonals[ARMATURE], flags, q, qd, given, force, qdd
+    )
     weights = room(topology, work, places, n, WEIGHTS)
     found = vector(at(topology, 0, CONSTRAINTS_WORK), all_rows(topology), MULTIPLIERS)
     for k in range(at(topology, 0, ROWS)):

@@ -60,7 +60,7 @@ def find_rate(handle, y, tau, out):
     zero = diagonals[ZERO]
     return find_constrained(
         handle, EXPLICIT, 0.0, diagonals[ARMATURE], zero, y, beyond(y, n), zero, tau,
-        beyond(out, n), diagonals[SCRATCH],
+        beyond(out, n),
     )  # fmt: skip
 
 
@@ -75,8 +75,8 @@ def combine(y, h, weights, k, stages, size, out):
 
 
 @inlined
-def error_norm(y, new, h, e3, e5, k, stages, size, relative, absolute):
-    """Return the error of a step over its tolerance."""
+def error_norm(y, new, h, errors, k, stages, size, relative, absolute):
+    """Return the error of a step over its tolerance; errors has the weights of order 3 and 5."""
     five = 0.0
     three = 0.0
     for j in range(size):
@@ -84,8 +84,8 @@ def error_norm(y, new, h, e3, e5, k, stages, size, relative, absolute):
         u = 0.0
         v = 0.0
         for i in range(stages):
-            u += e5[i] * k[size * i + j]
-            v += e3[i] * k[size * i + j]
+            u += errors[stages + 1 + i] * k[size * i + j]
+            v += errors[i] * k[size * i + j]
         five += (u / scale) ** 2
         three += (v / scale) ** 2
     if five == 0.0 and three == 0.0:
@@ -107,10 +107,10 @@ def try_step(handle, a, b, stages, h, tau, y, k, new):
 
 
 @kernel(
-    'int64(int64, float64[:, ::1], float64[::1], float64[::1], float64[::1], float64[::1], '
-    'float64[::1], float64[::1], float64[::1], float64[:, ::1], float64[::1])'
+    'int64(int64, float64[:, ::1], float64[::1], float64[:, ::1], float64[::1], float64[::1], '
+    'float64[::1], float64[::1], float64[:, ::1], float64[::1])'
 )
-def explicit_steps(handle, a, b, e3, e5, control, tau, state, before, k, new):
+def explicit_steps(handle, a, b, errors, control, tau, state, before, k, new):
     """Advance a state (2 n) by steps until one ends at control[UNTIL] or later.
 
     The state before the last step goes to `before`, its stages to k (s + 1, 2 n), of which the
@@ -138,8 +138,8 @@ def explicit_steps(handle, a, b, e3, e5, control, tau, state, before, k, new):
             error = np.inf
             if status == GOOD:
                 error = error_norm(
-                    old, trial, h, elements(e3), elements(e5), rates, stages, size,
-                    control[RELATIVE], control[ABSOLUTE],
+                    old, trial, h, elements(errors), rates, stages, size, control[RELATIVE],
+                    control[ABSOLUTE],
                 )  # fmt: skip
             if error < 1.0:
                 break

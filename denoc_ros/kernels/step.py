@@ -19,6 +19,7 @@ from denoc_ros.kernels.handle import (
     FRICTION,
     GOOD,
     MISFIT,
+    SCRATCH,
     at,
     beyond,
     coordinates,
@@ -44,12 +45,11 @@ RATE = 2  # k1 of the rates
 STAGE_Q = 3
 STAGE_QD = 4
 STAGE_RATE = 5
-TORQUE = 6
-GIVEN = 7
-START_Q = 8  # the state and the given accelerations with mimic joints on their leaders
-START_QD = 9
-START_GIVEN = 10
-STEP_ROWS = 11
+GIVEN = 6
+START_Q = 7  # the state and the given accelerations with mimic joints on their leaders
+START_QD = 8
+START_GIVEN = 9
+STEP_ROWS = 10
 
 
 @inlined
@@ -62,8 +62,9 @@ def hold(topology, bodies, held, source, target):
 
 
 @inlined
-def open_stage(handle, _stage, _g, shift, held, q, qd, given, tau, qdd, torque):
+def open_stage(handle, _stage, _g, shift, held, q, qd, given, tau, qdd):
     """Write the accelerations of a stage without constraints."""
+    torque = model_arrays(handle)[3][SCRATCH]
     return find_articulated(handle, shift, held, q, qd, given, tau, qdd, torque)
 
 
@@ -82,7 +83,6 @@ def take_step(accelerate, handle, steps, held, dt, q, qd, given, tau):
     w = beyond(steps, STAGE_RATE * n)
     stage_q = beyond(steps, STAGE_Q * n)
     stage_qd = beyond(steps, STAGE_QD * n)
-    torque = beyond(steps, TORQUE * n)
     wanted = beyond(steps, GIVEN * n)
     for j in range(n):
         c = diagonals[DAMPING][j]
@@ -93,7 +93,7 @@ def take_step(accelerate, handle, steps, held, dt, q, qd, given, tau):
         wanted[j] = 0.0
         drive[j] = tau[j] - g * step_stiffness(diagonals, q, j) * qd[j]
     hold(topology, bodies, held, given, wanted)
-    status = accelerate(handle, FIRST_STAGE, g, shift, held, q, qd, wanted, drive, k1, torque)
+    status = accelerate(handle, FIRST_STAGE, g, shift, held, q, qd, wanted, drive, k1)
     if status != GOOD:
         return status
     for j in range(n):
@@ -106,9 +106,7 @@ def take_step(accelerate, handle, steps, held, dt, q, qd, given, tau):
         implicit = shift[j] - diagonals[ARMATURE][j]
         elastic = g * step_stiffness(diagonals, q, j) * residual
         drive[j] = tau[j] - elastic + 2.0 * implicit * k1[j]
-    status = accelerate(
-        handle, SECOND_STAGE, g, shift, held, stage_q, stage_qd, wanted, drive, w, torque
-    )
+    status = accelerate(handle, SECOND_STAGE, g, shift, held, stage_q, stage_qd, wanted, drive, w)
     if status != GOOD:
         return status
     for j in range(n):

@@ -44,7 +44,8 @@ class CompiledDOP853(DOP853):  # type: ignore[misc]
         ready(steps.explicit_steps)
         self._motion = motion
         self._times = times
-        self._tables = tuple(np.ascontiguousarray(x) for x in (self.A, self.B, self.E3, self.E5))
+        errors = np.array([self.E3, self.E5])
+        self._tables = np.ascontiguousarray(self.A), np.ascontiguousarray(self.B), errors
         self._no_forces = np.zeros(len(state) // 2)
         self._trial = np.zeros(len(state))
 
