@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -131,19 +132,18 @@ def read_arrays(path: str | Path, topic: str, stamp: Stamp = 'header') -> ArrayS
     return ArraySeries(_stamps(messages), labels if len(labels) == width else (), values)
 
 
-def read_diagnostics(path: str | Path, topic: str = '/diagnostics') -> list[Diagnostic]:
-    """Read every status of a topic of diagnostic_msgs/DiagnosticArray; errors as `read_bag`."""
+def statuses(stamp_ns: int, message: Any) -> list[Diagnostic]:
+    """Return the statuses of a DiagnosticArray that has a stamp [ns]."""
     return [
         Diagnostic(
-            item.stamp_ns,
+            stamp_ns,
             status.name,
             int(status.level),
             status.message,
             status.hardware_id,
             {pair.key: pair.value for pair in status.values},
         )
-        for item in _of_type(path, topic, 'diagnostic_msgs/msg/DiagnosticArray', 'header')
-        for status in item.message.status
+        for status in message.status
     ]
 
 

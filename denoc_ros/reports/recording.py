@@ -13,7 +13,7 @@ from denoc_ros.bags.columns import JointStateColumns
 from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import bag_topics, header_stamp_ns, read_raw
-from denoc_ros.bags.series import Diagnostic, JointSeries
+from denoc_ros.bags.series import Diagnostic, JointSeries, statuses
 from denoc_ros.bags.topics import find_topic
 from denoc_ros.errors import BagError
 from denoc_ros.types import Array
@@ -186,16 +186,9 @@ class RecordedTopics:
     def diagnostics(self) -> list[Diagnostic]:
         """Return every status of /diagnostics, in order."""
         return [
-            Diagnostic(
-                self.origin_ns + round(kept.stamp * 1e9),
-                status.name,
-                int(status.level),
-                status.message,
-                status.hardware_id,
-                {pair.key: pair.value for pair in status.values},
-            )
+            status
             for kept in self.messages('diagnostics')
-            for status in kept.message.status
+            for status in statuses(self.origin_ns + round(kept.stamp * 1e9), kept.message)
         ]
 
     def _seconds(self, stamp_ns: int) -> float:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from denoc_ros.bags.definitions import encode, exact_cdr
 from denoc_ros.bags.reader import bag_topics, read_attachment, read_bag
 from denoc_ros.bags.recover import recover
-from denoc_ros.bags.series import read_arrays, read_diagnostics, read_joint_states
+from denoc_ros.bags.series import read_arrays, read_joint_states, statuses
 from denoc_ros.bags.storage import LARGEST_CHUNK
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
@@ -93,7 +93,8 @@ def test_arrays_and_diagnostics_are_read(small_bag: Path) -> None:
     arrays = read_arrays(small_bag, '/commands')
     assert arrays.labels == ('a', 'b')
     np.testing.assert_array_equal(arrays.values, [[4.0, 5.0]])
-    first, second = read_diagnostics(small_bag)
+    (item,) = read_bag(small_bag, ['/diagnostics'])
+    first, second = statuses(item.stamp_ns, item.message)
     assert (first.name, first.level, first.values) == ('loop', 1, {'overruns': '3'})
     assert second.name == 'other'
 
