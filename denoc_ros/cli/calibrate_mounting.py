@@ -24,10 +24,12 @@ CUTOFF = 5.0  # Hz, of the joints' motion: vibration is not what is looked for
 
 def run_mounting(args: argparse.Namespace, file: Path, robot: Robot) -> int:
     """Fit, show and write; return the exit status."""
+    from denoc_ros.dynamics.measured_side import measured_robot
     from denoc_ros.errors import IdentificationError
     from denoc_ros.estimation.mounting import calibrate_mounting
     from denoc_ros.model.remounting import remounted_description
 
+    robot = measured_robot(robot)
     try:
         found = calibrate_mounting(robot, args.sensor, *_record(args, robot))
     except IdentificationError as error:

@@ -15,11 +15,13 @@ import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import elasticity
-from denoc_ros.model.link_side import is_measured_behind, seen_from_links
+from denoc_ros.model.coordinates import spring_name
+from denoc_ros.model.link_side import is_measured_behind, motors_behind, seen_from_links
 from denoc_ros.model.tree import Joint, Spring, Tree
 from denoc_ros.types import Array
 
 CUTOFF = 100.0  # Hz, of the filter that gives a spring's rate and acceleration
+ROUNDS = 5  # of an equilibrium at positions of the link side
 SHARE = 0.1  # of the rate of the updates: at most so much
 
 
@@ -72,6 +74,32 @@ class MeasuredStates:
         if len(self._joints):
             force = elasticity(self._robot, q)[0] + self._robot.damping * qd
             out[self._joints] = -force[self._springs]
+
+
+def described_coordinates(robot: Robot) -> tuple[str, ...]:
+    """Return the coordinates of a robot that what is made of its joint states can have."""
+    hidden = {spring_name(joint) for joint in motors_behind(robot.tree)}
+    return tuple(name for name in robot.coordinate_names if name not in hidden)
+
+
+def measured_equilibrium(robot: Robot, joints: Array) -> Array:
+    """Return coordinates (n,) in static equilibrium at measured positions (joints,) [rad, m].
+
+    Raises
+    ------
+    SolverError
+        There is no equilibrium there.
+    """
+    states, seen = MeasuredStates(robot), np.empty(len(joints))
+    q = robot.static_deflection(joints)
+    states.positions(q, seen)
+    for _ in range(ROUNDS):
+        if np.array_equal(seen, joints):
+            break
+        # weight depends on the links, not on the motors behind: each round comes much nearer
+        q = robot.static_deflection(q[robot.joint_indices] + joints - seen)
+        states.positions(q, seen)
+    return q
 
 
 class MotorSide:

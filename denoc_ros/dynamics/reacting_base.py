@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
+from denoc_ros.errors import StateError
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
@@ -41,6 +42,14 @@ class ReactingBase:
     def floats(self) -> bool:
         """Whether there is a floating base."""
         return len(self.index) > 0
+
+    def require_none(self, where: str) -> None:
+        """Raise StateError if there is one, for what needs a base whose motion is known."""
+        if self.floats:
+            raise StateError(
+                f'{self.robot.tree.name}: the base must be fixed or its motion measured {where}, '
+                'got one that floats'
+            )
 
     def rates(self, q: Array, qd: Array) -> None:
         """Write the base's rates into qd (n,) so that the momentum is zero."""

@@ -30,6 +30,9 @@ TWIST = 3
 TIP = (1, 2, TWIST)  # u_y, u_z and the twist among a section's six displacements
 TURN = 0.02  # rad or m that a joint may move before the linearization is made anew
 SPREAD = 0.1  # deviation of a load in each mode alone, as a share of that of the tip's load
+REST = 0.1  # of the model's error that is no steady share of the elastic forces
+MEMORY = 1000.0  # s in which a steady share changes
+LARGEST = 0.5  # share of an elastic force
 
 
 class AmplitudeFilter:
@@ -49,12 +52,16 @@ class AmplitudeFilter:
         Coordinates whose motion is not given: the amplitudes, and no others by default.
     constants : (c,) array, optional
         Standard deviations at the start of unknown constants: they stand behind f in x.
+    steady : bool
+        Whether most of the model's error is taken as steady shares e (m,) of the elastic forces,
+        which stand behind the constants in x.
 
     Attributes
     ----------
-    covariance : (3 m + c, 3 m + c) array
-    mobility : (m, m) array
-        Accelerations of the amplitudes by forces on them, as last linearized.
+    covariance : (3 m + c, 3 m + c) array, or m more of shares
+    mobility, held_mobility : (m, m) array
+        Accelerations of the amplitudes by forces on them, as last linearized; with the joints'
+        given.
     stiffness, damping : (m,) arrays
     decay : float
         Factor of the loads' mean over one step.
@@ -74,6 +81,10 @@ class AmplitudeFilter:
     force that the first mode carries at its present amplitude of vibration; at least what moves
     a sensor by its noise. At the start energy is shared equally: that of a first mode off by
     `initial_deflection`.
+
+    A wrong payload or stiffness errs by about the same share of the elastic forces at all times.
+    Shares e have the deviation `model_error`, per deformation nearly the same, and the force
+    e K d acts beside the loads, whose deviation then is `REST` of that above.
     """
 
     def __init__(
@@ -84,10 +95,12 @@ class AmplitudeFilter:
         initial_deflection: float,
         free: NDArray[np.int64] | None = None,
         constants: Array | None = None,
+        steady: bool = False,
     ) -> None:
         ready(take_values)
         self._robot, self._step = robot, step
-        self._error = model_error
+        self._share = model_error if steady else 0.0
+        self._error = REST * model_error if steady else model_error
         self._flexible = robot.flexible_indices
         self._free = self._flexible if free is None else free
         self._among_free = np.searchsorted(self._free, self._flexible)
@@ -99,11 +112,15 @@ class AmplitudeFilter:
         self._start_force: Array = force
         self._floor = np.zeros(m)
         self._constants = np.zeros(0) if constants is None else constants
-        size = 3 * m + len(self._constants)
+        after = 3 * m + len(self._constants)
+        size = after + (m if steady else 0)
+        self._shares = slice(after, size)
+        self._pushed = np.zeros((3 * m, m))  # one step of x by a steady force
         self.covariance, self._scratch = np.zeros((2, size, size))
         self._transition: Array = np.eye(size)
         self._gain = np.zeros(size)
         self.mobility: Array = np.zeros((m, m))
+        self.held_mobility: Array = self.mobility
         self._posture: Array = np.full(len(robot.joint_indices), np.inf)
         self._omega, self.decay = 1.0, 1.0
 
@@ -139,6 +156,8 @@ class AmplitudeFilter:
         m, h = self._m, self._step
         whole = response(self._robot, q, self._free)
         self.mobility = answer = whole[np.ix_(self._among_free, self._among_free)]
+        held = len(self._free) == m
+        self.held_mobility = answer if held else response(self._robot, q, self._flexible)
         root = np.sqrt(self.stiffness)
         scaled = root[:, None] * answer * root
         lowest = np.linalg.eigvalsh(scaled)[0] if np.isfinite(scaled).all() else math.nan
@@ -149,30 +168,40 @@ class AmplitudeFilter:
                 f'squared frequency of {lowest:.3g}'
             )
         self._omega = omega = math.sqrt(lowest)
-        jacobian = np.zeros((3 * m, 3 * m))
+        jacobian = np.zeros((4 * m, 4 * m))  # with steady forces behind
         jacobian[:m, m : 2 * m] = np.eye(m)
         jacobian[m : 2 * m, :m] = -answer * self.stiffness
         jacobian[m : 2 * m, m : 2 * m] = -answer * self.damping
-        jacobian[m : 2 * m, 2 * m :] = answer
-        jacobian[2 * m :, 2 * m :] = -omega * np.eye(m)
-        implicit = np.eye(3 * m) - GAMMA * h * jacobian
-        explicit = np.eye(3 * m) + (1.0 - 2.0 * GAMMA) * h * jacobian
+        jacobian[m : 2 * m, 2 * m :] = np.tile(answer, 2)
+        jacobian[2 * m : 3 * m, 2 * m : 3 * m] = -omega * np.eye(m)
+        implicit = np.eye(4 * m) - GAMMA * h * jacobian
+        explicit = np.eye(4 * m) + (1.0 - 2.0 * GAMMA) * h * jacobian
         transition = np.linalg.solve(implicit, np.linalg.solve(implicit, explicit))
-        self._transition[: 3 * m, : 3 * m] = transition
-        self.decay = float(transition[-1, -1])
+        self._transition[: 3 * m, : 3 * m] = transition[: 3 * m, : 3 * m]
+        self._pushed = transition[: 3 * m, 3 * m :]
+        self.decay = float(transition[3 * m - 1, 3 * m - 1])
 
-    def reset(self, q: Array) -> None:
-        """Start at coordinates q (n,), with only the assumed initial error of the beams known."""
+    def reset(self, q: Array, doubt: float = 1.0) -> None:
+        """Start at coordinates q (n,), off by so many times the assumed initial error."""
         self._posture[:] = np.inf
         self.linearize(q)
-        m, force = self._m, self._start_force
+        m, force = self._m, doubt * self._start_force
         energy = force * force / self.stiffness[self._first]
         self.covariance[:] = 0.0
         self.covariance[:m, :m] = np.diag(energy / self.stiffness)
         shared = np.sqrt(energy)
         self.covariance[m : 2 * m, m : 2 * m] = shared[:, None] * self.mobility * shared
         self.covariance[2 * m : 3 * m, 2 * m : 3 * m] = self._load_covariance(force)
-        self.covariance[3 * m :, 3 * m :] = np.diag(self._constants**2)
+        constants = slice(3 * m, self._shares.start)
+        self.covariance[constants, constants] = np.diag(self._constants**2)
+        self.covariance[self._shares, self._shares] = self._share_covariance()
+
+    def _share_covariance(self) -> Array:
+        """Return the shares' covariance at the start; empty without shares."""
+        count = self._shares.stop - self._shares.start
+        first = self._first[:count]
+        same = (first[:, None] == first) + SPREAD**2 * np.eye(count)
+        return np.asarray(self._share**2 * same)
 
     def _load_covariance(self, force: Array) -> Array:
         deviation = np.hypot(self._error * force, self._floor)
@@ -186,6 +215,12 @@ class AmplitudeFilter:
         added *= 1.0 - self.decay**2
         part = slice(2 * self._m, 3 * self._m)
         loads = self.covariance[part, part]
+        shares = self._shares
+        if self._share:
+            self._transition[: 3 * self._m, shares] = self._pushed * (self.stiffness * amplitudes)
+            self.covariance[shares, shares] += (
+                2.0 * steps * self._step / MEMORY
+            ) * self._share_covariance()
         for _ in range(steps):
             np.matmul(self._transition, self.covariance, out=self._scratch)
             np.matmul(self._scratch, self._transition.T, out=self.covariance)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.errors import StateError
-from denoc_ros.estimation.amplitude_filter import AmplitudeFilter
+from denoc_ros.estimation.amplitude_filter import LARGEST, AmplitudeFilter
 from denoc_ros.estimation.inertial_rows import OLDEST, Accelerations, InertialRows
 from denoc_ros.types import Array
 
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 Value = tuple[float, int, float]  # stamp, place, value
 
 WAITING = 1024  # values at most that wait for the joints' motion up to their stamps
+WIDER, MOST_DOUBT = 3.0, 1000.0  # times the error at the start, each time a sensor is believed
+UNSEEN = 0.1  # of the error at the start that inertial sensors alone are to find
 MOST_STEPS = 250  # a covariance older than this is started anew
 CAUSES = ('late', 'outlier', 'not_finite', 'repeated', 'overflow')
 
@@ -38,7 +40,8 @@ class FusionSettings:
     model_error : float
         How far the model's forces on the amplitudes may be off, as a share of the elastic forces.
     initial_deflection : float
-        How far a tip may be off at the start, as a share of the beam's length.
+        How far a tip may be off at the start, as a share of the beam's length; a tenth of it
+        where there are inertial sensors alone, which do not show it.
     gate : float
         Standard deviations of an innovation beyond which a value is an outlier.
     patience : float
@@ -97,6 +100,9 @@ class StrainFusion:
         Estimated constant errors of the inertial sensors' values.
     loads : (m,) array
         Generalized forces on the amplitudes that the model leaves out.
+    shares : (m,) array
+        Shares of the elastic forces that the model leaves out beside them; empty without inertial
+        sensors.
     counts : list of Counter
         Per sensor of the robot: accepted, refused by cause, and how often believed again.
     heard : (sensors,) array
@@ -134,23 +140,26 @@ class StrainFusion:
             robot.copy(),
             step,
             settings.model_error,
-            settings.initial_deflection,
+            settings.initial_deflection * (1.0 if sensors else UNSEEN),
             free,
             self.inertial.bias,
+            steady=bool(self.inertial.names),
         )
         self.filter.set_floor(self._rows, self._noise)
         self._trail = StateHistory(math.ceil(max_age / step) + 2, 2 * m)
         self._max_age = max_age
         self._waiting: list[Value] = []
         self.loads, self.biases = np.zeros(m), np.zeros(len(self.inertial.names))
+        self.shares = np.zeros(m if self.inertial.names else 0)
         self.counts: list[Counter[str]] = [Counter() for _ in self.names]
         self.heard = np.full(len(self.names), np.nan)
         self._refused_since = np.full(len(self.names), np.nan)
+        self._doubt, self._calming = 1.0, math.exp(-step / (10.0 * settings.patience))
         self._time = math.nan  # of the covariance
 
     def reset(self, time: float, q: Array, qd: Array) -> None:
         """Start at a time [s] from coordinates and rates (n,)."""
-        self.loads[:] = self.biases[:] = 0.0
+        self.loads[:] = self.biases[:] = self.shares[:] = 0.0
         self.restart(time, q, qd)
 
     def restart(self, time: float, q: Array, qd: Array) -> None:
@@ -246,7 +255,7 @@ class StrainFusion:
         assert self._accelerations is not None
         now, inertial, m = self._trail.last, self.inertial, self._m
         newest = self._trail.since(now)[1][0]
-        expected = np.concatenate((newest, self.loads, self.biases))
+        expected = np.concatenate((newest, self.loads, self.biases, self.shares))
         self._go_on(now, expected, q)
         q[self._flexible], qd[self._flexible] = expected[:m], expected[m : 2 * m]
         inertial.move(now, q, qd, self._accelerations, self.filter)
@@ -256,7 +265,7 @@ class StrainFusion:
         seen = inertial.expected[which] - ages * change
         rows = inertial.rows[which]
         values = np.array([value for _, _, value in group]) - seen
-        values += rows[:, : 3 * m] @ expected[: 3 * m]
+        values += rows @ expected - rows[:, 3 * m : -m] @ self.biases
         moved = (self._settings.timing_error + np.abs(ages)) * change
         noise = np.sqrt(inertial.noise[which] ** 2 + moved**2 + inertial.uncertain[which] ** 2)
         state = expected.copy()
@@ -264,6 +273,14 @@ class StrainFusion:
         for (stamp, place, _), good in zip(group, taken.tolist(), strict=True):
             self._judge(place, stamp, good, q)
         self._spread(state - expected, now)
+
+    def forces(self, q: Array, qd: Array, ahead: float = 0.0) -> Array:
+        """Return what the model leaves out (m,) at a state (n,), so long after it [s]."""
+        if not len(self.shares):
+            return self.loads
+        bent = q[self._flexible] + ahead * qd[self._flexible]
+        forces: Array = self.loads + self.shares * self.filter.stiffness * bent
+        return forces
 
     def unexplained(self) -> Array:
         """Return the part of the sensors' values due to the loads, taken as slow (sensors,).
@@ -276,7 +293,7 @@ class StrainFusion:
     def _take(self, group: list[Value], q: Array) -> None:
         """Correct the trail from the values' stamp on, and the loads."""
         stamp, places = group[0][0], [place for _, place, _ in group]
-        expected = np.concatenate((self._trail.at(stamp), self.loads, self.biases))
+        expected = np.concatenate((self._trail.at(stamp), self.loads, self.biases, self.shares))
         self._go_on(stamp, expected, q)
         lag = self._time - stamp
         lag = lag if lag > 0.5 * self._step else 0.0
@@ -308,6 +325,7 @@ class StrainFusion:
         counts, since = self.counts[place], self._refused_since[place]
         counts['accepted' if good else 'outlier'] += 1
         if good:
+            self._doubt = max(1.0, self._doubt * self._calming)
             self._refused_since[place] = math.nan
         elif math.isnan(since):
             self._refused_since[place] = stamp
@@ -315,7 +333,8 @@ class StrainFusion:
             # it is what was known before that is wrong
             counts['believed'] += 1
             self._refused_since[place] = math.nan
-            self.filter.reset(q)
+            self._doubt = min(WIDER * self._doubt, MOST_DOUBT)
+            self.filter.reset(q, self._doubt)
 
     def _spread(self, change: Array, time: float) -> None:
         """Add a correction of x at a time [s] to the trail from there on, loads and biases."""
@@ -327,7 +346,10 @@ class StrainFusion:
                 time += self._step
             state += change[: 2 * m]
         self.loads += change[2 * m : 3 * m]
-        self.biases += change[3 * m :]
+        known = 3 * m + len(self.biases)
+        self.biases += change[3 * m : known]
+        self.shares += change[known:]
+        np.clip(self.shares, -LARGEST, LARGEST, out=self.shares)
 
     def adopt(self, other: StrainFusion | None) -> bool:
         """Go on from another's state; not if that has other sensors, or is None: then False."""
@@ -337,7 +359,7 @@ class StrainFusion:
         self._trail.adopt(other._trail)
         self._waiting = other._waiting
         self.loads[:], self._refused_since[:] = other.loads, other._refused_since
-        self.biases[:] = other.biases
+        self.biases[:], self.shares[:] = other.biases, other.shares
         self.inertial.forget()
         self.heard, self.counts, self._time = other.heard, other.counts, other._time
         return True

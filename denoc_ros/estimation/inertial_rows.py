@@ -24,7 +24,9 @@ REFRESH = 0.01  # s after which the rows are worked out anew
 
 
 class InertialRows:
-    """Values of inertial sensors about a state x = [d; d'; f; b], b their biases.
+    """Values of inertial sensors about a state x = [d; d'; f; b; e], b their biases.
+
+    Forces on the amplitudes that the model leaves out are f + e K d, e shares.
 
     Parameters
     ----------
@@ -38,7 +40,7 @@ class InertialRows:
         Standard deviations: of the values, and of their constant errors at the start.
     expected, change : (k,) arrays
         The values without biases at the last state, and by how much they change per second.
-    rows : (k, 3 m + k) array
+    rows : (k, 4 m + k) array
         Their derivatives by x.
     uncertain : (k,) array
         Deviation of the values by the joints' accelerations.
@@ -50,9 +52,10 @@ class InertialRows:
 
     Notes
     -----
+    With the joints' accelerations measured, whatever drives the model,
     d'' = M^-1 (f - K d - C d' + ...) makes a specific force a function of the state: with H the
     derivatives by d, d' and d'', the rows are
-    [H_d - H_a M^-1 K, H_v - H_a M^-1 C, H_a M^-1, 1].
+    [H_d - H_a M^-1 K, H_v - H_a M^-1 C, H_a M^-1, 1, H_a M^-1 K d].
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -64,8 +67,8 @@ class InertialRows:
         self._places = [s.first + k for s in sensors for k in range(len(s.parts))]
         _require(robot, self.names, self.noise)
         count, m = len(self.names), len(robot.flexible_indices)
-        self.rows = np.zeros((count, 3 * m + count))
-        self.rows[:, 3 * m :] = np.eye(count)
+        self.rows = np.zeros((count, 4 * m + count))
+        self.rows[:, 3 * m : 3 * m + count] = np.eye(count)
         self.expected, self.change, self.uncertain = np.zeros((3, count))
         self._by_acceleration = np.zeros((count, robot.n))
         if sensors:  # nothing compiles in the loop
@@ -102,10 +105,11 @@ class InertialRows:
         derivatives = robot.sensor_derivatives(q, qd, qdd)
         self._by_acceleration = derivatives[2][self._places]
         by_q, by_qd, by_qdd = (each[self._places][:, flexible] for each in derivatives)
-        answer = by_qdd @ model.mobility
+        answer = by_qdd @ model.held_mobility
         self.rows[:, :m] = by_q - answer * model.stiffness
         self.rows[:, m : 2 * m] = by_qd - answer * model.damping
         self.rows[:, 2 * m : 3 * m] = answer
+        self.rows[:, 3 * m + len(self.names) :] = answer * (model.stiffness * q[flexible])
 
 
 def _require(robot: Robot, names: tuple[str, ...], noise: Array) -> None:
@@ -115,17 +119,8 @@ def _require(robot: Robot, names: tuple[str, ...], noise: Array) -> None:
             f'{robot.tree.name}: inertial sensors that are fused must have gyro_noise and '
             f'accel_noise > 0, got 0 for {", ".join(silent)}'
         )
-    if names and robot.constraint_names:
+    if names and robot.tree.loops:
         raise StateError(
-            f'{robot.tree.name}: a robot whose inertial sensors are fused must have no loops and '
-            f'no mimic joints, got {", ".join(dict.fromkeys(robot.constraint_names))}'
-        )
-
-
-def require_given_joints(robot: Robot, source: str) -> None:
-    """Raise StateError where a robot has inertial sensors and its joints' motion is not given."""
-    if robot.tree.inertial_sensors and source != 'joints':
-        raise StateError(
-            f"{robot.tree.name}: source must be 'joints' where IMUs or accelerometers are fused, "
-            f'got {source!r}'
+            f'{robot.tree.name}: a robot whose inertial sensors are fused must have no loops, '
+            f'got {", ".join(loop.name for loop in robot.tree.loops)}'
         )

@@ -15,9 +15,8 @@ from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.response import impulse_response
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.errors import SolverError, StateError
+from denoc_ros.errors import SolverError
 from denoc_ros.estimation.fusion import StrainFusion
-from denoc_ros.estimation.inertial_rows import require_given_joints
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.tracking import TrackingFilter, connecting_acceleration
 from denoc_ros.types import Array
@@ -92,15 +91,11 @@ class Observer:
         self.robot = robot.copy()
         self.motion = driven_motion(self.robot, joints, None, posture)
         self._stepper = Stepper(robot.copy(), settings.step, self.motion.given)
-        self._joints = self.motion.index
-        self._flexible = robot.flexible_indices
+        self._joints, self._flexible = self.motion.index, robot.flexible_indices
         self._free = np.union1d(robot.free_indices, self.motion.bound)
         self._floating = ReactingBase(self.robot)
-        if self._floating.floats and settings.fusion is not None:
-            raise StateError(
-                f'{robot.tree.name}: the base must be fixed or its motion measured where sensors '
-                'are fused, got one that floats'
-            )
+        if settings.fusion is not None:
+            self._floating.require_none('where sensors are fused')
         self._equilibrium = Equilibrium(self.robot, self._free)
         self._filter = TrackingFilter(len(self._joints), settings.cutoff)
         self.deflections = TipDeflections(robot)
@@ -110,7 +105,6 @@ class Observer:
         self._unsteady = np.zeros(len(self._joints))  # variance of the joints' accelerations
         self.fusion: StrainFusion | None = None
         if settings.fusion is not None:
-            require_given_joints(robot, settings.source)
             self.fusion = StrainFusion(
                 robot,
                 settings.step,
@@ -171,17 +165,18 @@ class Observer:
             self.late += 1
             return False
         interval = stamp - self._stamp
+        rates = self._filter.qd.copy()
         self._filter.update(q, qd, interval)
-        self._watch_joints(interval)
+        self._watch_joints(rates, interval)
         self._drive(interval)
         self._stamp = stamp
         self._fuse()
         self.take_effort(effort)
         return True
 
-    def _watch_joints(self, interval: float) -> None:
+    def _watch_joints(self, before: Array, interval: float) -> None:
         """Note how far the joints' filtered acceleration is from that of their rates."""
-        mean = (self._filter.qd - self._qd[self._joints]) / interval
+        mean = (self._filter.qd - before) / interval
         share = -math.expm1(-interval / MEMORY)
         self._unsteady += share * ((mean - self._filter.qdd) ** 2 - self._unsteady)
 
@@ -212,17 +207,23 @@ class Observer:
             if len(self.motion.bound):
                 self.motion.positions(self._q, self._q[self._joints])
                 self.motion.rates(self._qd, self._qd[self._joints])
-            self._tau[self._flexible] = self.fusion.loads
+            self._load(self._q, self._qd)
+
+    def _load(self, q: Array, qd: Array, ahead: float = 0.0) -> None:
+        """Let the forces act that sensors show, so long after a state (n,) [s]."""
+        if self.fusion is not None:
+            self._tau[self._flexible] = self.fusion.forces(q, qd, ahead)
 
     def _accelerations(self, time: float, q: Array, qd: Array) -> tuple[Robot, Array, Array]:
         """Return the robot at a time, its accelerations (n,) and deviations of those measured."""
         robot, deviation = self.robot, np.zeros(self.robot.n)
         if self.base is not None:
             robot.move_base(self.base(time))
+        self._load(q, qd)
         qdd, joints = np.empty(robot.n), robot.joint_indices
         qdd[joints] = given = self.motion.given_accelerations(self._filter.qdd)
         qdd[robot.flexible_indices] = robot.hybrid_dynamics(q, qd, given, tau=self._tau)[1]
-        deviation[self._joints] = np.sqrt(self._unsteady)
+        deviation[joints] = np.abs(self.motion.given_accelerations(np.sqrt(self._unsteady)))
         return robot, qdd, deviation
 
     def take_effort(self, effort: Array | None) -> None:
@@ -284,8 +285,8 @@ class Observer:
             self._correct(interval)
             return
         else:
-            between = self._between(interval)
-            self._go(self._q, self._qd, self._stamp, interval, between, self._follow)
+            way = self._between(interval)
+            self._go(self._q, self._qd, self._stamp, interval, way, self._follow)
         self._follow_joints()
 
     def _follow_joints(self) -> None:
@@ -339,6 +340,7 @@ class Observer:
         for index in range(steps):
             if self.base is not None:
                 self._stepper.robot.move_base(self.base(begin + (index + 0.5) * step))
+            self._load(q, qd, 0.5 * step)
             if acceleration is None:
                 self._stepper.free(q, qd, self._tau)
             else:
@@ -353,7 +355,6 @@ class Observer:
         """Let the fusion know the state so long after the last measurement."""
         if self.fusion is not None:
             self.fusion.follow(self._stamp + gone, self._q, self._qd)
-            self._tau[self._flexible] = self.fusion.loads
 
     def tick(self, now: float) -> None:
         """Bring the estimate to a time [s]; nothing before the first measurement.
@@ -366,9 +367,9 @@ class Observer:
         self._fuse()
         self.time = max(now, self._stamp)
         self.q[:], self.qd[:] = self._q, self._qd
-        lead = min(self.time - self._stamp, self.settings.max_age)
+        lead, most = self.time - self._stamp, self.settings.horizon_steps
+        lead = min(lead, self.settings.max_age)
         if lead > 0.0:
-            most = self.settings.horizon_steps
             self._go(self.q, self.qd, self._stamp, lead, lambda _: self._filter.qdd, most=most)
 
     def predict(self, reference: Reference | None = None) -> tuple[Array, Array]:
@@ -386,9 +387,8 @@ class Observer:
             `q_ahead`, `qd_ahead`: overwritten by the next call.
         """
         self.q_ahead[:], self.qd_ahead[:] = self.q, self.qd
-        horizon = self.settings.horizon
+        horizon, most = self.settings.horizon, self.settings.horizon_steps
         if horizon > 0.0:
-            most = self.settings.horizon_steps
             expected = self._expected(reference)
             self._go(self.q_ahead, self.qd_ahead, self.time, horizon, expected, most=most)
         return self.q_ahead, self.qd_ahead

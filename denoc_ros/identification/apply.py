@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from denoc_ros.dynamics.measured_side import measured_equilibrium
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.damping import Assigned, assign_damping, damping_overrides
@@ -102,7 +103,7 @@ def configuration(robot: Robot, joints: Mapping[str, float]) -> np.ndarray[Any, 
             f'{robot.tree.name}: joints must be some of {", ".join(robot.joint_names)}, '
             f'got {", ".join(unknown)}'
         )
-    return robot.static_deflection([joints.get(name, 0.0) for name in robot.joint_names])
+    return measured_equilibrium(robot, np.array([joints.get(n, 0.0) for n in robot.joint_names]))
 
 
 def _left_out(results: Sequence[Mapping[str, Any]], doubtful: bool) -> str:

@@ -60,9 +60,14 @@ def is_measured_behind(joint: Joint) -> bool:
     return joint.spring is not None and joint.spring.measured == 'link'
 
 
+def motors_behind(tree: Tree) -> tuple[str, ...]:
+    """Return the joints whose states mean the link side of their springs."""
+    return tuple(b.joint.name for b in tree.bodies if b.joint and is_measured_behind(b.joint))
+
+
 def seen_from_links(tree: Tree) -> Tree:
     """Return a robot without the springs behind which its joints are measured; itself if none."""
-    if not any(body.joint is not None and is_measured_behind(body.joint) for body in tree.bodies):
+    if not motors_behind(tree):
         return tree
     bodies = tuple(
         replace(body, joint=_behind_spring(body.joint))

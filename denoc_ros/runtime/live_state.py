@@ -6,8 +6,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
+from denoc_ros.dynamics.measured_side import described_coordinates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.runtime.conversions import JointStateReader, joint_names
@@ -18,11 +20,16 @@ FARTHEST = 1e6  # rad or m: a coordinate beyond cannot be drawn
 
 
 class _StateLayout(NamedTuple):
-    """How messages with the same names are read; no motion: they name all coordinates."""
+    """How messages with the same names are read; no motion: they name the coordinates at places.
+
+    Springs whose joints are measured on the link side may be missing there: the links then stand
+    where the joints are.
+    """
 
     names: tuple[str, ...]
     reader: JointStateReader
     motion: DrivenMotion | None
+    places: NDArray[np.int64]
 
 
 class LiveState:
@@ -55,7 +62,7 @@ class LiveState:
         self.qd: Array = np.zeros(robot.n)
         self.torque: dict[str, float] = {}
         self.heard = self.bent = False
-        self._layout = _StateLayout((), JointStateReader(()), None)
+        self._layout = _StateLayout((), JointStateReader(()), None, np.zeros(0, dtype=np.int64))
 
     def read(self, raw: bytes, admit: Callable[[int], None]) -> None:
         """Take a message.
@@ -91,9 +98,11 @@ class LiveState:
     def _learn(self, names: tuple[str, ...]) -> _StateLayout:
         """Return what messages with these names give."""
         robot = self._robot
-        if set(robot.coordinate_names) <= set(names):
-            reader = JointStateReader(robot.coordinate_names, allow_extra=True)
-            return _StateLayout(names, reader, None)
+        for known in (robot.coordinate_names, described_coordinates(robot)):
+            if set(known) <= set(names):
+                reader = JointStateReader(known, allow_extra=True)
+                places = [robot.coordinate_names.index(name) for name in known]
+                return _StateLayout(names, reader, None, np.array(places, dtype=np.int64))
         driven = [name for name in robot.tree.non_mimic_joints if name in names]
         if not driven:
             raise InputError(
@@ -104,13 +113,17 @@ class LiveState:
             motion = driven_motion(robot, driven, None, self._posture, flexible=False)
         except (StateError, SolverError) as error:
             raise InputError('missing_joint', str(error)) from error
-        return _StateLayout(names, JointStateReader(driven, allow_extra=True), motion)
+        return _StateLayout(
+            names, JointStateReader(driven, allow_extra=True), motion, motion.index
+        )
 
     def _coordinates(self, layout: _StateLayout) -> tuple[Array, Array]:
         """Return coordinates and rates (n,) by the message that was read last."""
         reader, motion = layout.reader, layout.motion
         if motion is None:
-            return reader.position, reader.velocity
+            q, qd = np.zeros((2, self._robot.n))
+            q[layout.places], qd[layout.places] = reader.position, reader.velocity
+            return q, qd
         # loops are closed from where they were
         q = (self.q if layout is self._layout else motion.posture).copy()
         qd = np.zeros(self._robot.n)

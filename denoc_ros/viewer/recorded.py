@@ -10,6 +10,7 @@ from typing import overload
 import numpy as np
 
 from denoc_ros.dynamics.driven_motion import driven_motion
+from denoc_ros.dynamics.measured_side import described_coordinates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
 from denoc_ros.types import Array
@@ -89,6 +90,7 @@ class RecordedRun(Sequence[Snapshot]):
     ) -> None:
         self.path = path
         self._robot = robot
+        self._known = (robot.coordinate_names, described_coordinates(robot))
         wanted = {*STATES.values(), *TORQUES, *DEFLECTIONS, RESIDUAL}
         topics = ThinnedTopics(path, wanted, start, end, rate)
         if end < 0.0 or start > topics.duration:
@@ -167,17 +169,20 @@ class RecordedRun(Sequence[Snapshot]):
 
     def _recorded(self, source: str, rows: Rows) -> list[str]:
         """Return the coordinates to be taken from a topic; none where it is of another robot."""
-        if rows.has(self._robot.coordinate_names):
-            return list(self._robot.coordinate_names)
+        for known in self._known:
+            if rows.has(known):
+                return list(known)
         joints = self._robot.joint_names if source == 'joints' else ()
         return [name for name in joints if name in rows.names]
 
     def _coordinates(self, rows: Rows) -> tuple[Array, Array | None]:
         robot = self._robot
-        if rows.has(robot.coordinate_names):
-            q = rows.columns(robot.coordinate_names)
-            qd = rows.columns(robot.coordinate_names, 'velocity')
-            return q, qd if np.isfinite(qd).all() else None
+        for known in self._known:
+            if rows.has(known):
+                q, qd = np.zeros((2, len(rows.t), robot.n))
+                places = [robot.coordinate_names.index(name) for name in known]
+                q[:, places], qd[:, places] = rows.columns(known), rows.columns(known, 'velocity')
+                return q, qd if np.isfinite(qd).all() else None
         q = np.zeros((len(rows.t), robot.n))
         if rows.has(robot.joint_names):
             q[:, robot.joint_indices] = rows.columns(robot.joint_names)

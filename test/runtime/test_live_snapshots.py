@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from geared_arm import arm_text
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from node_robots import GRAVITY, gripper, two_links
@@ -214,3 +215,14 @@ def test_no_bytes_are_more_than_refused(robot: Robot, data: st.DataObject) -> No
             continue
     moment = moments.newest(time.perf_counter())
     assert moment is None or np.isfinite(moment.q).all()
+
+
+def test_a_state_without_springs_behind_measured_links_is_drawn() -> None:
+    robot = load_robot(arm_text('link'))
+    state = LiveState(robot, np.zeros(robot.n))
+    # as the predictor says it, whose robot has no springs
+    state.read(raw(['shoulder', 'elbow'], [0.3, -0.2], [1.0, 2.0]), admit)
+    assert state.bent
+    np.testing.assert_array_equal(state.q[robot.joint_indices], [0.3, -0.2])
+    np.testing.assert_array_equal(state.qd[robot.joint_indices], [1.0, 2.0])
+    assert not state.q[robot.flexible_indices].any()

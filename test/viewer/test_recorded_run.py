@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from geared_arm import arm_text
 from simulated_bags import PERIOD, SimulatedBag, make_mechanism_bag
 
 from denoc_ros.bags.writer import BagWriter
@@ -206,3 +207,22 @@ def test_what_does_not_show_the_robot_is_refused(
     empty = written(tmp_path / 'empty.mcap', {'/joint_states': []})
     with pytest.raises(BagError, match=r'bag must have .*, got topics /joint_states'):
         RecordedRun(empty, simulated_bag.robot)
+
+
+BENDING = """<beam link="fore" length="0.4" mass_per_length="1">
+<bending direction="z" ei="50" modes="1"/></beam>"""
+
+
+def test_a_predicted_state_without_springs_behind_measured_links_bends(tmp_path: Path) -> None:
+    text = arm_text('link').replace('<flexibility>', f'<flexibility>{BENDING}')
+    robot = load_robot(text)
+    names = ['shoulder', 'elbow', 'fore/z1']
+    fields: list[tuple[float, dict[str, object]]] = [
+        (t, {'name': names, 'position': [0.3, -0.2, 0.01 * t], 'velocity': [0.0, 0.0, 0.01]})
+        for t in (0.0, 0.5, 1.0)
+    ]
+    run = RecordedRun(written(tmp_path / 'run', {'predictor/modal_state': fields}), robot)
+    assert run.source == 'predictor'
+    bend, spring = (robot.coordinate_names.index(name) for name in ('fore/z1', 'elbow/spring'))
+    np.testing.assert_allclose(run.q[-1][[*robot.joint_indices, bend]], [0.3, -0.2, 0.01])
+    assert not run.q[:, spring].any()

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from denoc_ros.control.joint_limits import Given, JointLimits, joint_limits
 from denoc_ros.dynamics.floating_base import require_known_base
+from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.identification.model.excitation_search import (
@@ -182,6 +183,7 @@ def design_excitation(
     -----
     D-optimal: the determinant of the Fisher information of theta and of its prior is largest.
     """
+    robot = measured_robot(robot)
     require_known_base(robot, WHERE)
     _require(robot, duration, harmonics, rate, time_limit)
     began = time.perf_counter()

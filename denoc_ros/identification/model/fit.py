@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.model.free_parameters import FreeParameters
@@ -124,7 +125,8 @@ def identify_model(
     Parameters
     ----------
     robot : Robot
-        Where the search starts.
+        Where the search starts. Joints that are measured on the link side of their springs count
+        as rigid there, and their effort as what the gear gives out.
     recordings : path, Recording, or a sequence of them
         Runs with joint positions and measured effort, gauges, IMUs or other sensors of the model.
     free : sequence of str
@@ -153,6 +155,7 @@ def identify_model(
         raise IdentificationError(f'held_out must be in [0, 1), got {held_out}')
     began = time.perf_counter()
     given = [recordings] if isinstance(recordings, Source) else list(recordings)
+    robot = measured_robot(robot)
     if not given:
         raise IdentificationError('identify model: recordings must be given, got none')
     whole = [

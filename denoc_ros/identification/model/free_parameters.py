@@ -10,7 +10,7 @@ Robotics and Automation Letters 3, 2018).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
@@ -27,6 +27,7 @@ from denoc_ros.model.inertia import (
     pseudo_inertia,
     total,
 )
+from denoc_ros.model.link_side import motors_behind
 from denoc_ros.model.tree import Body, RigidInertia
 from denoc_ros.types import Array
 
@@ -162,7 +163,10 @@ class FreeParameters:
         self.robot = robot
         numbers = {n.path: n for n in free_numbers(robot, efforts or {}, spreads or {})}
         blocks = {block.path: block for block in _blocks(robot)}
-        chosen = _chosen(free, [*numbers, *blocks])
+        hidden = _hidden(robot, numbers)
+        chosen = _chosen(
+            free, [path for path in (*numbers, *blocks) if path not in hidden], hidden
+        )
         self.numbers = [numbers[path] for path in chosen if path in numbers]
         self.blocks = [blocks[path] for path in chosen if path in blocks]
         self.paths = tuple(
@@ -303,12 +307,21 @@ class FreeParameters:
                 added = difference(body.inertia, own.inertia)
                 body = replace(body, inertia=total(found, added))
             bodies.append(body)
-        return Robot(
-            replace(robot.tree, bodies=tuple(bodies)), robot.gravity, robot.geometric_stiffness
-        )
+        tree = replace(robot.tree, bodies=tuple(bodies))
+        return type(robot)(tree, robot.gravity, robot.geometric_stiffness)
 
 
-def _chosen(free: Sequence[str], known: Sequence[str]) -> list[str]:
+def _hidden(robot: Robot, paths: Iterable[str]) -> set[str]:
+    """Return what lies before the side of the springs that joint states and effort mean."""
+    motors = motors_behind(robot.tree)
+    return {
+        path
+        for path in paths
+        if path.startswith('joint.') and path.split('.', 1)[1].rpartition('.')[0] in motors
+    }
+
+
+def _chosen(free: Sequence[str], known: Sequence[str], hidden: Set[str]) -> list[str]:
     """Return the known paths that the patterns match, each once, in their order."""
     chosen: dict[str, None] = {}
     findings = []
@@ -320,7 +333,12 @@ def _chosen(free: Sequence[str], known: Sequence[str]) -> list[str]:
             for path in known
             if path == pattern or fnmatchcase(path, pattern) or fnmatchcase(path, given)
         ]
-        if not matched:
+        if not matched and any(fnmatchcase(path, pattern) for path in hidden):
+            findings.append(
+                f'--free {pattern!r} must be of what joint states show; got a motor or spring of '
+                'a joint that is measured on the link side (measured="link")'
+            )
+        elif not matched:
             kind = pattern.partition('.')[0]
             alike = [path for path in known if path.startswith(f'{kind}.')]
             shown = ', '.join(alike[:SHOWN] or KINDS) + (', ...' if len(alike) > SHOWN else '')
