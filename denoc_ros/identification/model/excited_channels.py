@@ -314,6 +314,5 @@ def channel_noise(
         for name, value in found.items()
         if not value > 0.0
     ]
-    if findings:
-        raise ConfigError(WHERE, findings)
+    ConfigError.raise_any(WHERE, findings)
     return found

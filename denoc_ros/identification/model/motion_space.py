@@ -114,8 +114,7 @@ class MotionSpace:
             for part, (what, name, limit, unit) in zip(np.abs(share), self.labels, strict=True)
             if part > FULL
         ]
-        if findings:
-            raise ConfigError(WHERE, findings)
+        ConfigError.raise_any(WHERE, findings)
 
     def times(self, step: float) -> Array:
         """Return even times (k,) over the motion, so far apart at most [s]."""
@@ -216,6 +215,5 @@ def deflection_limits(
         for link, value in given.items()
         if not value > 0.0
     ]
-    if findings:
-        raise ConfigError(WHERE, findings)
+    ConfigError.raise_any(WHERE, findings)
     return np.array([given.get(link, share * lengths[link]) for link in along.links])
