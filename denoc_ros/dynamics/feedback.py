@@ -40,7 +40,7 @@ def with_joint_feedback(
     if not np.isfinite(gains).all() or (gains < 0.0).any():
         raise StateError(f'gains kp, kd must be finite and >= 0, got {gains.tolist()}')
     held = robot.copy()
-    diagonals = held.arrays.diagonals.copy()
+    diagonals = held.diagonals()
     diagonals[STIFFNESS, index] += gains[0]
     diagonals[DAMPING, index] += gains[1]
     held.arrays = held.arrays.with_diagonals(diagonals)

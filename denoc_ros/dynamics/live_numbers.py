@@ -117,7 +117,7 @@ class LiveNumbers:
                 robot.add_payload(link, by * column.values)
                 continue
             if diagonals is None:
-                diagonals = robot.arrays.diagonals.copy()
+                diagonals = robot.diagonals()
             diagonals[DIAGONAL_TERMS.index(column.term)] += by * column.values
         if diagonals is not None:
             robot.set_diagonals(diagonals)

@@ -267,6 +267,11 @@ class RobotModel:
         self._payloads[frame] = inertia_row(payload, self.arrays.axes[row - 1])
         self._load_body(row)
 
+    def diagonals(self) -> Array:
+        """Return a copy of stiffness, damping, friction and armature, as `set_diagonals` takes."""
+        copied: Array = self.arrays.diagonals.copy()
+        return copied
+
     def set_diagonals(self, diagonals: Array) -> None:
         """Set stiffness, damping, friction and armature, rows as of the model's arrays; live.
 

@@ -47,7 +47,7 @@ class Candidates:
             return self._parameters.robot_at(point)
         robot = self._robot.copy()
         self._add_inertias(robot, point)
-        diagonals = self._robot.arrays.diagonals.copy()
+        diagonals = self._robot.diagonals()
         for path, value in point.overrides.items():
             if path.endswith('.damping_ratio'):
                 # in proportion to the root of the rigidity, which is yet to come
