@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import time
 from pathlib import Path
 from typing import Any
+
+LOG = logging.getLogger('denoc_ros')
 
 
 def add_parser(subparsers: Any) -> None:
@@ -38,6 +41,7 @@ def run(args: argparse.Namespace) -> int:
     int
         0; a bad robot is raised.
     """
+    LOG.info('loading the compiler')
     from denoc_ros.dynamics.robot import load_robot
     from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
     from denoc_ros.kernels import cache_folder

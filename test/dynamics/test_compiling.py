@@ -153,7 +153,8 @@ def test_a_command_is_interrupted_while_it_compiles(tmp_path: Path) -> None:
     ) as process:
         assert process.stderr is not None
         try:
-            assert 'denoc: compiling' in process.stderr.readline()
+            assert process.stderr.readline() == 'denoc: loading the compiler\n'
+            assert process.stderr.readline().startswith('denoc: compiling')
             # within the first kernel: what it calls is compiled before it
             wait_until(lambda: any(tmp_path.rglob('*.nbi')))
             process.send_signal(signal.SIGINT)
