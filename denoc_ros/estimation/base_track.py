@@ -27,6 +27,8 @@ class BaseTrack:
         How far the motion is carried on beyond the last reading [s].
     gravity : (3,) array
         As the robot has it: what an accelerometer shows is acceleration less gravity.
+    mounting : (4, 4) array, optional
+        Pose of the IMU in the base frame; default: it is that frame.
 
     Attributes
     ----------
@@ -34,8 +36,11 @@ class BaseTrack:
         Of the last reading [s], NaN before the first.
     """
 
-    def __init__(self, cutoff: float, longest: float, gravity: Array) -> None:
+    def __init__(
+        self, cutoff: float, longest: float, gravity: Array, mounting: Array | None = None
+    ) -> None:
         self._cutoff, self._longest = cutoff, longest
+        self._mounting = np.eye(4) if mounting is None else mounting
         self._gravity = np.asarray(gravity, dtype=np.float64)
         self.reset()
 
@@ -68,9 +73,17 @@ class BaseTrack:
             self._note(time, acceleration)
 
     def take_imu(self, time: float, rate: Array, force: Array) -> None:
-        """Take an angular velocity (3,) and a specific force (3,) in."""
+        """Take an angular velocity (3,) and a specific force (3,) in, along the IMU's axes.
+
+        Where the IMU stands at r, the base's origin has the acceleration
+        a - alpha x r - omega x (omega x r).
+        """
+        turn, arm = self._mounting[:3, :3], self._mounting[:3, 3]
+        rate = turn @ rate
         self._difference(time, np.concatenate([np.zeros(3), rate]))
-        self._note(time, np.concatenate([force + self._gravity, self._slope[3:]]))
+        angular = self._slope[3:]
+        lever = np.cross(angular, arm) + np.cross(rate, np.cross(rate, arm))
+        self._note(time, np.concatenate([turn @ force + self._gravity - lever, angular]))
 
     def _difference(self, time: float, twist: Array) -> None:
         """Update the filtered slope of the twist's components."""

@@ -13,7 +13,12 @@ from denoc_ros.dynamics.base_motion import BaseMotion
 from denoc_ros.estimation.base_track import BaseTrack
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.runtime.base_messages import read_accel, read_imu, read_odometry
+from denoc_ros.runtime.base_messages import (
+    imu_mounting,
+    read_accel,
+    read_imu,
+    read_odometry,
+)
 from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.types import Array
 
@@ -43,9 +48,18 @@ class BaseInput:
         return self.source != 'off'
 
     def build(self, gravity: Array) -> None:
-        """Begin anew for a robot with its gravity (3,)."""
-        cutoff = self._node.settings.number('base_motion_cutoff')
-        self.track = BaseTrack(cutoff, self._timeout, gravity)
+        """Begin anew for a robot with its gravity (3,).
+
+        Raises
+        ------
+        ConfigError
+            The IMU's pose is not of three and three numbers, or there is no IMU.
+        """
+        settings, node = self._node.settings, self._node.get_fully_qualified_name()
+        cutoff = settings.number('base_motion_cutoff')
+        xyz, rpy = (settings.numbers(f'base_imu_{part}') for part in ('xyz', 'rpy'))
+        mounting = imu_mounting(node, self.source, xyz, rpy)
+        self.track = BaseTrack(cutoff, self._timeout, gravity, mounting)
 
     def connect(self) -> None:
         """Subscribe to what the parameter names."""

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from denoc_ros.errors import ConfigError
+from denoc_ros.model.poses import rotation_rpy
 from denoc_ros.runtime.conversions import MessageReader, require_finite
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.types import Array
@@ -12,6 +16,30 @@ from denoc_ros.types import Array
 SOURCES = ('off', 'odometry', 'odometry_accel', 'accel', 'imu')
 UNIT = 1e-3  # how far a quaternion may be from unit length
 LARGEST = 1e6  # m/s, rad/s, and per s: more is no base's motion
+
+
+def imu_mounting(where: str, source: str, xyz: Sequence[float], rpy: Sequence[float]) -> Array:
+    """Return the pose (4, 4) of the IMU in the base frame that a node's parameters say.
+
+    Raises
+    ------
+    ConfigError
+        They are not three finite numbers each, or there is no IMU; every finding.
+    """
+    findings = []
+    for name, given in (('base_imu_xyz', xyz), ('base_imu_rpy', rpy)):
+        if len(given) != 3 or not np.isfinite(given).all():
+            findings.append(f'parameter {name!r} must be three finite numbers, got {list(given)}')
+        elif any(given) and source != 'imu':
+            findings.append(
+                f"parameter {name!r} must be 0 where 'base_motion' is {source!r} (it is the pose "
+                f'of an IMU), got {list(given)}'
+            )
+    if findings:
+        raise ConfigError(where, findings)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation_rpy(np.array(rpy, dtype=np.float64)), xyz
+    return pose
 
 
 def _numbers(reader: MessageReader, count: int) -> Array:

@@ -175,6 +175,20 @@ def base_parameters() -> tuple[Parameter, ...]:
             'Hz',
             positive=True,
         ),
+        Parameter(
+            'base_imu_xyz',
+            Kind.DOUBLES,
+            [0.0, 0.0, 0.0],
+            'place of the IMU in the base frame (`base_motion: imu` only)',
+            'm',
+        ),
+        Parameter(
+            'base_imu_rpy',
+            Kind.DOUBLES,
+            [0.0, 0.0, 0.0],
+            'roll, pitch and yaw of its axes there',
+            'rad',
+        ),
     )
 
 

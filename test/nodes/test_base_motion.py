@@ -63,16 +63,25 @@ def feed(bench: FeedforwardBench, publisher: Any, make: Any, condition: Any) -> 
     bench.until(fed)
 
 
-def test_feedforward_takes_the_base_from_an_imu(graph: Any, urdf: str) -> None:
+@pytest.mark.parametrize('place', [(0.0, 0.0, 0.0), (0.4, -2.0, 0.5)])
+def test_feedforward_takes_the_base_from_an_imu(
+    graph: Any, urdf: str, place: tuple[float, ...]
+) -> None:
     bench = FeedforwardBench(
         graph, urdf, base_motion='imu', base_motion_timeout=0.5, enforce_command_limits=False,
-        max_delta_tau=1e3,
+        max_delta_tau=1e3, base_imu_xyz=list(place),
     )  # fmt: skip
+    # a steady turn: the IMU feels the centripetal acceleration of its place as well
+    felt = tuple(np.array(FORCE) + np.cross(RATE, np.cross(RATE, place)))
+
+    def reading(stamp_ns: int) -> Imu:
+        return imu(stamp_ns, felt)
+
     bench.until(lambda: bench.cause == 'no base_motion yet')
     publisher = graph.publisher(Imu, 'base_motion')
     posture = [0.3, -0.5]
     bench.follow(*(_hold(posture)))
-    feed(bench, publisher, imu, lambda: bench.cause == 'following')
+    feed(bench, publisher, reading, lambda: bench.cause == 'following')
     wanted = expected(urdf, posture)
 
     def arrived() -> bool:
@@ -80,7 +89,7 @@ def test_feedforward_takes_the_base_from_an_imu(graph: Any, urdf: str) -> None:
             bench.commands and np.allclose(bench.commands[-1].data, wanted, rtol=1e-6, atol=1e-6)
         )
 
-    feed(bench, publisher, imu, arrived)
+    feed(bench, publisher, reading, arrived)
     # nothing comes any more: the safe command, which says why
     bench.until(lambda: bench.cause == 'stale base_motion')
 
