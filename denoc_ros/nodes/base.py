@@ -27,7 +27,7 @@ from denoc_ros.nodes.messages import wait_until_delivered
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.parameter_files import shared_names
 from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
-from denoc_ros.runtime.realtime import freeze_gc, make_thread_timely, make_transport_timely
+from denoc_ros.runtime.realtime import freeze_gc, make_callbacks_timely
 from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.runtime.signals import SIGNALS
 from denoc_ros.runtime.stamps import at_once
@@ -354,16 +354,11 @@ class DenocNode(GuardedNode):
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Activate; serve callbacks, which hold the interpreter, just below the loop.
-
-        Messages are received and sent at the loop's priority, by threads that need no interpreter.
-        """
+        """Activate; then serve callbacks just below the loop."""
         result = self._transition(self.activate)
         if self.owns_process and 'thread_priority' in self.settings:
             priority = self.settings.integer('thread_priority')
-            callbacks = make_thread_timely(priority - 1)['thread_priority']
-            self.realtime_options['callbacks thread_priority'] = callbacks
-            self.realtime_options.update(make_transport_timely(priority))
+            self.realtime_options.update(make_callbacks_timely(priority))
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

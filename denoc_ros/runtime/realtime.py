@@ -79,6 +79,16 @@ def make_transport_timely(priority: int) -> dict[str, str]:
     return {'transport thread_priority': f'taken: SCHED_FIFO {priority}, {count} threads'}
 
 
+def make_callbacks_timely(priority: int) -> dict[str, str]:
+    """Serve callbacks of a loop with a priority in the calling thread; return as for a thread.
+
+    Callbacks hold the interpreter: they run just below the loop. The threads that receive and send
+    messages need no interpreter, and have the loop's priority.
+    """
+    callbacks = make_thread_timely(priority - 1)['thread_priority']
+    return {'callbacks thread_priority': callbacks, **make_transport_timely(priority)}
+
+
 def lower_priority(niceness: int) -> dict[str, str]:
     """Lower the priority of all present and future threads; return as for a thread."""
     for task in Path('/proc/self/task').iterdir():
