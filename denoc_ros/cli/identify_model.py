@@ -67,6 +67,14 @@ def add_actions(actions: Any) -> None:
         default=0.25,
         help='last part of each run that a first fit does not see and is judged by; default: 0.25',
     )
+    _add_outputs(parser)
+    add_recording_settings(parser)
+    add_worker_options(parser)
+    parser.set_defaults(act=run_model)
+
+
+def _add_outputs(parser: argparse.ArgumentParser) -> None:
+    """Declare what is written and printed, and for which recordings."""
     parser.add_argument(
         '--apply',
         metavar='URDF',
@@ -87,9 +95,6 @@ def add_actions(actions: Any) -> None:
         help='fit each recording on its own: one row each, as of the robots of a fleet; so do '
         '--workers and --scheduler',
     )
-    add_recording_settings(parser)
-    add_worker_options(parser)
-    parser.set_defaults(act=run_model)
 
 
 def run_model(args: argparse.Namespace) -> int:
