@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import add_gravity, given_file, named_values, require
+from denoc_ros.cli.identify_numbers import numbers_text
 from denoc_ros.cli.overrides import add_overrides, overrides_of
 from denoc_ros.errors import BagError
 from denoc_ros.reports.text_table import text_table
@@ -237,16 +238,7 @@ def excitation_result(args: argparse.Namespace, found: Excitation) -> Document:
 
 def as_text(document: Mapping[str, Any]) -> str:
     """Return a result's lines for a terminal."""
-    rows = [
-        {
-            'number': one['path'],
-            'is': one['value'],
-            '95 % from': one['interval'][0],
-            'to': one['interval'][1],
-            'expected': one['verdict'],
-        }
-        for one in document['parameters']
-    ]
+    parameters = document['parameters']
     limits = [
         {
             'largest': f'{one["what"]} {one["name"]}',
@@ -256,8 +248,10 @@ def as_text(document: Mapping[str, Any]) -> str:
         }
         for one in document['limits']
     ]
-    seen = f'{document["combinations_seen"]} of {len(rows)} combinations are seen by any motion'
-    lines = [text_table(rows), '', text_table(limits), f'  {seen}']
+    seen = (
+        f'{document["combinations_seen"]} of {len(parameters)} combinations are seen by any motion'
+    )
+    lines = [numbers_text(parameters, 'expected'), '', text_table(limits), f'  {seen}']
     lines += [f'  by no motion: {line}' for line in document['not_by_any_motion']]
     told = [o for o in document['not_identifiable'] if o not in document['not_by_any_motion']]
     lines += [f'  by this motion: {line}' for line in told]

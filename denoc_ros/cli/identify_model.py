@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import add_gravity
 from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
+from denoc_ros.cli.identify_numbers import numbers_text
 from denoc_ros.cli.overrides import add_overrides
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.recording_options import add_recording_settings
@@ -149,17 +150,6 @@ def model_result(
 
 def as_text(document: Document) -> str:
     """Return a result's lines for a terminal."""
-    rows = [
-        {
-            'number': one['path'],
-            'was': one['start'],
-            'is': one['value'],
-            '95 % from': one['interval'][0],
-            'to': one['interval'][1],
-            'verdict': one['verdict'],
-        }
-        for one in document['parameters']
-    ]
     channels = [
         {
             'run': one['run'],
@@ -172,7 +162,8 @@ def as_text(document: Document) -> str:
         }
         for one in document['channels']
     ]
-    lines = [text_table(rows), '', text_table(channels)]
+    numbers = numbers_text(document['parameters'], 'verdict')
+    lines = [numbers, '', text_table(channels)]
     lines += [f'  {line}' for line in (*document['not_identifiable'], *document['reasons'])]
     return '\n'.join([*lines, f'verdict: {document["verdict"]}'])
 

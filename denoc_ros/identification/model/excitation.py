@@ -186,24 +186,65 @@ def design_excitation(
     robot = measured_robot(robot)
     require_known_base(robot, WHERE)
     _require(robot, duration, harmonics, rate, time_limit)
+    return _designed(
+        robot,
+        free,
+        RestSeries(duration, harmonics),
+        start or {},
+        GivenLimits(position or {}, velocity, acceleration, effort, deflection or {}),
+        GivenNoise(noise or {}, rate),
+        SearchClock(time_limit, progress or (lambda share: None)),
+        seed,
+    )
+
+
+@dataclass(frozen=True)
+class GivenLimits:
+    """What a motion must keep, as it was given; what was not is the robot's own."""
+
+    position: Mapping[str, tuple[float, float]]
+    velocity: Given | None
+    acceleration: Given | None
+    effort: Given | None
+    deflection: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class GivenNoise:
+    """How a motion is recorded: deviations of samples as they were given, and the rate [Hz]."""
+
+    deviations: Mapping[str, float]
+    rate: float
+
+
+def _designed(
+    robot: Robot,
+    free: Sequence[str],
+    series: RestSeries,
+    start: Mapping[str, float],
+    given: GivenLimits,
+    noise: GivenNoise,
+    clock: SearchClock,
+    seed: int,
+) -> Excitation:
+    """Return the best motion found until the clock is over."""
     began = time.perf_counter()
-    clock = SearchClock(time_limit, progress or (lambda share: None))
     along = Along(robot)
-    limits = _limits(robot, along, (velocity, acceleration, effort), position, deflection)
-    begin = _start(along, limits.joints, start or {})
+    limits = _limits(robot, along, given)
+    begin = _start(along, limits.joints, start)
     by_joint = dict(zip(along.every_joint, limits.joints.effort.tolist(), strict=True))
+    deviations = noise.deviations
     # what is given wrong is told before anything is worked out
-    channel_noise(robot, along.joints, noise or {}, by_joint, dict.fromkeys(along.joints, 1.0))
+    channel_noise(robot, along.joints, deviations, by_joint, dict.fromkeys(along.joints, 1.0))
     FreeParameters(robot, free)
-    space = MotionSpace(along, RestSeries(duration, harmonics), begin, limits)
+    space = MotionSpace(along, series, begin, limits)
     times = space.times(SEARCH_STEP)
     drawn = random_motions(space, times, seed, clock)
     tried = [along.response(space.rows(x, times)).effort for x in drawn]
     largest = dict(zip(along.joints, np.abs(np.vstack(tried)).max(axis=0).tolist(), strict=True))
     parameters = FreeParameters(robot, free, {k: v for k, v in largest.items() if v > 0.0})
-    channels = ExcitedChannels(
-        along, parameters, channel_noise(robot, along.joints, noise or {}, by_joint, largest), rate
-    )
+    own = channel_noise(robot, along.joints, deviations, by_joint, largest)
+    channels = ExcitedChannels(along, parameters, own, noise.rate)
     search = ExcitationSearch(space, channels, times)
     before = min(search.criterion(x) for x in drawn)
     best, _ = search.best(drawn, clock)
@@ -237,19 +278,12 @@ def _require(
         raise ConfigError(WHERE, findings)
 
 
-def _limits(
-    robot: Robot,
-    along: Along,
-    magnitudes: tuple[Given | None, Given | None, Given | None],
-    position: Mapping[str, tuple[float, float]] | None,
-    deflection: Mapping[str, float] | None,
-) -> MotionLimits:
+def _limits(robot: Robot, along: Along, given: GivenLimits) -> MotionLimits:
     """Return the limits: the robot's own, or those given."""
-    velocity, acceleration, effort = magnitudes
-    joints = joint_limits(robot, velocity, acceleration, None, effort)
+    joints = joint_limits(robot, given.velocity, given.acceleration, None, given.effort)
     lower, upper = joints.lower.copy(), joints.upper.copy()
     names, findings = list(robot.joint_names), []
-    for name, (low, high) in (position or {}).items():
+    for name, (low, high) in given.position.items():
         if name not in names:
             findings.append(f'position must be of joints of {", ".join(names)}, got {name!r}')
             continue
@@ -263,7 +297,7 @@ def _limits(
     if findings:
         raise ConfigError(WHERE, findings)
     lengths = {beam.link: beam.length for beam in whole_beams(robot.tree)}
-    bent = deflection_limits(along, lengths, DEFLECTION, deflection or {})
+    bent = deflection_limits(along, lengths, DEFLECTION, given.deflection)
     return MotionLimits(replace(joints, lower=lower, upper=upper), bent)
 
 

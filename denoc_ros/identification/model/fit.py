@@ -168,7 +168,7 @@ def identify_model(
     start = zero
     if held_out:
         start = search.fit(zero, search.rows_before(1.0 - held_out))
-    theta = search.fit(start, np.ones(len(search.row_t), dtype=bool))
+    theta = search.fit(start, np.ones(len(search.row_t), dtype=bool), near=held_out > 0.0)
     judge = start if held_out else theta
     held = ~search.rows_before(1.0 - held_out)
     fitted = [search.rms(each, ~held) for each in (zero, judge)]

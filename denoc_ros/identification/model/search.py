@@ -195,13 +195,15 @@ class ModelSearch:
             return np.full(len(residuals), LOST)
         return self.whitening(residuals)
 
-    def fit(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
+    def fit(self, theta: Array, rows: NDArray[np.bool_], near: bool = False) -> Array:
         """Return the theta of the greatest likelihood over some rows.
 
         Flexible robots are fitted to the first part of each run before the whole: a mode that
-        rings at a wrong frequency is out of phase later on, and leads astray.
+        rings at a wrong frequency is out of phase later on, and leads astray. A theta that is
+        near the greatest likelihood needs that no more.
         """
-        for part in GROWING if len(self.parameters.robot.flexible_indices) else ():
+        grows = len(self.parameters.robot.flexible_indices) > 0 and not near
+        for part in GROWING if grows else ():
             early = rows & self.rows_before(part)
             if not self._is_enough(early):
                 continue
