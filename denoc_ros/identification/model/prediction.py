@@ -20,12 +20,14 @@ from denoc_ros.identification.model.innovations import LinkedRows, linked_rows
 from denoc_ros.identification.model.measured_motion import FINEST, measured_motion
 from denoc_ros.identification.model.nearby_motion import NearbyMotion
 from denoc_ros.identification.model.recording import Recording
+from denoc_ros.identification.model.robust import noise_of
 from denoc_ros.identification.model.sensed import MeasuredSignal, SensedChannels
 from denoc_ros.identification.model.spikes import without_spikes
 from denoc_ros.types import Array
 
 PER_CUTOFF = 4.0  # samples of a smoothed channel that are kept, per period of the cutoff
 SMALL_CHANGE = 1e-6  # m or rad, and per s: of amplitudes, for differences
+QUIETEST = 0.5  # of a channel's own noise: what a filter takes it for at least
 REACH = 4.0  # standard deviations at which a Gaussian's tail is cut
 
 
@@ -118,6 +120,20 @@ class PreparedRun:
             for channel in self.channels
         ]
         return linked_rows(nearby, stamps, np.concatenate(row_t), slopes)
+
+    def quietest(self) -> list[float]:
+        """Return half of what each channel's own noise is, by its fourth differences.
+
+        A filter that takes a channel for exact follows it wherever it goes.
+        """
+        found = []
+        for channel in self.channels:
+            is_passed = channel.name.startswith('effort ') or '/gyro_' in channel.name
+            is_passed = is_passed or '/accel_' in channel.name
+            memory = time_deviation(self._cutoff) if is_passed else 0.0
+            period = float(np.median(np.diff(channel.t))) if len(channel.t) > 1 else 1.0
+            found.append(QUIETEST * noise_of(channel.value, period, memory))
+        return found
 
     def rate_noise(self, robot: Robot) -> Array:
         """Return the density of what noise the joints' rates have (joints,).
@@ -270,7 +286,7 @@ def low_pass(t: Array, cutoff: float) -> scipy.sparse.csr_array:
     Half the power passes at the cutoff [Hz], a 1e-7th at five times that: local polynomials
     let a tenth of what is far above their cutoff through.
     """
-    deviation = math.sqrt(math.log(2.0)) / (2.0 * math.pi * cutoff)
+    deviation = time_deviation(cutoff)
     first, last = (np.searchsorted(t, t + side * REACH * deviation) for side in (-1.0, 1.0))
     counts = last - first
     starts = np.concatenate([[0], np.cumsum(counts)])
@@ -279,6 +295,11 @@ def low_pass(t: Array, cutoff: float) -> scipy.sparse.csr_array:
     weights = np.exp(-0.5 * ((t[columns] - t[rows]) / deviation) ** 2)
     weights /= np.repeat(np.add.reduceat(weights, starts[:-1]), counts)
     return scipy.sparse.csr_array((weights, columns, starts), shape=(len(t), len(t)))
+
+
+def time_deviation(cutoff: float) -> float:
+    """Return the standard deviation [s] of the Gaussian that half the power passes at [Hz]."""
+    return math.sqrt(math.log(2.0)) / (2.0 * math.pi * cutoff)
 
 
 def delayed_with(channel: str) -> str:

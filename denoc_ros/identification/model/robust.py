@@ -9,6 +9,7 @@ import numpy as np
 from denoc_ros.types import Array
 
 HUBER = 2.5  # standard deviations from which a residual counts linearly
+FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 WILD = 10.0  # robust deviations: what is beyond says nothing of the size of residuals
 
 
@@ -23,10 +24,23 @@ def held_rms(values: Array) -> float:
     return root_mean_square(np.clip(values, -bound, bound) if bound > 0.0 else values)
 
 
-def roughness(values: Array) -> float:
-    """Return the deviation of white noise with such second differences."""
-    second = np.diff(values, 2) if len(values) > 2 else values
-    return 1.48 * float(np.median(np.abs(second))) / math.sqrt(6.0)
+def noise_of(values: Array, period: float, memory: float = 0.0) -> float:
+    """Return the deviation of the noise on a smooth signal, by its fourth differences.
+
+    Parameters
+    ----------
+    values : (k,) array
+    period : float
+        Between them [s].
+    memory : float
+        Standard deviation of the Gaussian low-pass that the noise has passed [s]; 0: it is white.
+    """
+    if len(values) <= len(FOURTH):
+        return 0.0
+    apart = period * np.subtract.outer(np.arange(len(FOURTH)), np.arange(len(FOURTH)))
+    alike = np.exp(-((apart / (2.0 * memory)) ** 2)) if memory else np.eye(len(FOURTH))
+    size = math.sqrt(float(FOURTH @ alike @ FOURTH))
+    return 1.48 * float(np.median(np.abs(np.diff(values, 4)))) / size
 
 
 def bent(residual: Array) -> Array:

@@ -22,7 +22,6 @@ from denoc_ros.identification.model.robust import (
     bent,
     held_rms,
     root_mean_square,
-    roughness,
 )
 from denoc_ros.identification.model.whitening import Whitening
 from denoc_ros.model.tree import RigidInertia
@@ -238,8 +237,9 @@ class ModelSearch:
             self.deviation = self._own_size(residual, rows)
             return
         if not self.whitening.is_following:
-            rough = self._by_channel(self._measured, rows, roughness)
-            self.whitening.deviation = np.maximum(rough, self._least)
+            quietest = [each for run in self._runs for each in run.quietest()]
+            self._least = np.maximum(self._least, quietest)
+            self.whitening.deviation = self._least
         settings = self.parameters.settings(theta)
         robot, _ = self._moved(settings)
         self.whitening.follow(robot, settings, self._linear_motions(settings))
