@@ -27,7 +27,7 @@ from denoc_ros.types import Array
 
 PER_CUTOFF = 4.0  # samples of a smoothed channel that are kept, per period of the cutoff
 SMALL_CHANGE = 1e-6  # m or rad, and per s: of amplitudes, for differences
-QUIETEST = 0.5  # of a channel's own noise: what a filter takes it for at least
+QUIETEST = 0.15  # of a channel's noise by its differences: what a filter takes it for at least
 REACH = 4.0  # standard deviations at which a Gaussian's tail is cut
 
 
@@ -122,7 +122,7 @@ class PreparedRun:
         return linked_rows(nearby, stamps, np.concatenate(row_t), slopes)
 
     def quietest(self) -> list[float]:
-        """Return half of what each channel's own noise is, by its fourth differences.
+        """Return the least deviation of each channel, a part of its noise by fourth differences.
 
         A filter that takes a channel for exact follows it wherever it goes.
         """
