@@ -207,7 +207,7 @@ def write_strip(
 def strip_image(
     run: RecordedRun, robot: Robot, look: Look | None = None, count: int = 6
 ) -> Image.Image:
-    """Return some instants of a run, evenly from its begin to its end, as one picture.
+    """Return some instants of a run, evenly over its phases or all of it, as one picture.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def strip_image(
     if not 1 <= count <= 24:
         raise ConfigError('strip', [f'the number of moments must be 1 to 24, got {count}'])
     look = look or Look()
-    times = np.linspace(*run.span, count)
+    times = run.moments(count)
     staging = SceneSetup(robot, run.at(times), look.scale, look.view, look.folder)
     pixels = strip(run, staging, look.title or robot.tree.name, look.size, times)
     return Image.fromarray(pixels).quantize(256, dither=Image.Dither.NONE)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import overload
 
@@ -17,6 +18,8 @@ from denoc_ros.types import Array
 from denoc_ros.viewer.channels import deflection_channel, residual_channel, torque_channels
 from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.thinned_topics import Rows, ThinnedTopics
+
+INSIDE = 1e-6  # share of the phases by which the last moment is before their end
 
 # Where all coordinates come from: the first that the bag has. Joints alone leave links straight.
 STATES = {
@@ -141,6 +144,21 @@ class RecordedRun(Sequence[Snapshot]):
         ended = self.phases[-1][0] if self.phases and not self.phases[-1][1] else last
         start, end = max(first, begun[0] if begun else first), min(last, ended)
         return (start, end) if start < end else (first, last)
+
+    def moments(self, count: int) -> Array:
+        """Return times (count,) [s], evenly over the phases, or over all where none is named."""
+        first, last = self.span
+        marks = pairwise([*self.phases, (last, '')])
+        inside = [(max(t, first), min(end, last)) for (t, name), (end, _) in marks if name]
+        spans = np.array([(begin, end) for begin, end in inside if end > begin])
+        if not len(spans):
+            return np.linspace(first, last, count)
+        lengths = spans[:, 1] - spans[:, 0]
+        before = np.cumsum(lengths) - lengths
+        # where a phase ends, the next one or none has begun
+        along = np.linspace(0.0, (1.0 - INSIDE) * lengths.sum(), count)
+        which = np.searchsorted(before, along, side='right') - 1
+        return np.asarray(spans[which, 0] + along - before[which])
 
     def phase(self, t: float) -> str:
         """Return the name of the phase at a time [s], '' outside of all."""

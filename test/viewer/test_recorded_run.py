@@ -190,6 +190,10 @@ def test_phases_are_what_pictures_show(simulated_bag: SimulatedBag, tmp_path: Pa
     run = RecordedRun(path, robot)
     assert run.span == pytest.approx((2.0, 9.0), abs=1e-9)
     assert [run.phase(t) for t in (1.0, 3.0, 5.5, 7.0, 9.5)] == ['', 'one', '', 'two', '']
+    # the pause between the phases has no label, and nothing of the reference to show
+    shown = [run.phase(t) for t in run.moments(12)]
+    assert set(shown) == {'one', 'two'}
+    assert shown == sorted(shown)
     part = RecordedRun(path, robot, start=3.0, end=8.0)
     assert part.span == pytest.approx((3.0, 8.0), abs=1e-9)
 
