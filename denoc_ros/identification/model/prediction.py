@@ -27,7 +27,7 @@ from denoc_ros.types import Array
 
 PER_CUTOFF = 4.0  # samples of a smoothed channel that are kept, per period of the cutoff
 SMALL_CHANGE = 1e-6  # m or rad, and per s: of amplitudes, for differences
-QUIETEST = 0.15  # of a channel's noise by its differences: what a filter takes it for at least
+QUIETEST = 0.35  # of a channel's noise by its differences: what a filter takes it for at least
 REACH = 4.0  # standard deviations at which a Gaussian's tail is cut
 
 
