@@ -31,7 +31,7 @@ TIP = (1, 2, TWIST)  # u_y, u_z and the twist among a section's six displacement
 TURN = 0.02  # rad or m that a joint may move before the linearization is made anew
 SPREAD = 0.1  # deviation of a load in each mode alone, as a share of that of the tip's load
 REST = 0.1  # of the model's error that is no steady share of the elastic forces
-MEMORY = 1000.0  # s in which a steady share changes
+MEMORY = 300.0  # s in which a steady share changes
 LARGEST = 0.5  # share of an elastic force
 
 

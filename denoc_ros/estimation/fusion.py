@@ -325,7 +325,8 @@ class StrainFusion:
         counts, since = self.counts[place], self._refused_since[place]
         counts['accepted' if good else 'outlier'] += 1
         if good:
-            self._doubt = max(1.0, self._doubt * self._calming)
+            if self._doubt > 1.0:
+                self._doubt = max(1.0, self._doubt * self._calming)
             self._refused_since[place] = math.nan
         elif math.isnan(since):
             self._refused_since[place] = stamp
@@ -347,6 +348,8 @@ class StrainFusion:
             state += change[: 2 * m]
         self.loads += change[2 * m : 3 * m]
         known = 3 * m + len(self.biases)
+        if known == len(change):  # no inertial sensors
+            return
         self.biases += change[3 * m : known]
         self.shares += change[known:]
         np.clip(self.shares, -LARGEST, LARGEST, out=self.shares)
