@@ -13,20 +13,18 @@ from pathlib import Path
 from typing import Any
 
 from denoc_ros.errors import ConfigError, DenocError
+from denoc_ros.runtime.realtime import SINGLE_THREADED
 
 Row = dict[str, Any]
 Task = Callable[[Any], Row]
 
 STORE_EVERY = 5.0  # s between two files of rows: what an interruption loses at most
 KEY, FAILURE = 'key', 'failure'
-# one run per process: libraries that start threads of their own would only get in each other's way
-THREADED = ('OMP', 'OPENBLAS', 'MKL', 'NUMBA')
 # of Dask's own: sampling of stacks, and memory given back after every small array
 LEAN = {
     'distributed.worker.profile.enabled': False,
     'distributed.nanny.pre-spawn-environ': {'MALLOC_TRIM_THRESHOLD_': 1 << 28},
 }
-SINGLE_THREADED = {f'{library}_NUM_THREADS': '1' for library in THREADED}
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ OFF = 'off'
 REFUSED = 'refused'
 TRANSPORT = 'dds.'  # what the names of Fast DDS's threads begin with
 WATCHDOG = 'dds.shm.wdog'  # looks after dead processes: nothing waits for it
+# environment of a process with one thread of work: threads of a library would get in its way
+SINGLE_THREADED = {f'{kind}_NUM_THREADS': '1' for kind in ('OMP', 'OPENBLAS', 'MKL', 'NUMBA')}
 
 # loaded once: a look-up takes longer than a period
 _LIBC = ctypes.CDLL(None, use_errno=True)
