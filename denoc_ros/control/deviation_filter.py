@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.control.error_estimate import ErrorEstimate
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
 from denoc_ros.dynamics.robot import Robot
@@ -47,6 +48,10 @@ class DeviationFilter:
         Why it is not believed, '' if it is.
     refused : (read,) int array
         Values beyond the gate, per sensor.
+    errors : ErrorEstimate or None
+        Of the model's errors, where the schedule knows what they do.
+    time : float
+        Of the schedule, now [s].
     """
 
     def __init__(self, robot: Robot, schedule: GainSchedule) -> None:
@@ -66,6 +71,8 @@ class DeviationFilter:
         self._good_at = np.zeros(seen)
         self._plan, self._own = StateHistory(HISTORY, seen), StateHistory(HISTORY, seen)
         self._slot = {int(place): 2 * self._k + at for at, place in enumerate(self._sensors)}
+        self.errors = None if schedule.errors is None else ErrorEstimate(schedule)
+        self.time = 0.0
         self.reset()
 
     def reset(self) -> None:
@@ -78,10 +85,22 @@ class DeviationFilter:
         self.believed, self.cause, self._fresh = False, 'no measurements yet', True
         self._doubted_at, self._age, self.blind = np.nan, np.nan, True
         self._began = np.nan
+        if self.errors is not None:
+            self.errors.reset()
 
     def take_model(self, other: DeviationFilter) -> None:
         """Go on by the model of another filter of the same coordinates and sensors."""
         self._robot, self._timeout = other._robot, other._timeout
+        if other.errors is not None:
+            other.errors.adopt(self.errors)
+        self.errors = other.errors
+
+    def deviations(self) -> Array:
+        """Return y (2 m,), with what the model's errors add to it."""
+        y = self.state[: self._deviations]
+        if self.errors is None:
+            return y
+        return np.asarray(y + self.errors.seen[: self._deviations] @ self.errors.values)
 
     def follow(self, time: float, q: Array, qd: Array) -> None:
         """Take the plan's coordinates and rates (n,) at a time of the loop's clock [s]."""
@@ -149,9 +168,13 @@ class DeviationFilter:
 
     def _take(self, stamp: float, at: NDArray[np.intp], gains: PostureGains) -> None:
         """Correct the estimate by the innovations of a sample, and what it was since then."""
-        correction = gains.correction
+        correction, errors = gains.correction, self.errors
+        if errors is not None and self.believed:
+            errors.correct(gains, self._innovation, at, self.time)
         if self.blind:
             at, correction = at[at < 2 * self._k], gains.blind
+        if errors is not None:
+            errors.follow(gains, correction, at)
         change = correction[:, at] @ self._innovation[at]
         self.state += change
         self._own.since(stamp - 0.5 * self._period)[1][:] += (
@@ -170,6 +193,8 @@ class DeviationFilter:
         self._own.since(-np.inf)[1][:] = gains.measured @ self.state[: self._deviations]
         self._innovation[at] = 0.0
         self._fresh, self._began = False, now
+        if self.errors is not None:
+            self.errors.forget_deviations()
 
     def _refuse(self, gains: PostureGains) -> None:
         """Leave out sensors' values that are too far off."""
@@ -211,3 +236,6 @@ class DeviationFilter:
         for _ in range(periods):
             self.state = gains.transition @ self.state
             self.state[:s] += gains.push @ pushes
+            if self.errors is not None:
+                self.errors.go_on(gains, self.time)
+                self.time += self._period

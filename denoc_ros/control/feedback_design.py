@@ -21,7 +21,7 @@ DOUBLINGS = 40
 SETTLED = 1e-12  # relative change of a doubling
 BLIND = 30.0  # factor of the joints' noise in the filter by joints alone, which needs no speed
 DEFLECTION = 0.15  # of a beam's length, beyond which a deviation is no robot's that has a plan
-LEAST_TORQUE = 5e-3  # of the effort limit, that is never known
+LEAST_TORQUE = 1e-3  # of the effort limit, that is never known
 LEAST_DEFLECTION = 5e-4  # of a beam's length, whose elastic force is never known
 
 

@@ -57,8 +57,8 @@ class FeedbackSettings:
     tip_turn: float = 0.01
     joint_error: float = 0.01
     effort_share: float = 0.1
-    integral_time: float = 0.1
-    model_error: float = 0.6
+    integral_time: float = 0.3
+    model_error: float = 0.4
     position_noise: float = 1e-5
     velocity_noise: float = 1e-4
     sensor_timeout: float = 0.05

@@ -11,8 +11,9 @@ import numpy as np
 from denoc_ros.control.closed_loop import Settling
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_schedule import GainSchedule, design
-from denoc_ros.control.planned_states import state_at, states_along
+from denoc_ros.control.gain_schedule import GainSchedule, design, design_along
+from denoc_ros.control.model_errors import ModelErrors
+from denoc_ros.control.planned_states import motion_along, state_at
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
@@ -55,15 +56,14 @@ class GainJob:
             As of :func:`denoc_ros.control.gain_schedule.design`.
         """
         robot, settings, path = robot.copy(), self.settings, self.trajectory
-        times = np.zeros(1)
         if path is None:
             torque = settings.effort_share * self.limits
             states = [state_at(robot, self.joints, self.position, torque, self.posture)]
-        else:
-            times, states = states_along(
-                robot, self.joints, path.sample, path.duration, settings.period, self.posture
-            )
-        return design(robot, self.joints, self.limits, times, states, settings)
+            return design(robot, self.joints, self.limits, np.zeros(1), states, settings)
+        motion = motion_along(
+            robot, self.joints, path.sample, path.duration, settings.period, self.posture
+        )
+        return design_along(robot, self.joints, self.limits, motion, settings)
 
     def message(self) -> tuple[dict[str, Any], dict[str, Array]]:
         """Return the job as a header that JSON has words for, and arrays."""
@@ -108,8 +108,12 @@ def schedule_message(schedule: GainSchedule) -> tuple[dict[str, Any], dict[str, 
         arrays[f'gains_{entry.name}'] = np.array(
             [getattr(one, entry.name) for one in schedule.gains]
         )
+    errors = schedule.errors
+    if errors is not None:
+        arrays |= {'accelerations': errors.accelerations, 'ahead': errors.ahead}
     proof = slowest.modulus, slowest.stiffness, slowest.load
-    return {'slowest': list(proof)}, arrays
+    step = None if errors is None else errors.step
+    return {'slowest': list(proof), 'step': step}, arrays
 
 
 def read_schedule(
@@ -120,6 +124,9 @@ def read_schedule(
     names = [entry.name for entry in fields(PostureGains)]
     rows = [arrays[f'gains_{name}'] for name in names]
     coordinates, joints, sensors = (arrays[name].astype(np.intp) for name in INDICES)
+    errors = None
+    if header['step'] is not None:
+        errors = ModelErrors(header['step'], arrays['accelerations'], arrays['ahead'])
     return GainSchedule(
         times=arrays['times'],
         gains=tuple(PostureGains(*one) for one in zip(*rows, strict=True)),
@@ -130,4 +137,5 @@ def read_schedule(
         limits=job.limits,
         settings=job.settings,
         slowest=Settling(modulus, arrays['slowest_posture'], stiffness, load),
+        errors=errors,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from denoc_ros.control.deviation_model import (
 from denoc_ros.control.feedback_design import (
     CORRELATION,
     PostureGains,
+    Regulator,
     earlier_cost,
     estimator,
     gain_of,
@@ -27,14 +28,19 @@ from denoc_ros.control.feedback_design import (
     settled_cost,
 )
 from denoc_ros.control.feedback_settings import FeedbackSettings
+from denoc_ros.control.model_errors import (
+    ModelErrors,
+    error_accelerations,
+    knows_errors,
+    preview,
+)
+from denoc_ros.control.planned_states import PlannedMotion
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
 
 Int = NDArray[np.intp]
 
-SPACING = 0.25  # s between gains along a plan, at least
-MOST = 200  # gains along a plan
 TRIED = 17  # postures of a plan at which stability is shown, at most
 
 
@@ -59,6 +65,8 @@ class GainSchedule:
     slowest : Settling
         The proof: the slowest mode over the postures tried, the model's stiffness and load off
         by 20 % either way.
+    errors : ModelErrors or None
+        Errors of the model that are estimated on the way.
     """
 
     times: Array
@@ -70,6 +78,7 @@ class GainSchedule:
     limits: Array
     settings: FeedbackSettings
     slowest: Settling
+    errors: ModelErrors | None = None
 
     def place(self, time: float) -> tuple[int, float]:
         """Return the gains before a time [s] and the share of the way to the next ones."""
@@ -94,6 +103,7 @@ def design(
     times: Array,
     states: Sequence[PlannedState],
     settings: FeedbackSettings,
+    solved: list[tuple[Regulator, Array]] | None = None,
 ) -> GainSchedule:
     """Return the gains along a plan, shown to be stable for models that are 20 % off.
 
@@ -106,9 +116,12 @@ def design(
     limits : (joints,) array
         Effort limits [N m, N], finite.
     times : (k,) array
-        Of the states [s]: one, or 2^j periods apart (see :func:`spacing`).
+        Of the states [s]: one, or 2^j periods apart
+        (see :func:`denoc_ros.control.planned_states.spacing`).
     states : sequence of PlannedState
     settings : FeedbackSettings
+    solved : list, optional
+        Gets the problem of each state and the cost one period later, the last state first.
 
     Raises
     ------
@@ -136,6 +149,8 @@ def design(
     for model, state in zip(reversed(models), reversed(states), strict=True):
         problem = regulator(model, limits, settings)
         cost = settled_cost(problem) if cost is None else earlier_cost(problem, cost, doublings)
+        if solved is not None:
+            solved.append((problem, cost))
         forces = noise.forces(state, stiff, settings.model_error)
         transition = model.disturbed(settings.period, CORRELATION)
         correction, spread = estimator(model, transition, noise, forces, len(model.measured))
@@ -168,10 +183,26 @@ def design(
     )  # fmt: skip
 
 
-def spacing(duration: float, period: float) -> float:
-    """Return the time between gains along a plan of a duration [s]: 2^j periods."""
-    wanted = max(SPACING, duration / MOST)
-    return period * 2.0 ** math.ceil(math.log2(wanted / period) - 1e-9)
+def design_along(
+    robot: Robot,
+    joints: Sequence[str],
+    limits: Array,
+    motion: PlannedMotion,
+    settings: FeedbackSettings,
+) -> GainSchedule:
+    """Return the gains along a motion, and what errors of the model do to it.
+
+    Arguments and errors as of :func:`design`; of robots with loops or mimic joints no errors are
+    estimated.
+    """
+    solved: list[tuple[Regulator, Array]] = []
+    found = design(robot, joints, limits, motion.times, motion.states, settings, solved)
+    if not knows_errors(robot):
+        return found
+    accelerations = error_accelerations(robot, settings.tip, found.coordinates, motion.rows)
+    problems, costs = zip(*reversed(solved), strict=True)
+    ahead = preview(problems, costs, accelerations, motion.step, limits, settings)
+    return replace(found, errors=ModelErrors(motion.step, accelerations, ahead))
 
 
 def _doublings(times: Array, settings: FeedbackSettings) -> int:

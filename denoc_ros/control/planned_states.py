@@ -2,32 +2,59 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from denoc_ros.control.deviation_model import PlannedState
-from denoc_ros.control.gain_schedule import spacing
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.types import Array
 
 Sample = Callable[[float, Array, Array, Array], None]
+Row = tuple[Array, Array, Array]  # q, qd, qdd, (n,) each
 
 STEP = 4e-3  # s of the integration of the amplitudes, at most
 AFTER = 1.0  # s after the end whose swing counts as that of the last posture
+SPACING = 0.25  # s between states along a plan, at least
+MOST = 200  # states along a plan
+ROWS = 16  # of the motion, from one operating point to the next, at most
 DEFLECTION = 3e-3  # of its length that a beam of a streamed reference may bend
 
 
-def states_along(
+@dataclass(frozen=True)
+class PlannedMotion:
+    """A motion of all coordinates.
+
+    Attributes
+    ----------
+    times : (k,) array
+        Of the states [s], evenly spaced.
+    states : list of PlannedState
+        Operating points.
+    step : float
+        Time between rows [s]: that between states is a multiple.
+    rows : list of (q, qd, qdd)
+        From the first state to the last one; the very last row is at rest.
+    """
+
+    times: Array
+    states: list[PlannedState]
+    step: float
+    rows: list[Row]
+
+
+def motion_along(
     robot: Robot,
     joints: Sequence[str],
     sample: Sample,
     duration: float,
     period: float,
     posture: Array | None = None,
-) -> tuple[Array, list[PlannedState]]:
-    """Return times (k,) [s] and states along a motion of the driven joints.
+) -> PlannedMotion:
+    """Return a motion of the driven joints with that of all coordinates.
 
     The joints move as asked while the amplitudes move freely, as in the `flexible` feedforward.
 
@@ -52,7 +79,9 @@ def states_along(
         A motion that the model cannot make.
     """
     apart = spacing(duration, period)
-    per_node = max(1, round(apart / STEP))
+    between = min(ROWS, round(apart / period))  # rows, also 2^j periods apart
+    per_row = max(1, round(apart / between / STEP))
+    per_node = between * per_row
     step = apart / per_node
     nodes = int(np.ceil(duration / apart - 1e-9)) + 1
     count = (nodes - 1) * per_node + int(np.ceil(AFTER / step)) + 1
@@ -61,10 +90,13 @@ def states_along(
     q, qd, qdd = np.zeros((3, len(driven)))
     torques, bent = np.zeros((count, len(driven))), np.zeros((count, len(flexible)))
     states: list[tuple[Array, Array, Array]] = []
+    rows: list[Row] = []
     for index in range(count):
         sample(index * step, q, qd, qdd)
         torques[index] = source.update(q, qd, qdd, step if index else 0.0)
         bent[index] = np.abs(source.q[flexible])
+        if index % per_row == 0 and index < (nodes - 1) * per_node:
+            rows.append((source.q.copy(), source.qd.copy(), source.qdd.copy()))
         if index % per_node == 0 and len(states) < nodes:
             states.append((source.q.copy(), source.qd.copy(), torques[index].copy()))
     np.abs(torques, out=torques)
@@ -80,7 +112,18 @@ def states_along(
         found.append(
             PlannedState(there, rates, tau, torques[about].max(axis=0), bent[about].max(axis=0))
         )
-    return np.asarray(apart * np.arange(nodes), dtype=np.float64), found
+    source.reset()
+    zero = np.zeros(len(driven))
+    source.update(q, zero, zero, 0.0)
+    rows.append((source.q.copy(), np.zeros(robot.n), np.zeros(robot.n)))
+    times = np.asarray(apart * np.arange(nodes), dtype=np.float64)
+    return PlannedMotion(times, found, apart / between, rows)
+
+
+def spacing(duration: float, period: float) -> float:
+    """Return the time between states along a plan of a duration [s]: 2^j periods."""
+    wanted = max(SPACING, duration / MOST)
+    return period * 2.0 ** math.ceil(math.log2(wanted / period) - 1e-9)
 
 
 def state_at(

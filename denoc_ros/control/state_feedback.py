@@ -55,6 +55,7 @@ class StateFeedback:
         self._way, self.integrals = np.zeros(past), np.zeros(k)
         self._most = schedule.settings.limit * schedule.limits
         self._asked, self._torque, self._left = np.zeros((3, k))
+        self._deviations = self.filter.deviations()
         self._gain = np.zeros_like(schedule.gains[0].gain)
         self.share, self.limited = 0.0, 0
         self._last = -np.inf
@@ -114,6 +115,7 @@ class StateFeedback:
         self._catch_up(now)
         before, share = schedule.place(now - self._start)
         self._at = before if share < 0.5 else min(before + 1, len(schedule.gains) - 1)
+        time = self.filter.time = now - self._start
         self.filter.correct(now, schedule.gains[self._at])
         elapsed = min(now - self._last, RAMP)
         self._last = now
@@ -126,9 +128,11 @@ class StateFeedback:
         if share:
             after = schedule.gains[before + 1].gain
             gain = np.add((1.0 - share) * gain, share * after, out=self._gain)
-        s = len(schedule.gains[0].push)
-        known = np.concatenate((self.filter.state[:s], self._way, self.integrals))
+        self._deviations = self.filter.deviations()
+        known = np.concatenate((self._deviations, self._way, self.integrals))
         np.dot(gain, known, out=self._asked)
+        if self.filter.errors is not None:
+            self._asked -= self.filter.errors.torque(time)
         self._asked *= -self.share
         np.minimum(self._asked, self._most, out=self._torque)
         np.maximum(self._torque, -self._most, out=self._torque)
@@ -146,6 +150,8 @@ class StateFeedback:
             held = np.tile(self._left, len(self._way) // self._k + 1)
             self.filter.go_on(self.schedule.gains[self._at], held, missed)
             self._way[:] = held[self._k :]
+            if self.filter.errors is not None:
+                self.filter.errors.doubt(now - self._start)
 
     def applied(self, change: Array) -> None:
         """Take what was added to the plan's torque after all limits (joints,) [N m, N]."""
@@ -153,7 +159,7 @@ class StateFeedback:
         if self.active and np.abs(change - self._asked).max() <= ROUNDING * self._most.max():
             m = gains.virtual.shape[1]
             step = self.schedule.settings.period
-            self.integrals += step * (gains.virtual @ self.filter.state[:m])
+            self.integrals += step * (gains.virtual @ self._deviations[:m])
         pushes = np.concatenate((self._way, change))
         self.filter.go_on(gains, pushes)
         self._left[:] = change

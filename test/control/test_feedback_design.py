@@ -18,8 +18,8 @@ from denoc_ros.control.feedback_design import (
     settled_cost,
 )
 from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_schedule import GainSchedule, design, spacing
-from denoc_ros.control.planned_states import state_at
+from denoc_ros.control.gain_schedule import GainSchedule, design
+from denoc_ros.control.planned_states import spacing, state_at
 from denoc_ros.control.state_feedback import RAMP, StateFeedback
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_schedule import GainSchedule, design
-from denoc_ros.control.planned_states import states_along
+from denoc_ros.control.gain_schedule import GainSchedule, design_along
+from denoc_ros.control.planned_states import motion_along
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
@@ -48,10 +48,10 @@ class Planned:
 
     def schedule(self, **more: float) -> GainSchedule:
         settings = FeedbackSettings(period=PERIOD, tip='tool', delay=DELAY * PERIOD, **more)
-        times, states = states_along(
+        motion = motion_along(
             self.robot, self.robot.joint_names, self.trajectory.sample, self.duration, PERIOD
         )
-        return design(self.robot, self.robot.joint_names, self.limits, times, states, settings)
+        return design_along(self.robot, self.robot.joint_names, self.limits, motion, settings)
 
 
 def canadarm(stiffness: float = 1.0, load: float = 1.0) -> Robot:

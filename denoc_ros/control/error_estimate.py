@@ -1,0 +1,107 @@
+"""Estimate of the model's relative errors from what a filter of deviations does not expect."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.control.feedback_design import PostureGains
+from denoc_ros.control.gain_schedule import GainSchedule
+from denoc_ros.control.model_errors import ModelErrors
+from denoc_ros.types import Array
+
+LIKELY = 0.2  # standard deviation of an error before anything is measured
+LARGEST = 0.4  # error that is believed
+TRUST = 0.3  # the innovations' spread counts so much: the filter allows for more than is true
+QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
+WALK = 0.01  # standard deviation of what an error changes within a second
+
+
+class ErrorEstimate:
+    """Errors of the model along a plan, one for each beam's stiffness and the load.
+
+    A filter of deviations that does not know of the errors is off by `seen` @ values, whatever
+    the deviations are; so are its innovations, which show the values. Torque and estimate then
+    take the values into account, and the filter and the proof of its stability stay as they are.
+
+    Parameters
+    ----------
+    schedule : GainSchedule
+        With errors.
+
+    Attributes
+    ----------
+    values : (errors,) array
+    seen : (2 m + d, errors) array
+        How far the estimate is from the truth, by unit errors.
+
+    Notes
+    -----
+    Two-stage estimation of a constant bias: B. Friedland, Treatment of bias in recursive
+    filtering, IEEE Transactions on Automatic Control 14 (1969).
+    """
+
+    def __init__(self, schedule: GainSchedule) -> None:
+        assert schedule.errors is not None
+        self._errors: ModelErrors = schedule.errors
+        self._period = schedule.settings.period
+        count = self._errors.accelerations.shape[2]
+        self.values = np.zeros(count)
+        self.seen: Array = np.zeros((len(schedule.gains[0].transition), count))
+        self._covariance: Array = LIKELY**2 * np.eye(count)
+        self._quiet = -np.inf
+        self._now = np.zeros(self._errors.accelerations.shape[1:])
+        self._ahead = np.zeros(self._errors.ahead.shape[1:])
+
+    def reset(self) -> None:
+        """Forget the errors."""
+        self.values[:] = 0.0
+        self._covariance = LIKELY**2 * np.eye(len(self.values))
+        self.forget_deviations()
+
+    def forget_deviations(self) -> None:
+        """Take note that the filter has started anew from measurements."""
+        self.seen[:] = 0.0
+
+    def adopt(self, other: ErrorEstimate | None) -> None:
+        """Go on with the values of another estimate of the same errors."""
+        if other is not None and other.seen.shape == self.seen.shape:
+            self.values[:], self.seen[:] = other.values, other.seen
+            self._covariance = other._covariance
+
+    def doubt(self, time: float) -> None:
+        """Learn nothing for a while from a time of the plan [s] on: the torque was not as told."""
+        self._quiet = time + QUIET
+
+    def correct(
+        self, gains: PostureGains, innovation: Array, at: NDArray[np.intp], time: float
+    ) -> None:
+        """Learn from the innovations of the filter at some places, at a time of the plan [s]."""
+        if time < self._quiet or not len(at):
+            return
+        expected = (gains.measured @ self.seen[: gains.measured.shape[1]])[at]
+        across = self._covariance @ expected.T
+        noise = np.diag(np.square(TRUST * gains.spread[at]))
+        gain = np.linalg.solve(expected @ across + noise, across.T).T
+        self.values += gain @ (innovation[at] - expected @ self.values)
+        np.clip(self.values, -LARGEST, LARGEST, out=self.values)
+        self._covariance = self._covariance - gain @ across.T
+
+    def follow(self, gains: PostureGains, correction: Array, at: NDArray[np.intp]) -> None:
+        """Take note that the filter has corrected its estimate by the innovations at places."""
+        measured = gains.measured[at] @ self.seen[: gains.measured.shape[1]]
+        self.seen -= correction[:, at] @ measured
+
+    def go_on(self, gains: PostureGains, time: float) -> None:
+        """Go on by a period from a time of the plan [s]."""
+        period = self._period
+        added = self._errors.between(self._errors.accelerations, time, self._now)
+        self.seen = gains.transition @ self.seen
+        m = len(added)
+        self.seen[:m] += 0.5 * period**2 * added
+        self.seen[m : 2 * m] += period * added
+        self._covariance += WALK**2 * period * np.eye(len(self.values))
+
+    def torque(self, time: float) -> Array:
+        """Return the torque (joints,) that undoes the errors from a time of the plan on."""
+        return -self._errors.between(self._errors.ahead, time, self._ahead) @ self.values
