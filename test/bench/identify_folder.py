@@ -13,10 +13,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from denoc_ros.cli.batch import THREADED
+from denoc_ros.runtime.realtime import SINGLE_THREADED
 
 # as the workers have it; numpy reads it when it is imported
-os.environ.update({f'{library}_NUM_THREADS': '1' for library in THREADED})
+os.environ.update(SINGLE_THREADED)
 
 import numpy as np
 
