@@ -84,6 +84,8 @@ class DenocNode(GuardedNode):
         What was asked of the system to be on time: `taken: …`, `refused: …` or `off`.
     """
 
+    prioritized: Callable[[int], dict[str, str]] = staticmethod(make_callbacks_timely)
+
     def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
         self._unserved: set[int] = set()
         # the table decides: undeclared names are the members of its families
@@ -107,8 +109,7 @@ class DenocNode(GuardedNode):
             del given[other]
             self.get_logger().warning(
                 f"parameter '{other}' is ignored: this node has no parameter of this name, "
-                'and its '
-                'section of the file is for all nodes'
+                'and its section of the file is for all nodes'
             )
         try:
             self.settings = table.settings(given, self.get_fully_qualified_name())
@@ -354,11 +355,12 @@ class DenocNode(GuardedNode):
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Activate; then serve callbacks just below the loop."""
+        """Activate; then give the threads their priority."""
         result = self._transition(self.activate)
         if self.owns_process and 'thread_priority' in self.settings:
-            priority = self.settings.integer('thread_priority')
-            self.realtime_options.update(make_callbacks_timely(priority))
+            self.realtime_options.update(
+                self.prioritized(self.settings.integer('thread_priority'))
+            )
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

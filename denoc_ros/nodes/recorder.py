@@ -24,6 +24,7 @@ from denoc_ros.nodes.base import LATCHED, DenocNode
 from denoc_ros.nodes.inputs import arrived
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.runtime.active_publishers import Gaps
+from denoc_ros.runtime.realtime import make_process_timely
 from denoc_ros.runtime.recorder_parameters import TABLE
 from denoc_ros.runtime.status import ERROR, OK, WARN, Status
 
@@ -50,6 +51,8 @@ class Recorded:
 
 class Recorder(DenocNode):
     """Records while active; `~/start`, `~/stop`, `~/split`, `~/mark` act within that."""
+
+    prioritized = staticmethod(make_process_timely)
 
     def __init__(self, **options: Any) -> None:
         super().__init__('recorder', TABLE, **options)
@@ -112,6 +115,8 @@ class Recorder(DenocNode):
             settings.integer('min_free_space'),
             queue_bytes=settings.integer('queue_bytes'),
         )
+        if self.owns_process:  # the writer's thread is new
+            self.realtime_options.update(self.prioritized(settings.integer('thread_priority')))
         if self.description:
             self.writer.attach(DESCRIPTION_ATTACHMENT, self.description, self.stamp_ns())
         self._looks = 0

@@ -64,21 +64,12 @@ def make_transport_timely(priority: int) -> dict[str, str]:
         SCHED_FIFO priority; 0: none. Fast DDS starts its threads with the participant, ordinary
         ones: a message for a timely loop would wait for them on a busy machine.
     """
-    if priority <= 0:
-        return {'transport thread_priority': OFF}
-    count = 0
-    for task in Path('/proc/self/task').iterdir():
-        try:
-            name = (task / 'comm').read_text().strip()
-            if not name.startswith(TRANSPORT) or name == WATCHDOG:
-                continue
-            _schedule(int(task.name), priority)
-        except (FileNotFoundError, ProcessLookupError):  # a thread that has just ended
-            continue
-        except OSError as error:
-            return {'transport thread_priority': f'{REFUSED}: {priority}, {error.strerror}'}
-        count += 1
-    return {'transport thread_priority': f'taken: SCHED_FIFO {priority}, {count} threads'}
+    return {'transport thread_priority': _threads_priority(priority, TRANSPORT)}
+
+
+def make_process_timely(priority: int) -> dict[str, str]:
+    """Set the priority of all threads that there are; return as for a thread."""
+    return {'thread_priority': _threads_priority(priority)}
 
 
 def make_callbacks_timely(priority: int) -> dict[str, str]:
@@ -145,6 +136,25 @@ def _priority(priority: int) -> str:
     except OSError as error:
         return f'{REFUSED}: {priority}, {error.strerror}'
     return f'taken: SCHED_FIFO {priority}'
+
+
+def _threads_priority(priority: int, prefix: str = '') -> str:
+    """Set the SCHED_FIFO priority of the threads whose names begin so."""
+    if priority <= 0:
+        return OFF
+    count = 0
+    for task in Path('/proc/self/task').iterdir():
+        try:
+            name = (task / 'comm').read_text().strip()
+            if not name.startswith(prefix) or name == WATCHDOG:
+                continue
+            _schedule(int(task.name), priority)
+        except (FileNotFoundError, ProcessLookupError):  # a thread that has just ended
+            continue
+        except OSError as error:
+            return f'{REFUSED}: {priority}, {error.strerror}'
+        count += 1
+    return f'taken: SCHED_FIFO {priority}, {count} threads'
 
 
 def _schedule(thread: int, priority: int) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from denoc_ros.bags.background import QUEUE_BYTES
 from denoc_ros.bags.storage import COMPRESSIONS
 from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
-from denoc_ros.runtime.shared_parameters import lifecycle_parameters
+from denoc_ros.runtime.shared_parameters import lifecycle_parameters, priority_parameter
 
 TABLE = ParameterTable(
     [
@@ -89,5 +89,6 @@ TABLE = ParameterTable(
             'bytes',
             0,
         ),
+        priority_parameter('SCHED_FIFO priority of all threads, where allowed; 0 = off'),
     ]
 )

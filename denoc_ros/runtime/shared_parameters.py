@@ -71,15 +71,9 @@ def loop_parameters() -> tuple[Parameter, ...]:
     """Return the rows of every node with a real-time loop."""
     return (
         Parameter('update_rate', Kind.DOUBLE, 1000.0, 'rate of the loop', 'Hz', 1.0, 10000.0),
-        Parameter(
-            'thread_priority',
-            Kind.INTEGER,
-            0,
+        priority_parameter(
             'SCHED_FIFO priority of the loop thread and of those that receive and send messages, '
-            'callbacks one below, where allowed; 0 = off',
-            '',
-            0,
-            99,
+            'callbacks one below, where allowed; 0 = off'
         ),
         Parameter('lock_memory', Kind.BOOL, False, 'keep all pages in memory (mlockall)'),
         Parameter(
@@ -102,6 +96,11 @@ def loop_parameters() -> tuple[Parameter, ...]:
             live=True,
         ),
     )
+
+
+def priority_parameter(meaning: str) -> Parameter:
+    """Return the row of a node whose threads may have a priority."""
+    return Parameter('thread_priority', Kind.INTEGER, 0, meaning, '', 0, 99)
 
 
 def publishers_parameter() -> Parameter:

@@ -109,6 +109,28 @@ def test_threads_of_the_transport_get_the_priority_of_the_loop_and_no_others_do(
     assert make_transport_timely(0) == {'transport thread_priority': 'off'}
 
 
+ALL_THREADS = """
+import os, threading
+from denoc_ros.runtime.realtime import make_process_timely
+stop = threading.Event()
+threading.Thread(target=stop.wait, args=(5.0,)).start()
+said = make_process_timely(5)['thread_priority']
+found = {os.sched_getparam(int(task)).sched_priority for task in os.listdir('/proc/self/task')}
+stop.set()
+print(said, found, sep=';')
+"""
+
+
+def test_a_process_gets_its_priority_for_all_its_threads() -> None:
+    done = subprocess.run(
+        [sys.executable, '-c', ALL_THREADS], capture_output=True, text=True, timeout=60, check=True
+    )
+    said, found = done.stdout.strip().split(';')
+    taken = said.startswith('taken: SCHED_FIFO 5, ')
+    assert taken or said.startswith('refused: 5, ')
+    assert found == ('{5}' if taken else '{0}')
+
+
 @pytest.mark.ros
 def test_diagnostics_say_what_was_taken(graph: Any) -> None:
     graph.add(
