@@ -43,9 +43,11 @@ def ros_domain() -> Iterator[int]:
 
 @pytest.fixture(scope='session', autouse=True)
 def signals_are_heard() -> None:
-    """Take back what `nohup make test` ignores: processes of the tests would inherit it."""
+    """Take back what `nohup make test &` ignores: processes of the tests would inherit it."""
     if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope='session')

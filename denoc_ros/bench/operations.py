@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 import denoc_ros.kernels
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.kernels.compiled import APART
 from denoc_ros.kernels.handle import DIAGONALS, GOOD
 from denoc_ros.types import Array
 
@@ -274,7 +275,8 @@ def _plain_kernels(
     spaces = {module.__name__: dict(vars(module)) for module in modules}
     for space in spaces.values():
         for name, value in space.items():
-            source = getattr(value, 'py_func', None)
+            apart = APART.get(getattr(value, 'symbol', ''), value)
+            source = getattr(apart, 'py_func', None)
             if source is not None:
                 moved = _moved(source, spaces)
                 space[name] = moved if source.__module__ == VECTORS else attributed(moved)
