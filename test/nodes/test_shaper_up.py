@@ -16,7 +16,7 @@ SESSION = """
 robot: robots/two_link_ff.urdf
 gravity: [0, -9.81, 0]
 reference: {kind: points, times: [0, 0.8], positions: [[0.3, 0.6], [0.7, 0.9]]}
-duration: 1
+duration: 3
 nodes:
   shaper: {method: zvd, update_rate: 250}
   feedforward: false
