@@ -62,8 +62,7 @@ def check_parameters(config: SessionConfig, names: list[str]) -> None:
                 node_parameters(config, name, phase, Path())
             except ConfigError as error:
                 findings.update((f'{name}: {text}', None) for text in error.findings)
-    if findings:
-        raise ConfigError(str(config.path), list(findings))
+    ConfigError.raise_any(str(config.path), list(findings))
 
 
 def write_parameters(file: Path, parameters: Parameters) -> None:

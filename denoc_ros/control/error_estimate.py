@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
-from denoc_ros.control.model_errors import ModelErrors
+from denoc_ros.control.model_errors import ModelErrors, drive
 from denoc_ros.types import Array
 
 LIKELY = 0.2  # standard deviation of an error before anything is measured
@@ -94,13 +94,9 @@ class ErrorEstimate:
 
     def go_on(self, gains: PostureGains, time: float) -> None:
         """Go on by a period from a time of the plan [s]."""
-        period = self._period
         added = self._errors.between(self._errors.accelerations, time, self._now)
-        self.seen = gains.transition @ self.seen
-        m = len(added)
-        self.seen[:m] += 0.5 * period**2 * added
-        self.seen[m : 2 * m] += period * added
-        self._covariance += WALK**2 * period * np.eye(len(self.values))
+        self.seen = gains.transition @ self.seen + drive(added, self._period, len(self.seen))
+        self._covariance += WALK**2 * self._period * np.eye(len(self.values))
 
     def torque(self, time: float) -> Array:
         """Return the torque (joints,) that undoes the errors from a time of the plan on."""

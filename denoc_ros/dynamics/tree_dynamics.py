@@ -24,7 +24,6 @@ from denoc_ros.kernels import articulated, composite, inverse, sprung, world
 from denoc_ros.kernels.compiled import entry, ready
 from denoc_ros.kernels.handle import GOOD, MISFIT
 from denoc_ros.model.arrays import ModelArrays
-from denoc_ros.model.tree import Tree
 from denoc_ros.types import Array
 
 Wrenches = Mapping[str, ArrayLike]
@@ -63,16 +62,6 @@ FRAME_JACOBIAN = KernelOperation(world.frame_jacobian, world.frame_jacobian_rows
 class TreeDynamics(MassAndMomentum):
     """The dynamics of the open tree and the poses of its frames; the other verbs build on them."""
 
-    def __init__(
-        self,
-        tree: Tree,
-        gravity: ArrayLike = (0.0, 0.0, -9.81),
-        geometric_stiffness: bool = True,
-    ) -> None:
-        super().__init__(tree, gravity, geometric_stiffness)
-        self._inertia = entry(composite.inertia_matrix)
-        self._energies = entry(composite.energies)
-
     def _adopt(self, arrays: ModelArrays) -> None:
         super()._adopt(arrays)
         elastic = arrays.link_side is not None
@@ -82,6 +71,8 @@ class TreeDynamics(MassAndMomentum):
             ready(sprung.inverse_dynamics, sprung.forward_dynamics)
         self._inverse = entry(self._inverse_operation.kernel)
         self._forward = entry(self._forward_operation.kernel)
+        self._inertia = entry(composite.inertia_matrix)
+        self._energies = entry(composite.energies)
 
     # dynamics ---------------------------------------------------------------------------------
 

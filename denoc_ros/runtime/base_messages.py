@@ -35,8 +35,7 @@ def imu_mounting(where: str, source: str, xyz: Sequence[float], rpy: Sequence[fl
                 f"parameter {name!r} must be 0 where 'base_motion' is {source!r} (it is the pose "
                 f'of an IMU), got {list(given)}'
             )
-    if findings:
-        raise ConfigError(where, findings)
+    ConfigError.raise_any(where, findings)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation_rpy(np.array(rpy, dtype=np.float64)), xyz
     return pose

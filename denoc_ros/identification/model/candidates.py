@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.parameter_columns import DIAGONAL_TERMS, Column, find_columns
 from denoc_ros.dynamics.robot import Robot
@@ -48,13 +49,10 @@ class Candidates:
         robot = self._robot.copy()
         self._add_inertias(robot, point)
         diagonals = self._robot.diagonals()
-        for path, value in point.overrides.items():
-            if path.endswith('.damping_ratio'):
-                # in proportion to the root of the rigidity, which is yet to come
-                self._move(diagonals, path, float(np.ravel(np.asarray(value))[0]))
-        for path, value in point.overrides.items():
-            if not path.startswith('payload.') and not path.endswith('.damping_ratio'):
-                self._move(diagonals, path, float(np.ravel(np.asarray(value))[0]))
+        paths = [path for path in point.overrides if not path.startswith('payload.')]
+        # a rigidity comes last: what a damping ratio gives goes with its root
+        for path in sorted(paths, key=lambda path: not path.endswith('.damping_ratio')):
+            self._move(diagonals, path, first_number(point.overrides[path]))
         robot.set_diagonals(diagonals)
         return robot
 
@@ -73,7 +71,7 @@ class Candidates:
     def _move(self, diagonals: Array, path: str, value: float) -> None:
         """Add what a number has more than the robot to its diagonal terms."""
         column = self._column(path)
-        before = float(np.ravel(np.asarray(self._values[path]))[0])
+        before = first_number(self._values[path])
         diagonals[DIAGONAL_TERMS.index(column.term)] += (value - before) * column.values
         if path.startswith('beam.') and path.rpartition('.')[2] in RIGIDITIES:
             # the description keeps a damping ratio, whose coefficient goes with the root
@@ -109,6 +107,11 @@ class Candidates:
         ]
         row: Array = (numbers[0] - numbers[1]) @ self._by_link[link]
         return row
+
+
+def first_number(value: ArrayLike) -> float:
+    """Return a number, or the first of several."""
+    return float(np.ravel(value)[0])
 
 
 def _numbers(mass: float, centre: Array) -> Array:

@@ -274,8 +274,7 @@ def _require(
         findings.append(f'the robot must have no loops, got {loops}')
     if not robot.joint_names:
         findings.append('the robot must have joints, got none')
-    if findings:
-        raise ConfigError(WHERE, findings)
+    ConfigError.raise_any(WHERE, findings)
 
 
 def _limits(robot: Robot, along: Along, given: GivenLimits) -> MotionLimits:
@@ -294,8 +293,7 @@ def _limits(robot: Robot, along: Along, given: GivenLimits) -> MotionLimits:
                 f'got {low} to {high}'
             )
         lower[k], upper[k] = low, high
-    if findings:
-        raise ConfigError(WHERE, findings)
+    ConfigError.raise_any(WHERE, findings)
     lengths = {beam.link: beam.length for beam in whole_beams(robot.tree)}
     bent = deflection_limits(along, lengths, DEFLECTION, given.deflection)
     return MotionLimits(replace(joints, lower=lower, upper=upper), bent)
@@ -317,8 +315,7 @@ def _start(along: Along, limits: JointLimits, given: Mapping[str, float]) -> Arr
             findings.append(
                 f'start of {name} must be within {low:.6g} to {high:.6g}, got {found[k]}'
             )
-    if findings:
-        raise ConfigError(WHERE, findings)
+    ConfigError.raise_any(WHERE, findings)
     return found
 
 

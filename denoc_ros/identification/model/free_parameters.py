@@ -346,8 +346,7 @@ def _chosen(free: Sequence[str], known: Sequence[str], hidden: Set[str]) -> list
         chosen.update(dict.fromkeys(matched))
     if not free:
         findings.append('--free must name what is free, got nothing')
-    if findings:
-        raise ConfigError(WHERE, findings)
+    ConfigError.raise_any(WHERE, findings)
     return list(chosen)
 
 
