@@ -26,7 +26,10 @@ LONGEST_SILENCE = 10.0  # s without diagnostics after which a node counts as stu
 TAIL = 0.2  # s a phase goes on behind its reference
 STOP_ORDER = ('player', 'viewer', 'shaper', 'feedforward', 'predictor', 'plant', 'recorder')
 START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward', 'shaper', 'viewer')
-SHAPING = 2.0  # s that a shaper has to plan, and a shaped motion to come to its end
+SHAPING = 2.0  # s from publishing to the start in which most plans are made
+SHAPER = 'shaper: shaper'  # its status on /diagnostics
+DECIDED = ('planned', 'refused', 'passed on')  # what a shaper counts of motions
+PLANNING = 60.0  # s beyond `solve_timeout` in which it must have decided on a busy machine
 ENGAGING = 2.0  # s until state feedback has gains for a motion and trusts its estimate
 
 
@@ -170,7 +173,9 @@ class Session:
                 self._client.wait(0.1)
                 self._check_silence()
             show(self._task.duration)
-        self._client.wait(TAIL + self._shaping)
+        if self._task.trajectory is not None:
+            self._wait_while('moving')
+        self._client.wait(TAIL)
 
     def _prepare(self, phase: Phase) -> float:
         """Reset the nodes and publish the reference; return in how many seconds it starts.
@@ -183,8 +188,10 @@ class Session:
         start = time.perf_counter()
         if self._task.trajectory is not None:
             lead = LEAD + self._shaping + self._engaging(phase)
+            decided = self._decided()
             start += self._publish(self._task.trajectory, self._task.plans.get(phase.name), lead)
-            self._client.wait(SETTLING + self._shaping)
+            self._await_plan(decided)
+            self._client.wait(SETTLING)
         self._reset('plant')
         self._client.wait(SETTLING)
         self._reset('predictor')
@@ -201,9 +208,39 @@ class Session:
         self._client.publish_asked(trajectory, joints, start_ns + round(1e9 * before))
         return lead + before
 
+    def _decided(self) -> dict[str, int]:
+        """Return of how many motions the shaper has said what became of them."""
+        values = self._client.diagnostics(SHAPER)
+        return {what: int(values.get(what, 0)) for what in DECIDED}
+
+    def _await_plan(self, before: Mapping[str, int]) -> None:
+        """Wait until the shaper has planned or refused a motion, however busy the machine is."""
+        if 'shaper' not in self._names:
+            return
+        client = self._client
+        patience = PLANNING + float(self._parameters['shaper'].get('solve_timeout', 0.0))
+        end = time.perf_counter() + patience
+        while (now := self._decided()) == before:
+            if time.perf_counter() > end:
+                said = client.diagnostics('shaper: inputs').get('', 'nothing')
+                raise ProcessError(
+                    f'shaper: node must plan the motion within {patience:g} s, got none; its '
+                    f'inputs: {said}'
+                )
+            client.wait(0.05)
+            self._check_silence()
+        if now['planned'] == before['planned']:
+            self._progress.say(f'shaper: {client.diagnostics(SHAPER)[""]}')
+
+    def _wait_while(self, doing: str) -> None:
+        """Wait until the shaper says that it does something else."""
+        while self._client.diagnostics(SHAPER).get('doing') == doing:
+            self._client.wait(0.1)
+            self._check_silence()
+
     @property
     def _shaping(self) -> float:
-        """How long a shaper may take before the reference starts [s]."""
+        """How long before the reference starts a shaper has it [s]."""
         return SHAPING if 'shaper' in self._names else 0.0
 
     def _engaging(self, phase: Phase) -> float:

@@ -1,0 +1,133 @@
+"""A session waits for its shaper: for the plan, and for the end of the motion that it became."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import pytest
+
+from denoc_ros.cli import session as sessions
+from denoc_ros.cli.config import load_config
+from denoc_ros.cli.processes import ProcessError, Processes
+from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.session import Session, Task
+from denoc_ros.simulation.reference import trajectory_from_config
+
+if TYPE_CHECKING:
+    from denoc_ros.nodes.session_client import SessionClient
+
+ROOT = Path(__file__).resolve().parents[2]
+JOINTS = ['joint_1', 'joint_2']
+SESSION = f"""
+robot: {ROOT}/config/robots/two_link_ff.urdf
+gravity: [0, -9.81, 0]
+reference: {{kind: points, times: [0, 0.05], positions: [[0.3, 0.6], [0.3, 0.6]]}}
+duration: 0.05
+nodes:
+  shaper: {{method: zvd}}
+  feedforward: false
+  predictor: false
+"""
+
+
+class Clock:
+    """Time that passes by waiting alone."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def perf_counter(self) -> float:
+        return self.now
+
+
+class Client:
+    """Stands for the graph: a shaper that plans late and moves long, as `tell` says."""
+
+    def __init__(self, clock: Clock, tell: Callable[[float], dict[str, str]]) -> None:
+        self._clock, self._tell = clock, tell
+        self.published = 0.0
+        self.ended = 0.0
+
+    def diagnostics(self, status: str) -> dict[str, str]:
+        if status == 'shaper: inputs':
+            return {'': 'rejected: no such joint'}
+        return self._tell(self._clock.now) if status == 'shaper: shaper' else {}
+
+    def wait(self, seconds: float) -> None:
+        self._clock.now += seconds
+
+    def publish_reference(self, *_: Any) -> int:
+        self.published = self._clock.now
+        return 0
+
+    def end_phase(self) -> None:
+        self.ended = self._clock.now
+
+    def silence(self, _: str) -> float:
+        return 0.0
+
+    def ignore(self, *_: Any) -> None: ...
+
+    begin_phase = forget = wait_active = trigger = ignore
+
+
+class NoProcesses:
+    """Stands for the nodes' processes."""
+
+    def ignore(self, *_: Any) -> None: ...
+
+    start = stop_all = ignore
+
+    def cpu_seconds(self) -> dict[str, float]:
+        return {}
+
+
+@pytest.fixture
+def run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[[Callable[[float], dict[str, str]]], Client]:
+    clock = Clock()
+    monkeypatch.setattr(sessions, 'time', clock)
+    file = tmp_path / 'session.yaml'
+    file.write_text(SESSION)
+    config = load_config(file)
+    task = Task(trajectory_from_config(config.reference, JOINTS), JOINTS, config.duration)
+    (tmp_path / 'parameters').mkdir()
+
+    def done(tell: Callable[[float], dict[str, str]]) -> Client:
+        client = Client(clock, tell)
+        processes = cast(Processes, NoProcesses())
+        given = cast('SessionClient', client)
+        Session(config, task, tmp_path, processes, given, Progress()).run()
+        return client
+
+    return done
+
+
+def said(doing: str, planned: int = 0, refused: int = 0, message: str = 'ok') -> dict[str, str]:
+    counts = {'planned': str(planned), 'refused': str(refused), 'passed on': '0'}
+    return {'': message, 'doing': doing, **counts}
+
+
+def test_a_session_waits_for_a_late_plan_and_for_the_end_of_its_motion(run: Any) -> None:
+    def tell(now: float) -> dict[str, str]:
+        if now < 20.0:
+            return said('planning' if now > 0.0 else 'waiting')
+        return said('moving' if now < 30.0 else 'waiting', planned=1)
+
+    client = run(tell)
+    assert client.published < 1.0
+    assert client.ended > 30.0
+
+
+def test_a_motion_that_is_refused_is_told(run: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    client = run(lambda now: said('waiting', refused=int(now > 0.5), message='not shaped: jerk'))
+    assert client.ended < 5.0
+    assert 'shaper: not shaped: jerk' in capsys.readouterr().err
+
+
+def test_a_motion_that_is_never_planned_ends_the_session(run: Any) -> None:
+    with pytest.raises(ProcessError, match=r'plan the motion within 60 s, got none.*such joint'):
+        run(lambda now: said('waiting'))
