@@ -8,21 +8,19 @@ tau = t + armature q'' + damping q' + friction(q').
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from denoc_ros.dynamics.gear_springs import GearSprings
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import elasticity
 from denoc_ros.model.coordinates import spring_name
 from denoc_ros.model.link_side import is_measured_behind, motors_behind, seen_from_links
-from denoc_ros.model.tree import Joint, Spring, Tree
+from denoc_ros.model.tree import Joint, Tree
 from denoc_ros.types import Array
 
-CUTOFF = 100.0  # Hz, of the filter that gives a spring's rate and acceleration
 ROUNDS = 5  # of an equilibrium at positions of the link side
-SHARE = 0.1  # of the rate of the updates: at most so much
 
 
 class MeasuredRobot(Robot):
@@ -121,19 +119,16 @@ class MotorSide:
         )
         motors = [behind[k] for k in self._at] if isinstance(robot, MeasuredRobot) else []
         self._at = self._at[: len(motors)]
-        self._springs = [joint.spring for joint in motors if joint.spring is not None]
-        self._damping = np.array([spring.damping for spring in self._springs])
+        self._springs = GearSprings([joint.spring for joint in motors if joint.spring])
         self._slip_rate = robot.slip_rate
         self._armature, self._viscous, self._friction = (
             np.array([getattr(joint, name) for joint in motors])
             for name in ('armature', 'damping', 'friction')
         )
-        self._deflection, self._rate, self._acceleration = np.zeros((3, len(motors)))
-        self._started = False
 
     def reset(self) -> None:
         """Forget the springs: the next update finds them at rest under the gear's torque."""
-        self._started = False
+        self._springs.reset()
 
     def add(
         self,
@@ -154,46 +149,35 @@ class MotorSide:
             s since the last update.
         inertia, friction : bool
             Whether the motor's inertia counts, and its friction.
-
-        Notes
-        -----
-        A critically damped filter gives s, s' and s'' of the spring from the torque. Its lag is
-        twice its time constant; the rate is taken back by so much.
         """
         if not len(self._at):
             return
-        self._follow(torque[self._at], elapsed)
-        rate = motion[0][self._at] - self._rate
+        springs = self._springs
+        springs.follow(torque[self._at], elapsed)
+        rate = motion[0][self._at] - springs.rate
+        torque[self._at] += self._own(
+            rate, motion[1][self._at] - springs.acceleration, inertia, friction
+        )
+
+    def take_off(self, torque: Array, motion: tuple[Array, Array]) -> None:
+        """Turn what motors give (driven joints,) into what their gears give out, in place.
+
+        Parameters
+        ----------
+        torque : (driven,) array [N m, N]
+        motion : pair of (driven,) arrays
+            Rates and accelerations of the link side, which those of the motors are taken for.
+        """
+        if len(self._at):
+            rate, acceleration = motion[0][self._at], motion[1][self._at]
+            torque[self._at] -= self._own(rate, acceleration, inertia=True, friction=True)
+
+    def _own(self, rate: Array, acceleration: Array, inertia: bool, friction: bool) -> Array:
+        """Return what the motors need for themselves."""
+        needed = np.zeros(len(self._at))
         if friction:
-            torque[self._at] += self._viscous * rate
-            torque[self._at] += self._friction * np.tanh(rate / self._slip_rate)
+            needed += self._viscous * rate
+            needed += self._friction * np.tanh(rate / self._slip_rate)
         if inertia:
-            torque[self._at] += self._armature * (motion[1][self._at] - self._acceleration)
-
-    def _follow(self, torque: Array, elapsed: float) -> None:
-        force = -torque - self._damping * self._rate
-        wanted = np.array([deflection(s, f) for s, f in zip(self._springs, force, strict=True)])
-        if not self._started or elapsed <= 0.0:
-            self._filtered = [wanted, 0.0 * wanted]
-            self._rate, self._acceleration = 0.0 * wanted, 0.0 * wanted
-            self._started = True
-            return
-        omega = 2.0 * math.pi * min(CUTOFF, SHARE / elapsed)
-        s, rate = self._filtered
-        # implicit, so that it is stable for any elapsed time
-        change = omega**2 * (wanted - s - elapsed * rate) - 2.0 * omega * rate
-        acceleration = change / (1.0 + 2.0 * omega * elapsed + (omega * elapsed) ** 2)
-        rate = rate + elapsed * acceleration
-        self._filtered = [s + elapsed * rate, rate]
-        lag = 2.0 / omega
-        self._rate = rate + lag * acceleration
-        self._acceleration = acceleration
-
-
-def deflection(spring: Spring, force: float) -> float:
-    """Return the deflection at which a spring gives a force, beyond the corners of its play."""
-    k, k3 = spring.stiffness, spring.stiffness3
-    e = force / k
-    for _ in range(20 if k3 > 0.0 else 0):  # Newton's steps from outside: each comes nearer
-        e -= (k * e + k3 * e**3 - force) / (k + 3.0 * k3 * e * e)
-    return e + math.copysign(0.5 * spring.backlash, force) if force else 0.0
+            needed += self._armature * acceleration
+        return needed

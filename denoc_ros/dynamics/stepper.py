@@ -75,8 +75,12 @@ class Stepper:
         force = self._zero if tau is None else tau
         self._advance(self._held, q, qd, self._given, force)
 
-    def accelerations(self, q: Array, qd: Array, qdd_driven: Array, out: Array) -> None:
+    def accelerations(
+        self, q: Array, qd: Array, qdd_driven: Array, out: Array, tau: Array | None = None
+    ) -> None:
         """Write the accelerations (n,) at a state with those of the driven joints given.
+
+        Generalized forces tau (n,) act, if given, of which those of driven joints do not matter.
 
         Raises
         ------
@@ -85,13 +89,14 @@ class Stepper:
         """
         self._given[self._driven] = qdd_driven
         robot, given = self.robot, self._given
+        force = self._zero if tau is None else tau
         if self._tied:
             status = constrained_dynamics(
-                robot, self._held, q, qd, given, self._zero, out, self._multipliers
+                robot, self._held, q, qd, given, force, out, self._multipliers
             )
         else:
             status = articulated_dynamics(
-                robot.handle, self._armature, self._held, q, qd, given, self._zero, out,
+                robot.handle, self._armature, self._held, q, qd, given, force, out,
                 self._torque,
             )  # fmt: skip
         self._raise_for_status(status, q, qd, out)

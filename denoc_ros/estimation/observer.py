@@ -17,8 +17,9 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError
 from denoc_ros.estimation.fusion import StrainFusion
+from denoc_ros.estimation.hidden_springs import HiddenSprings
 from denoc_ros.estimation.observer_settings import ObserverSettings
-from denoc_ros.estimation.tracking import TrackingFilter, connecting_acceleration
+from denoc_ros.estimation.tracking import TrackingFilter, joining_acceleration
 from denoc_ros.types import Array
 
 Reference = Callable[[float], tuple[Array, Array, Array]]
@@ -26,8 +27,6 @@ BaseAt = Callable[[float], BaseMotion | None]
 
 # A longer gap [s] is not integrated over: the observer goes on from the measurement instead.
 LONGEST_GAP = 0.25
-# Of the deviation of the joints' accelerations [s].
-MEMORY = 0.1
 # Between two measurements, however far apart.
 MOST_STEPS = 250
 
@@ -35,8 +34,8 @@ MOST_STEPS = 250
 class Observer:
     """Estimates the amplitudes of a flexible robot from what its joints and sensors measure.
 
-    A state at the time of the last measurement has been driven by what was measured up to there,
-    however late that came; from it the state now, and `horizon` ahead, is predicted anew.
+    A state at the last measurement has been driven by what was measured up to there, however late
+    that came; from it the state now, and `horizon` ahead, is predicted anew.
 
     Parameters
     ----------
@@ -68,6 +67,8 @@ class Observer:
         The tips' displacements from amplitudes.
     base : callable or None
         Motion of the base at a time on the clock of `tick` [s]; None, as at first: it is at rest.
+    springs : HiddenSprings
+        The springs behind which joints are measured.
     fusion : StrainFusion or None
         What takes the sensors' values in, if they are fused.
 
@@ -99,10 +100,10 @@ class Observer:
         self._equilibrium = Equilibrium(self.robot, self._free)
         self._filter = TrackingFilter(len(self._joints), settings.cutoff)
         self.deflections = TipDeflections(robot)
+        self.springs = HiddenSprings(self.robot, self.motion.joints, settings)
         self.q, self.qd, self.q_ahead, self.qd_ahead = np.zeros((4, robot.n))
         self._q, self._qd = np.zeros((2, robot.n))  # at the last measurement
         self._tau = np.zeros(robot.n)  # efforts, and loads that sensors show
-        self._unsteady = np.zeros(len(self._joints))  # variance of the joints' accelerations
         self.fusion: StrainFusion | None = None
         if settings.fusion is not None:
             self.fusion = StrainFusion(
@@ -147,7 +148,8 @@ class Observer:
         q, qd : (joints,) arrays
             Positions and, if known, rates.
         effort : (joints,) array, optional
-            Torques or forces at the joints [N m, N]; kept until the next.
+            Torques or forces at the joints [N m, N]; kept until the next. Of joints measured
+            behind their springs, what the gears give out (`motor_effort`: the motors).
 
         Returns
         -------
@@ -157,6 +159,7 @@ class Observer:
         if not self.started:
             self._start(stamp, q, qd)
             self.take_effort(effort)
+            self._follow_springs((self._q, self._qd), 0.0)
             return True
         if not stamp > self._stamp:
             self.repeated += 1
@@ -164,21 +167,27 @@ class Observer:
         if self.time - stamp > self.settings.max_age:
             self.late += 1
             return False
-        interval = stamp - self._stamp
-        rates = self._filter.qd.copy()
+        interval, before = stamp - self._stamp, (self._q.copy(), self._qd.copy())
         self._filter.update(q, qd, interval)
-        self._watch_joints(rates, interval)
         self._drive(interval)
         self._stamp = stamp
         self._fuse()
         self.take_effort(effort)
+        self._follow_springs(before, interval)
         return True
 
-    def _watch_joints(self, before: Array, interval: float) -> None:
-        """Note how far the joints' filtered acceleration is from that of their rates."""
-        mean = (self._filter.qd - before) / interval
-        share = -math.expm1(-interval / MEMORY)
-        self._unsteady += share * ((mean - self._filter.qdd) ** 2 - self._unsteady)
+    def _follow_springs(self, before: tuple[Array, Array], interval: float) -> None:
+        """Let the springs behind measured joints go on from a state (n,) before to this one."""
+        if not self.springs.hidden:
+            return
+        if self.springs.by_effort:
+            self.springs.take(self._tau, interval)
+            return
+        if self.base is not None:
+            self._stepper.robot.move_base(self.base(self._stamp - 0.5 * interval))
+        given = self.motion.given_accelerations(self._filter.mean)
+        states = before, (self._q, self._qd)
+        self.springs.follow(self._stepper, states, given, self._tau, interval)
 
     def sense(self, place: int, stamp: float, value: float) -> bool:
         """Take a sensor's value in; it counts once joints measured as late are known.
@@ -223,13 +232,14 @@ class Observer:
         qdd, joints = np.empty(robot.n), robot.joint_indices
         qdd[joints] = given = self.motion.given_accelerations(self._filter.qdd)
         qdd[robot.flexible_indices] = robot.hybrid_dynamics(q, qd, given, tau=self._tau)[1]
-        deviation[joints] = np.abs(self.motion.given_accelerations(np.sqrt(self._unsteady)))
+        deviation[joints] = np.abs(self.motion.given_accelerations(np.sqrt(self._filter.unsteady)))
         return robot, qdd, deviation
 
     def take_effort(self, effort: Array | None) -> None:
         """Take efforts (joints,) [N m, N] in, from a measurement or another way; None: none."""
         if effort is not None:
-            self._tau[self._joints] = effort
+            motion = self._filter.qd, self._filter.qdd
+            self._tau[self._joints] = self.springs.gear_torque(effort, motion)
 
     def retune(self, change: Callable[[Robot], None]) -> None:
         """Let numbers of the model change: a function changes those of a robot."""
@@ -242,8 +252,8 @@ class Observer:
         """Go on from the state of another observer of a robot with the same coordinates."""
         for name in ('q', 'qd', '_q', '_qd', '_tau'):
             getattr(self, name)[:] = getattr(other, name)
-        for name in ('q', 'qd', 'qdd'):
-            getattr(self._filter, name)[:] = getattr(other._filter, name)
+        self._filter.adopt(other._filter)
+        self.springs.adopt(other.springs)
         self.time, self._stamp = other.time, other._stamp
         if self.fusion is not None and not self.fusion.adopt(other.fusion) and self.started:
             self.fusion.reset(self._stamp, self._q, self._qd)
@@ -262,8 +272,7 @@ class Observer:
             # a base that floats falls freely: nothing has a weight
             if len(self._free) and not self._floating.floats:
                 self._equilibrium.find(self._q)
-        except SolverError:
-            # no equilibrium at this posture (buckled): nothing is known of the amplitudes
+        except SolverError:  # buckled at this posture: nothing is known of the amplitudes
             self.unsettled += 1
             self._q[:] = undeformed
         self._qd[:] = 0.0
@@ -278,6 +287,7 @@ class Observer:
         """Bring the state from the measurement before over an interval [s] to this one."""
         if interval > LONGEST_GAP:
             self.restarts += 1
+            self.springs.reset()
             if self.fusion is not None:
                 self.fusion.restart(self._stamp + interval, self._q, self._qd)
         elif self.settings.source == 'torque':
@@ -285,7 +295,10 @@ class Observer:
             self._correct(interval)
             return
         else:
-            way = self._between(interval)
+            joints, measured = self._joints, self._filter
+            before, after = (self._q[joints], self._qd[joints]), (measured.q, measured.qd)
+            shortest = 2.5 * self.settings.step  # of several ticks
+            way = joining_acceleration(interval, before, after, shortest)
             self._go(self._q, self._qd, self._stamp, interval, way, self._follow)
         self._follow_joints()
 
@@ -293,20 +306,6 @@ class Observer:
         """Set the joints to their measured positions, and the dependent joints with them."""
         self.motion.positions(self._q, self._filter.q)
         self.motion.rates(self._qd, self._filter.qd)
-
-    def _between(self, interval: float) -> Callable[[float], Array]:
-        """Return the joints' acceleration over an interval [s] between two measurements.
-
-        Its mean makes the change of the rates, not the filter's acceleration: so the amplitudes'
-        rates feel a jump of the joints' rates once and noise does not pile up. Over several ticks
-        it also changes linearly so that it makes the change of the positions.
-        """
-        joints, measured = self._joints, self._filter
-        before = self._q[joints], self._qd[joints]
-        mean, slope = connecting_acceleration(interval, *before, measured.q, measured.qd)
-        if interval < 2.5 * self.settings.step:
-            return lambda _: mean
-        return lambda t: mean + slope * (t - 0.5 * interval)
 
     def _correct(self, interval: float) -> None:
         """Pull the joints towards the measured motion, the amplitudes as by an impulse there.
@@ -367,10 +366,14 @@ class Observer:
         self._fuse()
         self.time = max(now, self._stamp)
         self.q[:], self.qd[:] = self._q, self._qd
-        lead, most = self.time - self._stamp, self.settings.horizon_steps
-        lead = min(lead, self.settings.max_age)
+        lead, most = min(now - self._stamp, self.settings.max_age), self.settings.horizon_steps
         if lead > 0.0:
             self._go(self.q, self.qd, self._stamp, lead, lambda _: self._filter.qdd, most=most)
+
+    def modal_state(self, out: tuple[Array, Array]) -> None:
+        """Write the whole robot's coordinates and rates at `time`, as :class:`HiddenSprings`."""
+        lead = min(self.time - self._stamp, self.settings.max_age)
+        self.springs.write((self.q, self.qd), lead, out)
 
     def predict(self, reference: Reference | None = None) -> tuple[Array, Array]:
         """Predict the state `horizon` ahead.
@@ -389,12 +392,10 @@ class Observer:
         self.q_ahead[:], self.qd_ahead[:] = self.q, self.qd
         horizon, most = self.settings.horizon, self.settings.horizon_steps
         if horizon > 0.0:
-            expected = self._expected(reference)
+            begin = self.time
+
+            def expected(t: float) -> Array:
+                return self._filter.qdd if reference is None else reference(begin + t)[2]
+
             self._go(self.q_ahead, self.qd_ahead, self.time, horizon, expected, most=most)
         return self.q_ahead, self.qd_ahead
-
-    def _expected(self, reference: Reference | None) -> Callable[[float], Array]:
-        if reference is None:
-            return lambda _: self._filter.qdd
-        begin = self.time
-        return lambda t: reference(begin + t)[2]

@@ -34,6 +34,8 @@ class ObserverSettings:
     max_age : float
         Measurements older than this [s] are refused, and the estimate goes no further than this
         beyond the last one.
+    motor_effort : bool
+        Whether efforts are those of the motors where joints are measured behind their springs.
     fusion : FusionSettings or None
         How the robot's sensors correct the amplitudes; None: they do not.
 
@@ -50,6 +52,7 @@ class ObserverSettings:
     horizon: float = 0.0
     horizon_steps: int = 10
     max_age: float = 0.05
+    motor_effort: bool = False
     fusion: FusionSettings | None = None
 
     def __post_init__(self) -> None:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from denoc_ros.types import Array
+
+# Of the deviation of the joints' accelerations [s].
+MEMORY = 0.1
 
 
 class TrackingFilter:
@@ -24,6 +28,10 @@ class TrackingFilter:
     ----------
     q, qd, qdd : (joints,) arrays
         Estimates at the last measurement.
+    mean : (joints,) array
+        Acceleration that makes the change of the rates since the measurement before.
+    unsteady : (joints,) array
+        Variance of the acceleration against that.
 
     Notes
     -----
@@ -34,13 +42,18 @@ class TrackingFilter:
 
     def __init__(self, joints: int, cutoff: float) -> None:
         self._rate = 2.0 * math.pi * cutoff
-        self.q, self.qd, self.qdd = np.zeros(joints), np.zeros(joints), np.zeros(joints)
+        self.q, self.qd, self.qdd, self.mean, self.unsteady = np.zeros((5, joints))
 
     def reset(self, q: Array, qd: Array | None = None) -> None:
         """Start at positions and rates (joints,); no rates: at rest."""
         self.q[:] = q
         self.qd[:] = 0.0 if qd is None else qd
-        self.qdd[:] = 0.0
+        self.qdd[:] = self.mean[:] = 0.0
+
+    def adopt(self, other: TrackingFilter) -> None:
+        """Go on from the state of another filter of as many joints."""
+        for name in ('q', 'qd', 'qdd', 'mean'):
+            getattr(self, name)[:] = getattr(other, name)
 
     def update(self, q: Array, qd: Array | None, interval: float) -> None:
         """Go on to the next measurement and take it in.
@@ -54,6 +67,13 @@ class TrackingFilter:
         interval : float
             Time since the measurement before this one [s], > 0.
         """
+        before = self.qd.copy()
+        self._take(q, qd, interval)
+        self.mean = (self.qd - before) / interval
+        share = -math.expm1(-interval / MEMORY)
+        self.unsteady += share * ((self.mean - self.qdd) ** 2 - self.unsteady)
+
+    def _take(self, q: Array, qd: Array | None, interval: float) -> None:
         self.q += interval * self.qd + (0.5 * interval * interval) * self.qdd
         self.qd += interval * self.qdd
         pole = math.exp(-self._rate * interval)
@@ -90,3 +110,19 @@ def connecting_acceleration(
     mean = (qd_after - qd) / interval
     missed = q_after - q - interval * qd - (0.5 * interval * interval) * mean
     return mean, missed * (-12.0 / interval**3)
+
+
+def joining_acceleration(
+    interval: float, before: tuple[Array, Array], after: tuple[Array, Array], shortest: float
+) -> Callable[[float], Array]:
+    """Return the accelerations (joints,) over an interval [s] that lead from one state to another.
+
+    Their mean makes the change of the rates, not the filter's acceleration: so the amplitudes'
+    rates feel a jump of the joints' rates once and noise does not pile up. Over an interval that
+    is not shorter than `shortest` [s] they also change linearly so that they make the change of
+    the positions.
+    """
+    mean, slope = connecting_acceleration(interval, *before, *after)
+    if interval < shortest:
+        return lambda _: mean
+    return lambda t: mean + slope * (t - 0.5 * interval)

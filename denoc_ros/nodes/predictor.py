@@ -97,7 +97,10 @@ class PredictorNode(RobotNode):
         self.by_command = settings.text('effort_source') == 'commanded'
         self.base_frame = next(f for f, place in robot.tree.frames.items() if place.body < 0)
         self.outputs = PredictorOutputs(
-            self, robot, self.observer.deflections.names, self.base_frame
+            self,
+            self.observer.springs.whole.names,
+            self.observer.deflections.names,
+            self.base_frame,
         )
         self.sensors.update(robot.tree)
         self._lines = CentreLines(robot.copy(), self.base_frame)
@@ -242,11 +245,11 @@ class PredictorNode(RobotNode):
 
     def _publish(self, observer: Observer) -> None:
         stamp_ns = self._stamp_of(observer.time)
-        outputs, q, qd = self.outputs, observer.q, observer.qd
-        outputs.send_state(stamp_ns, q, qd, observer.deflections)
+        outputs = self.outputs
+        outputs.send_state(stamp_ns, observer)
         if self.adaptation.fresh and self.adaptation.tracker is not None:
             outputs.send_parameters(stamp_ns, self.adaptation.tracker)
-        outputs.send_pose(stamp_ns, self.robot.frame_pose(self.tip, q))
+        outputs.send_pose(stamp_ns, self.robot.frame_pose(self.tip, observer.q))
         horizon = observer.settings.horizon
         if horizon > 0.0:
             follow = self._follows(observer.time)

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 
 from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.dynamics.deflection import TipDeflections
-from denoc_ros.dynamics.robot import Robot
+from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.parameter_tracker import ParameterTracker
 from denoc_ros.nodes.base import STATE, DenocNode
 from denoc_ros.nodes.messages import PoseMessage
@@ -29,8 +29,8 @@ class PredictorOutputs:
     ----------
     node : DenocNode
         It publishes.
-    robot : Robot
-        Names the coordinates.
+    coordinates : sequence of str
+        Of the modal state.
     names : sequence of str
         Of the deflections.
     base_frame : str
@@ -38,12 +38,12 @@ class PredictorOutputs:
     """
 
     def __init__(
-        self, node: DenocNode, robot: Robot, names: Sequence[str], base_frame: str
+        self, node: DenocNode, coordinates: Sequence[str], names: Sequence[str], base_frame: str
     ) -> None:
         self._node = node
         self._deflection = JointStateMessage(names, MOTION)
         self._ahead = JointStateMessage(names, MOTION)
-        self._modal = JointStateMessage(robot.coordinate_names, MOTION)
+        self._modal = JointStateMessage(coordinates, MOTION)
         self._pose = PoseMessage(base_frame)
         self._residual = JointStateMessage((), ('position',))
         self._heard: tuple[str, ...] = ()
@@ -65,13 +65,13 @@ class PredictorOutputs:
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
 
-    def send_state(self, stamp_ns: int, q: Array, qd: Array, deflections: TipDeflections) -> None:
+    def send_state(self, stamp_ns: int, observer: Observer) -> None:
         """Publish tip deflections and modal state."""
         message, modal = self._deflection, self._modal
-        deflections.evaluate(q, qd, out=(message.position, message.velocity))
+        found = message.position, message.velocity
+        observer.deflections.evaluate(observer.q, observer.qd, out=found)
         self._send('tip_deflection', message, stamp_ns)
-        modal.position[:] = q
-        modal.velocity[:] = qd
+        observer.modal_state((modal.position, modal.velocity))
         self._send('modal_state', modal, stamp_ns)
 
     def send_ahead(self, stamp_ns: int, q: Array, qd: Array, deflections: TipDeflections) -> None:

@@ -57,6 +57,7 @@ def build_observer(
             horizon=settings.number('horizon'),
             horizon_steps=settings.integer('horizon_steps'),
             max_age=settings.number('joint_state_timeout'),
+            motor_effort=settings.text('effort_source') == 'commanded',
             fusion=FusionSettings(**_fusion(settings)) if fuse else None,
         ),
         joints,
@@ -69,6 +70,8 @@ def build_observer(
     for place in range(len(observer.fusion.names) if observer.fusion else 0):
         observer.sense(place, period, 0.0)
     observer.tick(2.0 * period)
+    count = len(observer.springs.whole.names)
+    observer.modal_state((np.empty(count), np.empty(count)))
     observer.predict()
     observer.reset()
     return observer
