@@ -10,10 +10,12 @@ import numpy as np
 
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import driven_motion
+from denoc_ros.dynamics.gear_springs import GearSprings
 from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ModelError
+from denoc_ros.estimation.hidden_springs import WholeCoordinates
 from denoc_ros.estimation.joint_friction import JointFriction
 from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.estimation.tracking import connecting_acceleration
@@ -35,12 +37,16 @@ class Torques:
         Coordinates and rates with the amplitudes, where there are any.
     deflection : (2, k, 6 links) array or None
         Tip deflections and their rates, as `TipDeflections.names`.
+    modal : (2, k, all) array or None
+        Coordinates and rates of the whole robot, with the springs behind which joints are
+        measured, as `TorqueReplay.whole.names`; None where nothing is elastic.
     """
 
     parts: dict[str, Array]
     models: dict[str, Array]
     amplitudes: Array | None
     deflection: Array | None
+    modal: Array | None = None
 
     @property
     def best(self) -> Array:
@@ -103,6 +109,16 @@ class TorqueReplay:
         self._step = step
         self._q, self._qd = np.zeros((2, robot.n))
         self._last: float = np.nan
+        self.whole = WholeCoordinates(robot)
+        self._springs = GearSprings(self.whole.springs)
+        self._last_spring: float = 0.0
+        driven = [self.joints.index(j) for j in self.whole.hidden if j in self.joints]
+        self._behind = np.array(driven if len(driven) == len(self.whole.hidden) else [], dtype=int)
+
+    @property
+    def has_modes(self) -> bool:
+        """Whether the robot has coordinates beside those of its joints that are computed."""
+        return self._bends or len(self._behind) > 0
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -136,12 +152,41 @@ class TorqueReplay:
             parts['offset'] = np.broadcast_to(self._friction.offset, own.shape)
         models = {'rigid': np.sum(list(parts.values()), axis=0)}
         if not self._bends:
-            return Torques(parts, models, None, None)
+            modal = self._with_springs(t, self._still(motion), models['rigid'], starts)
+            return Torques(parts, models, None, None, modal)
         flexible, amplitudes, deflection = self._flexible(t, motion, starts)
         rigid_alone = parts['gravity'] + parts['inertia'] + parts['coriolis'] + own
         parts['elastic'] = flexible - rigid_alone
         models['flexible'] = models['rigid'] + parts['elastic']
-        return Torques(parts, models, amplitudes, deflection)
+        modal = self._with_springs(t, amplitudes, models['flexible'], starts)
+        return Torques(parts, models, amplitudes, deflection, modal)
+
+    def _still(self, motion: SmoothedMotion) -> Array:
+        """Return coordinates and rates (2, k, n) of the undeformed robot."""
+        states = np.zeros((3, len(motion.q), self._robot.n))
+        if self._robot.tree.loops:
+            if len(self._behind):
+                self._in_loops(motion, states)
+            return states[:2]
+        states[0][:, self._index] = motion.q @ self._ties.T + self._offsets
+        states[1][:, self._index] = motion.qd @ self._ties.T
+        return states[:2]
+
+    def _with_springs(self, t: Array, states: Array, torque: Array, starts: Flags) -> Array | None:
+        """Return states (2, k, all) with springs that carry the joints' torque (k, joints)."""
+        if not self.has_modes:
+            return None
+        modal = np.zeros((2, len(t), len(self.whole.names)))
+        springs = np.zeros((2, len(t), len(self._springs.rate)))
+        before = self._last_spring
+        for k in range(len(t) if len(self._behind) else 0):
+            if starts[k]:
+                self._springs.reset()
+            self._springs.follow(torque[k, self._behind], t[k] - before)
+            springs[:, k], before = (self._springs.deflection, self._springs.rate), t[k]
+        self._last_spring = float(t[-1])
+        self.whole.write(states, springs, modal)
+        return modal
 
     def states(self, t: Array, motion: SmoothedMotion, starts: Flags) -> tuple[Array, Array]:
         """Return the best model's states and torque of the next rows, and nothing else.

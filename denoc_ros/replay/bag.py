@@ -106,7 +106,8 @@ def replay_bag(
     output : str or Path, optional
         A new bag: all that was recorded, byte by byte, with the topics `/replay/rigid/effort`
         and, for flexible robots, `/replay/flexible/effort`, `/replay/tip_deflection` and
-        `/replay/modal_state` beside it. None: nothing is written.
+        `/replay/modal_state` beside it (the last with elastic joints as well). None: nothing is
+        written.
     settings : ReplaySettings, optional
         How.
     progress : callable, optional
@@ -201,8 +202,9 @@ class _Work:
     def topics(self) -> tuple[str, ...]:
         """What is written beside the recorded topics."""
         efforts = [f'{PREFIX}{model}/effort' for model in self._model.models]
-        further = [f'{PREFIX}tip_deflection', f'{PREFIX}modal_state'] if self._names else []
-        return (*efforts, *further)
+        tips = [f'{PREFIX}tip_deflection'] if self._names else []
+        modal = [f'{PREFIX}modal_state'] if self._model.has_modes else []
+        return (*efforts, *tips, *modal)
 
     def messages(self) -> Iterator[Message]:
         """Go through the bag; yield what is computed for each joint state, by log time."""
@@ -316,7 +318,7 @@ class _Work:
         motion, full = ('position', 'velocity'), ('position', 'velocity', 'effort')
         names = {
             f'{PREFIX}tip_deflection': (self._names, motion),
-            f'{PREFIX}modal_state': (self._robot.coordinate_names, motion),
+            f'{PREFIX}modal_state': (self._model.whole.names, motion),
         }
         return {
             topic: JointStateMessage(*names.get(topic, (self.plan.joints, full)))
@@ -332,9 +334,10 @@ def _encoded(
     values: dict[str, tuple[Array, ...]] = {
         f'{PREFIX}{model}/effort': (*motion, torque) for model, torque in torques.models.items()
     }
-    if torques.deflection is not None and torques.amplitudes is not None:
+    if torques.deflection is not None:
         values[f'{PREFIX}tip_deflection'] = tuple(torques.deflection)
-        values[f'{PREFIX}modal_state'] = tuple(torques.amplitudes)
+    if torques.modal is not None:
+        values[f'{PREFIX}modal_state'] = tuple(torques.modal)
     for k, (stamp_ns, log_ns) in enumerate(
         zip(block.stamp_ns.tolist(), block.log_ns.tolist(), strict=True)
     ):

@@ -41,9 +41,12 @@ def test_states_effort_and_estimates_mean_the_side_that_is_measured(
     np.testing.assert_allclose(states[-1].position, q[::2] + behind * q[1::2], atol=1e-7)
     weight = -whole.stiffness[1::2] * q[1::2]  # the gears carry it; braked motors give nothing
     np.testing.assert_allclose(states[-1].effort, behind * weight, atol=0.02)
+    assert tuple(estimates[-1].name) == whole.coordinate_names
+    estimate = np.array(estimates[-1].position)
+    np.testing.assert_allclose(estimate, q, atol=1e-6)  # the motors' sides and the springs
     names = ('shoulder', 'elbow') if side == 'link' else whole.coordinate_names
-    assert tuple(estimates[-1].name) == predictor.robot.coordinate_names == names
-    tip = predictor.robot.frame_pose('tool', np.array(estimates[-1].position))
+    assert predictor.robot.coordinate_names == names
+    tip = whole.frame_pose('tool', estimate)
     np.testing.assert_allclose(tip, whole.frame_pose('tool', q), atol=1e-6)
     feedforward = graph.add(FeedforwardNode, parameters=given)  # releases the brake
     assert feedforward.robot.coordinate_names == names
