@@ -21,6 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.base import DenocNode
+from denoc_ros.nodes.buffers import release_buffers
 from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.nodes.sockets import use_sockets
 from denoc_ros.runtime.signals import SIGNALS, Interrupted
@@ -64,6 +65,7 @@ def run(
     _show_log()
     if not shared_memory:
         use_sockets()
+    release_buffers()
     try:
         # rclpy's own handlers would end the context before the safe command is out
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)

@@ -9,7 +9,7 @@ cost the same processor time.
 from __future__ import annotations
 
 import os
-from collections.abc import MutableMapping
+from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 
 LOCALHOST = Path(__file__).with_name('sockets.xml')
@@ -37,12 +37,8 @@ def use_sockets(
     With discovery on localhost rmw_fastrtps adds shared memory whatever is asked. So the node's
     own profile says then what localhost means, and discovery is left to it.
     """
-    if middleware is None:
-        from rclpy import get_rmw_implementation_identifier  # which tests without ROS have not
-
-        middleware = str(get_rmw_implementation_identifier())
-    chosen = any(environment.get(name) for name in (TRANSPORTS, PROFILES))
-    if chosen or IMPLICIT_PROFILES.exists() or not middleware.startswith('rmw_fastrtps'):
+    chosen = environment.get(TRANSPORTS) or has_profiles(environment)
+    if chosen or not is_fast_dds(middleware):
         return
     if not _localhost(environment):
         environment[TRANSPORTS] = 'UDPv4'
@@ -50,6 +46,20 @@ def use_sockets(
         environment[PROFILES] = str(LOCALHOST)
         environment[RANGE] = 'SYSTEM_DEFAULT'
         environment.pop(ONLY, None)
+
+
+def is_fast_dds(middleware: str | None = None) -> bool:
+    """Return whether the middleware, default that in use, is Fast DDS."""
+    if middleware is None:
+        from rclpy import get_rmw_implementation_identifier  # which tests without ROS have not
+
+        middleware = str(get_rmw_implementation_identifier())
+    return middleware.startswith('rmw_fastrtps')
+
+
+def has_profiles(environment: Mapping[str, str]) -> bool:
+    """Return whether a file of profiles has been chosen."""
+    return bool(environment.get(PROFILES)) or IMPLICIT_PROFILES.exists()
 
 
 def _localhost(environment: MutableMapping[str, str]) -> bool:

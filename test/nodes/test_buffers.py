@@ -1,0 +1,117 @@
+"""What messages take of a node's memory is given back once they are read."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from rclpy.duration import Duration
+from std_msgs.msg import String
+
+from denoc_ros.nodes.buffers import BUFFERS, FROM_PROFILES, release_buffers
+from denoc_ros.nodes.sockets import LOCALHOST, PROFILES, RANGE, TRANSPORTS, use_sockets
+
+FASTRTPS = 'rmw_fastrtps_cpp'
+MESSAGES, SIZE = 200, 50_000  # bytes each: one datagram, so that none waits for its fragments
+# a process that reads, when told to, what waits, and prints how many and the heap in use
+LISTENER = """
+import ctypes, sys, rclpy
+from denoc_ros.errors import DenocError
+from denoc_ros.nodes.base import EVERY_MESSAGE
+from denoc_ros.nodes.process import run
+from std_msgs.msg import String
+
+FIELDS = 'arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost'
+class Heap(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_size_t) for name in FIELDS.split()]
+libc = ctypes.CDLL(None)
+libc.mallinfo2.restype = Heap
+
+def listen():
+    node = rclpy.create_node('listener')
+    subscription = node.create_subscription(String, 'large', print, EVERY_MESSAGE, raw=True)
+    for _ in sys.stdin:
+        count = 0
+        while subscription.handle.take_message(String, True):
+            count += 1
+        heap = libc.mallinfo2()
+        print(count, heap.uordblks + heap.hblkhd, flush=True)
+    node.destroy_node()
+    raise DenocError('over')
+
+sys.exit(run(listen, [], shared_memory=sys.argv[1] == 'shared'))
+"""
+
+
+@pytest.mark.parametrize(
+    ('given', 'changed'),
+    [
+        ({}, {TRANSPORTS: 'UDPv4', PROFILES: str(BUFFERS), FROM_PROFILES: '1'}),
+        ({TRANSPORTS: 'DEFAULT'}, {PROFILES: str(BUFFERS), FROM_PROFILES: '1'}),
+        (
+            {RANGE: 'LOCALHOST'},
+            {PROFILES: str(LOCALHOST), RANGE: 'SYSTEM_DEFAULT', FROM_PROFILES: '1'},
+        ),
+        ({PROFILES: 'mine.xml'}, {}),
+        ({FROM_PROFILES: '0', TRANSPORTS: 'DEFAULT'}, {}),
+    ],
+)
+def test_profiles_of_the_user_stay(given: dict[str, str], changed: dict[str, str]) -> None:
+    environment = dict(given)
+    for _ in range(2):  # as a process does whose parent did
+        use_sockets(environment, FASTRTPS)
+        release_buffers(environment, FASTRTPS)
+        assert environment == given | changed
+
+
+def test_other_middleware_is_left_alone() -> None:
+    environment: dict[str, str] = {}
+    release_buffers(environment, 'rmw_cyclonedds_cpp')
+    assert environment == {}
+
+
+def test_both_profiles_say_the_same_of_readers_and_writers() -> None:
+    def endpoints(file: Path) -> list[bytes]:
+        profiles = ElementTree.parse(file).getroot()
+        return [ElementTree.tostring(p).strip() for p in profiles if 'data_' in p.tag]
+
+    assert len(endpoints(BUFFERS)) == 2
+    assert endpoints(LOCALHOST) == endpoints(BUFFERS)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('transport', ['sockets', 'shared'])
+def test_memory_of_large_messages_is_given_back(graph: Any, transport: str) -> None:
+    """Each place of the history kept the largest message it ever held: 10 MB here."""
+    listener = subprocess.Popen(
+        [sys.executable, '-c', LISTENER, transport],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    said = listener.stdout
+    assert said is not None
+
+    def heap_after(size: int) -> int:
+        """Return the listener's heap [bytes] once it has read messages of so many bytes."""
+        for _ in range(MESSAGES):
+            publisher.publish(String(data='x' * size))
+        assert publisher.wait_for_all_acked(Duration(seconds=60))
+        print('read', file=listener.stdin, flush=True)
+        count, heap = map(int, said.readline().split())
+        assert count == MESSAGES
+        return heap
+
+    try:
+        publisher = graph.publisher(String, 'large', MESSAGES)
+        before = heap_after(10)
+        assert heap_after(SIZE) - before < 0.2 * MESSAGES * SIZE  # what else came meanwhile
+        listener.communicate(timeout=60.0)
+    finally:
+        listener.kill()
+        listener.wait(20.0)
+    assert listener.returncode == 1  # DenocError: it went through the end of a node
