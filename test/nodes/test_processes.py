@@ -81,7 +81,7 @@ def test_a_signal_ends_with_the_safe_command_and_status_0(
         states.publish(JointState(name=JOINTS, position=[0.4, -0.7]))
         return len(commands) > 10
 
-    graph.until(carried, timeout=30.0)
+    graph.until(carried)
     process.send_signal(number)
     graph.until(lambda: process.poll() is not None)
     graph.spin(0.1)
@@ -97,7 +97,7 @@ def test_a_signal_ends_with_the_safe_command_and_status_0(
 def test_a_plant_ends_cleanly_on_sigterm(graph: Any, start: Any, urdf: str) -> None:
     states = graph.collect(JointState, '/joint_states')
     process = start('plant', f'urdf_path:={urdf}', 'update_rate:=100')
-    graph.until(lambda: len(states) > 10, timeout=30.0)
+    graph.until(lambda: len(states) > 10)
     process.send_signal(signal.SIGTERM)
     _, errors = process.communicate(timeout=10)
     assert process.returncode == 0, errors
