@@ -85,6 +85,7 @@ class TorqueFeedforward:
 
     A base that floats reacts: it starts with a total momentum of zero and moves freely. With the
     flexible model it is integrated with the amplitudes, with the others its momentum stays zero.
+    Of a robot that drifts or tumbles, give the measured twist of the base before each update.
     As the whole robot falls freely, nothing has a weight: amplitudes start undeformed.
 
     Attributes
@@ -157,6 +158,17 @@ class TorqueFeedforward:
         if not (np.isfinite(self.q).all() and np.isfinite(self.qd).all()):
             self.q[:], self.qd[:] = self.motion.posture, 0.0
 
+    def move_floating_base(self, twist: Array | None) -> None:
+        """Take the measured twist (6,) of a base that floats: how it moves now.
+
+        Parameters
+        ----------
+        twist : (6,) array or None
+            Velocity of the base's origin and angular velocity [m/s, rad/s], in the axes of the
+            link on the floating joint. None: nothing is measured, the momentum is zero.
+        """
+        self._base.twist = twist
+
     def adopt(self, other: TorqueFeedforward) -> None:
         """Go on from another's amplitudes, if they are as many (a changed model of one robot)."""
         if other.q.shape == self.q.shape and other._moves and self._moves and other._settled:
@@ -197,6 +209,8 @@ class TorqueFeedforward:
         if self._moves and self._settled and 0.0 <= elapsed <= LONGEST_GAP:
             self._integrate(qdd, elapsed)
             self._place(q, qd, qdd)
+            if self._base.floats and self._base.twist is not None:
+                self._base.rates(self.q, self.qd)
         else:
             self._place(q, qd, qdd)
             self._start()

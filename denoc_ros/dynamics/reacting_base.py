@@ -1,4 +1,4 @@
-"""How a floating base moves as the rest of the robot is moved: it keeps the momentum at zero."""
+"""How a floating base moves as the rest of the robot is moved: the robot keeps its momentum."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
+from denoc_ros.dynamics.rotations import left_jacobians, rotations
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
 
@@ -24,11 +25,17 @@ class ReactingBase:
     robot : Robot
         Its workspace is used: do not share it with another thread.
 
+    Attributes
+    ----------
+    twist : (6,) array or None
+        Measured velocity of the base's origin and angular velocity, in the axes of the link on
+        the floating joint; None: the momentum is zero.
+
     Notes
     -----
     With b the base and r the rest: I_bb q'_b = -I_br q'_r is a momentum of zero, and
     I_bb q''_b = -(I_br q''_r + h_b) are equations of motion without forces on the base. A momentum
-    that is not zero adds a uniform motion and a spin of the whole robot.
+    that is not zero adds a uniform motion and a spin of the whole robot: the twist tells it.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -37,6 +44,7 @@ class ReactingBase:
         self._rest = np.setdiff1d(np.arange(robot.n), self.index)
         self._inertia = np.zeros((robot.n, robot.n))
         self._force = np.zeros(robot.n)
+        self.twist: Array | None = None
 
     @property
     def floats(self) -> bool:
@@ -52,7 +60,13 @@ class ReactingBase:
             )
 
     def rates(self, q: Array, qd: Array) -> None:
-        """Write the base's rates into qd (n,) so that the momentum is zero."""
+        """Write the base's rates into qd (n,): the measured ones, else those of no momentum."""
+        if self.twist is not None:
+            phi = q[self.index[ATTITUDE]]
+            turn, turning = rotations(phi), left_jacobians(phi)
+            qd[self.index[:3]] = turn @ self.twist[:3]
+            qd[self.index[ATTITUDE]] = np.linalg.solve(turning, turn @ self.twist[3:])
+            return
         inertia = self.robot.inertia_matrix(q, out=self._inertia, check=False)[self.index]
         momentum = inertia[:, self._rest] @ qd[self._rest]
         qd[self.index] = -np.linalg.solve(inertia[:, self.index], momentum)

@@ -53,6 +53,7 @@ class FeedforwardNode(LiveFeedforward):
     def prepare(self) -> None:
         """Build the torque, what guards it, and all messages; run each once."""
         settings, name = self.settings, self.get_fully_qualified_name()
+        self.require_twist()
         self.joints = driven_joints(self.robot, settings.texts('joints'), name)
         n = len(self.joints)
         try:
@@ -250,8 +251,13 @@ class FeedforwardNode(LiveFeedforward):
 
     def _move_base(self, time: float) -> None:
         """Let the model's base move as measured, carried on to a time."""
-        if self.base.used:
-            self.torque.source.robot.move_base(self.base.at(time))
+        if not self.base.used:
+            return
+        motion, source = self.base.at(time), self.torque.source
+        if self.drifts and len(source.robot.base_indices):
+            source.move_floating_base(None if motion is None else motion.twist)
+        else:
+            source.robot.move_base(motion)
 
     def _trouble(self, now: float) -> str:
         """Return why the reference may not be followed, '' if it may."""

@@ -8,6 +8,7 @@ from std_srvs.srv import SetBool
 
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError
 from denoc_ros.model.overrides import FAMILIES
 from denoc_ros.nodes.model_node import is_override
 from denoc_ros.nodes.robot_node import RobotNode
@@ -24,6 +25,7 @@ from denoc_ros.runtime.status import Status
 from denoc_ros.runtime.torque_status import TorqueStatus
 from denoc_ros.types import Array
 
+TWISTS = ('odometry', 'odometry_accel', 'imu')  # what measures how a base turns
 WATCH_PERIOD = 0.02  # s between looks at what the feedback needs gains for
 
 
@@ -70,9 +72,27 @@ class LiveFeedforward(RobotNode):
         return self.settings.text('base') == 'free_flying'
 
     @property
+    def drifts(self) -> bool:
+        """Whether a base that floats reacts from a measured twist."""
+        return self.settings.text('base') == 'drifting'
+
+    @property
     def holds_base(self) -> bool:
         """Whether the base's motion is measured, or none."""
-        return self.flies or self.settings.text('base_motion') != 'off'
+        return self.flies or (self.settings.text('base_motion') != 'off' and not self.drifts)
+
+    def require_twist(self) -> None:
+        """Refuse a base that drifts where nothing measures how it turns.
+
+        Raises
+        ------
+        ConfigError
+            With what may.
+        """
+        source = self.settings.text('base_motion')
+        if self.drifts and source not in TWISTS:
+            rule = f"must be one of {', '.join(TWISTS)} where 'base' is drifting, got {source!r}"
+            raise ConfigError(self.get_fully_qualified_name(), [f"parameter 'base_motion' {rule}"])
 
     def floating_robot(self, settings: Settings) -> Robot | None:
         """Return the robot whose base would float, if thrusters hold it."""

@@ -44,10 +44,11 @@ TABLE = ParameterTable(
             'base',
             Kind.STRING,
             'free_floating',
-            'a floating base: free_floating (it reacts to the arm) or free_flying (thrusters hold '
-            'it; the required wrench goes to `~/base_wrench`); a measured `base_motion` '
-            'overrides both',
-            choices=('free_floating', 'free_flying'),
+            'a floating base: free_floating (it reacts to the arm, without momentum), drifting '
+            '(it reacts; `base_motion` measures its twist) or free_flying (thrusters hold it; the '
+            'required wrench goes to `~/base_wrench`); with the first and the last, a measured '
+            '`base_motion` is that of a known base',
+            choices=('free_floating', 'drifting', 'free_flying'),
         ),
         *(
             Parameter(f'terms.{name}', Kind.BOOL, True, f'include {text}', live=True)

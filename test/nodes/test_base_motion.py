@@ -15,7 +15,9 @@ from nav_msgs.msg import Odometry
 from node_robots import GRAVITY, JOINTS, two_links
 from sensor_msgs.msg import Imu, JointState
 
+from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.nodes.feedforward import FeedforwardNode
 from denoc_ros.nodes.plant import PlantNode
 from denoc_ros.nodes.predictor import PredictorNode
 
@@ -193,6 +195,43 @@ def test_a_free_floating_base_falls_and_asks_for_no_torque(
     bench.follow(*_hold([0.3, -0.5]))
     bench.until(lambda: bench.cause == 'following')
     bench.until(lambda: bool(np.abs(bench.commands[-1].data).max() < 1e-6))
+
+
+def test_a_base_that_drifts_turns_as_its_imu_says(graph: Any, adrift: str) -> None:
+    """The base reacts, and centrifugal forces of its measured turn act on the arm."""
+    bench = FeedforwardBench(
+        graph, adrift, base='drifting', base_motion='imu', base_motion_timeout=0.5,
+        enforce_command_limits=False, max_delta_tau=1e3,
+    )  # fmt: skip
+    bench.until(lambda: bench.cause == 'no base_motion yet')
+    publisher = graph.publisher(Imu, 'base_motion')
+    posture = [0.3, -0.5]
+    bench.follow(*_hold(posture))
+    robot = load_robot(adrift, gravity=GRAVITY)
+    q, qd, qdd = np.zeros((3, robot.n))
+    q[robot.joint_indices] = posture
+    base = ReactingBase(robot)
+    base.twist = np.array([0.0, 0.0, 0.0, *RATE])
+    base.rates(q, qd)
+    base.accelerations(q, qd, qdd)
+    wanted = robot.inverse_dynamics(q, qd, qdd)[robot.joint_indices]
+    assert np.abs(wanted).min() > 0.02
+
+    def arrived() -> bool:
+        return bool(bench.commands and np.allclose(bench.commands[-1].data, wanted, rtol=1e-4))
+
+    # what the IMU feels of gravity and of the arm's pull does not matter
+    feed(bench, publisher, imu, arrived)
+    bench.until(lambda: bench.cause == 'stale base_motion')
+
+
+def test_a_base_that_drifts_must_be_measured(graph: Any, adrift: str) -> None:
+    given = {'urdf_path': adrift, 'base': 'drifting', 'base_motion': 'accel'}
+    node = graph.add(FeedforwardNode, parameters=given, start=False)
+    node.trigger_configure()
+    assert node.state == 'unconfigured'
+    rule = "parameter 'base_motion' must be one of odometry, odometry_accel, imu where 'base' is"
+    assert f"{rule} drifting, got 'accel'" in node.failure
 
 
 def test_a_plant_afloat_says_how_its_base_moves(graph: Any, adrift: str) -> None:
