@@ -17,11 +17,14 @@ ifdef AMENT_PREFIX_PATH
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 endif
 
+# a file's tests share what they need; test/conftest.py has the order of files
+LONGEST_FIRST := --dist loadfile --no-loadscope-reorder
+
 BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint bench mechanisms rates soak siege longbag fuzz load watched requests bounds identification longload ends peers readme counts venv clean
+.PHONY: demo test check browser lint style types bench mechanisms rates soak siege longbag fuzz load watched requests bounds identification longload ends peers readme counts venv clean
 
 venv: $(STAMP)
 
@@ -35,22 +38,33 @@ $(STAMP): setup.py package.xml constraints.txt
 demo: $(STAMP)
 	$(BIN)/denoc up config/tip.yaml
 
-lint: $(STAMP)
+lint: style types
+
+style: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+
+types: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
 check: lint
-	$(BIN)/pytest -m 'not ros' --numprocesses auto --dist loadfile
+	$(BIN)/pytest -m 'not ros' --numprocesses auto $(LONGEST_FIRST)
 
-# what has no nodes runs on all cores; of nodes, which wait most of the time, two files at a time;
-# loops that are held to time have the machine to themselves
-test: lint browser
+# what has no nodes runs on all cores; of nodes, which wait some of the time, three files at a time;
+# a minute of siege has ends of nodes, types and layers beside it; loops that are held to time have
+# the machine to themselves
+test: style browser
 	@status=0; \
-	$(BIN)/pytest -m 'not ros' --numprocesses auto --dist loadfile || status=1; \
-	$(BIN)/pytest -m 'ros and not alone' --numprocesses 2 --dist loadfile || status=1; \
-	$(BIN)/pytest -m alone || status=1; \
+	$(BIN)/pytest -m 'not ros' --numprocesses auto $(LONGEST_FIRST) || status=1; \
+	$(BIN)/pytest -m 'ros and not alone' --numprocesses 3 $(LONGEST_FIRST) || status=1; \
+	mkdir -p $(ROS_LOG_DIR); \
+	$(BIN)/pytest -m alone -k test_siege > $(ROS_LOG_DIR)/siege.txt 2>&1 & siege=$$!; \
+	$(BIN)/pytest -m alone -k test_ends || status=1; \
+	nice -n 19 $(MAKE) --no-print-directory types || status=1; \
+	wait $$siege || status=1; \
+	cat $(ROS_LOG_DIR)/siege.txt; \
+	$(BIN)/pytest -m alone -k 'not (test_siege or test_ends)' || status=1; \
 	exit $$status
 
 # the viewer's page is tested in a real browser

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 from collections.abc import Iterator
@@ -17,6 +18,23 @@ from simulated_bags import SimulatedBag, make_simulated_bag
 settings.register_profile('unhurried', deadline=None)
 settings.load_profile('unhurried')
 
+HERE = Path(__file__).resolve().parent
+
+# files that take longest, so that none of them is begun last (`--no-loadscope-reorder`)
+LONGEST = (
+    'bench/test_bench.py',
+    'identification/model/test_blind_truth.py',
+    'nodes/test_up.py',
+    'test_docs.py',
+    'nodes/test_shaper.py',
+    'nodes/test_processes.py',
+    'nodes/test_recorder_process.py',
+    'nodes/test_ends.py',
+    'runtime/test_gain_worker.py',
+    'nodes/test_two_robots.py',
+    'nodes/test_shaper_up.py',
+)
+
 SOURCES = (
     'LICENSE',
     'README.md',
@@ -30,6 +48,29 @@ SOURCES = (
     'setup.cfg',
     'setup.py',
 )
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out files that have no test of those asked for by `-m`: their imports take seconds.
+
+    A file's own words say which markers it has.
+    """
+    asked = re.fullmatch(r'not ros|ros and not alone|alone', str(config.getoption('markexpr')))
+    if asked is None or not collection_path.name.startswith('test_') or collection_path.is_dir():
+        return None
+    words = collection_path.read_text('utf-8')
+    if asked[0] == 'not ros':
+        return True if re.search(r'^pytestmark = .*mark\.ros\b', words, re.M) else None
+    return None if f'mark.{asked[0].split()[0]}' in words else True
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take longest."""
+    missing = [name for name in LONGEST if not (HERE / name).is_file()]
+    if missing:
+        raise pytest.UsageError(f'LONGEST must name files, got {missing}')
+    first = {HERE / name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: first.get(item.path, len(first)))
 
 
 @pytest.fixture(scope='session', autouse=True)

@@ -8,7 +8,6 @@ from bench.request_lateness import PERCENTILES, SHARES, Found, lateness
 
 
 @pytest.mark.ros
-@pytest.mark.alone
 def test_requests_are_answered_beside_loops_that_go_on() -> None:
     found = lateness(2.0 / 60.0, 2.0)
     # how many, and how late the ticks are, is judged by `make requests`: the machine may be loaded

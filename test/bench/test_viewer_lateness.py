@@ -8,7 +8,6 @@ from bench.viewer_lateness import KINDS, LOOPS, Blocks, lateness
 
 
 @pytest.mark.ros
-@pytest.mark.alone
 def test_a_client_gets_updates_of_the_ssrms_beside_its_loops() -> None:
     found = lateness(1.0, 1, ('feedforward',))
     record = found.record()

@@ -179,6 +179,7 @@ def test_thrusters_hold_a_base_that_would_float(graph: Any, adrift: str) -> None
         got = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
         return bool(np.allclose(got, wanted, atol=1e-6))
 
+    bench.until(lambda: wrenches and bench.commands)
     bench.until(arrived)
     assert wrenches[-1].header.frame_id == 'base'
     bench.until(lambda: np.allclose(bench.commands[-1].data, tau[robot.joint_indices], atol=1e-6))

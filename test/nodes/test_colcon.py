@@ -68,7 +68,7 @@ def overlay(workspace: Path, repository: Path) -> dict[str, str]:
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=30.0,
+        timeout=60.0,
         check=True,
     )
     return dict(entry.split('=', 1) for entry in listed.stdout.split('\0') if entry)
@@ -127,7 +127,7 @@ def test_workspace_comes_before_other_installations(
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=30.0,
+        timeout=60.0,
         check=True,
     )
     prefix = workspace / 'install' / 'denoc_ros'
@@ -160,7 +160,7 @@ def test_bad_parameter_ends_the_node_with_its_message(
 ) -> None:
     command = [str(executable(workspace, 'recorder')), '--ros-args', '-p', 'flush_period:=-1.0']
     with running(command, overlay) as process:
-        message = process.communicate(timeout=30.0)[1]
+        message = process.communicate(timeout=60.0)[1]
     assert process.returncode == 1
     assert "parameter 'flush_period' must be > 0, <= 60 s, got -1.0" in message
     assert 'Traceback' not in message

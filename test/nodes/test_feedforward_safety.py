@@ -122,7 +122,7 @@ def test_a_reloaded_model_brings_its_effort_limits_without_a_jump(bench: Any, ur
     Path(urdf).write_text(two_links().replace('effort="80"', 'effort="20"'))
     reply = arm.call(Trigger, 'reload_model', Trigger.Request())
     assert reply.success, reply.message
-    arm.until(lambda: np.abs(arm.effort[-1].effort).max() <= 20.0)
+    arm.until(lambda: arm.effort and np.abs(arm.effort[-1].effort).max() <= 20.0)
     torque = np.array([m.effort for m in arm.effort])
     first = int(np.argmax(torque[:, 0] == torque[:, 0].max()))
     assert np.abs(np.diff(torque[first:], axis=0)).max() <= 2.0 + 1e-12
@@ -227,7 +227,7 @@ def test_a_tick_that_fails_sends_what_left_last_and_the_loop_goes_on(
 ) -> None:
     arm = bench()
     arm.hold(POSTURE)
-    arm.until(lambda: list(arm.effort[-1].position) == POSTURE)
+    arm.until(lambda: arm.effort and list(arm.effort[-1].position) == POSTURE)
     held = list(arm.effort[-1].effort)
 
     def fail(*_: Any) -> None:
@@ -269,7 +269,9 @@ def test_a_failing_model_is_left_alone_and_the_safe_command_goes_out(
     arm.until(lambda: len(calls) >= 3)
     # 20 ms of each 200: a tick in forty
     assert np.diff(calls).min() > 0.15
-    arm.until(lambda: np.allclose(arm.effort[-1].effort, arm.inverse(POSTURE), atol=1e-2))
+    arm.until(
+        lambda: arm.effort and np.allclose(arm.effort[-1].effort, arm.inverse(POSTURE), atol=1e-2)
+    )
     monkeypatch.undo()
     arm.until(lambda: arm.cause == 'following')
 

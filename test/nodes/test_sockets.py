@@ -80,5 +80,5 @@ def test_a_sender_without_shared_memory_is_heard_by_a_listener_with(ros_domain: 
         assert heard.stdout == 'heard\n'
     finally:
         sender.kill()
-        said, _ = sender.communicate(timeout=20.0)
+        said, _ = sender.communicate(timeout=60.0)
     assert said == 'False\n'
