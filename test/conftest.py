@@ -22,17 +22,24 @@ HERE = Path(__file__).resolve().parent
 
 # files that take longest, so that none of them is begun last (`--no-loadscope-reorder`)
 LONGEST = (
+    'identification/model/test_measured_channels.py',
+    'identification/model/test_excitation.py',
+    'identification/model/test_identified_models.py',
+    'identification/model/test_followed_vibration.py',
     'bench/test_bench.py',
-    'identification/model/test_blind_truth.py',
     'nodes/test_up.py',
     'test_docs.py',
     'nodes/test_shaper.py',
     'nodes/test_processes.py',
     'nodes/test_recorder_process.py',
     'nodes/test_ends.py',
+    'bench/test_viewer_lateness.py',
+    'bench/test_request_lateness.py',
     'runtime/test_gain_worker.py',
     'nodes/test_two_robots.py',
     'nodes/test_shaper_up.py',
+    'reports/test_pages.py',
+    'identification/model/test_blind_truth.py',
 )
 
 SOURCES = (
