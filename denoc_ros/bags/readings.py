@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.bags.reader import bag_topics, read_bag
+from denoc_ros.bags.reader import Stamp, bag_topics, read_bag
 from denoc_ros.bags.series import elapsed
 from denoc_ros.errors import BagError
 from denoc_ros.types import Array
@@ -21,6 +21,7 @@ TYPES = (
     'sensor_msgs/msg/JointState',
     'geometry_msgs/msg/WrenchStamped',
 )
+ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
 def read_readings(
@@ -133,6 +134,50 @@ def read_poses(path: str | Path, topic: str) -> tuple[NDArray[np.int64], Array]:
         stamps.append(item.stamp_ns)
         values.append([at.x, at.y, at.z, turned.x, turned.y, turned.z, turned.w])
     return np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64).reshape(-1, 7)
+
+
+def read_odometry(
+    path: str | Path, topic: str, stamp: Stamp = 'header'
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return stamps [ns], poses (k, 7) and twists (k, 6) of an Odometry.
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag that `read_bag` reads.
+    topic : str
+        Of nav_msgs/Odometry; a relative one is that of the robot's namespace.
+    stamp : {'header', 'log'}
+        As `read_bag`.
+
+    Returns
+    -------
+    stamps : (k,) array
+    poses : (k, 7) array
+        Positions [m] with quaternions x, y, z, w.
+    twists : (k, 6) array
+        Velocities and angular velocities [m/s, rad/s], in the axes of the child frame.
+
+    Raises
+    ------
+    BagError
+        As `read_bag`; also for a topic that is not there, or of another type.
+    """
+    stamps, poses, twists = [], [], []
+    topic = resolved(topic, bag_topics(path))
+    for item in read_bag(path, [topic], stamp):
+        if item.type != ODOMETRY:
+            raise BagError(f'{path}: topic {topic} must be {ODOMETRY}, got {item.type}')
+        pose, twist = item.message.pose.pose, item.message.twist.twist
+        at, turned = pose.position, pose.orientation
+        stamps.append(item.stamp_ns)
+        poses.append([at.x, at.y, at.z, turned.x, turned.y, turned.z, turned.w])
+        twists.append([getattr(v, axis) for v in (twist.linear, twist.angular) for axis in 'xyz'])
+    return (
+        np.array(stamps, dtype=np.int64),
+        np.array(poses, dtype=np.float64).reshape(-1, 7),
+        np.array(twists, dtype=np.float64).reshape(-1, 6),
+    )
 
 
 def resolved(topic: str, topics: Iterable[str]) -> str:

@@ -112,6 +112,15 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
         '--effort', default='', metavar='TOPIC', help='take the measured effort from this topic'
     )
     parser.add_argument(
+        '--base',
+        default='',
+        metavar='TOPIC',
+        help=(
+            'nav_msgs/Odometry with the motion of the base (default: base_motion, where the base '
+            'of the robot floats)'
+        ),
+    )
+    parser.add_argument(
         '--rename',
         action='append',
         default=[],
@@ -153,6 +162,7 @@ def run(args: argparse.Namespace) -> int:
         topic=args.topic,
         joints=tuple(args.joint),
         effort=args.effort,
+        base=args.base,
         rename=_renames(args.rename),
         derivative=args.derivative,
         cutoff=args.cutoff,

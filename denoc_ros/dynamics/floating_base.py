@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.robot_model import RobotModel
-from denoc_ros.dynamics.rotations import left_jacobians, rotation_vectors
+from denoc_ros.dynamics.rotations import left_jacobians, rotation_vectors, rotations
 from denoc_ros.dynamics.validation import as_states, as_vector, same_rows
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
@@ -94,6 +94,29 @@ class FloatingBase(RobotModel):
         rate = np.linalg.solve(left_jacobians(phi), turn.T @ motion[3:])
         position = turn.T @ (wanted[:3, 3] - placement[:3, 3])
         return np.append(position, phi), np.append(turn.T @ motion[:3], rate)
+
+    def base_odometry(self, q: ArrayLike, qd: ArrayLike) -> tuple[Array, Array]:
+        """Return pose (4, 4) and twist (6,) of the base, as an Odometry message has them.
+
+        Parameters
+        ----------
+        q, qd : (n,)
+
+        Returns
+        -------
+        pose : (4, 4)
+            Of the base link in the URDF's root frame.
+        twist : (6,) [m/s, rad/s]
+            Velocity of its origin and angular velocity, along its own axes.
+        """
+        placement = self._require_base()
+        state, rate = as_vector('q', q, (self.n,)), as_vector('qd', qd, (self.n,))
+        index = self.base_indices
+        phi, turning = state[index[ATTITUDE]], rate[index[ATTITUDE]]
+        pose, turn = np.eye(4), rotations(phi)
+        pose[:3, :3] = placement[:3, :3] @ turn
+        pose[:3, 3] = placement[:3, :3] @ state[index[:3]] + placement[:3, 3]
+        return pose, np.append(rate[index[:3]] @ turn, left_jacobians(phi) @ turning @ turn)
 
     def base_wrench(self, q: ArrayLike, tau: ArrayLike) -> Array:
         """Return the wrench (6,) on the base link that equals generalized forces (n,).

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from denoc_ros.dynamics.base_motion import BaseMotion
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.gear_springs import GearSprings
@@ -15,6 +16,7 @@ from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ModelError
+from denoc_ros.estimation.base_record import BaseRecord
 from denoc_ros.estimation.hidden_springs import WholeCoordinates
 from denoc_ros.estimation.joint_friction import JointFriction
 from denoc_ros.estimation.joint_motion import SmoothedMotion
@@ -70,11 +72,13 @@ class TorqueReplay:
         Stands for the damping and friction that the robot's joints have.
     step : float
         Longest step of the integration [s].
+    base : BaseRecord, optional
+        How the base moves, on the clock of the rows; default: it is at rest.
 
     Raises
     ------
     ModelError
-        The robot has loops and flexible links.
+        The robot has loops and flexible links, or loops on a base that moves.
     StateError
         A driven joint is unknown or a mimic; driven joints that leave a mechanism free, or cannot
         move independently of each other.
@@ -89,12 +93,17 @@ class TorqueReplay:
         posture: Array | None = None,
         friction: JointFriction | None = None,
         step: float = 1e-3,
+        base: BaseRecord | None = None,
     ) -> None:
+        if robot.tree.loops and base is not None:
+            loops = [loop.name for loop in robot.tree.loops]
+            rule = f'a robot on a base that moves must have no loops for a replay, got {loops}'
+            raise ModelError(robot.tree.name, [rule])
         if robot.tree.loops and len(robot.flexible_indices):
             loops = [loop.name for loop in robot.tree.loops]
             rule = f'links of a robot with loops must be rigid for a replay, got loops {loops}'
             raise ModelError(robot.tree.name, [rule])
-        self._robot = robot.copy()
+        self._robot, self._base = robot.copy(), base
         self._ties, self._offsets, self.joints = mimic_ties(robot, joints, {})
         self._motion = driven_motion(self._robot, self.joints, None, posture, flexible=False)
         self._friction = friction
@@ -145,7 +154,8 @@ class TorqueReplay:
         starts : (k,) bool array
             Where the amplitudes start anew, in equilibrium.
         """
-        parts = self._rigid(motion)
+        base = None if self._base is None else self._base.at(t)
+        parts = self._rigid(motion, base)
         own = parts['friction']
         if self._friction is not None:
             parts['friction'] = self._friction.torque(motion.qd)
@@ -154,7 +164,7 @@ class TorqueReplay:
         if not self._bends:
             modal = self._with_springs(t, self._still(motion), models['rigid'], starts)
             return Torques(parts, models, None, None, modal)
-        flexible, amplitudes, deflection = self._flexible(t, motion, starts)
+        flexible, amplitudes, deflection = self._flexible(t, motion, starts, base)
         rigid_alone = parts['gravity'] + parts['inertia'] + parts['coriolis'] + own
         parts['elastic'] = flexible - rigid_alone
         models['flexible'] = models['rigid'] + parts['elastic']
@@ -222,9 +232,10 @@ class TorqueReplay:
         rest: Array = np.sum(list(kept), axis=0)
         return rest
 
-    def _rigid(self, motion: SmoothedMotion) -> dict[str, Array]:
+    def _rigid(self, motion: SmoothedMotion, base: BaseMotion | None = None) -> dict[str, Array]:
         """Return the terms of the undeformed robot."""
-        terms = self._in_loops(motion) if self._robot.tree.loops else self._in_tree(motion)
+        tree = not self._robot.tree.loops
+        terms = self._in_tree(motion, base) if tree else self._in_loops(motion)
         gravity, moving, whole, friction = terms
         return {
             'gravity': gravity,
@@ -233,7 +244,7 @@ class TorqueReplay:
             'friction': friction,
         }
 
-    def _in_tree(self, motion: SmoothedMotion) -> tuple[Array, ...]:
+    def _in_tree(self, motion: SmoothedMotion, base: BaseMotion | None) -> tuple[Array, ...]:
         """Return the torques at rest, without accelerations, with all, and of friction alone."""
         robot, index = self._robot, self._robot.joint_indices
         q, qd, qdd, zero = np.zeros((4, len(motion.q), robot.n))
@@ -241,7 +252,8 @@ class TorqueReplay:
         qd[:, index] = motion.qd @ self._ties.T
         qdd[:, index] = motion.qdd @ self._ties.T
         forces = [
-            robot.inverse_dynamics(q, *rates) for rates in ((zero, zero), (qd, zero), (qd, qdd))
+            robot.inverse_dynamics(q, *rates, base=base)
+            for rates in ((zero, zero), (qd, zero), (qd, qdd))
         ]
         friction = self._of_model.torque(qd[:, index])
         return (*(force[:, index] @ self._ties for force in forces), friction @ self._ties)
@@ -275,7 +287,7 @@ class TorqueReplay:
         return tuple(terms)
 
     def _flexible(
-        self, t: Array, motion: SmoothedMotion, starts: Flags
+        self, t: Array, motion: SmoothedMotion, starts: Flags, base: BaseMotion | None = None
     ) -> tuple[Array, Array, Array]:
         """Return torques, coordinates with their rates, and deflections of the flexible robot."""
         amplitudes = self._amplitudes(t, motion, starts)
@@ -284,7 +296,7 @@ class TorqueReplay:
             q, qd = amplitudes[:, k]
             self.deflections.evaluate(q, qd, (deflection[0, k], deflection[1, k]))
         qdd = motion.qdd @ self._ties.T
-        torque, _ = self._robot.hybrid_dynamics(amplitudes[0], amplitudes[1], qdd)
+        torque, _ = self._robot.hybrid_dynamics(amplitudes[0], amplitudes[1], qdd, base=base)
         return torque @ self._ties, amplitudes, deflection
 
     def _amplitudes(self, t: Array, motion: SmoothedMotion, starts: Flags) -> Array:
@@ -298,16 +310,26 @@ class TorqueReplay:
             means, slopes = connecting_acceleration(elapsed[:, None], q_before, qd_before, q, qd)
         for k in range(len(t)):
             if starts[k]:
-                self._q[:], self._qd[:] = self._robot.static_deflection(q[k]), 0.0
+                self._start(q[k], t[k])
             else:
-                self._go(elapsed[k], means[k], slopes[k])
+                self._go(t[k], elapsed[k], means[k], slopes[k])
             self._q[self._index], self._qd[self._index] = q[k], qd[k]
             found[:, k] = self._q, self._qd
         self._last = float(t[-1])
         return found
 
-    def _go(self, interval: float, mean: Array, slope: Array) -> None:
-        """Move the amplitudes over an interval, the joints with accelerations linear in time.
+    def _start(self, joints: Array, t: float) -> None:
+        """Begin with the amplitudes in equilibrium; in free fall undeformed."""
+        base, still = self._base, self._robot.static_deflection
+        self._qd[:] = 0.0
+        if base is None or not base.floats:
+            self._q[:] = still(joints, base=None if base is None else base.once(t))
+        else:
+            self._q[:] = 0.0
+            self._q[self._index] = joints
+
+    def _go(self, end: float, interval: float, mean: Array, slope: Array) -> None:
+        """Move the amplitudes over an interval up to a time, joints' accelerations linear in it.
 
         The accelerations make the change of rates and positions exactly, so that errors of
         accelerations at the stamps do not pile up in the amplitudes.
@@ -316,4 +338,7 @@ class TorqueReplay:
         self._stepper.step = interval / steps
         for k in range(steps):
             middle = (k + 0.5) * self._stepper.step - 0.5 * interval
+            if self._base is not None:
+                now = end - 0.5 * interval + middle
+                self._stepper.robot.move_base(self._base.once(now))
             self._stepper.driven(self._q, self._qd, mean + middle * slope)

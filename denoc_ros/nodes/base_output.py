@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 from nav_msgs.msg import Odometry
 
 from denoc_ros.dynamics.robot import Robot
@@ -28,9 +27,6 @@ class BaseOutput:
 
     def __init__(self, node: DenocNode, robot: Robot) -> None:
         (body,) = (body for body in robot.tree.bodies if body.floating)
-        self._link = body.name
-        zero = np.zeros(robot.n)
-        robot.frame_motion(body.name, zero, zero)  # nothing compiles in the loop
         self._message = Odometry()
         root = next(f for f, place in robot.tree.frames.items() if place.body < 0)
         self._message.header.frame_id = root
@@ -39,17 +35,16 @@ class BaseOutput:
 
     def send(self, stamp_ns: int, robot: Robot, q: Array, qd: Array) -> None:
         """Publish the base's motion at a state; the twist is along the base's own axes."""
-        pose, twist = robot.frame_pose(self._link, q), robot.frame_motion(self._link, q, qd)[0]
-        turn = pose[:3, :3]
+        pose, twist = robot.base_odometry(q, qd)
         message = self._message
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
         place, turned = message.pose.pose.position, message.pose.pose.orientation
         place.x, place.y, place.z = pose[:3, 3].tolist()
-        turned.x, turned.y, turned.z, turned.w = quaternion(turn).tolist()
+        turned.x, turned.y, turned.z, turned.w = quaternion(pose[:3, :3]).tolist()
         linear, angular = message.twist.twist.linear, message.twist.twist.angular
-        linear.x, linear.y, linear.z = (twist[:3] @ turn).tolist()
-        angular.x, angular.y, angular.z = (twist[3:] @ turn).tolist()
+        linear.x, linear.y, linear.z = twist[:3].tolist()
+        angular.x, angular.y, angular.z = twist[3:].tolist()
         self._publisher.publish(message)
 
     def close(self, node: DenocNode) -> None:

@@ -12,15 +12,18 @@ import numpy as np
 
 from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, read_raw
+from denoc_ros.bags.readings import read_odometry
 from denoc_ros.bags.writer import BagWriter
+from denoc_ros.dynamics.held_base import held_robot
 from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import BagError
+from denoc_ros.errors import BagError, StateError
+from denoc_ros.estimation.base_record import BaseRecord
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
 from denoc_ros.replay.friction import FrictionFit, FrictionFitter
 from denoc_ros.replay.measures import Agreement, Comparison, Shares
 from denoc_ros.replay.settings import PREFIX, ReplayPlan, ReplaySettings, plan_replay
-from denoc_ros.replay.stream import Block, JointStream
+from denoc_ros.replay.stream import LONGEST_GAP, Block, JointStream
 from denoc_ros.replay.traces import Traces
 from denoc_ros.types import Array
 
@@ -119,25 +122,25 @@ def replay_bag(
         The bag cannot be read or has no joint states of the robot; the output exists or cannot be
         written.
     ModelError
-        The robot has loops and flexible links.
+        The robot has loops and flexible links, or loops on a base that moves.
     StateError, SolverError
-        Joints that leave a mechanism free or are tied to each other; loops that do not close.
+        Joints that leave a mechanism free or are tied to each other; loops that do not close; a
+        base that floats in a way the bag does not tell.
     """
-    robot = measured_robot(robot)
     settings = settings or ReplaySettings()
     work = _Work(Path(bag), robot, settings, progress)
     if output is None:
         for _ in work.messages():
             pass
     else:
-        _write(work, robot, Path(bag), Path(output))
+        _write(work, Path(bag), Path(output))
     return work.result()
 
 
-def _write(work: _Work, robot: Robot, bag: Path, output: Path) -> None:
+def _write(work: _Work, bag: Path, output: Path) -> None:
     with BagWriter(output) as writer:
         try:
-            writer.attach(DESCRIPTION_ATTACHMENT, robot.tree.source)
+            writer.attach(DESCRIPTION_ATTACHMENT, work.description)
             for topic in work.plan.contents.topics:
                 if not topic.name.startswith(PREFIX):
                     writer.add_topic(topic.name, topic.type, topic.qos, topic.definition)
@@ -174,18 +177,24 @@ class _Work:
     def __init__(
         self, bag: Path, robot: Robot, settings: ReplaySettings, progress: Progress | None
     ) -> None:
-        self.plan = plan_replay(bag, robot, settings)
+        floats = len(robot.base_indices) > 0
+        robot = measured_robot(held_robot(robot))
+        self.plan = plan_replay(bag, robot, settings, floats)
+        self._base: BaseRecord | None = None
+        self._base_span = -np.inf, np.inf
         self._settings = settings
         self._progress = progress
         self._passes = 2 if settings.fit_friction else 1
         self._stream = JointStream(self.plan.source, settings.derivative, settings.cutoff)
-        self._robot = robot
         self._origin_ns = -1
+        self._read_base(bag, floats)
+        self._robot = robot
         self._samples = self._motions = 0
         self._duration = 0.0
         self._fit = self._fitted() if settings.fit_friction else None
         friction = None if self._fit is None else self._fit.friction
-        self._model = TorqueReplay(robot, self.plan.joints, self.plan.posture, friction)
+        posture, base = self.plan.posture, self._base
+        self._model = TorqueReplay(robot, self.plan.joints, posture, friction, base=base)
         self._names = self._model.deflections.names
         joints = self.plan.joints
         measured = (MEASURED, *self._model.models)
@@ -197,6 +206,35 @@ class _Work:
         self._deflection_traces = {
             name: Traces(self._names) for name in ('replay', *self.plan.deflections)
         }
+
+    @property
+    def description(self) -> str:
+        """What the robot is that was computed with: a base that moves in a known way is held."""
+        return self._robot.tree.source
+
+    def _read_base(self, bag: Path, floats: bool) -> None:
+        """Read how the base moved, on the clock of the rows."""
+        if not self.plan.base:
+            return
+        settings, where = self._settings, f'{bag}: {self.plan.base}'
+        stamp_ns, poses, twists = read_odometry(bag, self.plan.base, settings.stamp)
+        rising = np.flatnonzero(np.diff(stamp_ns, prepend=-1) > 0)
+        self._origin_ns = int(next(iter(self._stream)).stamp_ns[0])
+        t = np.asarray(1e-9 * (stamp_ns[rising] - self._origin_ns), dtype=np.float64)
+        longest = float(np.diff(t).max(initial=0.0))
+        if longest > LONGEST_GAP:
+            raise BagError(
+                f'{where} must say how the base moves at least every {LONGEST_GAP:g} s, got a '
+                f'gap of {longest:.3g} s'
+            )
+        self._base_span = float(t[0]) - LONGEST_GAP, float(t[-1]) + LONGEST_GAP
+        try:
+            self._base = BaseRecord(
+                t, poses[rising], twists[rising], settings.derivative, settings.cutoff
+            )
+        except StateError as error:
+            raise BagError(f'{where}: {error}') from error
+        self._base.floats = floats
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -247,7 +285,8 @@ class _Work:
 
     def _fitted(self) -> FrictionFit:
         """Go through the bag once for the friction alone."""
-        model = TorqueReplay(self._robot, self.plan.joints, self.plan.posture)
+        posture, base = self.plan.posture, self._base
+        model = TorqueReplay(self._robot, self.plan.joints, posture, base=base)
         fitter = FrictionFitter(len(self.plan.joints))
         samples = 0
         for block in self._stream:
@@ -267,8 +306,14 @@ class _Work:
     def _times(self, block: Block) -> Array:
         if self._origin_ns < 0:
             self._origin_ns = int(block.stamp_ns[0])
-        since = block.stamp_ns - self._origin_ns
-        return np.asarray(since * 1e-9, dtype=np.float64)
+        t = np.asarray((block.stamp_ns - self._origin_ns) * 1e-9, dtype=np.float64)
+        first, last = self._base_span
+        if t[0] < first or t[-1] > last:
+            raise BagError(
+                f'{self.plan.source.path}: {self.plan.base} must say how the base moves while '
+                f'joints do, {t[0]:.3f} to {t[-1]:.3f} s, got {first:.3f} to {last:.3f} s'
+            )
+        return t
 
     def _advance(self, block: Block) -> None:
         if self._progress is not None:

@@ -13,12 +13,12 @@ import numpy as np
 from denoc_ros.bags.columns import JointStateColumns
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import BagContents, Stamp, bag_contents, read_raw
+from denoc_ros.bags.readings import ODOMETRY
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.bags.topics import find_topic
 from denoc_ros.dynamics.deflection import TipDeflections
-from denoc_ros.dynamics.floating_base import require_known_base
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import BagError, ConfigError
+from denoc_ros.errors import BagError, ConfigError, StateError
 from denoc_ros.estimation.joint_motion import METHODS
 from denoc_ros.identification.joint_columns import renamed
 from denoc_ros.replay.stream import Source
@@ -51,6 +51,9 @@ class ReplaySettings:
         Of that [Hz].
     stamp : {'header', 'log'}
         What counts as the time of a joint state.
+    base : str
+        Topic of Odometry with the motion of the base; '': of a robot whose base floats, the first
+        of `base_motion` or with such an ending, else none.
     fit_friction : bool
         Fit viscous and Coulomb friction and an offset per joint to the measured effort, and use
         them in place of the robot's.
@@ -69,6 +72,7 @@ class ReplaySettings:
     cutoff: float = 20.0
     stamp: Stamp = 'header'
     fit_friction: bool = False
+    base: str = ''
 
     def __post_init__(self) -> None:
         findings = []
@@ -99,8 +103,8 @@ class ReplayPlan:
         Joints of the bag that are not driven: the robot does not have them, or they follow others.
     posture : (n,) array
         Coordinates of the robot as the bag has them first, else 0.
-    effort, commanded : str
-        Topics of the measured effort and of a feedforward's; '' for none.
+    effort, commanded, base : str
+        Topics of the measured effort, of a feedforward's and of the base's motion; '' for none.
     deflections : tuple of str
         Topics with deflections to compare with.
     """
@@ -113,6 +117,7 @@ class ReplayPlan:
     effort: str
     commanded: str
     deflections: tuple[str, ...]
+    base: str = ''
 
     @property
     def messages(self) -> int:
@@ -120,17 +125,18 @@ class ReplayPlan:
         return next(t.messages for t in self.contents.topics if t.name == self.source.topic)
 
 
-def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> ReplayPlan:
-    """Return what of a bag a replay goes by.
+def plan_replay(
+    path: Path, robot: Robot, settings: ReplaySettings, floats: bool = False
+) -> ReplayPlan:
+    """Return what of a bag a replay goes by, of a robot whose base `floats` but is held here.
 
     Raises
     ------
     BagError
         The bag cannot be read, or has no joint states of the robot.
     StateError
-        The base floats: joint states do not say how it moved.
+        The base floats and the bag does not say how it moved.
     """
-    require_known_base(robot, 'replay')
     contents = bag_contents(path)
     series = [topic.name for topic in contents.topics if topic.type == JOINT_STATE]
     present = [t.name for t in contents.topics if t.type == JOINT_STATE and t.messages]
@@ -176,7 +182,32 @@ def plan_replay(path: Path, robot: Robot, settings: ReplaySettings) -> ReplayPla
         settings.effort,
         commanded,
         tuple(deflections),
+        _base_topic(path, robot, contents, settings, floats),
     )
+
+
+def _base_topic(
+    path: Path, robot: Robot, contents: BagContents, settings: ReplaySettings, floats: bool
+) -> str:
+    """Return the topic of the base's motion, '' where it is at rest."""
+    present = [t.name for t in contents.topics if t.type == ODOMETRY and t.messages]
+    if settings.base:
+        if settings.base not in present:
+            raise BagError(
+                f'{path}: base must come from a topic of {ODOMETRY} ({_listed(present)}), '
+                f'got {settings.base!r}'
+            )
+        return settings.base
+    if not floats:
+        return ''
+    found = find_topic(present, 'base_motion')
+    if not found:
+        raise StateError(
+            f'replay: the base of {robot.tree.name} must be fixed or its motion recorded '
+            f'({ODOMETRY} on base_motion, or another topic given as base), got one that floats '
+            f'and {_listed(present)} in {path}'
+        )
+    return found
 
 
 def _beginning(path: Path, topic: str) -> JointSeries:

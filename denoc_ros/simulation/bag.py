@@ -10,16 +10,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, SESSION_ATTACHMENT
+from denoc_ros.bags.readings import ODOMETRY
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.simulation.run import Run
 from denoc_ros.trajectories import Trajectory
+from denoc_ros.types import Array
 
+BASE = '/base_motion'  # of a base that floats
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 REFERENCE_STEP = 0.01  # s between the points of the recorded reference
 TOPICS = {
@@ -72,6 +76,8 @@ def write_run(
         if reference is not None:
             bag.add_topic('/reference', TRAJECTORY)
             bag.write_message('/reference', 0, **_reference(robot, reference))
+        if len(robot.base_indices):
+            bag.add_topic(BASE, ODOMETRY)
         _write_states(bag, run, robot, progress)
 
 
@@ -108,8 +114,30 @@ def _write_states(bag: BagWriter, run: Run, robot: Robot, progress: Any) -> None
             position=deflection,
             velocity=rate,
         )
+        if len(robot.base_indices):
+            bag.write_message(BASE, stamp_ns, **_odometry(*robot.base_odometry(q, qd)))
         if progress is not None:
             progress(1)
+
+
+def _odometry(pose: Array, twist: Array) -> dict[str, Any]:
+    """Return the fields of an Odometry."""
+    turned = Rotation.from_matrix(pose[:3, :3]).as_quat()
+
+    def named(axes: str, values: Array) -> dict[str, float]:
+        return dict(zip(axes, values.tolist(), strict=True))
+
+    return {
+        'pose': {
+            'pose': {
+                'position': named('xyz', pose[:3, 3]),
+                'orientation': named('xyzw', turned),
+            }
+        },
+        'twist': {
+            'twist': {'linear': named('xyz', twist[:3]), 'angular': named('xyz', twist[3:])}
+        },
+    }
 
 
 def _reference(robot: Robot, trajectory: Trajectory) -> dict[str, Any]:
