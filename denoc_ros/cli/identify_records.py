@@ -45,7 +45,7 @@ def run_info(args: argparse.Namespace) -> int:
     """List the signals; an error when none of them makes a record."""
     rows = describe(args.path, channel_of(args))
     if all('problem' in row for row in rows):
-        raise BagError('\n'.join(row['problem'] for row in rows))
+        raise BagError('\n'.join(dict.fromkeys(row['problem'] for row in rows)))
     if args.json:
         print(json.dumps({'file': str(args.path), 'signals': rows}, indent=2))
     else:

@@ -32,7 +32,8 @@ def add_postures(parser: argparse.ArgumentParser) -> None:
         metavar='Q',
         help=(
             'compute natural frequencies, or --bode, at these joint positions [rad, m], in the'
-            ' order of the table of joints; repeatable; default zero'
+            ' order of the table of joints, or at JOINT=VALUE with the others at zero;'
+            ' repeatable; default zero'
         ),
     )
 
@@ -51,18 +52,29 @@ def read_postures(robot: Robot, given: Sequence[Sequence[str]] | None) -> list[P
 
     names, postures, findings = robot.joint_names, [], []
     for words in given or ():
-        texts = [text for word in words for text in word.split(',') if text]
-        try:
-            values = [float(text) for text in texts]
-        except ValueError:
-            values = [math.nan]
+        values = _positions(names, [text for word in words for text in word.split(',') if text])
         if len(values) != len(names) or not all(map(math.isfinite, values)):
             order = f'{len(names)} numbers ({", ".join(names)})'
-            findings.append(f'--at must be {order}, got {" ".join(words)!r}')
+            findings.append(f'--at must be {order} or JOINT=VALUE, got {" ".join(words)!r}')
             continue
         postures.append(values)
     ConfigError.raise_any('command line', findings)
     return [posture(robot, values) for values in postures]
+
+
+def _positions(names: Sequence[str], texts: Sequence[str]) -> list[float]:
+    """Return numbers, in order or by their joints' names; NaN for what is neither."""
+    pairs = [text.rpartition('=') for text in texts]
+    try:
+        numbers = [float(number) for _, _, number in pairs]
+    except ValueError:
+        return [math.nan]
+    named = {name: number for (name, _, _), number in zip(pairs, numbers, strict=True)}
+    if set(named) == {''}:
+        return numbers
+    if not named.keys() <= set(names) or len(named) < len(texts):
+        return [math.nan]
+    return [named.get(name, 0.0) for name in names]
 
 
 def posture(robot: Robot, joints: Sequence[float]) -> Posture:

@@ -119,8 +119,13 @@ def test_natural_frequencies_at_postures(capsys: pytest.CaptureFixture[str]) -> 
 @pytest.mark.parametrize(
     ('arguments', 'says'),
     [
-        (['--at', '1', '2'], "--at must be 3 numbers (joint_1, joint_2, joint_3), got '1 2'"),
-        (['--at', '1', 'x', '2'], "--at must be 3 numbers (joint_1, joint_2, joint_3), got '1 x"),
+        (['--at', '1', '2'], "(joint_1, joint_2, joint_3) or JOINT=VALUE, got '1 2'"),
+        (['--at', 'elbow=1'], "(joint_1, joint_2, joint_3) or JOINT=VALUE, got 'elbow=1'"),
+        (['--at', 'joint_1=1', '2', '3'], "JOINT=VALUE, got 'joint_1=1 2 3'"),
+        (
+            ['--at', '1', 'x', '2'],
+            "--at must be 3 numbers (joint_1, joint_2, joint_3) or JOINT=VALUE, got '1 x",
+        ),
         (['--bode', 'joint_1'], "--bode must be IN:OUT, such as joint_2:tool, got 'joint_1'"),
         (['--bode', 'joint_9:tool'], "joints must be different ones of ('joint_1', 'joint_2'"),
         (['--bode', 'joint_1:nose'], 'output must be a joint or sensor (joint_1, joint_2, '),

@@ -25,6 +25,19 @@ def test_every_shipped_robot_passes(repository: Path, capsys: pytest.CaptureFixt
         assert '\nlinks\n' in captured.out
 
 
+def test_a_posture_is_given_in_order_or_by_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / 'arm.urdf'
+    file.write_text(planar_chain([RIGID, FLEXIBLE]))
+    given = [['0', '0.7'], ['joint_2=0.7'], ['joint_1=0,joint_2=0.7'], ['0', '-0.4']]
+    said = []
+    for at in given:
+        assert main(['check', str(file), '--json', '--at', *at]) == 0
+        said.append(json.loads(capsys.readouterr().out))
+    assert said[0] == said[1] == said[2] != said[3]
+
+
 def test_json_has_masses_and_the_cantilever_frequency(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

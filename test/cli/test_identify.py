@@ -146,6 +146,15 @@ def test_info_tells_what_a_record_is_worth(decay: str, capsys: pytest.CaptureFix
     assert main(['identify', 'info', decay, '--field', 'x']) == 1
 
 
+def test_what_all_signals_lack_is_said_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / 'untimed.csv'
+    file.write_text('u,y\n' + '0.1,0.2\n' * 20)
+    assert main(['identify', 'info', str(file)]) == 1
+    assert capsys.readouterr().err.count('column of times') == 1
+
+
 @pytest.fixture(scope='module')
 def rung(
     tmp_path_factory: pytest.TempPathFactory, repository: Path
