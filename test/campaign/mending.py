@@ -94,13 +94,13 @@ class Mending:
         """Bring a node to its active state, from a final one by a new start."""
         stage = self.stage
         end = time.perf_counter() + PATIENCE
-        patient = PATIENCE if self._young(node) else RECOVERY
-        while (state := stage.lifecycle(node, patient)) != 'active':
+        while (state := stage.lifecycle(node, self._patience(node))) != 'active':
             if time.perf_counter() > end:
                 raise StageError(f'{node}: must become active, is {state}')
             self._alive(node)
             if state == 'finalized':
                 self._restart(node)
+                end = time.perf_counter() + PATIENCE
             elif state in NEXT and not self._young(node):
                 stage.say_description()
                 stage.change(node, NEXT[state], PATIENCE)
@@ -110,6 +110,10 @@ class Mending:
     def _young(self, node: str) -> bool:
         """Say whether a process is starting: it configures and activates itself."""
         return node not in self.stage.up
+
+    def _patience(self, node: str) -> float:
+        """Return within what time [s] a node answers: one that is starting may compile."""
+        return PATIENCE if self._young(node) else RECOVERY
 
     def _restart(self, node: str) -> None:
         """End a process that has come to the end of its life cycle, and start it anew."""
@@ -244,8 +248,7 @@ class Mending:
         def comes() -> bool:
             return bool(condition()) or process.poll() is not None
 
-        patience = PATIENCE if self._young(node) else RECOVERY
-        if not self.stage.comes(comes, patience) or process.poll() is not None:
+        if not self.stage.comes(comes, self._patience(node)) or process.poll() is not None:
             raise StageError(law)
 
     def _shows(self) -> None:

@@ -9,15 +9,19 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from campaign.adversary import FLOATS, Adversary, leaves
 from campaign.attacks import WEIGHTS, Inventory, Step, adversary, draw_step
 from campaign.laws import Life, Span, TorqueLedger, slope, unexplained
+from campaign.mending import Mending
 from campaign.shrinking import shrink
 from campaign.siege import Failure, Round, kind_of, write_steps
 from campaign.siege_scenes import NODES
+from campaign.siege_stage import PATIENCE, RECOVERY
 from campaign.witness import Witness
 from rcl_interfaces.msg import ParameterValue
 from rclpy.serialization import deserialize_message, serialize_message
@@ -198,6 +202,45 @@ def test_a_pause_is_judged_when_the_meters_have_spoken_of_its_time(tmp_path: Pat
     assert told.pauses_told()['number'] == 3
     assert told.pauses_told()['longer_than_bare_or_own_absence'] == 2
     assert told.lives[1].files == [3]
+
+
+def test_what_explains_a_pause_is_kept_until_it_is_judged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told, second = witness(tmp_path), 1_000_000_000
+    pause, excused = (Span(k * second, k * second + 20_000_000) for k in (1, 2))
+    told.efforts.pauses = [pause, excused]
+    told.excuse(excused.begin, excused.end)
+    (tmp_path / 'bare').write_text(f'{pause.begin} {pause.end}\n')
+    told._read()
+    monkeypatch.setattr('campaign.witness.time.time_ns', lambda: 200 * second)
+    told.settle()  # mending took three minutes
+    told._measured = {'bare': 200 * second, 'meter': 200 * second}
+    assert not told._judge_pauses(final=False)
+    assert not told.efforts.pauses
+    told.settle()
+    assert not told._bare
+    assert not told._excused
+
+
+# ---- mending
+
+
+def test_a_node_that_is_started_anew_has_the_time_of_a_start() -> None:
+    patience, states = [], iter(['finalized', 'active'])
+    process = SimpleNamespace(poll=lambda: None, terminate=lambda: None, returncode=0)
+    stage = SimpleNamespace(up={'viewer'}, process=lambda node: process, comes=lambda *_: True)
+    stage.witness = SimpleNamespace(excuse_anew=lambda: None)
+    stage.start = stage.up.discard
+
+    def lifecycle(node: str, timeout: float) -> str:
+        patience.append(timeout)
+        return next(states)
+
+    stage.lifecycle = lifecycle
+    Mending(cast(Any, stage), cast(Any, SimpleNamespace(inventory=None)))._active('viewer')
+    assert patience == [RECOVERY, PATIENCE]
+    assert stage.up == {'viewer'}
 
 
 # ---- shrinking

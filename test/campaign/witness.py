@@ -109,9 +109,11 @@ class Witness:
         now = time.time_ns()
         for span in self._excused:
             span.end = min(span.end, now)
+        # mending may take minutes: a pause that is yet to be judged takes what was then
+        past = min([now - LONG_PAST, *(pause.begin for pause in self.efforts.pauses)])
         for spans in (self._excused, self.efforts.anew, self.commands.anew, self._bare):
-            spans[:] = [span for span in spans if span.end > now - LONG_PAST]
-        self._waits = [wait for wait in self._waits if wait[0].end > now - LONG_PAST]
+            spans[:] = [span for span in spans if span.end > past]
+        self._waits = [wait for wait in self._waits if wait[0].end > past]
 
     def judge(self, final: bool = False) -> list[str]:
         """Return the laws that were broken since the last call."""
