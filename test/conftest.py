@@ -39,6 +39,9 @@ LONGEST = (
     'nodes/test_two_robots.py',
     'nodes/test_shaper_up.py',
     'reports/test_pages.py',
+    'viewer/test_film.py',
+    'viewer/test_page_in_browser.py',
+    'viewer/test_page.py',
     'identification/model/test_blind_truth.py',
 )
 
