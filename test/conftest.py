@@ -22,10 +22,12 @@ HERE = Path(__file__).resolve().parent
 
 # files that take longest, so that none of them is begun last (`--no-loadscope-reorder`)
 LONGEST = (
+    'control/test_state_feedback.py',
     'identification/model/test_measured_channels.py',
     'identification/model/test_excitation.py',
     'identification/model/test_identified_models.py',
     'identification/model/test_followed_vibration.py',
+    'control/test_tip_mechanisms.py',
     'bench/test_bench.py',
     'nodes/test_up.py',
     'test_docs.py',
