@@ -20,6 +20,8 @@ FAR = 2.0  # of a sensor's reach: beyond that it says nothing of where to start
 RESTART = 0.5  # s without belief after which the estimate starts anew from what is measured
 LARGEST = 1e3  # m or rad, and per s: no deviation is that large
 AGEING = 0.02  # weight of the newest values' age in the usual one
+BRIEF = 0.025  # s of a pause that leaves no more than the gains of every period undo
+DOUBTED = 0.3  # of what held torque did in a pause: so far the model may be off
 REGAIN = 0.2  # s of good values until the estimate is believed again
 
 
@@ -71,6 +73,7 @@ class DeviationFilter:
         self._good_at = np.zeros(seen)
         self._plan, self._own = StateHistory(HISTORY, seen), StateHistory(HISTORY, seen)
         self._slot = {int(place): 2 * self._k + at for at, place in enumerate(self._sensors)}
+        self._pause: tuple[Array, float] | None = None
         self.errors = None if schedule.errors is None else ErrorEstimate(schedule)
         self.time = 0.0
         self.reset()
@@ -85,6 +88,7 @@ class DeviationFilter:
         self.believed, self.cause, self._fresh = False, 'no measurements yet', True
         self._doubted_at, self._age, self.blind = np.nan, np.nan, True
         self._began = np.nan
+        self._pause = None
         if self.errors is not None:
             self.errors.reset()
 
@@ -145,6 +149,8 @@ class DeviationFilter:
             innovation[at] = self._values[at] - expected[at]
         if self._fresh and new[0]:
             self._begin(now, gains)
+        elif self._pause is not None and new[0]:
+            self._regain(gains)
         self._refuse(gains)
         self._good_at[new] = stamps[new]
         new[:] = False
@@ -196,6 +202,47 @@ class DeviationFilter:
         if self.errors is not None:
             self.errors.forget_deviations()
 
+    def doubt(self, pushed: Array, seconds: float) -> None:
+        """Take note that the loop was away.
+
+        Parameters
+        ----------
+        pushed : (2 m,) array
+            What the torque did to the deviations meanwhile.
+        seconds : float
+            How long that was [s].
+        """
+        if seconds > BRIEF:
+            self._pause = pushed, seconds
+        self._good_at += seconds  # nobody could hear a sensor
+        if self.errors is not None:
+            self.errors.doubt(self.time)
+
+    def _regain(self, gains: PostureGains) -> None:
+        """Correct the estimate by the first values after a pause.
+
+        Torque that was held does in proportion to the pause what the model says, more or less:
+        the gains of every period would take that for forces, and swing.
+        """
+        assert self._pause is not None
+        pushed, seconds = self._pause
+        self._pause = None
+        m = self._deviations // 2
+        off = np.diag(DOUBTED * pushed[m:])
+        ways = np.vstack([0.5 * seconds * off, off])
+        at = np.flatnonzero(self._new & np.isfinite(gains.spread))
+        across = gains.measured[at] @ ways
+        inner = across @ across.T + np.diag(np.square(gains.spread[at]))
+        correction = np.zeros((len(self.state), len(self._innovation)))
+        correction[: 2 * m, at] = np.linalg.solve(inner, across @ ways.T).T
+        change = correction @ self._innovation
+        self.state += change
+        seen = gains.measured @ change[: 2 * m]
+        self._own.since(self._own.last)[1][:] += seen
+        self._innovation[at] -= seen[at]
+        if self.errors is not None:
+            self.errors.follow(gains, correction, at)
+
     def _refuse(self, gains: PostureGains) -> None:
         """Leave out sensors' values that are too far off."""
         first = 2 * self._k
@@ -230,12 +277,15 @@ class DeviationFilter:
             if now - self._doubted_at >= REGAIN:
                 self.believed, self.cause = True, ''
 
-    def go_on(self, gains: PostureGains, pushes: Array, periods: int = 1) -> None:
-        """Bring the estimate forward by some periods under torques on their way and the new."""
-        s = len(gains.push)
-        for _ in range(periods):
-            self.state = gains.transition @ self.state
-            self.state[:s] += gains.push @ pushes
-            if self.errors is not None:
-                self.errors.go_on(gains, self.time)
-                self.time += self._period
+    def go_on(self, gains: PostureGains, pushes: Array) -> Array:
+        """Bring the estimate forward by a period under torques on their way and the new.
+
+        Returns what these did to the deviations (2 m,).
+        """
+        pushed: Array = gains.push @ pushes
+        self.state = gains.transition @ self.state
+        self.state[: len(pushed)] += pushed
+        if self.errors is not None:
+            self.errors.go_on(gains, self.time)
+            self.time += self._period
+        return pushed

@@ -13,6 +13,7 @@ from denoc_ros.types import Array
 LIKELY = 0.2  # standard deviation of an error before anything is measured
 LARGEST = 0.4  # error that is believed
 TRUST = 0.3  # the innovations' spread counts so much: the filter allows for more than is true
+GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
 WALK = 0.01  # standard deviation of what an error changes within a second
 
@@ -50,6 +51,8 @@ class ErrorEstimate:
         self.seen: Array = np.zeros((len(schedule.gains[0].transition), count))
         self._covariance: Array = LIKELY**2 * np.eye(count)
         self._quiet = -np.inf
+        # at rest errors show no more: what is seen then is noise
+        self._end = (len(self._errors.accelerations) - 1) * self._errors.step
         self._now = np.zeros(self._errors.accelerations.shape[1:])
         self._ahead = np.zeros(self._errors.ahead.shape[1:])
 
@@ -77,13 +80,17 @@ class ErrorEstimate:
         self, gains: PostureGains, innovation: Array, at: NDArray[np.intp], time: float
     ) -> None:
         """Learn from the innovations of the filter at some places, at a time of the plan [s]."""
-        if time < self._quiet or not len(at):
+        if not self._quiet <= time <= self._end or not len(at):
             return
         expected = (gains.measured @ self.seen[: gains.measured.shape[1]])[at]
+        left = innovation[at] - expected @ self.values
+        if (np.abs(left) > GATE * gains.spread[at]).any():
+            self.doubt(time)
+            return
         across = self._covariance @ expected.T
         noise = np.diag(np.square(TRUST * gains.spread[at]))
         gain = np.linalg.solve(expected @ across + noise, across.T).T
-        self.values += gain @ (innovation[at] - expected @ self.values)
+        self.values += gain @ left
         np.clip(self.values, -LARGEST, LARGEST, out=self.values)
         self._covariance = self._covariance - gain @ across.T
 

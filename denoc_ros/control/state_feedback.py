@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from denoc_ros.control.deviation_filter import DeviationFilter
+from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.types import Array
 
 RAMP = 0.5  # s in which feedback comes in
 ROUNDING = 1e-9  # of the largest torque: a change that no limit made
-MOST_PERIODS = 50  # without a tick after which the estimate starts anew
+LONGEST = 0.5  # s without a tick after which the estimate starts anew
 
 
 class StateFeedback:
@@ -55,6 +56,7 @@ class StateFeedback:
         self._way, self.integrals = np.zeros(past), np.zeros(k)
         self._most = schedule.settings.limit * schedule.limits
         self._asked, self._torque, self._left = np.zeros((3, k))
+        self._plan: Array | None = None  # torque of the plan at the last tick
         self._deviations = self.filter.deviations()
         self._gain = np.zeros_like(schedule.gains[0].gain)
         self.share, self.limited = 0.0, 0
@@ -106,13 +108,20 @@ class StateFeedback:
         """Take the plan's coordinates and rates (n,) of a time [s], which may be ahead."""
         self.filter.follow(time, q, qd)
 
-    def torque(self, now: float) -> Array:
+    def torque(self, now: float, plan: Array | None = None) -> Array:
         """Return the torque (joints,) to add to the plan's; the same array each time.
 
         Zero, within this very call, while the estimate is not believed.
+
+        Parameters
+        ----------
+        now : float
+            [s].
+        plan : (joints,) array, optional
+            Torque of the plan, for ticks that come late: drives hold what they were last told.
         """
         schedule = self.schedule
-        self._catch_up(now)
+        self._catch_up(now, plan)
         before, share = schedule.place(now - self._start)
         self._at = before if share < 0.5 else min(before + 1, len(schedule.gains) - 1)
         time = self.filter.time = now - self._start
@@ -139,19 +148,31 @@ class StateFeedback:
         self.limited += bool((self._torque != self._asked).any())
         return self._torque
 
-    def _catch_up(self, now: float) -> None:
+    def _catch_up(self, now: float, plan: Array | None) -> None:
         """Bring the estimate over the periods since the last tick that had none."""
+        before, self._plan = self._plan, None if plan is None else plan.copy()
         if self._last == -np.inf:
             return
         missed = round((now - self._last) / self.schedule.settings.period) - 1
-        if missed > MOST_PERIODS:
+        if missed * self.schedule.settings.period > LONGEST:
             self.reset()
         elif missed > 0:
-            held = np.tile(self._left, len(self._way) // self._k + 1)
-            self.filter.go_on(self.schedule.gains[self._at], held, missed)
-            self._way[:] = held[self._k :]
-            if self.filter.errors is not None:
-                self.filter.errors.doubt(now - self._start)
+            # the drives held the whole torque meanwhile, and the plan went on
+            drift = np.zeros(self._k) if before is None or plan is None else before - plan
+            gains, pushed = self.schedule.gains[self._at], np.zeros(len(self._deviations))
+            for period in range(1, missed + 1):
+                pushed += self._go_on(gains, self._left + period / (missed + 1) * drift)
+            self.filter.doubt(pushed, missed * self.schedule.settings.period)
+
+    def _go_on(self, gains: PostureGains, change: Array) -> Array:
+        """Bring the estimate forward by a period in which a torque was added to the plan's.
+
+        Returns what the torque did to the deviations (2 m,).
+        """
+        pushes = np.concatenate((self._way, change))
+        pushed = self.filter.go_on(gains, pushes)
+        self._way[:] = pushes[self._k :]
+        return pushed
 
     def applied(self, change: Array) -> None:
         """Take what was added to the plan's torque after all limits (joints,) [N m, N]."""
@@ -160,7 +181,5 @@ class StateFeedback:
             m = gains.virtual.shape[1]
             step = self.schedule.settings.period
             self.integrals += step * (gains.virtual @ self._deviations[:m])
-        pushes = np.concatenate((self._way, change))
-        self.filter.go_on(gains, pushes)
+        self._go_on(gains, change)
         self._left[:] = change
-        self._way[:] = pushes[self._k :]

@@ -23,6 +23,7 @@ from denoc_ros.nodes.torque_output import TorqueOutput
 from denoc_ros.runtime.carrying import CarryingTorque
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.feedforward_parameters import TABLE
+from denoc_ros.runtime.following import STALE_JOINTS
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.live_torque import LiveTorque
 from denoc_ros.runtime.motion_bounds import motion_bounds
@@ -233,21 +234,28 @@ class FeedforwardNode(LiveFeedforward):
             self._look(now)
         cause = self._trouble(now) or ('model failed' if torque is None else '')
         if cause or torque is None:
+            if torque is not None and cause == STALE_JOINTS:
+                self._feed_back(self.feedback.wait, torque)
+            else:
+                self.feedback.rest()
             self._be_safe(now)
         else:
             self.safe.end()
             if self._fresh:
                 self._start_torque(now)
-            source, clock = self.torque.source, self._tick_time
-            wanted = self.feedback.add(torque, source, self.q, clock, self.conditions.lead)
-            left = self.limiter.apply(wanted)
+            left = self.limiter.apply(self._feed_back(self.feedback.add, torque))
             self.feedback.applied(left)
             self._publish(left)
             if self.wrench is not None:
-                self.wrench.send(self._stamp_of(self._tick_time), source)
+                self.wrench.send(self._stamp_of(self._tick_time), self.torque.source)
         if cause and self._cause == 'following':
             self._takeovers += 1
         self._cause = cause or 'following'
+
+    def _feed_back(self, what: Any, torque: Any) -> Any:
+        """Let the feedback do something about the plan's torque of this tick."""
+        source, clock = self.torque.source, self._tick_time
+        return what(torque, source, self.q, clock, self.conditions.lead)
 
     def _move_base(self, time: float) -> None:
         """Let the model's base move as measured, carried on to a time."""
@@ -308,7 +316,6 @@ class FeedforwardNode(LiveFeedforward):
 
     def _be_safe(self, now: float) -> None:
         """Publish the safe command, if a posture is known."""
-        self.feedback.rest()
         if not self._carry(now):
             return
         if self._fresh and self.safe.action in CARRYING_ACTIONS:
@@ -319,7 +326,9 @@ class FeedforwardNode(LiveFeedforward):
             self._fresh = False
             self.q[:] = self.carrying.posture
             self.qd[:] = self.qdd[:] = 0.0
-            self._publish(self.limiter.apply(torque))
+            left = self.limiter.apply(torque)
+            self.feedback.applied(left)
+            self._publish(left)
 
     def rescue(self) -> bool:
         """Repeat the last command; say whether there was one."""
@@ -334,6 +343,7 @@ class FeedforwardNode(LiveFeedforward):
         self.feedback.stop()
         if self.by_message:
             return
+        self.feedback.rest()
         self._cause = 'ended'
         end = time.perf_counter() + self.settings.number('ramp_time') + END_PATIENCE
         repeats = 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile
@@ -16,6 +16,7 @@ from denoc_ros.runtime.safety import InputMonitor
 
 HELD = 4  # heavy messages that wait; more of them in so short a time are a flood
 TAKE_TIME = 2e-3  # s of a processor for the messages of one take; then the newest only
+AWAY = 0.01  # s since the last take after which the process is taken to have stood still
 HEAVY_TIME = 0.01  # s at a time for heavy messages, or one of them
 HEAVY_SHARE = 0.25  # of the time, so that services and timers are served in a flood
 # raw message, and when it arrived on the steady clock [s]
@@ -47,6 +48,28 @@ def arrived(subscription: Any, depth: int) -> Iterator[tuple[bytes, int, int, in
     for raw, info in _taken(subscription, depth):
         number = info['publication_sequence_number']
         yield raw, info['received_timestamp'], info['source_timestamp'], number
+
+
+def arrivals(infos: Sequence[Mapping[str, int]], before: float) -> list[float]:
+    """Return when messages came, on the steady clock [s].
+
+    Parameters
+    ----------
+    infos : sequence of mapping
+        What the middleware says of each, the oldest first.
+    before : float
+        When the queue was last empty, steady clock [s].
+    """
+    now, wall_ns = time.perf_counter(), time.time_ns()
+    moments = [now - 1e-9 * (wall_ns - info['received_timestamp']) for info in infos]
+    if now - before > AWAY:
+        # a process that stands still receives nothing: the sender's clock has the distances
+        newest, last = infos[-1]['source_timestamp'], moments[-1]
+        for place, info in enumerate(infos):
+            sent = last - 1e-9 * (newest - info['source_timestamp'])
+            moments[place] = min(moments[place], sent)
+    # whatever a wall clock was set to: they have come since the queue was last empty
+    return [min(max(moment, before), now) for moment in moments]
 
 
 def _taken(subscription: Any, depth: int) -> Iterator[tuple[bytes, Any]]:
@@ -146,11 +169,8 @@ class Input:
         numbers = [info['publication_sequence_number'] for _, info in waiting]
         sending = self._active_publishers.count(publishing, numbers, self._last_take)
         begin = time.thread_time() if len(waiting) > 2 else math.inf
-        for place, (raw, info) in enumerate(waiting, 1):
-            now = time.perf_counter()
-            waited = 1e-9 * (time.time_ns() - info['received_timestamp'])
-            # whatever the wall clock was set to: it has come since the queue was last empty
-            came = min(max(now - waited, before), now)
+        moments = arrivals([info for _, info in waiting], before)
+        for place, ((raw, _), came) in enumerate(zip(waiting, moments, strict=True), 1):
             if self._heavy or self._handles_heavy or self._is_heavy(raw):
                 self._hold(raw, came, sending)
             elif place < len(waiting) and time.thread_time() - begin > TAKE_TIME:

@@ -40,8 +40,9 @@ from denoc_ros.runtime.status import WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.types import Array
 
-CATCH_UP = 50  # steps at most per tick after a pause of the machine; more is time lost
-COMMANDS = 64  # that wait for the step which they come before
+CATCH_UP = 50  # steps that a tick after a pause of the machine takes in any case
+CATCH_UP_TIME = 0.02  # s of a processor for more of them; what is left is time lost
+COMMANDS = 256  # that wait for the step which they come before
 REFERENCE_GAP = 0.2  # s
 
 
@@ -256,15 +257,23 @@ class PlantNode(RobotNode):
         if self._reset_wanted:
             self._reset_wanted = False
             self._place()
-        self._lost_steps += max(0, steps - CATCH_UP)
         if self.loop is not None:
             self._tick_time = self.loop.deadline - steps * self.stepper.step
-        for _ in range(min(steps, CATCH_UP)):
-            self._tick_time += self.stepper.step
-            self._step()
-        self._tick_time += self.stepper.step * max(0, steps - CATCH_UP)
+        lost = steps - self._catch_up(steps)
+        self._lost_steps += lost
+        self._tick_time += self.stepper.step * lost
         # the state is that of the deadline, however late the machine let the tick begin
         self._publish(self._stamp_of(self._tick_time))
+
+    def _catch_up(self, steps: int) -> int:
+        """Take steps; return how many there was time for."""
+        begin = time.thread_time() if steps > CATCH_UP else math.inf
+        for taken in range(steps):
+            if taken >= CATCH_UP and time.thread_time() - begin > CATCH_UP_TIME:
+                return taken
+            self._tick_time += self.stepper.step
+            self._step()
+        return steps
 
     @property
     def _braked(self) -> bool:

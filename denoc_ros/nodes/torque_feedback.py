@@ -111,9 +111,22 @@ class TorqueFeedback:
         self._take_values()
         if self._strain.wanted:
             return self._strain.add(torque, now)
-        added = self.state.torque(now, lead, wanted, source.q, source.qd)
         self._plan = torque.copy()
+        added = self.state.torque(now, lead, wanted, source.q, source.qd, self._plan)
         return torque if added is None else np.asarray(torque + added)
+
+    def wait(
+        self, torque: Array, source: TorqueFeedforward, wanted: Array, now: float, lead: float
+    ) -> None:
+        """Go on with the estimate in a tick in which another torque leaves; arguments as `add`.
+
+        A machine that stood still has no joint states in its first tick: the estimate knows what
+        the torque did meanwhile.
+        """
+        if self.state.wanted:
+            self._take_values()
+            self._plan = torque.copy()
+            self.state.wait(now, lead, wanted, source.q, source.qd, self._plan)
 
     def applied(self, left: Array) -> None:
         """Take the torque (n,) that left after all limits."""
@@ -123,6 +136,7 @@ class TorqueFeedback:
 
     def rest(self) -> None:
         """Let go: something else than the plan leaves."""
+        self._plan = None
         if self.state.wanted:
             self._take_values()
             self.state.rest()

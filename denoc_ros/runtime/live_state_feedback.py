@@ -189,7 +189,10 @@ class LiveStateFeedback:
         if self._now is not None:
             self._now.filter.take_sensor(place, taken, value)
 
-    def torque(self, now: float, lead: float, wanted: Array, q: Array, qd: Array) -> Array | None:
+    def torque(
+        self, now: float, lead: float, wanted: Array, q: Array, qd: Array,
+        plan: Array | None = None,
+    ) -> Array | None:  # fmt: skip
         """Return the torque (joints,) to add to the plan's, None if there is none.
 
         Parameters
@@ -202,6 +205,8 @@ class LiveStateFeedback:
             Reference of the driven joints.
         q, qd : (n,) arrays
             All coordinates of the plan and their rates.
+        plan : (joints,) array, optional
+            Torque of the plan, for ticks that come late.
         """
         self._swap(now)
         feedback = self._now
@@ -213,9 +218,16 @@ class LiveStateFeedback:
             feedback.rest()
             self._note('no gains for this posture yet', False)
             return None
-        torque = feedback.torque(now)
+        torque = feedback.torque(now, plan)
         self._note(feedback.filter.cause, feedback.active)
         return torque
+
+    def wait(
+        self, now: float, lead: float, wanted: Array, q: Array, qd: Array, plan: Array
+    ) -> None:
+        """Do all that :meth:`torque` does, but let none leave."""
+        self.torque(now, lead, wanted, q, qd, plan)
+        self._note('stale joint_states', False)
 
     def applied(self, change: Array) -> None:
         """Take what was added to the plan's torque after all limits (joints,), and go on."""

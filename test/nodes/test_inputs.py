@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 
-from denoc_ros.nodes.inputs import HELD
+from denoc_ros.nodes.inputs import HELD, arrivals
 from denoc_ros.nodes.robot_node import WITHIN_A_TICK, RobotNode
 from denoc_ros.runtime.conversions import LONGEST, JointStateReader
 from denoc_ros.runtime.parameters import ParameterTable
@@ -90,6 +91,23 @@ def test_arrival_is_when_it_came_not_when_it_was_taken(taker: Any, publisher: An
     assert len(taker.arrivals) == 3
     for before, arrival in zip(sent, taker.arrivals, strict=True):
         assert before - 1e-3 < arrival < before + DELIVERY
+
+
+def test_arrivals_while_the_process_stood_still_are_those_of_the_sender() -> None:
+    pause, step = 0.1, 0.001
+    now, wall = time.perf_counter(), time.time_ns()
+    # the sender's clock is another one; all were received when the process went on
+    infos = [
+        {'received_timestamp': wall, 'source_timestamp': 5_000_000_000 + round(1e9 * step * k)}
+        for k in range(100)
+    ]
+    moments = np.array(arrivals(infos, now - pause))
+    np.testing.assert_allclose(np.diff(moments), step, atol=1e-6)
+    assert now - pause <= moments[0]
+    assert moments[-1] <= time.perf_counter()
+    # one after the other: when they were received is known
+    together = np.array(arrivals(infos[:5], now))
+    assert np.ptp(together) < 1e-6
 
 
 @pytest.mark.parametrize('jump', [-3600.0, 3600.0])

@@ -169,6 +169,25 @@ def test_resting_forgets_and_comes_back_by_the_ramp(planner: Planner) -> None:
     assert again[-1].any()
 
 
+def test_ticks_without_joint_states_after_a_pause_cost_nothing(planner: Planner) -> None:
+    bench = Bench(planner)
+    bench.watch(START)
+    bench.ticks(1000, START, off=1e-5)
+    bench.now += 0.1  # the machine stood still: the loop is back before the robot
+    state, zero = np.zeros(bench.robot.n), np.zeros(bench.robot.n)
+    state[bench.robot.joint_indices] = START
+    for _ in range(2):
+        bench.now += PERIOD
+        bench.live.wait(bench.now, 0.0, START, state, zero, np.zeros(3))
+        assert not bench.live.active
+        bench.live.applied(np.zeros(3))
+    assert bench.ticks(1, START, off=1e-5).any()
+    assert bench.live.active
+    now = bench.live._now
+    assert now is not None
+    assert now.share == 1.0
+
+
 def test_joints_without_rates_get_gains_of_their_own(planner: Planner) -> None:
     bench = Bench(planner)
     bench.watch(START)

@@ -20,7 +20,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.nodes.base import LATCHED
-from denoc_ros.nodes.plant import PlantNode
+from denoc_ros.nodes.plant import CATCH_UP, PlantNode
 from denoc_ros.nodes.predictor import PredictorNode
 
 pytestmark = pytest.mark.ros
@@ -137,6 +137,43 @@ def test_each_step_after_a_pause_has_the_command_that_had_come_by_then(
     tau[node._index[0]] = -1.0
     stepper.free(q, qd, tau)
     np.testing.assert_allclose(node.qd, qd, rtol=0.0, atol=1e-12)
+
+
+@pytest.fixture
+def paused(graph: Any, urdf: str) -> Any:
+    """A plant at 1 kHz whose ticks the test makes."""
+    given = {'urdf_path': urdf, 'gravity': GRAVITY, 'update_rate': 1000.0}
+    node = graph.add(PlantNode, start=False, parameters=given)
+    node.trigger_configure()
+    node.begin()
+    return node
+
+
+def test_a_pause_of_a_tenth_of_a_second_loses_no_time(paused: Any, urdf: str) -> None:
+    node, begin, step, missed = paused, paused._tick_time, 0.001, 100
+    for k in range(missed):
+        raw = serialize_message(command('j1', [0.1 * k]))
+        node._on_command(raw, begin + (k + 0.5) * step)
+    stepper, tau = Stepper(load_robot(urdf, gravity=GRAVITY), step), np.zeros(node.robot.n)
+    q, qd = node.q.copy(), node.qd.copy()
+    node.tick(missed)
+    for k in range(missed):
+        tau[node._index[0]] = 0.1 * k
+        stepper.free(q, qd, tau)
+    assert node._lost_steps == 0
+    np.testing.assert_allclose(node.q, q, rtol=0.0, atol=1e-9)
+
+
+def test_a_pause_without_end_is_caught_up_for_a_while_only(
+    paused: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # every look at the clock finds that the time is over
+    moments = itertools.count()
+    monkeypatch.setattr(time, 'thread_time', lambda: float(next(moments)))
+    begin = paused._tick_time
+    paused.tick(100_000)
+    assert paused._lost_steps == 100_000 - CATCH_UP
+    assert paused._tick_time - begin == pytest.approx(100.0)
 
 
 def test_commands_beyond_the_drives_saturate_and_bad_ones_do_nothing(

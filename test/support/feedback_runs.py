@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
@@ -112,6 +112,7 @@ class Loop:
     gone: tuple[float, float] = (np.inf, np.inf)  # s, when no torque leaves
     noise: float = 1.0
     stall: float = 0.0  # share of ticks that begin a pause of up to 20 periods
+    away: dict[float, float] = field(default_factory=dict)  # s of pauses by their begin [s]
 
     def run(self, duration: float | None = None) -> Outcome:
         plan, truth = self.planned, self.truth
@@ -123,7 +124,9 @@ class Loop:
         error, torque, share = np.zeros(count), np.zeros((count, 3)), np.zeros(count)
         generator = np.random.default_rng(self.seed)
         paused = 0
+        pauses = {round(at / PERIOD): round(long / PERIOD) for at, long in self.away.items()}
         for k in range(count):
+            paused = pauses.get(k, paused)
             if self.stall and paused == 0 and generator.random() < self.stall:
                 paused = int(generator.integers(1, 20))
             if paused:
@@ -162,7 +165,7 @@ class Loop:
             if generator.random() >= self.lost and not gone:
                 value = values[place] + sensor.noise * normal[6 + place]
                 feedback.filter.take_sensor(place, now, value)
-        wanted = plan.torque[k] + feedback.torque(now)
+        wanted = plan.torque[k] + feedback.torque(now, plan.torque[k])
         left = np.clip(wanted, -plan.limits, plan.limits)
         feedback.applied(left - plan.torque[k])
         return np.asarray(left)
