@@ -12,15 +12,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from denoc_ros.dynamics.gear_springs import GearSprings
+from denoc_ros.dynamics.gear_springs import GearSprings, deflection
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import elasticity
-from denoc_ros.model.coordinates import spring_name
+from denoc_ros.model.coordinates import names, spring_name
 from denoc_ros.model.link_side import is_measured_behind, motors_behind, seen_from_links
 from denoc_ros.model.tree import Joint, Tree
 from denoc_ros.types import Array
-
-ROUNDS = 5  # of an equilibrium at positions of the link side
 
 
 class MeasuredRobot(Robot):
@@ -80,23 +78,64 @@ def described_coordinates(robot: Robot) -> tuple[str, ...]:
     return tuple(name for name in robot.coordinate_names if name not in hidden)
 
 
+class WholeCoordinates:
+    """The coordinates of a whole robot from those that its joint states describe.
+
+    Parameters
+    ----------
+    robot : Robot
+        As :func:`measured_robot` gives it, or any other.
+
+    Attributes
+    ----------
+    names : tuple of str
+        All coordinates, with the springs behind which joints are measured.
+    hidden : tuple of str
+        Joints with such a spring, in the order of all arrays of springs here.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        seen = isinstance(robot, MeasuredRobot)
+        joints = [body.joint for body in robot.tree.bodies if body.joint is not None]
+        behind = [joint for joint in joints if seen and is_measured_behind(joint)]
+        self.springs = [joint.spring for joint in behind if joint.spring is not None]
+        self.hidden = tuple(joint.name for joint in behind)
+        self.names = tuple(names(robot.tree)[0]) if behind else robot.coordinate_names
+        self._described = [self.names.index(name) for name in robot.coordinate_names]
+        self._motors = [self.names.index(name) for name in self.hidden]
+        self._springs = [self.names.index(spring_name(name)) for name in self.hidden]
+        self.places = [robot.coordinate_names.index(name) for name in self.hidden]
+
+    def write(self, described: Array, springs: Array, out: Array) -> None:
+        """Write coordinates (..., all) from those described (..., n) and of springs.
+
+        The motor's side is that of the link less the spring. Rates alike.
+        """
+        out[..., self._described] = described
+        out[..., self._motors] -= springs
+        out[..., self._springs] = springs
+
+
 def measured_equilibrium(robot: Robot, joints: Array) -> Array:
     """Return coordinates (n,) in static equilibrium at measured positions (joints,) [rad, m].
+
+    A spring with play stands beyond its corners, which are sharp here.
 
     Raises
     ------
     SolverError
         There is no equilibrium there.
     """
-    states, seen = MeasuredStates(robot), np.empty(len(joints))
-    q = robot.static_deflection(joints)
-    states.positions(q, seen)
-    for _ in range(ROUNDS):
-        if np.array_equal(seen, joints):
-            break
-        # weight depends on the links, not on the motors behind: each round comes much nearer
-        q = robot.static_deflection(q[robot.joint_indices] + joints - seen)
-        states.positions(q, seen)
+    seen = measured_robot(robot)
+    if seen is robot:
+        return robot.static_deflection(joints)
+    # weight depends on the links, not on the motors behind: it tells what the gears carry
+    bent, still = seen.static_deflection(joints), np.zeros(seen.n)
+    force, whole = seen.inverse_dynamics(bent, still, still), WholeCoordinates(seen)
+    carried = zip(whole.springs, force[whole.places], strict=True)
+    springs = np.array([deflection(spring, -torque) for spring, torque in carried])
+    q = np.zeros(robot.n)
+    whole.write(bent, springs, q)
     return q
 
 

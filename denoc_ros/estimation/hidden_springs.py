@@ -7,53 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from denoc_ros.dynamics.gear_springs import GearSprings
-from denoc_ros.dynamics.measured_side import MeasuredRobot, MotorSide
+from denoc_ros.dynamics.measured_side import MotorSide, WholeCoordinates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.estimation.observer_settings import ObserverSettings
-from denoc_ros.model.coordinates import names, spring_name
-from denoc_ros.model.link_side import is_measured_behind
 from denoc_ros.types import Array
 
 State = tuple[Array, Array]
-
-
-class WholeCoordinates:
-    """The coordinates of a whole robot from those that its joint states describe.
-
-    Parameters
-    ----------
-    robot : Robot
-        As :func:`denoc_ros.dynamics.measured_side.measured_robot` gives it, or any other.
-
-    Attributes
-    ----------
-    names : tuple of str
-        All coordinates, with the springs behind which joints are measured.
-    hidden : tuple of str
-        Joints with such a spring, in the order of all arrays of springs here.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        seen = isinstance(robot, MeasuredRobot)
-        joints = [body.joint for body in robot.tree.bodies if body.joint is not None]
-        behind = [joint for joint in joints if seen and is_measured_behind(joint)]
-        self.springs = [joint.spring for joint in behind if joint.spring is not None]
-        self.hidden = tuple(joint.name for joint in behind)
-        self.names = tuple(names(robot.tree)[0]) if behind else robot.coordinate_names
-        self._described = [self.names.index(name) for name in robot.coordinate_names]
-        self._motors = [self.names.index(name) for name in self.hidden]
-        self._springs = [self.names.index(spring_name(name)) for name in self.hidden]
-        self.places = [robot.coordinate_names.index(name) for name in self.hidden]
-
-    def write(self, described: Array, springs: Array, out: Array) -> None:
-        """Write coordinates (..., all) from those described (..., n) and of springs.
-
-        The motor's side is that of the link less the spring. Rates alike.
-        """
-        out[..., self._described] = described
-        out[..., self._motors] -= springs
-        out[..., self._springs] = springs
 
 
 class HiddenSprings:

@@ -12,12 +12,12 @@ from denoc_ros.dynamics.base_motion import BaseMotion
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.gear_springs import GearSprings
+from denoc_ros.dynamics.measured_side import WholeCoordinates
 from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ModelError
 from denoc_ros.estimation.base_record import BaseRecord
-from denoc_ros.estimation.hidden_springs import WholeCoordinates
 from denoc_ros.estimation.joint_friction import JointFriction
 from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.estimation.tracking import connecting_acceleration

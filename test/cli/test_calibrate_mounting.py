@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.main import main
+from denoc_ros.dynamics.measured_side import measured_equilibrium
 from denoc_ros.dynamics.robot import load_robot
 
 GRAVITY = (0.0, -9.81, 0.0)
@@ -25,9 +26,10 @@ def arm(rpy: str = '0 0 0', topic: str = 'imu') -> str:
     return two_links().replace('</flexibility>', f'{sensor}</flexibility>')
 
 
-def bag(folder: Path, moves: bool = True) -> Path:
+def bag(folder: Path, moves: bool = True, more: str = '') -> Path:
     """Still for a second, then slow sines of both joints; the links bend as in equilibrium."""
-    true = load_robot(arm(' '.join(map(str, TURN.as_euler('xyz')))), gravity=GRAVITY)
+    text = arm(' '.join(map(str, TURN.as_euler('xyz')))).replace('</flex', f'{more}</flex')
+    true = load_robot(text, gravity=GRAVITY)
     first = true.sensor_names.index('box/gyro_x')
     rate = np.array([1.1, 1.7])
     with BagWriter(folder / 'bag') as writer:
@@ -37,7 +39,7 @@ def bag(folder: Path, moves: bool = True) -> Path:
             t = max(0.01 * k - 1.0, 0.0) * moves
             position = 0.8 * (1.0 - np.cos(rate * t))
             velocity = 0.8 * rate * np.sin(rate * t)
-            q, qd, qdd = true.static_deflection(position), np.zeros(true.n), np.zeros(true.n)
+            q, qd, qdd = measured_equilibrium(true, position), np.zeros(true.n), np.zeros(true.n)
             qd[true.joint_indices] = velocity
             qdd[true.joint_indices] = 0.8 * rate**2 * np.cos(rate * t) * (t > 0.0)
             values = true.sensor_values(q, qd, qdd)[first : first + 6] + BIAS
@@ -78,6 +80,23 @@ def test_mounting_and_biases_of_an_imu_are_found_and_written(
     assert text.startswith('box: turned by 0.000 +- ')
     assert 'gyro_bias' in text
     assert 'rad/s, residual' in text
+
+
+def test_an_imu_is_calibrated_by_joints_that_are_measured_behind_springs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The gear of joint 2 winds up; where its link stands is what was measured."""
+    spring = '<spring joint="j2" stiffness="60" measured="{}"/><actuator joint="j2" armature="1"/>'
+    recorded = bag(tmp_path, more=spring.format('link'))
+    off = {}
+    for side in ('link', 'motor'):
+        robot = tmp_path / f'{side}.urdf'
+        robot.write_text(arm().replace('</flex', f'{spring.format(side)}</flex'))
+        main([*arguments(recorded, robot), '--json'])
+        found = json.loads(capsys.readouterr().out)
+        off[side] = (Rotation.from_matrix(found['rotation']).inv() * TURN).magnitude()
+    assert off['link'] < 0.005  # rad
+    assert off['motor'] > 2.0 * off['link'], off  # read as of the motors
 
 
 def test_what_is_missing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import denoc_ros as dn
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.gear_springs import deflection
-from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
+from denoc_ros.dynamics.measured_side import MeasuredStates, measured_equilibrium, measured_robot
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.model.tree import Spring
@@ -145,3 +145,15 @@ def test_a_springs_deflection_gives_the_force(force: float) -> None:
     s = deflection(spring, force)
     e = s - np.sign(force) * 0.005
     assert 2e3 * e + 4e6 * e**3 == pytest.approx(force, rel=1e-12, abs=1e-12)
+
+
+def test_soft_springs_are_in_equilibrium_where_links_are_measured() -> None:
+    text = arm_text('link').replace('stiffness="1.2e4"', 'stiffness="40"')
+    robot, wanted_at = dn.load_robot(text), np.array([0.3, -0.5])
+    q, still = measured_equilibrium(robot, wanted_at), np.zeros(robot.n)
+    seen = np.zeros(2)
+    MeasuredStates(robot).positions(q, seen)
+    np.testing.assert_allclose(seen, wanted_at, atol=1e-9)
+    assert np.abs(q[1]) > 0.3  # rad: rounds by static_deflection went astray
+    free = robot.inverse_dynamics(q, still, still)[robot.flexible_indices]
+    np.testing.assert_allclose(free, 0.0, atol=1e-9)
