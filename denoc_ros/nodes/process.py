@@ -24,6 +24,7 @@ from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.buffers import release_buffers
 from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.nodes.sockets import use_sockets
+from denoc_ros.runtime.heap import return_large_pieces
 from denoc_ros.runtime.signals import SIGNALS, Interrupted
 from denoc_ros.runtime.watchdog import Watchdog
 
@@ -61,6 +62,7 @@ def run(
         on stderr, no traceback.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
+    return_large_pieces()
     SIGNALS.keep()
     _show_log()
     if not shared_memory:

@@ -14,11 +14,11 @@ from std_msgs.msg import String
 
 from denoc_ros.nodes.buffers import BUFFERS, FROM_PROFILES, release_buffers
 from denoc_ros.nodes.sockets import LOCALHOST, PROFILES, RANGE, TRANSPORTS, use_sockets
+from denoc_ros.runtime.heap import CHOSEN, return_large_pieces
 
 FASTRTPS = 'rmw_fastrtps_cpp'
 MESSAGES, SIZE = 200, 50_000  # bytes each: one datagram, so that none waits for its fragments
-# a process that reads, when told to, what waits, and prints how many and the heap in use
-LISTENER = """
+HEAP = """
 import ctypes, sys, rclpy
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.base import EVERY_MESSAGE
@@ -30,6 +30,9 @@ class Heap(ctypes.Structure):
     _fields_ = [(name, ctypes.c_size_t) for name in FIELDS.split()]
 libc = ctypes.CDLL(None)
 libc.mallinfo2.restype = Heap
+"""
+# reads, when told to, what waits, and prints how many and the heap in use
+LISTENER = f"""{HEAP}
 
 def listen():
     node = rclpy.create_node('listener')
@@ -44,6 +47,23 @@ def listen():
     raise DenocError('over')
 
 sys.exit(run(listen, [], shared_memory=sys.argv[1] == 'shared'))
+"""
+# prints what the heap keeps of a large piece that was freed below one that stays
+KEEPER = f"""{HEAP}
+libc.malloc.restype = ctypes.c_void_p
+libc.malloc.argtypes = [ctypes.c_size_t]
+libc.free.argtypes = [ctypes.c_void_p]
+
+def keep():
+    libc.free(libc.malloc(8_000_000))  # from now on glibc would take less than that from the heap
+    before = libc.mallinfo2().fordblks
+    piece = libc.malloc(4_000_000)
+    libc.malloc(100_000)
+    libc.free(piece)
+    print(libc.mallinfo2().fordblks - before, flush=True)
+    raise DenocError('over')
+
+sys.exit(run(keep, [], shared_memory=True))
 """
 
 
@@ -115,3 +135,17 @@ def test_memory_of_large_messages_is_given_back(graph: Any, transport: str) -> N
         listener.kill()
         listener.wait(20.0)
     assert listener.returncode == 1  # DenocError: it went through the end of a node
+
+
+@pytest.mark.ros
+def test_large_pieces_that_are_freed_go_back_to_the_system() -> None:
+    """The heap kept 4 MB of them here, and more with each burst of large messages."""
+    command = [sys.executable, '-c', KEEPER]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0)
+    assert done.returncode == 1, done.stderr
+    assert int(done.stdout) < 1_000_000
+
+
+def test_a_threshold_of_the_user_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(CHOSEN, '1000000')
+    assert not return_large_pieces()
