@@ -7,11 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from denoc_ros.estimation.joint_motion import SmoothedMotion, smooth
+from denoc_ros.identification.model.robust import noise_of
 from denoc_ros.identification.model.spikes import without_spikes
-from denoc_ros.types import Array
+from denoc_ros.types import Array, Flags
 
 FINEST = 0.3  # of the sampling rate: the cutoff of smoothing, as high as it goes
 STEPS = 0.7 ** np.arange(8)  # cutoffs that are tried, in terms of the finest
+STILL = 6.0  # deviations of its noise within which a joint that stands still is seen
+FEWEST = 20  # samples that tell noise from motion
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,8 @@ def measured_motion(t: Array, position: Array, velocity: Array | None) -> Measur
     Each signal's cutoff is one step above that of generalized cross-validation, with which the
     samples' prediction by their neighbours is best (P. Craven, G. Wahba, Numerische Mathematik 31,
     1979): what is cut off there is as large as what is left of the noise, and of no known sign.
+    A joint that shows noise alone stands still: it has neither rates nor noise that drives links,
+    and its friction makes no torque that is known.
     """
     period = float(np.median(np.diff(t)))
     tried: Array = np.asarray(FINEST / period * STEPS, dtype=np.float64)
@@ -71,6 +76,10 @@ def measured_motion(t: Array, position: Array, velocity: Array | None) -> Measur
     for row, values in enumerate(signals):
         if values is not None:
             cutoffs[row], noise[row] = _chosen(t, values, tried, period)
+    still = np.all([_is_noise(values) for values in signals if values is not None], axis=0)
+    position = np.where(still, np.median(position, axis=0), position)
+    velocity = None if velocity is None else np.where(still, 0.0, velocity)
+    noise[:, still] = 0.0
     motion = _smoothed(t, position, velocity, cutoffs, period)
     return MeasuredMotion(motion, noise[0], noise[1], cutoffs, period)
 
@@ -99,6 +108,15 @@ def _chosen(t: Array, values: Array, tried: Array, period: float) -> tuple[Array
     best = np.argmin(scores, axis=0)
     columns = np.arange(values.shape[1])
     return tried[np.maximum(best - 1, 0)], noises[best, columns]
+
+
+def _is_noise(values: Array) -> Flags:
+    """Return which columns (joints,) show white noise about a constant and nothing else."""
+    if len(values) < FEWEST:
+        return np.zeros(values.shape[1], dtype=bool)
+    apart = np.abs(values - np.median(values, axis=0))
+    white = np.array([noise_of(column, 1.0) for column in values.T])
+    return np.asarray((apart <= STILL * white).all(axis=0))
 
 
 def own_weight(count: int, cutoff: float, period: float) -> float:

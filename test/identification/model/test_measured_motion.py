@@ -1,0 +1,34 @@
+"""Joint motion from what was measured: noise of a joint that stands still is no motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from denoc_ros.identification.model.measured_motion import measured_motion
+
+
+def test_a_joint_that_shows_noise_alone_stands_still() -> None:
+    draw = np.random.default_rng(4)
+    t = 5e-3 * np.arange(400)
+    position = 2e-5 * draw.standard_normal((400, 2)) + 0.3
+    velocity = 1e-3 * draw.standard_normal((400, 2))
+    position[:, 1] += 0.1 * np.sin(5.0 * t)
+    velocity[:, 1] += 0.5 * np.cos(5.0 * t)
+    measured = measured_motion(t, position, velocity)
+    motion = measured.motion
+    np.testing.assert_array_equal(motion.qd[:, 0], 0.0)
+    np.testing.assert_array_equal(motion.qdd[:, 0], 0.0)
+    np.testing.assert_allclose(motion.q[:, 0], 0.3, atol=1e-5)  # the median of 400 samples
+    assert measured.velocity_noise[0] == 0.0
+    # the other moves, and keeps its noise: 1e-3 rad/s
+    assert np.abs(motion.qd[:, 1]).max() > 0.4
+    assert 0.5e-3 < measured.velocity_noise[1] < 2e-3
+
+
+def test_a_slow_joint_moves() -> None:
+    """A drift of a few noises is motion, even where the rates are lost in theirs."""
+    draw = np.random.default_rng(5)
+    t = 5e-3 * np.arange(400)
+    position = 1e-4 * t[:, None] + 2e-6 * draw.standard_normal((400, 1))
+    measured = measured_motion(t, position, None)
+    assert np.abs(measured.motion.qd).max() > 5e-5
