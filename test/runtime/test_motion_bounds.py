@@ -55,19 +55,21 @@ def test_a_robot_may_sit_somewhat_beyond_its_limits() -> None:
 
 
 @pytest.mark.parametrize(
-    ('raw', 'says'),
+    ('position', 'velocity', 'says'),
     [
-        (state([4.1, 0.0, 0.0]), 'a: position must be from -4 to 4, got 4.1'),
-        (state([0.0, 1.7e308, 1.7e308]), 'b: position must be from -1e+06 to 1e+06'),
-        (state([0.0] * 3, [0.0, 0.0, -1e5]), 'c: velocity must be from -10000 to 10000'),
-        (state([0.0] * 3, [21.0, 0.0, 0.0]), 'a: velocity must be from -20 to 20, got 21'),
+        ([4.1, 0.0, 0.0], [], 'a: position must be from -4 to 4, got 4.1'),
+        ([0.0, 1.7e308, 1.7e308], [], 'b: position must be from -1e+06 to 1e+06'),
+        ([0.0] * 3, [0.0, 0.0, -1e5], 'c: velocity must be from -10000 to 10000'),
+        ([0.0] * 3, [21.0, 0.0, 0.0], 'a: velocity must be from -20 to 20, got 21'),
     ],
 )
-def test_joint_states_that_the_robot_cannot_have_are_refused(raw: bytes, says: str) -> None:
+def test_joint_states_that_the_robot_cannot_have_are_refused(
+    position: list[float], velocity: list[float], says: str
+) -> None:
     reader = JointStateReader(JOINTS, bounds=bounds())
     reader.read(state([0.1, 0.2, 0.3]))
     with pytest.raises(InputError, match='must be') as refused:
-        reader.read(raw)
+        reader.read(state(position, velocity))
     assert refused.value.cause == 'out_of_range'
     assert says in str(refused.value)
     assert reader.position.tolist() == [0.1, 0.2, 0.3]
