@@ -30,6 +30,8 @@ SHAPING = 2.0  # s from publishing to the start in which most plans are made
 SHAPER = 'shaper: shaper'  # its status on /diagnostics
 DECIDED = ('planned', 'refused', 'passed on')  # what a shaper counts of motions
 PLANNING = 60.0  # s beyond `solve_timeout` in which it must have decided on a busy machine
+DEAF = ('', 'no joint_states yet', 'stale joint_states')  # what a feedforward says of its torque
+HEARING = 10.0  # s until a feedforward hears a plant that was started
 ENGAGING = 2.0  # s until state feedback has gains for a motion and trusts its estimate
 
 
@@ -114,6 +116,7 @@ class Session:
         try:
             for name in self._names:
                 self._start(name, self._config.phases[0])
+            self._await_hearing()
             began, before = time.perf_counter(), self._processes.cpu_seconds()
             for phase in self._config.phases:
                 self._adapt(phase)
@@ -151,6 +154,20 @@ class Session:
             else:
                 self._processes.stop(name)
                 self._start(name, phase)
+                self._await_hearing()
+
+    def _await_hearing(self) -> None:
+        """Wait until the feedforward hears the plant: it has to discover one that was started."""
+        if self._task.bag is not None or not {'feedforward', 'plant'} <= set(self._names):
+            return
+        client, began = self._client, time.perf_counter()
+
+        def hears() -> bool:
+            fresh = client.silence('feedforward') < time.perf_counter() - began
+            return fresh and client.diagnostics('feedforward: torque').get('', '') not in DEAF
+
+        if not client.until(hears, HEARING):
+            self._progress.say(f'feedforward: no joint_states of the plant within {HEARING:g} s')
 
     def _all_live(self, name: str, changed: Mapping[str, Any]) -> bool:
         rows = [node_table(name).row(key) for key in changed]

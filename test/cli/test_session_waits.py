@@ -1,4 +1,4 @@
-"""A session waits for its shaper: for the plan, and for the end of the motion that it became."""
+"""A session waits for its nodes: for a shaper's plan and motion, for a plant to be heard."""
 
 from __future__ import annotations
 
@@ -53,7 +53,14 @@ class Client:
     def diagnostics(self, status: str) -> dict[str, str]:
         if status == 'shaper: inputs':
             return {'': 'rejected: no such joint'}
-        return self._tell(self._clock.now) if status == 'shaper: shaper' else {}
+        told = status in ('shaper: shaper', 'feedforward: torque')
+        return self._tell(self._clock.now) if told else {}
+
+    def until(self, condition: Callable[[], bool], timeout: float) -> bool:
+        end = self._clock.now + timeout
+        while not condition() and self._clock.now < end:
+            self._clock.now += 0.1
+        return condition()
 
     def wait(self, seconds: float) -> None:
         self._clock.now += seconds
@@ -85,18 +92,16 @@ class NoProcesses:
 
 
 @pytest.fixture
-def run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[[Callable[[float], dict[str, str]]], Client]:
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Client]:
     clock = Clock()
     monkeypatch.setattr(sessions, 'time', clock)
-    file = tmp_path / 'session.yaml'
-    file.write_text(SESSION)
-    config = load_config(file)
-    task = Task(trajectory_from_config(config.reference, JOINTS), JOINTS, config.duration)
     (tmp_path / 'parameters').mkdir()
 
-    def done(tell: Callable[[float], dict[str, str]]) -> Client:
+    def done(tell: Callable[[float], dict[str, str]], text: str = SESSION) -> Client:
+        file = tmp_path / 'session.yaml'
+        file.write_text(text)
+        config = load_config(file)
+        task = Task(trajectory_from_config(config.reference, JOINTS), JOINTS, config.duration)
         client = Client(clock, tell)
         processes = cast(Processes, NoProcesses())
         given = cast('SessionClient', client)
@@ -131,3 +136,16 @@ def test_a_motion_that_is_refused_is_told(run: Any, capsys: pytest.CaptureFixtur
 def test_a_motion_that_is_never_planned_ends_the_session(run: Any) -> None:
     with pytest.raises(ProcessError, match=r'plan the motion within 60 s, got none.*such joint'):
         run(lambda now: said('waiting'))
+
+
+def test_a_reference_waits_until_the_feedforward_hears_the_plant(run: Any) -> None:
+    """It was published at once: the feedforward began in the middle of the motion."""
+    text = SESSION.replace('shaper: {method: zvd}', 'recorder: false')
+    text = text.replace('feedforward: false', 'feedforward: {}')
+
+    def tell(now: float) -> dict[str, str]:
+        return {'': 'no reference yet' if now > 3.0 else 'no joint_states yet'}
+
+    assert 3.0 < run(tell, text).published < 4.0
+    deaf = run(lambda now: {'': 'stale joint_states'}, text)  # goes on, and says so
+    assert deaf.published > sessions.HEARING
