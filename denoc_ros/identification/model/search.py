@@ -344,7 +344,13 @@ class ModelSearch:
         whitened = self.whitened(theta)
         residual, slope = bent(whitened), bending_slope(whitened)
         jacobian = self.jacobian(theta) * slope[:, None]
-        by_numbers = jacobian @ np.linalg.inv(self.parameters.slopes(theta))
+        slopes = self.parameters.slopes(theta)
+        if still := [self.parameters.paths[k] for k in np.flatnonzero(~slopes.any(axis=1))]:
+            raise IdentificationError(
+                f'{", ".join(still)}: readings must vary by more than rounding, got none that do: '
+                f'leave them out of --free'
+            )
+        by_numbers = jacobian @ np.linalg.inv(slopes)
         return information(
             by_numbers * self.parameters.scales(theta),
             residual,

@@ -10,6 +10,7 @@ from truth_runs import truth_run
 from truth_scores import NumberScore, scored, summary
 
 import denoc_ros as dn
+from denoc_ros.errors import IdentificationError
 
 
 def blind(seed: int, trap: str) -> dict[str, NumberScore]:
@@ -64,3 +65,10 @@ def test_numbers_are_counted_by_kind() -> None:
     assert kind_of('beam.link_1.y.ei') == 'beam ei'
     assert kind_of('sensor.imu.offset.gyro_x') == 'sensor offset'
     assert kind_of('delay.effort') == 'delay'
+
+
+def test_a_gauge_that_shows_rounding_alone_is_named() -> None:
+    """A matrix was singular, with a traceback."""
+    case = truth_case(95)  # link_2 never bends in z
+    with pytest.raises(IdentificationError, match=r'^sensor\.link_2_z\.offset: readings must'):
+        dn.identify_model(case.robot, truth_run(case, 1.0).recording, ['sensor.link_2_z.offset'])
