@@ -9,7 +9,7 @@ from denoc_ros.identification.model.measured_motion import measured_motion
 
 def test_a_joint_that_shows_noise_alone_stands_still() -> None:
     draw = np.random.default_rng(4)
-    t = 5e-3 * np.arange(400)
+    t = 5e-3 * np.arange(400.0)
     position = 2e-5 * draw.standard_normal((400, 2)) + 0.3
     velocity = 1e-3 * draw.standard_normal((400, 2))
     position[:, 1] += 0.1 * np.sin(5.0 * t)
@@ -28,7 +28,7 @@ def test_a_joint_that_shows_noise_alone_stands_still() -> None:
 def test_a_slow_joint_moves() -> None:
     """A drift of a few noises is motion, even where the rates are lost in theirs."""
     draw = np.random.default_rng(5)
-    t = 5e-3 * np.arange(400)
+    t = 5e-3 * np.arange(400.0)
     position = 1e-4 * t[:, None] + 2e-6 * draw.standard_normal((400, 1))
     measured = measured_motion(t, position, None)
     assert np.abs(measured.motion.qd).max() > 5e-5
