@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -125,14 +125,9 @@ def read_poses(path: str | Path, topic: str) -> tuple[NDArray[np.int64], Array]:
     """
     stamps, values = [], []
     topic = resolved(topic, bag_topics(path))
-    for item in read_bag(path, [topic]):
-        if item.type != 'geometry_msgs/msg/PoseStamped':
-            raise BagError(
-                f'{path}: topic {topic} must be geometry_msgs/msg/PoseStamped, got {item.type}'
-            )
-        at, turned = item.message.pose.position, item.message.pose.orientation
-        stamps.append(item.stamp_ns)
-        values.append([at.x, at.y, at.z, turned.x, turned.y, turned.z, turned.w])
+    for stamp_ns, message in _messages(path, topic, 'geometry_msgs/msg/PoseStamped'):
+        stamps.append(stamp_ns)
+        values.append(_pose(message.pose))
     return np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64).reshape(-1, 7)
 
 
@@ -165,19 +160,32 @@ def read_odometry(
     """
     stamps, poses, twists = [], [], []
     topic = resolved(topic, bag_topics(path))
-    for item in read_bag(path, [topic], stamp):
-        if item.type != ODOMETRY:
-            raise BagError(f'{path}: topic {topic} must be {ODOMETRY}, got {item.type}')
-        pose, twist = item.message.pose.pose, item.message.twist.twist
-        at, turned = pose.position, pose.orientation
-        stamps.append(item.stamp_ns)
-        poses.append([at.x, at.y, at.z, turned.x, turned.y, turned.z, turned.w])
+    for stamp_ns, message in _messages(path, topic, ODOMETRY, stamp):
+        twist = message.twist.twist
+        stamps.append(stamp_ns)
+        poses.append(_pose(message.pose.pose))
         twists.append([getattr(v, axis) for v in (twist.linear, twist.angular) for axis in 'xyz'])
     return (
         np.array(stamps, dtype=np.int64),
         np.array(poses, dtype=np.float64).reshape(-1, 7),
         np.array(twists, dtype=np.float64).reshape(-1, 6),
     )
+
+
+def _messages(
+    path: str | Path, topic: str, kind: str, stamp: Stamp = 'header'
+) -> Iterator[tuple[int, Any]]:
+    """Yield stamps [ns] and messages of a topic, all of which must be of one type."""
+    for item in read_bag(path, [topic], stamp):
+        if item.type != kind:
+            raise BagError(f'{path}: topic {topic} must be {kind}, got {item.type}')
+        yield item.stamp_ns, item.message
+
+
+def _pose(pose: Any) -> list[float]:
+    """Return the position and the quaternion x, y, z, w of a Pose."""
+    at, turned = pose.position, pose.orientation
+    return [at.x, at.y, at.z, turned.x, turned.y, turned.z, turned.w]
 
 
 def resolved(topic: str, topics: Iterable[str]) -> str:

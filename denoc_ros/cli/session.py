@@ -13,6 +13,7 @@ from denoc_ros.cli.node_parameters import node_parameters, node_table, write_par
 from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.shaped_phases import motion_of
+from denoc_ros.runtime.following import NO_JOINTS, STALE_JOINTS
 
 if TYPE_CHECKING:
     from denoc_ros.control.plan import Plan
@@ -30,7 +31,7 @@ SHAPING = 2.0  # s from publishing to the start in which most plans are made
 SHAPER = 'shaper: shaper'  # its status on /diagnostics
 DECIDED = ('planned', 'refused', 'passed on')  # what a shaper counts of motions
 PLANNING = 60.0  # s beyond `solve_timeout` in which it must have decided on a busy machine
-DEAF = ('', 'no joint_states yet', 'stale joint_states')  # what a feedforward says of its torque
+DEAF = ('', NO_JOINTS, STALE_JOINTS)  # what a feedforward says of its torque
 HEARING = 10.0  # s until a feedforward hears a plant that was started
 ENGAGING = 2.0  # s until state feedback has gains for a motion and trusts its estimate
 
@@ -119,7 +120,8 @@ class Session:
             self._await_hearing()
             began, before = time.perf_counter(), self._processes.cpu_seconds()
             for phase in self._config.phases:
-                self._adapt(phase)
+                if self._adapt(phase):
+                    self._await_hearing()
                 self._run_phase(phase)
             elapsed = time.perf_counter() - began
             after = self._processes.cpu_seconds()
@@ -141,8 +143,12 @@ class Session:
         for line in (f'open {page["address"]}', page['']) if page else ():
             self._progress.say(line)
 
-    def _adapt(self, phase: Phase) -> None:
-        """Give the nodes the phase's parameters: live ones are set, others need a new start."""
+    def _adapt(self, phase: Phase) -> bool:
+        """Give the nodes the phase's parameters: live ones are set, others need a new start.
+
+        Returns whether a node was started.
+        """
+        started = False
         for name in self._names:
             wanted, now = self._wanted(name, phase), self._parameters[name]
             if wanted == now:
@@ -154,7 +160,8 @@ class Session:
             else:
                 self._processes.stop(name)
                 self._start(name, phase)
-                self._await_hearing()
+                started = True
+        return started
 
     def _await_hearing(self) -> None:
         """Wait until the feedforward hears the plant: it has to discover one that was started."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from denoc_ros.dynamics.gear_springs import GearSprings
+from denoc_ros.dynamics.gear_springs import CUTOFF, GearSprings
 from denoc_ros.dynamics.measured_side import MotorSide, WholeCoordinates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
@@ -47,7 +47,7 @@ class HiddenSprings:
         self._robot = robot
         self.whole = WholeCoordinates(robot)
         self.hidden = self.whole.hidden
-        self._springs = GearSprings(self.whole.springs, min(settings.cutoff, 100.0))
+        self._springs = GearSprings(self.whole.springs, min(settings.cutoff, CUTOFF))
         self._motors = MotorSide(robot, joints) if settings.motor_effort else None
         self.by_effort = settings.source == 'torque' and not settings.motor_effort
         self._qdd, self._force = np.zeros((2, robot.n))

@@ -7,7 +7,7 @@ import math
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.reference import ReferenceFollower
 
-STALE_JOINTS = 'stale joint_states'
+NO_JOINTS, STALE_JOINTS = 'no joint_states yet', 'stale joint_states'
 
 
 class FollowingConditions:
@@ -66,7 +66,7 @@ class FollowingConditions:
             return 'disabled'
         if self._needs_joints:
             if joint_age > self._joint_timeout:
-                return STALE_JOINTS if joint_age < math.inf else 'no joint_states yet'
+                return STALE_JOINTS if joint_age < math.inf else NO_JOINTS
             if not has_posture:
                 return 'joint_states have no posture'
         if not follower.given:

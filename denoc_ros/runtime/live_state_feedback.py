@@ -16,6 +16,7 @@ from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.model.overrides import FAMILIES
 from denoc_ros.runtime.feedback_parameters import SETTINGS
+from denoc_ros.runtime.following import STALE_JOINTS
 from denoc_ros.runtime.gain_worker import FeedbackModel, GainWorker, WantedGains
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.reference import ReferenceFollower
@@ -227,7 +228,7 @@ class LiveStateFeedback:
     ) -> None:
         """Do all that :meth:`torque` does, but let none leave."""
         self.torque(now, lead, wanted, q, qd, plan)
-        self._note('stale joint_states', False)
+        self._note(STALE_JOINTS, False)
 
     def applied(self, change: Array) -> None:
         """Take what was added to the plan's torque after all limits (joints,), and go on."""
