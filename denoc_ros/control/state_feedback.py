@@ -119,6 +119,7 @@ class StateFeedback:
             [s].
         plan : (joints,) array, optional
             Torque of the plan, for ticks that come late: drives hold what they were last told.
+            It is kept until the next call and must not change before.
         """
         schedule = self.schedule
         self._catch_up(now, plan)
@@ -150,7 +151,7 @@ class StateFeedback:
 
     def _catch_up(self, now: float, plan: Array | None) -> None:
         """Bring the estimate over the periods since the last tick that had none."""
-        before, self._plan = self._plan, None if plan is None else plan.copy()
+        before, self._plan = self._plan, plan
         if self._last == -np.inf:
             return
         missed = round((now - self._last) / self.schedule.settings.period) - 1

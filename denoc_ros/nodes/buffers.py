@@ -27,10 +27,8 @@ def release_buffers(
 
     Parameters
     ----------
-    environment : mapping
-        Default the process's own, before the participant exists; changed in place.
-    middleware : str, optional
-        Identifier of the implementation, default that in use; others than Fast DDS are left alone.
+    environment, middleware
+        As of `use_sockets`.
     """
     if not is_fast_dds(middleware) or FROM_PROFILES in environment:
         return

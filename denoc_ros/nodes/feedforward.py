@@ -11,6 +11,7 @@ import numpy as np
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
+from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.nodes.base import EVERY_MESSAGE
@@ -33,6 +34,7 @@ from denoc_ros.runtime.safety import InputMonitor, SafeCommand, TorqueLimiter, t
 from denoc_ros.runtime.stamps import StampOf
 from denoc_ros.runtime.torque_status import TorqueStatus
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.types import Array
 
 FINAL_COMMANDS = 5  # sent at the end, in case a reader misses some
 FINAL_SPACING = 0.005  # s
@@ -235,7 +237,7 @@ class FeedforwardNode(LiveFeedforward):
         cause = self._trouble(now) or ('model failed' if torque is None else '')
         if cause or torque is None:
             if torque is not None and cause == STALE_JOINTS:
-                self._feed_back(self.feedback.wait, torque)
+                self.feedback.wait(torque, *self._plan())
             else:
                 self.feedback.rest()
             self._be_safe(now)
@@ -243,7 +245,7 @@ class FeedforwardNode(LiveFeedforward):
             self.safe.end()
             if self._fresh:
                 self._start_torque(now)
-            left = self.limiter.apply(self._feed_back(self.feedback.add, torque))
+            left = self.limiter.apply(self.feedback.add(torque, *self._plan()))
             self.feedback.applied(left)
             self._publish(left)
             if self.wrench is not None:
@@ -252,10 +254,9 @@ class FeedforwardNode(LiveFeedforward):
             self._takeovers += 1
         self._cause = cause or 'following'
 
-    def _feed_back(self, what: Any, torque: Any) -> Any:
-        """Let the feedback do something about the plan's torque of this tick."""
-        source, clock = self.torque.source, self._tick_time
-        return what(torque, source, self.q, clock, self.conditions.lead)
+    def _plan(self) -> tuple[TorqueFeedforward, Array, float, float]:
+        """Return what the feedback has to know of this tick's plan beside its torque."""
+        return self.torque.source, self.q, self._tick_time, self.conditions.lead
 
     def _move_base(self, time: float) -> None:
         """Let the model's base move as measured, carried on to a time."""
@@ -274,7 +275,7 @@ class FeedforwardNode(LiveFeedforward):
             return trouble
         return self.conditions.trouble(now, age, has_posture, self.follower)
 
-    def _along_reference(self, now: float) -> Any:
+    def _along_reference(self, now: float) -> Array | None:
         """Return the torque (n,) along the reference, None if there is none or the model fails."""
         clock = self._tick_time
         if self.follower.age(now) > self.conditions.reference_timeout or not self.follower.sample(
@@ -285,7 +286,7 @@ class FeedforwardNode(LiveFeedforward):
         elapsed, self._last_update = clock - self._last_update, clock
         return self.torque.update(self.q, self.qd, self.qdd, elapsed)
 
-    def _publish(self, torque: Any) -> None:
+    def _publish(self, torque: Array) -> None:
         self.output.send(self._stamp_of(self._tick_time), self.q, self.qd, self.qdd, torque)
 
     def _carry(self, now: float) -> bool:

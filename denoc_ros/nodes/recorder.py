@@ -81,8 +81,8 @@ class Recorder(DenocNode):
             self.description = Path(path).read_text(encoding='utf-8')
 
     def activate(self) -> None:
-        """Begin to record."""
-        self.start()
+        """Begin to record; the threads then get their priority as in every node."""
+        self._begin()
 
     def deactivate(self) -> None:
         """Finish the bag."""
@@ -92,6 +92,15 @@ class Recorder(DenocNode):
     # ---- services
 
     def start(self) -> str:
+        """Begin a new bag, with the priority of an active node for its writing thread."""
+        begun = self._begin()
+        if self.owns_process:
+            self.realtime_options.update(
+                self.prioritized(self.settings.integer('thread_priority'))
+            )
+        return begun
+
+    def _begin(self) -> str:
         """Begin a new bag; return where."""
         if self.writer is not None:
             raise BagError(
@@ -115,8 +124,6 @@ class Recorder(DenocNode):
             settings.integer('min_free_space'),
             queue_bytes=settings.integer('queue_bytes'),
         )
-        if self.owns_process:  # the writer's thread is new
-            self.realtime_options.update(self.prioritized(settings.integer('thread_priority')))
         if self.description:
             self.writer.attach(DESCRIPTION_ATTACHMENT, self.description, self.stamp_ns())
         self._looks = 0

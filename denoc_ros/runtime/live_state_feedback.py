@@ -207,7 +207,7 @@ class LiveStateFeedback:
         q, qd : (n,) arrays
             All coordinates of the plan and their rates.
         plan : (joints,) array, optional
-            Torque of the plan, for ticks that come late.
+            Torque of the plan, for ticks that come late; it must not change before the next tick.
         """
         self._swap(now)
         feedback = self._now

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from frozen_disk import freeze_disk
 from mcap.reader import make_reader
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -17,7 +17,6 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from denoc_ros.bags.reader import bag_topics, read_attachment, read_bag
-from denoc_ros.bags.storage import DiskFile
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.recorder import Recorder
 
@@ -74,6 +73,26 @@ def test_a_recording_that_was_begun_by_request_is_whole_at_the_end(
     node.end()
     with Reader(path) as reader:
         assert reader.message_count == 0
+
+
+def test_threads_get_their_priority_once_per_recording(
+    graph: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[int] = []
+
+    def prioritized(priority: int) -> dict[str, str]:
+        given.append(priority)
+        return {}
+
+    monkeypatch.setattr(Recorder, 'prioritized', staticmethod(prioritized))
+    node = graph.add(Recorder, output=str(tmp_path / 'run'), start=False)
+    node.trigger_configure()
+    node.owns_process = True
+    node.trigger_activate()
+    assert given == [node.settings.integer('thread_priority')]
+    node.stop()
+    node.start()  # another thread writes now
+    assert len(given) == 2
 
 
 def test_every_offered_qos_is_matched_and_written_down(graph: Any, tmp_path: Path) -> None:
@@ -220,14 +239,7 @@ def test_losses_behind_a_stalled_disk_are_reported(
     publisher = graph.publisher(Float64, '/a', depth=1000)
     publisher.publish(Float64(data=1.0))
     graph.until(lambda: written(node) == 1)
-    released = threading.Event()
-    write = DiskFile.write
-
-    def stalled_write(disk: DiskFile, block: bytes) -> int:
-        assert released.wait(20.0)
-        return write(disk, block)
-
-    monkeypatch.setattr(DiskFile, 'write', stalled_write)
+    released = freeze_disk(monkeypatch)
     publisher.publish(Float64(data=2.0))
     graph.until(lambda: node.writer.status().stalled > 0.2)
     for _ in range(50):
