@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,7 +121,21 @@ def measure(job: Job) -> Outcome:
     seconds = time.process_time() - start
     pairs = matched(decay.truth, decay.bound, modes)
     wanted = [i for i in range(len(decay.truth)) if decay.bound[i] <= IDENTIFIABLE]
-    hits = [i for i in wanted if i in pairs]
+    reported = {i: (modes.damping_ratio[k], modes.interval[k]) for i, k in pairs.items()}
+    return _outcome(job, decay, wanted, reported, modes.frequency.size - len(pairs), seconds)
+
+
+def _outcome(
+    job: Job,
+    decay: Decay,
+    wanted: Sequence[int],
+    reported: Mapping[int, tuple[float, Array]],
+    spurious: int,
+    seconds: float,
+) -> Outcome:
+    """Compare what is reported of true modes, a damping ratio and its interval each, with them."""
+    condition, case, seed = job
+    hits = [i for i in wanted if i in reported]
     zeta = [mode.damping_ratio for mode in decay.truth]
     return Outcome(
         condition=condition.name,
@@ -129,11 +143,11 @@ def measure(job: Job) -> Outcome:
         seed=seed,
         identifiable=len(wanted),
         found=len(hits),
-        errors=tuple(float(modes.damping_ratio[pairs[i]] / zeta[i] - 1.0) for i in hits),
+        errors=tuple(float(reported[i][0] / zeta[i] - 1.0) for i in hits),
         bounds=tuple(float(decay.bound[i]) for i in hits),
-        reported=len(pairs),
-        covered=sum(_inside(modes.interval[k], zeta[i]) for i, k in pairs.items()),
-        spurious=modes.frequency.size - len(pairs),
+        reported=len(reported),
+        covered=sum(_inside(interval, zeta[i]) for i, (_, interval) in reported.items()),
+        spurious=spurious,
         seconds=seconds,
     )
 
@@ -156,24 +170,12 @@ def matched(truth: Sequence[Truth], bound: Array, modes: Modes) -> dict[int, int
 
 def _spectra_outcome(job: Job, decay: Decay, start: float) -> Outcome:
     """Count the modes for which the method says it holds."""
-    condition, case, seed = job
     damped = np.array([mode.pole[1] for mode in decay.truth]) / (2.0 * np.pi)
     decays = evolving_spectra(decay.record, damped)
-    held = [i for i, one in enumerate(decays) if not one.reasons]
-    zeta = [mode.damping_ratio for mode in decay.truth]
-    return Outcome(
-        condition=condition.name,
-        case=case,
-        seed=seed,
-        identifiable=len(held),
-        found=len(held),
-        errors=tuple(float(decays[i].damping_ratio / zeta[i] - 1.0) for i in held),
-        bounds=tuple(float(decay.bound[i]) for i in held),
-        reported=len(held),
-        covered=sum(_inside(decays[i].interval, zeta[i]) for i in held),
-        spurious=0,
-        seconds=time.process_time() - start,
-    )
+    held = {
+        i: (one.damping_ratio, one.interval) for i, one in enumerate(decays) if not one.reasons
+    }
+    return _outcome(job, decay, list(held), held, 0, time.process_time() - start)
 
 
 def _inside(interval: Array, value: float) -> bool:

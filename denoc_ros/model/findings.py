@@ -81,6 +81,14 @@ class Reader:
             return ''
         return str(value)
 
+    def unique_name(self, names: set[str]) -> None:
+        """Note a name that is missing or among those before it; add it to them."""
+        self.text('name')
+        name = self.element.get('name', '')
+        if name in names:
+            self.findings.add(self.whose, 'name must be unique, got it twice')
+        names.add(name)
+
     def choice(self, attribute: str, choices: Sequence[str], default: str | None = None) -> str:
         """Return a text out of some; an empty one when it is none of them."""
         value = self.element.get(attribute, default)

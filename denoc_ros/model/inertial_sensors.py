@@ -66,10 +66,7 @@ def read_inertial_sensor(
     reader = Reader(element, f'sensor {name!r}', findings)
     type_ = reader.choice('type', tuple(OWN))
     reader.only((*COMMON, *OWN.get(type_, GYRO)))
-    reader.text('name')
-    if name in names:
-        findings.add(reader.whose, 'name must be unique, got it twice')
-    names.add(name)
+    reader.unique_name(names)
     link = reader.text('link')
     if link and link not in links:
         reader.fail('link', 'be a link of the robot', link)

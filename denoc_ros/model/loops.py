@@ -55,10 +55,7 @@ def read_loop(
     before, name = len(findings.items), element.get('name', '')
     reader = Reader(element, f'loop {name!r}', findings)
     reader.only(('name', 'type'), ('parent', 'child', 'axis', 'axis2', 'dynamics'))
-    reader.text('name')
-    if name in names:
-        findings.add(reader.whose, 'name must be unique, got it twice')
-    names.add(name)
+    reader.unique_name(names)
     type_ = reader.choice('type', TYPES)
     parent, parent_origin = _read_end(reader, 'parent', links)
     child, child_origin = _read_end(reader, 'child', links)

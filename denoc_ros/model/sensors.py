@@ -62,10 +62,7 @@ def read_sensor(
     type_ = reader.choice('type', (*OWN, *INERTIAL_PARTS))
     own = OWN.get(type_, ('surface', 'component'))
     reader.only((*COMMON, *own, 'topic', 'field'))
-    reader.text('name')
-    if name in names:
-        findings.add(reader.whose, 'name must be unique, got it twice')
-    names.add(name)
+    reader.unique_name(names)
     link = reader.text('link')
     if link and link not in flexible:
         reader.fail('link', 'be a link with a <beam>', link)

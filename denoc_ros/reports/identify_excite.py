@@ -9,8 +9,8 @@ import numpy as np
 
 from denoc_ros.model.tree import Tree
 from denoc_ros.reports.figures import PHASE_COLOURS, Curve, Panel, line_figure
-from denoc_ros.reports.identify_result import SHOWN, TONES, interval_text
-from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict, engineering
+from denoc_ros.reports.identify_result import TONES, interval_text, number_cards
+from denoc_ros.reports.pages import PageSection, PageTable, ReportPage, Verdict, engineering
 from denoc_ros.reports.provenance import provenance
 from denoc_ros.reports.sections import Units
 
@@ -37,10 +37,7 @@ def excitation_page(
     """
     numbers = document['parameters']
     good = [one for one in numbers if one['verdict'] == 'found']
-    cards = [
-        Card(one['path'], f'{one["value"]:.5g}', interval_text(one['interval']))
-        for one in good[:SHOWN]
-    ]
+    cards = number_cards(good)
     text = (
         f'After this motion {len(good)} of {len(numbers)} numbers are known within 5 %; the '
         f'search made intervals {document["gain"]:.3g} times shorter than after the best motion '

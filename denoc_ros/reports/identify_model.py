@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from denoc_ros.reports.identify_result import SHOWN, interval_text, result_page
-from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, engineering
+from denoc_ros.reports.identify_result import interval_text, number_cards, result_page
+from denoc_ros.reports.pages import PageSection, PageTable, ReportPage, engineering
 
 
 def model_page(document: Mapping[str, Any], command: str) -> ReportPage:
@@ -21,10 +21,7 @@ def model_page(document: Mapping[str, Any], command: str) -> ReportPage:
     """
     numbers = document['parameters']
     found = [one for one in numbers if one['verdict'] == 'found']
-    cards = [
-        Card(one['path'], f'{one["value"]:.5g}', interval_text(one['interval']))
-        for one in found[:SHOWN]
-    ]
+    cards = number_cards(found)
     sections = [_numbers(numbers), _combinations(document), _channels(document['channels'])]
     return result_page(
         document,

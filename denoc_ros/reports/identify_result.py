@@ -11,7 +11,7 @@ from denoc_ros.reports.provenance import provenance
 from denoc_ros.reports.text_table import cell_text
 
 TONES: Mapping[str, Tone] = {'good': 'good', 'doubtful': 'doubtful', 'not identifiable': 'bad'}
-SHOWN = 4  # modes on cards
+SHOWN = 4  # modes or numbers on cards
 
 
 def result_page(
@@ -65,6 +65,14 @@ def mode_cards(document: Mapping[str, Any]) -> list[Card]:
             Card(f'{mode["frequency_hz"]:.4g} Hz', f'ζ {mode["damping_ratio"]:.4g}', note)
         )
     return cards
+
+
+def number_cards(numbers: Sequence[Mapping[str, Any]]) -> list[Card]:
+    """Return a card for each of the first numbers of a model: value, interval."""
+    return [
+        Card(one['path'], f'{one["value"]:.5g}', interval_text(one['interval']))
+        for one in numbers[:SHOWN]
+    ]
 
 
 def interval_text(interval: Sequence[float | None]) -> str:

@@ -9,6 +9,7 @@ from denoc_ros.runtime.feedback_parameters import feedback_parameters
 from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
 from denoc_ros.runtime.safety import STALE_ACTIONS
 from denoc_ros.runtime.shared_parameters import (
+    EXTRA_JOINTS,
     base_parameters,
     input_parameters,
     lifecycle_parameters,
@@ -93,12 +94,7 @@ TABLE = ParameterTable(
             True,
             'follow the reference only while joint states are fresh',
         ),
-        Parameter(
-            'allow_extra_joints',
-            Kind.BOOL,
-            False,
-            'accept joint states that also name joints unknown to the robot',
-        ),
+        EXTRA_JOINTS,
         Parameter(
             'sync_to_joint_states',
             Kind.BOOL,

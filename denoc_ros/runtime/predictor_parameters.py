@@ -7,6 +7,7 @@ from denoc_ros.estimation.observer_settings import SOURCES
 from denoc_ros.estimation.tracker_settings import TrackerSettings
 from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
 from denoc_ros.runtime.shared_parameters import (
+    EXTRA_JOINTS,
     base_parameters,
     input_parameters,
     lifecycle_parameters,
@@ -32,12 +33,7 @@ TABLE = ParameterTable(
             [],
             'measured joints; the others stay at 0; empty: all but mimic joints',
         ),
-        Parameter(
-            'allow_extra_joints',
-            Kind.BOOL,
-            False,
-            'accept joint states that also name joints unknown to the robot',
-        ),
+        EXTRA_JOINTS,
         Parameter(
             'source',
             Kind.STRING,

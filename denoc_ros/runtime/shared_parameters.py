@@ -5,6 +5,13 @@ from __future__ import annotations
 from denoc_ros.runtime.base_messages import SOURCES
 from denoc_ros.runtime.parameters import Kind, Parameter
 
+EXTRA_JOINTS = Parameter(
+    'allow_extra_joints',
+    Kind.BOOL,
+    False,
+    'accept joint states that also name joints unknown to the robot',
+)
+
 
 def lifecycle_parameters() -> tuple[Parameter, ...]:
     """Return the rows that every node has."""

@@ -235,7 +235,9 @@ class EquationsOfMotion:
         if self._torque is None:
             self.tau[:] = 0.0
         else:
-            self.tau[:] = _checked(self._torque(t, self.q, self.qd), self._robot.n, t)
+            self.tau[:] = checked_vector(
+                self._torque(t, self.q, self.qd), self._robot.n, 'torque', t
+            )
         self._accelerate()
         self.evaluations += 1
 
@@ -301,10 +303,27 @@ def constraint_matrix(
     return matrix
 
 
-def _checked(tau: Array, n: int, t: float) -> Array:
-    tau = np.asarray(tau, dtype=np.float64)
-    if tau.shape != (n,):
-        raise StateError(f'simulate: torque must have shape ({n},), got {tau.shape}')
-    if not np.isfinite(tau).all():
-        raise StateError(f'simulate: torque must be finite, got {tau} at t = {t:.9g} s')
-    return tau
+def checked_vector(value: Array, n: int, name: str, t: float | None = None) -> Array:
+    """Return a vector (n,) of finite numbers as float64.
+
+    Parameters
+    ----------
+    value : (n,) array
+    n : int
+    name : str
+        Named in errors.
+    t : float, optional
+        Time at which it was asked for [s], also named.
+
+    Raises
+    ------
+    StateError
+        For another shape, or a number that is not finite.
+    """
+    vector = np.asarray(value, dtype=np.float64)
+    if vector.shape != (n,):
+        raise StateError(f'simulate: {name} must have shape ({n},), got {vector.shape}')
+    if not np.isfinite(vector).all():
+        when = '' if t is None else f' at t = {t:.9g} s'
+        raise StateError(f'simulate: {name} must be finite, got {vector}{when}')
+    return vector

@@ -14,7 +14,7 @@ from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.simulation.compiled import CompiledDOP853
-from denoc_ros.simulation.motion import EquationsOfMotion, Prescribed, Torque
+from denoc_ros.simulation.motion import EquationsOfMotion, Prescribed, Torque, checked_vector
 from denoc_ros.simulation.run import Run
 from denoc_ros.types import Array
 
@@ -82,7 +82,7 @@ def simulate(
         raise StateError(f'simulate: method must be one of {", ".join(methods)}, got {method!r}')
     motion = EquationsOfMotion(robot, torque, prescribed, base)
     state = motion.start(
-        _checked_state(q0, robot.n, 'q0'), _checked_state(qd0, robot.n, 'qd0'), times[0]
+        checked_vector(q0, robot.n, 'q0'), checked_vector(qd0, robot.n, 'qd0'), times[0]
     )
     with (
         np.errstate(over='ignore', invalid='ignore'),
@@ -230,15 +230,6 @@ def _sampled(motion: EquationsOfMotion, times: Array, states: Array) -> Run:
         )
     names = motion.coordinate_names
     return Run(times, q, qd, energy, tau, names, evaluations)
-
-
-def _checked_state(value: Array, n: int, name: str) -> Array:
-    array = np.array(value, dtype=np.float64)
-    if array.shape != (n,):
-        raise StateError(f'simulate: {name} must have shape ({n},), got {array.shape}')
-    if not np.isfinite(array).all():
-        raise StateError(f'simulate: {name} must be finite, got {array}')
-    return array
 
 
 def _checked_times(t: Array) -> Array:

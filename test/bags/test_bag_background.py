@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import resource
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from frozen_disk import freeze_disk
 
 from denoc_ros.bags.background import BackgroundWriter
 from denoc_ros.bags.definitions import encode
@@ -77,19 +77,12 @@ def test_stalled_disk_delays_nobody_and_losses_are_counted_by_topic(
     writer.add_topic('/b', JOINT_STATE)
     writer.put('/a', 0, RAW)
     wait_for(lambda: writer.status().written == 1)
-    released = threading.Event()
-    write = DiskFile.write
-
-    def stalled_write(disk: DiskFile, block: bytes) -> int:
-        assert released.wait(10.0)
-        return write(disk, block)
-
-    monkeypatch.setattr(DiskFile, 'write', stalled_write)
+    released = freeze_disk(monkeypatch)
     writer.put('/a', 1, RAW)
     wait_for(lambda: writer.status().stalled > 0.1)
     start = time.monotonic()
     kept = [writer.put('/b' if stamp % 4 else '/a', stamp, RAW) for stamp in range(2, 1002)]
-    assert time.monotonic() - start < 5.0  # one that waited for the disk would take 10 s
+    assert time.monotonic() - start < 5.0  # one that waited for the disk would take 30 s
     assert sum(kept) == 100
     assert writer.status().lost == {'/a': 225, '/b': 675}
     released.set()
@@ -103,14 +96,7 @@ def test_disk_that_never_comes_back_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     writer = BackgroundWriter(BagWriter(tmp_path / 'run'), flush_period=0.02)
-    released = threading.Event()
-    write = DiskFile.write
-
-    def stalled_write(disk: DiskFile, block: bytes) -> int:
-        released.wait(10.0)
-        return write(disk, block)
-
-    monkeypatch.setattr(DiskFile, 'write', stalled_write)
+    released = freeze_disk(monkeypatch)
     with pytest.raises(BagError, match=r'within 0\.05 s.*denoc recover'):
         writer.close(timeout=0.05)
     released.set()
@@ -167,19 +153,6 @@ def test_bad_numbers_are_refused(tmp_path: Path) -> None:
         BackgroundWriter(bag, queue_size=0)
 
 
-def frozen_disk(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
-    """Let every write wait until the event that is returned is set."""
-    released = threading.Event()
-    write = DiskFile.write
-
-    def frozen_write(disk: DiskFile, block: bytes) -> int:
-        assert released.wait(30.0)
-        return write(disk, block)
-
-    monkeypatch.setattr(DiskFile, 'write', frozen_write)
-    return released
-
-
 def resident_memory() -> int:
     """Return the resident memory of this process [bytes]."""
     pages = int(Path('/proc/self/statm').read_text().split()[1])
@@ -197,7 +170,7 @@ def test_memory_behind_a_frozen_disk_is_bounded_in_bytes(
     writer.add_topic('/small', JOINT_STATE)
     writer.put('/small', 0, RAW)
     wait_for(lambda: writer.status().written == 1)
-    released = frozen_disk(monkeypatch)
+    released = freeze_disk(monkeypatch)
     writer.put('/small', 1, RAW)
     wait_for(lambda: writer.status().stalled > 0.1)
     before = resident_memory()

@@ -47,11 +47,16 @@ def run(
     parser.add_argument('--blocks', type=int, default=6, help='of each kind')
     parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
     args = parser.parse_args(argv)
+    return say(name, lambda: measure(args.seconds, args.blocks), args.json)
+
+
+def say(name: str, measure: Callable[[], Found], as_json: bool) -> int:
+    """Print what a bench finds; return the exit status."""
     try:
-        found = measure(args.seconds, args.blocks)
+        found = measure()
     except DenocError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return 1
     text = json.dumps(found.record(), indent=2, allow_nan=False)
-    print(text if args.json else '\n'.join(found.text()))
+    print(text if as_json else '\n'.join(found.text()))
     return 0 if found.met else 2

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from bench.journal import read
 from bench.lateness import Array
+from bench.lateness_command import say
 from bench.load_bench import SETTLING, Bench, benched
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
@@ -184,14 +185,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--block', type=float, default=BLOCK, help='seconds of a block, up to 15')
     parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
     args = parser.parse_args(argv)
-    try:
-        found = lateness(args.minutes, args.block)
-    except DenocError as error:
-        print(f'request_lateness: {error}', file=sys.stderr)
-        return 1
-    text = json.dumps(found.record(), indent=2, allow_nan=False)
-    print(text if args.json else '\n'.join(found.text()))
-    return 0 if found.met else 2
+    return say('request_lateness', lambda: lateness(args.minutes, args.block), args.json)
 
 
 if __name__ == '__main__':

@@ -6,23 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from elastica import Tip, distance, divided_table, elastica
+from elastica import distance, divided_table, elastica
+from elastica import model as tip
 from hinged_rods import sagging
 from segmented_robots import strip, strip_text
 
-from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.robot import load_robot
 
 STRAIGHT = 1.8751040687119611**2 / (2.0 * np.pi)  # Hz, of the strip without weight
 SIZES = {'force': (0.3, 0.95, 2.0), 'moment': (0.2, 0.62, 1.3)}  # deflections 10, 29, 49-56 %
-
-
-def tip(robot: Robot, load: str, size: float) -> Tip:
-    """Return the strip's tip in equilibrium."""
-    wrench = np.zeros(6)
-    wrench[1 if load == 'force' else 5] = size
-    q = robot.static_deflection(np.zeros(0), wrenches={'tip': wrench})
-    pose = robot.frame_pose('tip', q)
-    return Tip(pose[0, 3], pose[1, 3], float(np.arctan2(pose[1, 0], pose[0, 0])))
 
 
 @pytest.mark.parametrize('load', ['force', 'moment'])

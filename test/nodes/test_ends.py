@@ -21,10 +21,24 @@ PATIENCE = 300.0  # s for a process that imports everything, on a machine with t
 # of shared memory, where it is used: the library's thread, not a participant's
 WATCHDOG = 'dds.shm.wdog'
 
-# a node that is told to end when it is active; then the threads that are left of the middleware
-LEFT_BEHIND = """
-import os, signal, sys, threading
+LEFT = """
 from pathlib import Path
+
+def left():
+    names = []
+    for task in Path('/proc/self/task').iterdir():
+        try:
+            names.append((task / 'comm').read_text().strip())
+        except OSError:  # it has just ended
+            pass
+    return sorted(name for name in names if name.startswith('dds'))
+"""
+
+# a node that is told to end when it is active; then the threads that are left of the middleware
+LEFT_BEHIND = (
+    LEFT
+    + """
+import os, signal, sys, threading
 from denoc_ros.nodes import feedforward, process
 
 def active():
@@ -38,35 +52,27 @@ def told():
 
 told()
 status = process.run(feedforward.FeedforwardNode, sys.argv)
-names = []
-for task in Path('/proc/self/task').iterdir():
-    try:
-        names.append((task / 'comm').read_text().strip())
-    except OSError:  # it has just ended
-        pass
-print(status, *sorted(name for name in names if name.startswith('dds')))
+print(status, *left())
 process.leave(status)
 """
+)
 
-LEFT_BY_CLIENT = """
-from pathlib import Path
+LEFT_BY_CLIENT = (
+    LEFT
+    + """
 from denoc_ros.nodes.session_client import SessionClient
 
 with SessionClient('<robot/>'):
     pass
-names = []
-for task in Path('/proc/self/task').iterdir():
-    try:
-        names.append((task / 'comm').read_text().strip())
-    except OSError:  # it has just ended
-        pass
-print(*sorted(name for name in names if name.startswith('dds')))
+print(*left())
 """
+)
 
 # a session that is interrupted while it enters the graph
-INTERRUPTED = """
+INTERRUPTED = (
+    LEFT
+    + """
 import os, signal, threading
-from pathlib import Path
 from types import SimpleNamespace
 from denoc_ros.cli import up
 from denoc_ros.cli.interrupts import Interrupts
@@ -86,14 +92,9 @@ try:
         print('went on')
 except KeyboardInterrupt:
     print('interrupted')
-names = []
-for task in Path('/proc/self/task').iterdir():
-    try:
-        names.append((task / 'comm').read_text().strip())
-    except OSError:  # it has just ended
-        pass
-print(*sorted(name for name in names if name.startswith('dds')))
+print(*left())
 """
+)
 
 
 def test_a_node_leaves_no_thread_of_the_middleware(ros_domain: int, urdf: str) -> None:

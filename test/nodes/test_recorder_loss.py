@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import shutil
-import threading
 import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from frozen_disk import freeze_disk
 from std_msgs.msg import Float64, String
 
 from denoc_ros.bags.definitions import encode
 from denoc_ros.bags.reader import read_bag, read_raw
-from denoc_ros.bags.storage import DiskFile
 from denoc_ros.nodes.recorder import Recorder
 
 pytestmark = pytest.mark.ros
@@ -66,14 +65,7 @@ def test_memory_of_the_queue_is_bounded_by_a_parameter(
     bound = 500_000
     node, _ = recording(graph, tmp_path / 'run', queue_bytes=bound, flush_period=0.02)
     publisher = graph.publisher(String, '/text', depth=10)
-    released = threading.Event()
-    write = DiskFile.write
-
-    def frozen_write(disk: DiskFile, block: bytes) -> int:
-        assert released.wait(20.0)
-        return write(disk, block)
-
-    monkeypatch.setattr(DiskFile, 'write', frozen_write)
+    released = freeze_disk(monkeypatch)
     text = String(data='x' * 50_000)
     try:
         for _ in range(40):

@@ -123,17 +123,23 @@ def test_ctrl_c_ends_all_nodes_and_leaves_a_whole_bag(tmp_path: Path) -> None:
 def test_a_node_that_dies_stops_the_rest_and_is_named(tmp_path: Path) -> None:
     run = tmp_path / 'run'
     process = up(CANADARM, '--output', str(run), '--no-record', *PLANT_ONLY)
-    assert process.stderr is not None
-    for line in process.stderr:
-        if line.startswith('rigid feedforward:'):
-            break
-    (plant,) = [pid for pid in nodes_below(run) if is_node(pid, 'plant')]
+    plant = moved_plant(process, run)
     os.kill(plant, signal.SIGKILL)
     status, _, err = finish(process)
     assert status == 1
     assert 'denoc up: plant: process must keep running, got an end by SIGKILL' in err
     assert 'Traceback' not in err
     assert nodes_below(run) == []
+
+
+def moved_plant(process: subprocess.Popen[str], run: Path) -> int:
+    """Wait for a session's first phase; return its plant's process."""
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith('rigid feedforward:'):
+            break
+    (plant,) = [pid for pid in nodes_below(run) if is_node(pid, 'plant')]
+    return plant
 
 
 def is_node(pid: int, name: str) -> bool:
@@ -161,11 +167,7 @@ def test_bad_values_are_refused_before_anything_starts(
 def test_a_node_that_is_stuck_stops_the_rest_and_is_named(tmp_path: Path) -> None:
     run = tmp_path / 'run'
     process = up(CANADARM, '--output', str(run), '--no-record', '--duration', '60', *PLANT_ONLY)
-    assert process.stderr is not None
-    for line in process.stderr:
-        if line.startswith('rigid feedforward:'):
-            break
-    (plant,) = [pid for pid in nodes_below(run) if is_node(pid, 'plant')]
+    plant = moved_plant(process, run)
     os.kill(plant, signal.SIGSTOP)
     time.sleep(LONGEST_SILENCE + 2.0)
     # by now it has been asked to end, which it can only do awake

@@ -326,6 +326,7 @@ def evaluated(context: Context, value: Any) -> Any:
 
 
 def flat(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    """Return nested parameters by dotted names."""
     found: dict[str, Any] = {}
     for key, value in values.items():
         inner = flat(value, f'{prefix}{key}.') if isinstance(value, Mapping) else None

@@ -13,6 +13,7 @@ from typing import Any
 
 import yaml
 from launch_files import arguments as launch_arguments
+from launch_stand_in import flat
 from pages import Snippet
 
 from denoc_ros.cli.config import NODES, find_file, load_config
@@ -221,15 +222,6 @@ def check_parameter_file(values: dict[str, Any]) -> None:
         known = theirs[node if node == 'controller_manager' else kinds[0]]
         for name in flat(parameters):
             assert any(re.fullmatch(pattern, name) for pattern in known), f'{node}: {name}'
-
-
-def flat(values: dict[str, Any], prefix: str = '') -> dict[str, Any]:
-    """Return nested parameters by dotted names."""
-    found: dict[str, Any] = {}
-    for name, value in values.items():
-        inner = flat(value, f'{prefix}{name}.') if isinstance(value, dict) else None
-        found.update(inner if inner is not None else {f'{prefix}{name}': value})
-    return found
 
 
 def check_xml(snippet: Snippet, folder: Path) -> None:
