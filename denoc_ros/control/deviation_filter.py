@@ -221,8 +221,8 @@ class DeviationFilter:
     def _regain(self, gains: PostureGains) -> None:
         """Correct the estimate by the first values after a pause.
 
-        Torque that was held does in proportion to the pause what the model says, more or less:
-        the gains of every period would take that for forces, and swing.
+        What a held torque has done is wrong by a share of itself (`DOUBTED`): the gains of an
+        ordinary period would take that error for unknown forces, and the robot would swing.
         """
         assert self._pause is not None
         pushed, seconds = self._pause
