@@ -19,7 +19,7 @@ from denoc_ros.model.overrides import FAMILIES
 
 NODES = ('plant', 'feedforward', 'predictor', 'recorder', 'viewer', 'shaper')
 WHEN_ASKED = ('viewer', 'shaper')  # started only where the file has them
-OF_ROBOTS = ('plant', 'feedforward', 'predictor')
+OF_ROBOTS = ('plant', 'feedforward', 'predictor', 'shaper')
 KEYS = (
     'robot',
     'gravity',

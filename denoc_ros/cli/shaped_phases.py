@@ -7,6 +7,8 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from denoc_ros.errors import ConfigError, SolverError, StateError
 
 if TYPE_CHECKING:
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
     from denoc_ros.control.plan import Plan
     from denoc_ros.dynamics.robot import Robot
     from denoc_ros.trajectories import SplineTrajectory, Trajectory
+    from denoc_ros.types import Array
 
 ASKED_STEP = 0.01  # s between the points of the motion that is asked for
 
@@ -53,11 +56,11 @@ def plans_of(
     if trajectory is None:
         raise ConfigError(str(config.path), ['phases that shape must have a reference, got none'])
     model = robot.with_overrides(config.model) if config.model else robot.copy()
-    times, q, _, _ = trajectory.table(ASKED_STEP)
+    times, q = _asked(config, model, trajectory, joints)
     for phase in shaped:
         options = dict(phase.shape)
         method = options.pop('method')
-        if config.joints:
+        if config.joints and method == 'tip':
             options = {'joints': list(joints), **options}
         try:
             with step(f'shaping the reference: {phase.name}'):
@@ -68,6 +71,21 @@ def plans_of(
             found = [f'phase {phase.name!r}: shape: {error}']
             raise ConfigError(str(config.path), found) from error
     return plans
+
+
+def _asked(
+    config: SessionConfig, robot: Robot, trajectory: Trajectory, joints: Sequence[str]
+) -> tuple[Array, Array]:
+    """Return times (k,) and positions (k, joints) of all joints for the driven ones' motion."""
+    from denoc_ros.control.driven_joints import all_joints
+
+    times, driven, _, _ = trajectory.table(ASKED_STEP)
+    posture = np.zeros(robot.n)
+    posture[robot.joint_indices] = config.nodes['plant'].get('posture') or 0.0
+    try:
+        return times, all_joints(robot, joints, driven, posture)
+    except (StateError, SolverError) as error:
+        raise ConfigError(str(config.path), [f'reference: {error}']) from error
 
 
 def motion_of(plan: Plan, joints: Sequence[str]) -> SplineTrajectory:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from denoc_ros.control.plan import Plan
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import StateError
+from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
 
 Given = Mapping[str, float] | ArrayLike
 TOLERANCE = 1e-6  # share by which a limit counts as kept
+WITHIN = 0.01  # share by which a plan may be beyond a limit
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,10 @@ class JointLimits:
     acceleration: Array
     jerk: Array
     effort: Array
+
+    def of(self, places: NDArray[np.int64]) -> JointLimits:
+        """Return the limits of the joints at some places."""
+        return JointLimits(*(getattr(self, each.name)[places] for each in fields(self)))
 
     def violation(
         self,
@@ -69,6 +75,37 @@ class JointLimits:
 def _largest(rows: Array, limit: Array) -> Array:
     """Return the largest magnitudes (joints,) as shares of the limits."""
     return np.asarray(np.abs(rows).max(axis=0, initial=0.0) / limit)
+
+
+def plan_violation(
+    robot: Robot, plan: Plan, limits: JointLimits, tolerance: float = TOLERANCE
+) -> tuple[str, str, float] | None:
+    """Return which limit a plan exceeds most, by which driven joint, by what factor; None: none.
+
+    Limits of all the robot's joints; a share beyond a limit is tolerated.
+    """
+    places = np.array([robot.joint_names.index(name) for name in plan.joint_names])
+    columns = robot.joint_indices[places]
+    rows = plan.q[:, columns], plan.qd[:, columns], plan.qdd[:, columns]
+    found = limits.of(places).violation(*rows, plan.torque, tolerance)
+    return None if found is None else (found[0], plan.joint_names[found[1]], found[2])
+
+
+def require_limits(robot: Robot, plan: Plan, limits: JointLimits, advice: str = '') -> None:
+    """Refuse a plan that is more than `WITHIN` beyond a limit.
+
+    Raises
+    ------
+    SolverError
+        Which limit, by what factor; ends with the advice.
+    """
+    broken = plan_violation(robot, plan, limits, WITHIN)
+    if broken is not None:
+        what, joint, factor = broken
+        raise SolverError(
+            f'{robot.tree.name}: the plan must keep the limits, got {factor:.3g} times the '
+            f'{what} limit of {joint!r}{advice}'
+        )
 
 
 def joint_limits(

@@ -9,8 +9,9 @@ from typing import Protocol
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.end_swing import follow_joints
-from denoc_ros.control.joint_limits import Given, joint_limits
+from denoc_ros.control.joint_limits import Given, JointLimits, joint_limits, require_limits
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.rest_to_rest import rest_to_rest
 from denoc_ros.control.ringing import ringing_modes
@@ -86,6 +87,7 @@ def shaper_motion(
 ) -> Plan:
     """Return the plan of a motion through an input shaper (see :func:`shape_samples`)."""
     _check(options)()
+    q_joints = DrivenJoints(robot, 'an input shaper').following(q_joints)
     samples, delay = shape_samples(robot, times, q_joints, method, options.modes)
     spline = make_interp_spline(samples.t, samples.q, k=5)
     begin, end = float(samples.t[0]), float(samples.t[-1])
@@ -108,16 +110,14 @@ def rest_motion(
 
     What is between them is not followed.
     """
+    q_joints = DrivenJoints(robot, 'rest to rest').following(q_joints)
     duration = float(times[-1] - times[0]) if options.duration is None else options.duration
-    limits = joint_limits(
-        robot, options.velocity, options.acceleration, options.jerk, options.effort
-    )
     found = rest_to_rest(
         robot,
         q_joints[0],
         q_joints[-1],
         duration or None,
-        limits,
+        _limits(robot, options),
         modes=options.modes,
         robustness=options.robustness,
         check=_check(options),
@@ -168,27 +168,19 @@ def _plan(
     q, qd = np.ascontiguousarray(states.q[::parts]), np.ascontiguousarray(states.qd[::parts])
     qdd = np.zeros_like(q)
     given = motion(t, 2)
-    torque, free = own.hybrid_dynamics(q, qd, given)
+    force, free = own.hybrid_dynamics(q, qd, given)
     qdd[:, robot.joint_indices], qdd[:, robot.flexible_indices] = given, free
-    _require_limits(robot, options, (motion(t), motion(t, 1), given, torque))
-    none = np.zeros(len(t))
-    names = tuple(robot.joint_names), tuple(robot.coordinate_names)
-    return Plan(method, t, q, qd, qdd, torque, *names, none, none)
+    driven, none = DrivenJoints(robot, method), np.zeros(len(t))
+    names = driven.names, tuple(robot.coordinate_names)
+    plan = Plan(method, t, q, qd, qdd, driven.torque(force), *names, none, none)
+    require_limits(robot, plan, _limits(robot, options), '; make the motion slower')
+    return plan
 
 
-def _require_limits(
-    robot: Robot, options: ShaperOptions, rows: tuple[Array, Array, Array, Array]
-) -> None:
-    limits = joint_limits(
+def _limits(robot: Robot, options: ShaperOptions) -> JointLimits:
+    return joint_limits(
         robot, options.velocity, options.acceleration, options.jerk, options.effort
     )
-    broken = limits.violation(*rows, tolerance=0.01)
-    if broken is not None:
-        what, joint, factor = broken
-        raise SolverError(
-            f'{robot.tree.name}: the plan must keep the limits, got {factor:.3g} times the '
-            f'{what} limit of {robot.joint_names[joint]!r}; make the motion slower'
-        )
 
 
 def _with_tip(

@@ -16,20 +16,20 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from denoc_ros.control.driven_joints import all_joints
 from denoc_ros.control.gain_jobs import read_job, schedule_message
 from denoc_ros.control.jobs import read_message, write_message
-from denoc_ros.control.joint_limits import joint_limits
+from denoc_ros.control.joint_limits import joint_limits, require_limits
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.servo import JointServo, joint_servo
 from denoc_ros.control.shape import shape_motion
 from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.errors import DenocError, SolverError
+from denoc_ros.errors import DenocError
 from denoc_ros.types import Array
 
 LOOK = 0.5  # s between looks whether the parent is there
-WITHIN = 0.01  # share by which a plan may be beyond a limit
 
 
 class Planning:
@@ -74,24 +74,12 @@ class Planning:
     def _shape(
         self, robot: Robot, header: dict[str, Any], arrays: dict[str, Array]
     ) -> tuple[dict[str, Any], dict[str, Array]]:
-        plan = shape_motion(
-            robot,
-            arrays['t'],
-            arrays['q'],
-            header['method'],
-            header['tip'] or None,
-            **header['options'],
-        )
-        limits = joint_limits(robot, **header['limits'])
-        joints = robot.joint_indices
+        joints = robot.indices(header['joints'])
+        q = all_joints(robot, header['joints'], arrays['q'], arrays['posture'])
+        tip = header['tip'] or None
+        plan = shape_motion(robot, arrays['t'], q, header['method'], tip, **header['options'])
+        require_limits(robot, plan, joint_limits(robot, **header['limits']))
         rows = plan.q[:, joints], plan.qd[:, joints], plan.qdd[:, joints]
-        broken = limits.violation(*rows, plan.torque, tolerance=WITHIN)
-        if broken is not None:
-            what, joint, factor = broken
-            raise SolverError(
-                f'{robot.tree.name}: the plan must keep the limits, got {factor:.3g} times the '
-                f'{what} limit of {robot.joint_names[joint]!r}'
-            )
         servo = joint_servo(len(joints), **header['servo'])
         t, q, qd, qdd = _commands(plan, rows, servo)
         answer = {

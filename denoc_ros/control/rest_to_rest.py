@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.end_swing import Driven, EndSwing
 from denoc_ros.control.joint_limits import JointLimits, joint_limits
 from denoc_ros.control.least_distance import solve_bounded
 from denoc_ros.control.rest_basis import RestBasis
-from denoc_ros.control.ringing import require_tree, ringing_modes
+from denoc_ros.control.ringing import ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
@@ -49,30 +50,34 @@ class RestMotion:
     states: Driven
     left: float
     basis: RestBasis
-    coefficients: Array  # (free, joints)
-    start: Array
+    coefficients: Array  # (free, driven)
+    start: Array  # (driven,)
     end: Array
+    driven: DrivenJoints
 
     def joints(self, times: ArrayLike, derivative: int = 0) -> Array:
         """Return the joints' motion (k, joints), or a derivative of it, held outside."""
-        return self.basis.rows(self.coefficients, self.start, self.end, times, derivative)
+        rows = self.basis.rows(self.coefficients, self.start, self.end, times, derivative)
+        return self.driven.all(rows, derivative)
 
 
 class _Problem:
-    """The search for the coefficients of one duration."""
+    """The search for the coefficients of one duration, of the driven joints."""
 
     def __init__(
         self,
         robots: list[Robot],
+        driven: DrivenJoints,
         postures: tuple[Array, Array],
         duration: float,
         limits: JointLimits,
         modes: int | None,
     ) -> None:
-        self.robot = robots[0]
+        self.robot, self.driven = robots[0], driven
         self.start, self.end = postures
         self.limits = limits
-        fastest = float(ringing_modes(self.robot, self.end, modes).frequencies.max())
+        first, last = driven.all(self.start), driven.all(self.end)
+        fastest = float(ringing_modes(self.robot, last, modes).frequencies.max())
         wanted = int(np.ceil(SEGMENTS_PER_PERIOD * fastest * duration))
         segments = min(max(wanted, SEGMENTS[0]), SEGMENTS[1])
         self.basis = RestBasis(duration, segments)
@@ -84,26 +89,39 @@ class _Problem:
         self._middle = self.basis.design(middle, 2), self.basis.ends(*postures, middle, 2)
         self._fixed = [self.basis.ends(*postures, self.t, order) for order in range(3)]
         step = duration / steps
-        self.swings = [EndSwing(each, *postures, step, modes) for each in robots]
+        self.swings = [EndSwing(each, first, last, step, modes) for each in robots]
         self._count = self.basis.free * len(self.start)
         self._points = np.linspace(0.0, duration, PER_SEGMENT * segments + 1)[1:-1]
         self._bounds = self._limit_rows()
         self._hessian, self._drift, self._cost = self._least_jerk()
 
     def rows(self, x: Array, derivative: int) -> Array:
-        """Return the joints (k, joints) of coefficients (count,) at the ends of steps."""
+        """Return the driven joints (k, driven) of coefficients (count,) at the ends of steps."""
         moved = self.designs[derivative] @ self.shaped(x)
         return np.asarray(moved + self._fixed[derivative])
 
     def shaped(self, x: Array) -> Array:
-        """Return coefficients (count,), joint by joint, as (free, joints)."""
+        """Return coefficients (count,), joint by joint, as (free, driven)."""
         return np.asarray(x.reshape(len(self.start), -1).T)
 
     def run(self, x: Array, swing: EndSwing) -> Driven:
         """Return the motion of all coordinates."""
         design, fixed = self._middle
-        between = design @ self.shaped(x) + fixed
-        return swing.run(self.rows(x, 0), self.rows(x, 1), between)
+        between = self.driven.all(design @ self.shaped(x) + fixed, 2)
+        q, qd = self.driven.all(self.rows(x, 0)), self.driven.all(self.rows(x, 1), 1)
+        return swing.run(q, qd, between)
+
+    def sensitivity(self, x: Array, motion: Driven, swing: EndSwing) -> tuple[Array, Array]:
+        """Return how the swing's error (m, count) and torques (k, driven, count) change."""
+        qdd = self.driven.all(self.rows(x, 2), 2)
+        error, force = swing.sensitivity(motion, qdd, self.designs)
+        ties = np.kron(self.driven.ties, np.eye(self.basis.free))
+        return error @ ties, np.einsum('kjc,ji->kic', force, self.driven.ties) @ ties
+
+    def torque(self, motion: Driven, qdd: Array) -> Array:
+        """Return the driven joints' torques (k, driven) of accelerations (k, driven)."""
+        force, _ = self.robot.hybrid_dynamics(motion.q, motion.qd, self.driven.all(qdd, 2))
+        return self.driven.torque(force)
 
     def _least_jerk(self) -> tuple[Array, Array, Callable[[Array], float]]:
         """Return H, g and x -> cost: the mean square of the jerk, on the limits' scale."""
@@ -142,10 +160,10 @@ class _Problem:
         return np.vstack(rows), np.concatenate(most)
 
     def _effort_rows(self, x: Array, motion: Driven, gain: Array) -> tuple[Array, Array]:
-        """Return G, h of G x <= h for torques that change by `gain` (k, joints, count)."""
+        """Return G, h of G x <= h for torques that change by `gain` (k, driven, count)."""
         at = np.linspace(0, len(self.t) - 1, len(self._points) + 2).astype(int)[1:-1]
-        qdd = self.rows(x, 2)[at]
-        torque, _ = self.robot.hybrid_dynamics(motion.q[at], motion.qd[at], qdd)
+        part = Driven(motion.q[at], motion.qd[at], motion.qdd_joints)
+        torque = self.torque(part, self.rows(x, 2)[at])
         rows, most = [np.zeros((0, self._count))], [np.zeros(0)]
         for j in np.flatnonzero(np.isfinite(self.limits.effort)):
             for sign in (1.0, -1.0):
@@ -199,12 +217,11 @@ class _Problem:
         """Return the coefficients of the next round, None where there are none."""
         size, jerk = sizes
         hessian, gradient = self._hessian / jerk, self._drift / jerk
-        qdd = self.rows(x, 2)
         weight = ROBUSTNESS / size**2
-        rows, torque = self.swings[0].sensitivity(motions[0], qdd, self.designs)
+        rows, torque = self.sensitivity(x, motions[0], self.swings[0])
         equality = rows, rows @ x - errors[0]
         for k in range(1, len(self.swings)):
-            rows, _ = self.swings[k].sensitivity(motions[k], qdd, self.designs)
+            rows, _ = self.sensitivity(x, motions[k], self.swings[k])
             hessian = hessian + weight * rows.T @ rows
             gradient = gradient - weight * rows.T @ (rows @ x - errors[k])
         more = self._effort_rows(x, motions[0], torque)
@@ -216,7 +233,7 @@ class _Problem:
 
     def _kept(self, x: Array, motion: Driven) -> bool:
         """Say whether the torques keep their limits, to a thousandth."""
-        torque, _ = self.robot.hybrid_dynamics(motion.q, motion.qd, self.rows(x, 2))
+        torque = self.torque(motion, self.rows(x, 2))
         return bool((np.abs(torque).max(axis=0) <= 1.005 * self.limits.effort).all())
 
 
@@ -239,9 +256,9 @@ def rest_to_rest(
     Parameters
     ----------
     robot : Robot
-        With the payload it carries, without loops and mimic joints.
+        With the payload it carries, without loops.
     start, end : (joints,) arrays
-        Postures [rad, m].
+        Postures [rad, m]; mimic joints follow their leaders.
     duration : float, optional
         s; default the shortest within the limits, to 2 %.
     limits : JointLimits, optional
@@ -268,17 +285,19 @@ def rest_to_rest(
     linearization along it, and solves a quadratic program for the coefficients.
     """
     robot = robot.copy()
+    driven = DrivenJoints(robot, 'rest to rest')
     limits = joint_limits(robot) if limits is None else limits
-    postures = _checked(robot, start, end, limits)
+    postures = _checked(robot, driven, start, end, limits)
+    limits = limits.of(driven.places)
     if not 0.0 <= robustness < 1.0:
         raise StateError(f'rest to rest: robustness must be >= 0 and < 1, got {robustness}')
     robots = [robot, *(_stiffer(robot, s) for s in (-robustness, robustness) if robustness)]
 
     def attempt(seconds: float) -> RestMotion:
-        problem = _Problem(robots, postures, seconds, limits, modes)
+        problem = _Problem(robots, driven, postures, seconds, limits, modes)
         x, states, left = problem.solve(check)
         return RestMotion(
-            seconds, problem.t, states, left, problem.basis, problem.shaped(x), *postures
+            seconds, problem.t, states, left, problem.basis, problem.shaped(x), *postures, driven
         )
 
     if duration is None:
@@ -289,9 +308,9 @@ def rest_to_rest(
 
 
 def _checked(
-    robot: Robot, start: ArrayLike, end: ArrayLike, limits: JointLimits
+    robot: Robot, driven: DrivenJoints, start: ArrayLike, end: ArrayLike, limits: JointLimits
 ) -> tuple[Array, Array]:
-    require_tree(robot, 'rest to rest')
+    """Return the postures of the driven joints after a check."""
     found = []
     for name, posture in (('start', start), ('end', end)):
         q = np.array(posture, dtype=np.float64)
@@ -299,12 +318,13 @@ def _checked(
             raise StateError(
                 f'rest to rest: {name} must be {len(robot.joint_names)} finite numbers, got {q}'
             )
+        q = driven.following(q)
         if (q < limits.lower).any() or (q > limits.upper).any():
             raise StateError(
                 f'rest to rest: {name} must be within {limits.lower.tolist()} to '
                 f'{limits.upper.tolist()}, got {q.tolist()}'
             )
-        found.append(q)
+        found.append(q[driven.places])
     return found[0], found[1]
 
 

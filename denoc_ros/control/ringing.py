@@ -22,19 +22,15 @@ class RingingModes(NamedTuple):
     ratios: Array
 
 
-def require_tree(robot: Robot, what: str) -> None:
-    """Refuse a robot of which joints do not move independently.
+def require_flexible(robot: Robot) -> None:
+    """Refuse a robot without flexible coordinates.
 
     Raises
     ------
-    StateError
-        It has loops or mimic joints.
+    SolverError
     """
-    if robot.constraint_names:
-        raise StateError(
-            f'{robot.tree.name}: {what} needs a robot without loops and mimic joints, got '
-            f'{len(robot.constraint_names)} constraint rows'
-        )
+    if not len(robot.flexible_indices):
+        raise SolverError(f'{robot.tree.name}: a shaper needs a flexible link, got none')
 
 
 def ringing_modes(robot: Robot, q_joints: ArrayLike, count: int | None = None) -> RingingModes:
@@ -59,10 +55,9 @@ def ringing_modes(robot: Robot, q_joints: ArrayLike, count: int | None = None) -
     """
     if count is not None and count < 1:
         raise StateError(f'{robot.tree.name}: modes to be shaped must be >= 1, got {count}')
+    require_flexible(robot)
     modes = robot.natural_modes(robot.static_deflection(q_joints))
     frequencies, ratios = modes.frequencies, modes.damping_ratios
-    if not len(frequencies):
-        raise SolverError(f'{robot.tree.name}: a shaper needs a flexible link, got none')
     if count is None:
         count = max(1, int(np.count_nonzero(frequencies < WIDEST * frequencies[0])))
     chosen = slice(0, count)

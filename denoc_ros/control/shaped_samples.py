@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline, make_interp_spline
 
+from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.impulses import impulse_weights
-from denoc_ros.control.ringing import modes_along, require_tree, ringing_modes
+from denoc_ros.control.ringing import modes_along, ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
@@ -63,7 +64,7 @@ def shape_samples(
     times : (k,) array
         s, increasing.
     q_joints : (k, joints) array
-        Positions [rad, m], from rest to rest.
+        Positions [rad, m], from rest to rest; mimic joints follow their leaders.
     method : str
         ``zv``, ``zvd`` or ``ei``.
     modes : int, optional
@@ -81,12 +82,12 @@ def shape_samples(
     StateError, SolverError
         A bad motion; modes that do not oscillate (see :func:`ringing_modes`).
     """
-    require_tree(robot, 'an input shaper')
+    driven = DrivenJoints(robot, 'an input shaper')
     spline = rest_spline(times, q_joints)
     start, end = float(times[0]), float(times[-1])
-    slowest = float(ringing_modes(robot, q_joints[0], modes).frequencies[0])
+    slowest = float(ringing_modes(robot, driven.following(spline(start)), modes).frequencies[0])
     postures = max(POSTURES, int(np.ceil(POSTURES_PER_PERIOD * slowest * (end - start))))
-    path = np.asarray(spline(np.linspace(start, end, postures)))
+    path = driven.following(spline(np.linspace(start, end, postures)))
     found = modes_along(robot, path, modes)
     half_periods = len(impulse_weights(method, 0.0)) - 1
     for _ in range(ROUNDS):
@@ -97,7 +98,7 @@ def shape_samples(
         knots = np.linspace(start, end + delay, postures)
         weights = [impulse_weights(method, r) for r in found.ratios.mean(axis=0)]
         frequencies = CubicSpline(knots, found.frequencies)(t)
-        q = np.asarray(spline(np.clip(t, start, end)))
+        q = driven.following(spline(np.clip(t, start, end)))
         for k in reversed(range(len(weights))):  # last the slowest: it is at the present phase
             q = _through(t, q, frequencies[:, k], weights[k])
         shaped = make_interp_spline(t, q, k=5)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from denoc_ros.control.joint_limits import JointLimits
+from denoc_ros.control.joint_limits import JointLimits, plan_violation
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.tip_solver import CancelledError
 from denoc_ros.dynamics.robot import Robot
@@ -75,13 +75,13 @@ def within_limits(
 
 def _kept(robot: Robot, plan: Plan, limits: JointLimits, stretch: float) -> Plan:
     """Return the plan if it keeps the limits, or raise LimitError."""
-    found = _excess(robot, plan, limits)
+    found = plan_violation(robot, plan, limits)
     if found is None:
         return plan
     what, joint, factor = found
     at = f'the motion {stretch:.4g} times slower' if stretch > 1.0 else 'the motion as it is'
     where = f'shape_motion: {robot.tree.name}: {joint} must keep its limit of {what}'
-    resting = _excess(robot, _ends(plan), limits)
+    resting = plan_violation(robot, _ends(plan), limits)
     if resting is not None:
         what, joint, factor = resting
         raise LimitError(
@@ -98,14 +98,3 @@ def _ends(plan: Plan) -> Plan:
     rows = [0, -1]
     names = ('t', 'q', 'qd', 'qdd', 'torque', 'tip_error', 'tip_turn')
     return replace(plan, **{name: getattr(plan, name)[rows] for name in names})
-
-
-def _excess(robot: Robot, plan: Plan, limits: JointLimits) -> tuple[str, str, float] | None:
-    """Return which limit is exceeded most, by which joint, and by what factor; None: none."""
-    where = [robot.joint_names.index(name) for name in plan.joint_names]
-    names = ('lower', 'upper', 'velocity', 'acceleration', 'jerk', 'effort')
-    driven = replace(limits, **{name: getattr(limits, name)[where] for name in names})
-    columns = robot.joint_indices[where]
-    rows = (plan.q[:, columns], plan.qd[:, columns], plan.qdd[:, columns])
-    found = driven.violation(*rows, plan.torque)
-    return None if found is None else (found[0], plan.joint_names[found[1]], found[2])

@@ -7,24 +7,28 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from denoc_ros.control.joint_limits import joint_limits
-from denoc_ros.control.ringing import RingingModes, require_tree, ringing_modes
+from denoc_ros.control.driven_joints import all_joints
+from denoc_ros.control.ringing import RingingModes, require_flexible, ringing_modes
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.nodes.messages import TrajectoryPointMessage
-from denoc_ros.nodes.model_node import is_override
+from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.motion_messages import planned_message, unshaped_message
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import motion_bounds
-from denoc_ros.runtime.motion_planning import MotionPlanning, given_limits, servo_columns
+from denoc_ros.runtime.motion_planning import (
+    MotionPlanning,
+    check_planning,
+    robot_job,
+    servo_columns,
+)
 from denoc_ros.runtime.motion_samples import RequestedMotion
 from denoc_ros.runtime.parameters import Settings, Value
 from denoc_ros.runtime.planner import Answer
@@ -73,8 +77,8 @@ class ShaperNode(RobotNode):
         """Build what shapes streams and start the planner; run each once."""
         settings, robot = self.settings, self.robot
         name = self.get_fully_qualified_name()
-        require_tree(robot, 'the shaper node')
-        self.joints = list(robot.joint_names)
+        self.joints = driven_joints(robot, settings.texts('joints'), name)
+        require_flexible(robot)
         self._check(settings)
         n = len(self.joints)
         self.bounds = motion_bounds(robot, self.joints, settings)
@@ -87,7 +91,6 @@ class ShaperNode(RobotNode):
             self.bounds,
         )
         self._modes_robot = robot.copy()
-        self._modes(np.zeros(n), settings)  # a rigid robot needs no shaper
         self._point = TrajectoryPointMessage(self.joints)
         self._reference = self.create_publisher(JointTrajectory, 'reference', REFERENCE)
         if not self._connected:
@@ -98,29 +101,24 @@ class ShaperNode(RobotNode):
             self.joint_input = self.listen_in_loop(
                 JointState, 'joint_states', self._on_joint_state
             )
-        self.planning.load(self._robot_job(settings), name)
+        self._load()
+
+    def _load(self) -> None:
+        job = robot_job(self.settings, self.description)
+        posture = self.posture(self.robot, self.settings)
+        self.planning.load(job, self.joints, posture, self.get_fully_qualified_name())
 
     def _check(self, settings: Settings) -> None:
-        """Refuse limits and servos that are not the joints', and a tip that is no frame."""
-        tip = settings.text('tip')
+        """Refuse what the planner could not work with."""
         try:
-            joint_limits(self.robot, **given_limits(settings))
-            joint_servo(len(self.robot.joint_names), **servo_columns(settings))
-            if tip:
-                self.robot.frame_pose(tip, np.zeros(self.robot.n))
+            check_planning(self.robot, self.joints, settings)
         except DenocError as error:
             raise ConfigError(self.get_fully_qualified_name(), [str(error)]) from error
 
-    def _robot_job(self, settings: Settings) -> dict[str, Any]:
-        return {
-            'source': settings.text('urdf_path') or self.description,
-            'gravity': settings.numbers('gravity'),
-            'geometric_stiffness': settings.flag('geometric_stiffness'),
-            'overrides': settings.family('beam', 'joint', 'payload', 'sensor', 'damping'),
-        }
-
-    def _modes(self, posture: Array, settings: Settings) -> RingingModes:
-        return ringing_modes(self._modes_robot, posture, settings.integer('modes') or None)
+    def _modes(self, driven: Array, settings: Settings) -> RingingModes:
+        robot = self._modes_robot
+        (posture,) = all_joints(robot, self.joints, driven[None])
+        return ringing_modes(robot, posture, settings.integer('modes') or None)
 
     # ---- inputs
 
@@ -242,7 +240,7 @@ class ShaperNode(RobotNode):
         """Hand motions to the planner, take plans from it, start it anew where it died."""
         if self.state in ('active', 'inactive'):
             with self._lock:
-                self.planning.look(self.settings, self._robot_job(self.settings))
+                self.planning.look(self.settings, robot_job(self.settings, self.description))
 
     def _take_answer(self, motion: RequestedMotion, answer: Answer) -> None:
         if self.state != 'active':
@@ -323,7 +321,7 @@ class ShaperNode(RobotNode):
         self.adopt_model(model, self.settings)
         with self._lock:
             self._cancel()
-            self.planning.load(self._robot_job(self.settings), self.get_name())
+            self._load()
         return f'reloaded {robot.tree.name}'
 
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from denoc_ros.errors import ConfigError
+import numpy as np
+
+from denoc_ros.control.driven_joints import DrivenJoints
+from denoc_ros.control.joint_limits import joint_limits
+from denoc_ros.control.servo import joint_servo
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_samples import RequestedMotion
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.planner import Answer, Planner
+from denoc_ros.types import Array
 
 LOADING = 120.0  # s: a cold kernel cache compiles on a slow machine
 LIMITS = ('velocity', 'acceleration', 'jerk', 'effort')
@@ -42,20 +49,36 @@ class MotionPlanning:
         self._waiting: RequestedMotion | None = None
         self._solving: RequestedMotion | None = None
         self._loading = False
+        self._joints: Sequence[str] = ()
+        self._posture: Array = np.zeros(0)
 
     @property
     def busy(self) -> bool:
         """Whether a motion waits for its plan."""
         return self._waiting is not None or self._solving is not None
 
-    def load(self, robot: dict[str, Any], where: str) -> None:
+    def load(
+        self, robot: dict[str, Any], joints: Sequence[str], posture: Array, where: str
+    ) -> None:
         """Start the planner with a robot, so that the first motion does not wait for it.
+
+        Parameters
+        ----------
+        robot : dict
+            As of :func:`robot_job`.
+        joints : sequence of str
+            The driven joints, in the order of motions.
+        posture : (n,) array
+            Near which the loops of a motion's first row close.
+        where : str
+            For the error.
 
         Raises
         ------
         ConfigError
             It cannot load it.
         """
+        self._joints, self._posture = joints, posture
         self.planner.close()
         self.planner.start()
         self.planner.submit({'job': 'load', 'robot': robot}, {}, LOADING)
@@ -93,8 +116,9 @@ class MotionPlanning:
                 self._done(motion, Answer(0, str(error), {}, {}))
                 return
             self._solving = motion
-            job = shape_job(settings, robot)
-            planner.submit(job, {'t': t, 'q': q}, settings.number('solve_timeout'))
+            job = shape_job(settings, robot, self._joints)
+            arrays = {'t': t, 'q': q, 'posture': self._posture}
+            planner.submit(job, arrays, settings.number('solve_timeout'))
 
     def _take(self, answer: Answer) -> None:
         motion, self._solving = self._solving, None
@@ -107,13 +131,14 @@ class MotionPlanning:
             self._done(motion, answer)
 
 
-def shape_job(settings: Settings, robot: dict[str, Any]) -> dict[str, Any]:
-    """Return what the planner is asked for, but for the motion."""
+def shape_job(settings: Settings, robot: dict[str, Any], joints: Sequence[str]) -> dict[str, Any]:
+    """Return what the planner is asked for, but for the motion of the joints."""
     method = settings.text('method')
-    limits = given_limits(settings)
+    limits = given_limits(settings, joints)
     options: dict[str, Any] = {'output_step': settings.number('output_step')}
     if method == 'tip':
         options.update({what: limit for what, limit in limits.items() if what != 'jerk'})
+        options['joints'] = list(joints)
     else:
         options.update(limits, modes=settings.integer('modes') or None)
     if method == 'rest_to_rest':
@@ -123,19 +148,63 @@ def shape_job(settings: Settings, robot: dict[str, Any]) -> dict[str, Any]:
         'robot': robot,
         'method': method,
         'tip': settings.text('tip'),
+        'joints': list(joints),
         'options': options,
         'limits': limits,
         'servo': servo_columns(settings),
     }
 
 
-def given_limits(settings: Settings) -> dict[str, list[float] | float]:
-    """Return the limits that are given: one number for all joints, or one for each."""
-    found: dict[str, list[float] | float] = {}
+def robot_job(settings: Settings, description: str) -> dict[str, Any]:
+    """Return what the planner loads."""
+    return {
+        'source': settings.text('urdf_path') or description,
+        'gravity': settings.numbers('gravity'),
+        'geometric_stiffness': settings.flag('geometric_stiffness'),
+        'overrides': settings.family('beam', 'joint', 'payload', 'sensor', 'damping'),
+    }
+
+
+def check_planning(robot: Robot, joints: Sequence[str], settings: Settings) -> None:
+    """Refuse limits and servos that are not the joints', and what the method cannot do.
+
+    Raises
+    ------
+    DenocError
+    """
+    method, tip = settings.text('method'), settings.text('tip')
+    if method == 'tip':
+        if tip:
+            robot.frame_pose(tip, np.zeros(robot.n))
+    else:
+        DrivenJoints(robot, f'the shaper node with method {method}')
+    if not robot.tree.loops and set(joints) != set(robot.tree.non_mimic_joints):
+        rule = "parameter 'joints' must name all joints of a robot without loops"
+        raise StateError(f'{rule}, {list(robot.tree.non_mimic_joints)}, got {list(joints)}')
+    joint_limits(robot, **given_limits(settings, joints))
+    joint_servo(len(joints), **servo_columns(settings))
+
+
+def given_limits(settings: Settings, joints: Sequence[str]) -> dict[str, dict[str, float] | float]:
+    """Return the limits that are given: one number for all joints, or each joint's.
+
+    Raises
+    ------
+    StateError
+        As many as there are no joints.
+    """
+    found: dict[str, dict[str, float] | float] = {}
     for what in LIMITS:
         values = settings.numbers(f'limits.{what}')
-        if values:
-            found[what] = values if len(values) > 1 else values[0]
+        if len(values) == 1:
+            found[what] = values[0]
+        elif values:
+            if len(values) != len(joints):
+                raise StateError(
+                    f'limits: {what} must have one element, or one for each of {len(joints)} '
+                    f'joints, got {len(values)}'
+                )
+            found[what] = dict(zip(joints, values, strict=True))
     return found
 
 

@@ -22,6 +22,12 @@ TABLE = ParameterTable(
         publishers_parameter(),
         *range_parameters(),
         Parameter(
+            'joints',
+            Kind.STRINGS,
+            [],
+            'driven joints of a robot with loops; empty: all but mimic joints',
+        ),
+        Parameter(
             'method',
             Kind.STRING,
             'tip',
@@ -64,7 +70,7 @@ TABLE = ParameterTable(
                 f'limits.{what}',
                 Kind.DOUBLES,
                 [],
-                f'largest {what}, one or one per joint in the order of the file; empty: {none}',
+                f'largest {what}, one or one per driven joint; empty: {none}',
                 unit,
                 positive=True,
                 live=True,

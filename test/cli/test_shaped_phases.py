@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from node_robots import gripper
 from numpy.typing import NDArray
 
 import denoc_ros as dn
@@ -60,6 +61,40 @@ def test_a_phase_follows_the_plan_of_its_reference(tmp_path: Path) -> None:
     assert motion.duration == pytest.approx(2.0 + alone.preaction + alone.postaction)
     phase = started_on_the_plan(config.phases[1], plan, JOINTS)
     np.testing.assert_allclose(phase.nodes['plant']['start'], alone.q[0, joints], atol=1e-12)
+
+
+GRIPPER = """
+robot: gripper.urdf
+gravity: [0, 0, 0]
+joints: [j1, j2, left]
+reference: {kind: points, times: [0, 0.6], positions: [[0, 0, 0], [0.4, -0.3, 0.5]]}
+phases: [{name: shaped, shape: {method: METHOD, output_step: 0.01}}]
+"""
+FIVE_BAR = f"""
+robot: {ROOT}/config/robots/five_bar_ffff.urdf
+gravity: [0, -9.81, 0]
+joints: [joint_1, joint_3]
+posture: [1.885, -1.2566, 1.2566, 1.2566]
+reference: {{kind: points, times: [0, 2], positions: [[1.885, 1.2566], [2.085, 1.1566]]}}
+phases: [{{name: shaped, shape: {{method: METHOD, tip: joint_5/parent}}}}]
+"""
+
+
+@pytest.mark.parametrize(('text', 'method'), [(GRIPPER, 'zv'), (FIVE_BAR, 'tip')])
+def test_mimic_joints_and_loops_follow_the_driven_joints(
+    text: str, method: str, tmp_path: Path
+) -> None:
+    (tmp_path / 'gripper.urdf').write_text(gripper())
+    path = tmp_path / 'session.yaml'
+    path.write_text(text.replace('METHOD', method))
+    config = load_config(path)
+    robot = dn.load_robot(config.robot, gravity=config.gravity)
+    joints = config.joints
+    trajectory = trajectory_from_config(config.reference, joints)
+    (plan,) = plans_of(config, robot, trajectory, joints, lambda _: nullcontext()).values()
+    assert plan.joint_names == joints
+    assert np.abs(robot.closure(plan.q)).max() < 1e-8
+    assert motion_of(plan, joints).duration > 0.6
 
 
 @pytest.mark.parametrize(

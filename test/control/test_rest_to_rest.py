@@ -119,7 +119,7 @@ def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(StateError, match='needs a way to go and limits'):
         rest_to_rest(robot, (0, 0), (0, 0))
     looped = dn.load_robot('config/robots/four_bar_fff.urdf')
-    with pytest.raises(StateError, match='without loops and mimic joints'):
+    with pytest.raises(StateError, match='needs a robot without loops'):
         rest_to_rest(looped, np.zeros(3), np.ones(3), 1.0)
     with pytest.raises(StateError, match='velocity must be > 0, got'):
         joint_limits(robot, velocity=0.0)

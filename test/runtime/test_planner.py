@@ -29,6 +29,7 @@ SHAPE = {
     'robot': ROBOT,
     'method': 'zv',
     'tip': '',
+    'joints': ['joint_1', 'joint_2'],
     'options': {},
     'limits': {},
     'servo': {},
@@ -46,7 +47,11 @@ time.sleep(60.0)
 def motion() -> dict[str, np.ndarray]:
     t = np.linspace(0.0, 0.8, 41)
     s = t / 0.8
-    return {'t': t, 'q': np.outer(s**3 * (10.0 - 15.0 * s + 6.0 * s**2), [0.4, 0.3])}
+    return {
+        't': t,
+        'q': np.outer(s**3 * (10.0 - 15.0 * s + 6.0 * s**2), [0.4, 0.3]),
+        'posture': np.zeros(6),
+    }
 
 
 def until(condition: Callable[[], object], timeout: float = 20.0) -> None:
