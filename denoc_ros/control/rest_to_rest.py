@@ -115,8 +115,14 @@ class _Problem:
         """Return how the swing's error (m, count) and torques (k, driven, count) change."""
         qdd = self.driven.all(self.rows(x, 2), 2)
         error, force = swing.sensitivity(motion, qdd, self.designs)
-        ties = np.kron(self.driven.ties, np.eye(self.basis.free))
-        return error @ ties, np.einsum('kjc,ji->kic', force, self.driven.ties) @ ties
+        torque = np.einsum('kjc,ji->kic', force, self.driven.ties)
+        return self._by_driven(error), self._by_driven(torque)
+
+    def _by_driven(self, rows: Array) -> Array:
+        """Return what the driven joints' coefficients do for what those of all joints do."""
+        whose = rows.reshape(*rows.shape[:-1], -1, self.basis.free)
+        found = np.einsum('...jf,ji->...if', whose, self.driven.ties)
+        return np.asarray(found.reshape(*rows.shape[:-1], -1))
 
     def torque(self, motion: Driven, qdd: Array) -> Array:
         """Return the driven joints' torques (k, driven) of accelerations (k, driven)."""
