@@ -11,6 +11,7 @@ import numpy as np
 from denoc_ros.control.deviation_model import DeviationModel, PlannedState, deviation_model
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.feedback_settings import FeedbackSettings
+from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.types import Array
 
@@ -111,10 +112,10 @@ def settling(
         The postures and what the loop has there.
     settings : FeedbackSettings
     """
-    index = robot.indices(joints)
+    seen = MeasuredStates(robot, joints)
     return max(
         (
-            Settling(_modulus(varied, gain, settings), state.q[index], stiffness, load)
+            Settling(_modulus(varied, gain, settings), seen.posture(state.q), stiffness, load)
             for state, gain in zip(states, gains, strict=True)
             for varied, stiffness, load in _variations(robot, joints, sensors, state, settings)
         ),

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from denoc_ros.control.error_estimate import ErrorEstimate
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
+from denoc_ros.dynamics.measured_side import MeasuredStates, whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.types import Array
@@ -57,13 +58,15 @@ class DeviationFilter:
     """
 
     def __init__(self, robot: Robot, schedule: GainSchedule) -> None:
-        self._robot = robot.copy()
-        self._joints, self._sensors = schedule.joints, schedule.sensors
+        self._robot = robot = whole_robot(robot).copy()
+        self._sensors = schedule.sensors
+        names = [robot.coordinate_names[index] for index in schedule.joints]
+        self._states = MeasuredStates(robot, names)
         self._names = [robot.tree.sensors[k].name for k in self._sensors]
         self._timeout = schedule.settings.sensor_timeout
         self._period = schedule.settings.period
         gains = schedule.gains[0]
-        self._k, seen = len(self._joints), len(gains.measured)
+        self._k, seen = len(names), len(gains.measured)
         self._deviations = gains.measured.shape[1]
         self.state: Array = np.zeros(len(gains.transition))
         self.refused = np.zeros(len(self._sensors), dtype=np.int64)
@@ -95,6 +98,7 @@ class DeviationFilter:
     def take_model(self, other: DeviationFilter) -> None:
         """Go on by the model of another filter of the same coordinates and sensors."""
         self._robot, self._timeout = other._robot, other._timeout
+        self._states = other._states
         if other.errors is not None:
             other.errors.adopt(self.errors)
         self.errors = other.errors
@@ -107,12 +111,16 @@ class DeviationFilter:
         return np.asarray(y + self.errors.seen[: self._deviations] @ self.errors.values)
 
     def follow(self, time: float, q: Array, qd: Array) -> None:
-        """Take the plan's coordinates and rates (n,) at a time of the loop's clock [s]."""
+        """Take the plan's coordinates and rates (n,) at a time of the loop's clock [s].
+
+        Of the robot with all its springs.
+        """
         if len(self._plan) and time <= self._plan.last:
             return
         expected = self._plan.push(time)
         k = self._k
-        expected[:k], expected[k : 2 * k] = q[self._joints], qd[self._joints]
+        self._states.positions(q, expected[:k])
+        self._states.positions(qd, expected[k : 2 * k])
         if len(self._sensors):
             expected[2 * k :] = self._robot.beam_sensor_values(q)[self._sensors]
 

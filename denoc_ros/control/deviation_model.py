@@ -12,6 +12,8 @@ from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.linear_model import DiscreteModel, LinearModel
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
+from denoc_ros.model.coordinates import spring_name
+from denoc_ros.model.link_side import motors_behind
 from denoc_ros.types import Array
 
 
@@ -41,7 +43,8 @@ class DeviationModel:
     joints : int
         How many joints are driven.
     measured : (2 joints + sensors, 2 m) array
-        Of the driven joints' positions and rates, and of the sensors' values, by y.
+        Of the driven joints' positions and rates, as joint states have them, and of the sensors'
+        values, by y.
     tip : (6, m) array
         Of the tip's position and small rotation.
     stiff : (m,) array
@@ -92,6 +95,7 @@ def deviation_model(
     Parameters
     ----------
     robot : Robot
+        With all its springs.
     joints : sequence of str
         That are driven.
     sensors : sequence of int
@@ -116,7 +120,13 @@ def deviation_model(
     names = linear.state_names[:m]
     index = [robot.coordinate_names.index(name) for name in names]
     stiff = robot.stiffness[index]
-    return DeviationModel(linear, k, linear.c[rows], linear.c[-6:, :m], np.asarray(stiff))
+    measured = linear.c[rows]
+    for place, joint in enumerate(joints):
+        if joint in motors_behind(robot.tree):  # its states are those of motor and spring together
+            spring = names.index(spring_name(joint))
+            measured[place, spring] += 1.0
+            measured[k + place, m + spring] += 1.0
+    return DeviationModel(linear, k, measured, linear.c[-6:, :m], np.asarray(stiff))
 
 
 def require_same_coordinates(models: Sequence[DeviationModel]) -> None:

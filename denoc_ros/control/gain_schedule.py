@@ -35,8 +35,11 @@ from denoc_ros.control.model_errors import (
     preview,
 )
 from denoc_ros.control.planned_states import PlannedMotion
+from denoc_ros.dynamics.measured_side import MeasuredStates, whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
+from denoc_ros.model.arrays import is_flexible
+from denoc_ros.model.link_side import motors_behind
 from denoc_ros.types import Array
 
 Int = NDArray[np.intp]
@@ -54,9 +57,9 @@ class GainSchedule:
         [s], ascending, evenly spaced; before and after them the first and the last hold.
     gains : tuple of PostureGains
     postures : (k, driven) array
-        Of the driven joints [rad, m].
+        Of the driven joints [rad, m], as joint states have them.
     coordinates : (m,) int array
-        Where the minimal coordinates stand among the robot's.
+        Where the minimal coordinates stand among those of the robot with all its springs.
     joints, sensors : (driven,) and (read,) int arrays
         Coordinates of the driven joints; places of the sensors that are read.
     limits : (driven,) array
@@ -136,7 +139,8 @@ def design(
     On the way the gains are those of the Riccati difference equation backwards from the last
     state's infinite horizon; after it they are that one's.
     """
-    sensors = _checked(robot, limits, settings)
+    robot = whole_robot(robot)
+    sensors = _checked(robot, joints, limits, settings)
     doublings = _doublings(times, settings)
     models = []
     for state in states:
@@ -177,9 +181,11 @@ def design(
     names = models[0].linear.state_names[: models[0].size]
     coordinates = np.array([robot.coordinate_names.index(name) for name in names], dtype=np.intp)
     index = np.asarray(robot.indices(joints), dtype=np.intp)
+    seen = MeasuredStates(robot, joints)
+    postures = np.array([seen.posture(state.q) for state in states])
     return GainSchedule(
-        np.asarray(times), tuple(gains), np.array([state.q[index] for state in states]),
-        coordinates, index, sensors, limits, settings, slowest,
+        np.asarray(times), tuple(gains), postures, coordinates, index, sensors, limits, settings,
+        slowest,
     )  # fmt: skip
 
 
@@ -195,6 +201,7 @@ def design_along(
     Arguments and errors as of :func:`design`; of robots with loops or mimic joints no errors are
     estimated.
     """
+    robot = whole_robot(robot)
     solved: list[tuple[Regulator, Array]] = []
     found = design(robot, joints, limits, motion.times, motion.states, settings, solved)
     if not knows_errors(robot):
@@ -211,7 +218,9 @@ def _doublings(times: Array, settings: FeedbackSettings) -> int:
     return round(math.log2((times[1] - times[0]) / settings.period))
 
 
-def _checked(robot: Robot, limits: Array, settings: FeedbackSettings) -> Int:
+def _checked(
+    robot: Robot, joints: Sequence[str], limits: Array, settings: FeedbackSettings
+) -> Int:
     """Return the sensors to read, if robot and limits are what feedback needs."""
     if settings.tip not in robot.tree.frames:
         known = ', '.join(robot.tree.frames)
@@ -220,9 +229,16 @@ def _checked(robot: Robot, limits: Array, settings: FeedbackSettings) -> Int:
         raise StateError(
             f'state feedback: effort limits must be finite and > 0, got {limits.tolist()}'
         )
-    sensors = read_sensors(robot)
-    if not len(sensors) and len(robot.flexible_indices):
+    standing = [name for name in motors_behind(robot.tree) if name not in joints]
+    if standing:
         raise StateError(
-            'state feedback: the robot must have sensors with a topic and noise > 0, got none'
+            'state feedback: every joint that is measured behind its spring must be driven, got '
+            f'{", ".join(standing)} that {"is" if len(standing) == 1 else "are"} not'
+        )
+    sensors = read_sensors(robot)
+    if not len(sensors) and any(map(is_flexible, robot.tree.bodies)):
+        raise StateError(
+            'state feedback: a robot with flexible links must have sensors with a topic and '
+            'noise > 0, got none'
         )
     return sensors

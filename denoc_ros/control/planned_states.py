@@ -10,6 +10,7 @@ import numpy as np
 
 from denoc_ros.control.deviation_model import PlannedState
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
+from denoc_ros.dynamics.measured_side import measured_robot, whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.types import Array
 
@@ -61,7 +62,8 @@ def motion_along(
     Parameters
     ----------
     robot : Robot
-        Its workspace is used: do not share it with another thread.
+        Its workspace is used: do not share it with another thread. Of one with joints measured
+        behind their springs the link sides move as asked; states and rows are of the whole robot.
     joints : sequence of str
         That are driven.
     sample : callable
@@ -71,7 +73,7 @@ def motion_along(
     period : float
         Of the loop [s].
     posture : (n,) array, optional
-        Near which loops are closed.
+        Near which loops are closed; of the robot that joint states describe.
 
     Raises
     ------
@@ -85,8 +87,11 @@ def motion_along(
     step = apart / per_node
     nodes = int(np.ceil(duration / apart - 1e-9)) + 1
     count = (nodes - 1) * per_node + int(np.ceil(AFTER / step)) + 1
-    source = TorqueFeedforward(robot, joints, 'flexible', step=step, posture=posture)
-    flexible, driven = robot.flexible_indices, source.motion.index
+    source = TorqueFeedforward(
+        measured_robot(robot), joints, 'flexible', step=step, posture=posture
+    )
+    robot = whole_robot(robot)
+    flexible, driven = robot.flexible_indices, robot.indices(joints)
     q, qd, qdd = np.zeros((3, len(driven)))
     torques, bent = np.zeros((count, len(driven))), np.zeros((count, len(flexible)))
     states: list[tuple[Array, Array, Array]] = []
@@ -94,11 +99,12 @@ def motion_along(
     for index in range(count):
         sample(index * step, q, qd, qdd)
         torques[index] = source.update(q, qd, qdd, step if index else 0.0)
-        bent[index] = np.abs(source.q[flexible])
+        whole = source.whole_motion()
+        bent[index] = np.abs(whole[0][flexible])
         if index % per_row == 0 and index < (nodes - 1) * per_node:
-            rows.append((source.q.copy(), source.qd.copy(), source.qdd.copy()))
+            rows.append((whole[0].copy(), whole[1].copy(), whole[2].copy()))
         if index % per_node == 0 and len(states) < nodes:
-            states.append((source.q.copy(), source.qd.copy(), torques[index].copy()))
+            states.append((whole[0].copy(), whole[1].copy(), torques[index].copy()))
     np.abs(torques, out=torques)
     found = []
     for node, (there, rates, torque) in enumerate(states):
@@ -115,7 +121,7 @@ def motion_along(
     source.reset()
     zero = np.zeros(len(driven))
     source.update(q, zero, zero, 0.0)
-    rows.append((source.q.copy(), np.zeros(robot.n), np.zeros(robot.n)))
+    rows.append((source.whole_motion()[0].copy(), np.zeros(robot.n), np.zeros(robot.n)))
     times = np.asarray(apart * np.arange(nodes), dtype=np.float64)
     return PlannedMotion(times, found, apart / between, rows)
 
@@ -138,7 +144,7 @@ def state_at(
     Parameters
     ----------
     robot, joints, posture
-        As of :func:`states_along`.
+        As of :func:`motion_along`.
     position : (joints,) array
         [rad, m].
     torque : (joints,) array
@@ -149,14 +155,16 @@ def state_at(
     SolverError
         There is no equilibrium.
     """
-    source = TorqueFeedforward(robot, joints, 'flexible', posture=posture)
+    source = TorqueFeedforward(measured_robot(robot), joints, 'flexible', posture=posture)
+    robot = whole_robot(robot)
     zero = np.zeros(len(position))
     held = source.update(position, zero, zero, 0.0)
     tau = np.zeros(robot.n)
-    tau[source.motion.index] = held
-    bent = np.abs(source.q[robot.flexible_indices])
+    tau[robot.indices(joints)] = held
+    q = source.whole_motion()[0].copy()
+    bent = np.abs(q[robot.flexible_indices])
     reach = DEFLECTION * _lengths(robot)
-    return PlannedState(source.q.copy(), np.zeros(robot.n), tau, np.maximum(torque, np.abs(held)),
+    return PlannedState(q, np.zeros(robot.n), tau, np.maximum(torque, np.abs(held)),
                         np.maximum(bent, reach))  # fmt: skip
 
 

@@ -224,6 +224,14 @@ class TorqueFeedforward:
         self._motors.add(torque, (qd, qdd), elapsed, terms.inertia, terms.friction)
         return torque
 
+    def whole_motion(self) -> tuple[Array, Array, Array]:
+        """Return coordinates, rates, accelerations of the robot with all its springs.
+
+        As of :meth:`MotorSide.whole_motion`: q, qd and qdd themselves, unless joints are measured
+        behind their springs.
+        """
+        return self._motors.whole_motion((self.q, self.qd, self.qdd))
+
     def gravity(self, q: Array) -> Array:
         """Return the torque (driven joints,) that carries the weight at rest at joints q.
 

@@ -42,21 +42,34 @@ def measured_robot(robot: Robot) -> Robot:
     return seen
 
 
+def whole_robot(robot: Robot) -> Robot:
+    """Return the robot with all its springs that :func:`measured_robot` has made another of."""
+    if not isinstance(robot, MeasuredRobot):
+        return robot
+    whole = Robot(robot.tree, robot.gravity, robot.geometric_stiffness)
+    whole._take_payloads(robot)
+    whole.move_base(robot.base_motion)
+    return whole
+
+
 class MeasuredStates:
-    """The motion of a whole robot from joint states.
+    """What joint states say of the motion of a whole robot.
 
     Parameters
     ----------
     robot : Robot
         With all its springs.
+    joints : sequence of str, optional
+        In the order of all arrays here; default all.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, joints: Sequence[str] | None = None) -> None:
         described = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint}
-        behind = [is_measured_behind(described[name]) for name in robot.joint_names]
+        names_of = robot.joint_names if joints is None else joints
+        behind = [is_measured_behind(described[name]) for name in names_of]
         self._robot = robot
         self._joints = np.flatnonzero(behind)
-        self._index = np.ascontiguousarray(robot.joint_indices)
+        self._index = np.asarray(robot.indices(names_of), dtype=np.intp)
         self._springs = self._index[self._joints] + 1
 
     def positions(self, q: Array, out: Array) -> None:
@@ -64,6 +77,12 @@ class MeasuredStates:
         out[:] = q[self._index]
         if len(self._joints):
             out[self._joints] += q[self._springs]
+
+    def posture(self, q: Array) -> Array:
+        """Return the positions, or rates, (joints,) of those of the coordinates (n,)."""
+        found = np.zeros(len(self._index))
+        self.positions(q, found)
+        return found
 
     def efforts(self, q: Array, qd: Array, out: Array) -> None:
         """Put what the gears give out into efforts (joints,) of joints measured behind them."""
@@ -159,6 +178,10 @@ class MotorSide:
         motors = [behind[k] for k in self._at] if isinstance(robot, MeasuredRobot) else []
         self._at = self._at[: len(motors)]
         self._springs = GearSprings([joint.spring for joint in motors if joint.spring])
+        self._whole = WholeCoordinates(robot)
+        hidden = self._whole.hidden
+        self._places = np.array([hidden.index(joint.name) for joint in motors], dtype=int)
+        self._wound = np.zeros(len(hidden))
         self._slip_rate = robot.slip_rate
         self._armature, self._viscous, self._friction = (
             np.array([getattr(joint, name) for joint in motors])
@@ -197,6 +220,22 @@ class MotorSide:
         torque[self._at] += self._own(
             rate, motion[1][self._at] - springs.acceleration, inertia, friction
         )
+
+    def whole_motion(self, motion: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        """Return q, q' and q'' of the whole robot from (n,) arrays that joint states describe.
+
+        Springs of joints that are not driven count as undeformed. Without springs behind which
+        joints are measured, the arrays themselves are returned.
+        """
+        if not self._whole.hidden:
+            return motion
+        springs = self._springs
+        known = springs.deflection, springs.rate, springs.acceleration
+        found = np.zeros((3, len(self._whole.names)))
+        for out, described, spring in zip(found, motion, known, strict=True):
+            self._wound[self._places] = spring
+            self._whole.write(described, self._wound, out)
+        return found[0], found[1], found[2]
 
     def take_off(self, torque: Array, motion: tuple[Array, Array]) -> None:
         """Turn what motors give (driven joints,) into what their gears give out, in place.

@@ -205,7 +205,7 @@ class LiveStateFeedback:
         wanted : (joints,) array
             Reference of the driven joints.
         q, qd : (n,) arrays
-            All coordinates of the plan and their rates.
+            All coordinates of the plan and their rates, of the robot with all its springs.
         plan : (joints,) array, optional
             Torque of the plan, for ticks that come late; it must not change before the next tick.
         """

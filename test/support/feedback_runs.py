@@ -16,6 +16,7 @@ from denoc_ros.control.gain_schedule import GainSchedule, design_along
 from denoc_ros.control.planned_states import motion_along
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
+from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.trajectories import CycloidalTrajectory, SplineTrajectory
 
@@ -32,11 +33,12 @@ AFTER = 5.0  # s
 class Planned:
     """A plan as the feedforward has it: per period all coordinates, their rates, the torque."""
 
-    robot: Robot
+    robot: Robot  # with all its springs
     trajectory: SplineTrajectory
     q: Array
     qd: Array
     torque: Array
+    effort: float = 5000.0  # N m
 
     @property
     def duration(self) -> float:
@@ -44,7 +46,7 @@ class Planned:
 
     @property
     def limits(self) -> Array:
-        return np.full(len(self.robot.joint_names), 5000.0)
+        return np.full(len(self.robot.joint_names), self.effort)
 
     def schedule(self, **more: float) -> GainSchedule:
         settings = FeedbackSettings(period=PERIOD, tip='tool', delay=DELAY * PERIOD, **more)
@@ -69,22 +71,28 @@ def tip_exact(duration: float = 10.0, share: float = 1.0) -> Planned:
     times, positions, _, _ = cycloid.table(0.05)
     plan = dn.shape_motion(robot, times, positions, tip='tool')
     joints = plan.q[:, robot.joint_indices]
-    trajectory = SplineTrajectory(plan.t - plan.t[0], joints)
-    count = round((trajectory.duration + AFTER) / PERIOD) + 1
-    source = TorqueFeedforward(robot, None, 'flexible', step=PERIOD)
+    return planned_along(robot, SplineTrajectory(plan.t - plan.t[0], joints))
+
+
+def planned_along(
+    robot: Robot, trajectory: SplineTrajectory, after: float = AFTER, effort: float = 5000.0
+) -> Planned:
+    """Return the plan along a motion of the measured joints, and for so long after it [s]."""
+    count = round((trajectory.duration + after) / PERIOD) + 1
+    source = TorqueFeedforward(measured_robot(robot), None, 'flexible', step=PERIOD)
     rows = np.zeros((2, count, robot.n))
-    torque = np.zeros((count, 3))
-    q, qd, qdd = np.zeros((3, 3))
+    torque = np.zeros((count, len(robot.joint_names)))
+    q, qd, qdd = np.zeros((3, len(robot.joint_names)))
     for k in range(count):
         trajectory.sample(k * PERIOD, q, qd, qdd)
         torque[k] = source.update(q, qd, qdd, PERIOD if k else 0.0)
-        rows[0, k], rows[1, k] = source.q, source.qd
-    return Planned(robot, trajectory, rows[0], rows[1], torque)
+        rows[0, k], rows[1, k], _ = source.whole_motion()
+    return Planned(robot, trajectory, rows[0], rows[1], torque, effort)
 
 
 @dataclass
 class Outcome:
-    """Distance of the tip from the plan's (k,) [m], torque (k, 3), share of the feedback (k,)."""
+    """Distance of the tip from the plan's (k,) [m], torque (k, joints), share of the feedback."""
 
     error: Array
     torque: Array
@@ -114,14 +122,17 @@ class Loop:
     stall: float = 0.0  # share of ticks that begin a pause of up to 20 periods
     away: dict[float, float] = field(default_factory=dict)  # s of pauses by their begin [s]
 
+    def __post_init__(self) -> None:
+        self._states = MeasuredStates(self.truth)
+
     def run(self, duration: float | None = None) -> Outcome:
         plan, truth = self.planned, self.truth
         whole = len(plan.q) - 1
         count = whole if duration is None else min(whole, round(duration / PERIOD))
-        stepper = dn.Stepper(truth, PERIOD / SUBSTEPS)
+        stepper, joints = dn.Stepper(truth, PERIOD / SUBSTEPS), len(truth.joint_names)
         q, qd, tau = plan.q[0].copy(), plan.qd[0].copy(), np.zeros(truth.n)
         queue = deque([plan.torque[0]] * round(DELAY * SUBSTEPS))
-        error, torque, share = np.zeros(count), np.zeros((count, 3)), np.zeros(count)
+        error, torque, share = np.zeros(count), np.zeros((count, joints)), np.zeros(count)
         generator = np.random.default_rng(self.seed)
         paused = 0
         pauses = {round(at / PERIOD): round(long / PERIOD) for at, long in self.away.items()}
@@ -139,8 +150,8 @@ class Loop:
                 queue.append(torque[k])
                 tau[truth.joint_indices] = queue.popleft()
                 stepper.free(q, qd, tau)
-            there = truth.frame_pose('tool', q)[:2, 3]
-            error[k] = np.linalg.norm(there - plan.robot.frame_pose('tool', plan.q[k + 1])[:2, 3])
+            there = truth.frame_pose('tool', q)[:3, 3]
+            error[k] = np.linalg.norm(there - plan.robot.frame_pose('tool', plan.q[k + 1])[:3, 3])
         return Outcome(error, torque, share, round(plan.duration / PERIOD))
 
     def _torque(self, k: int, q: Array, qd: Array, generator: np.random.Generator) -> Array:
@@ -150,20 +161,20 @@ class Loop:
             return np.asarray(plan.torque[k])
         if self.gone[0] <= now < self.gone[1]:
             feedback.rest()
-            return np.zeros(3)
-        settings, joints = feedback.schedule.settings, self.truth.joint_indices
-        normal = self.noise * generator.standard_normal(10)
+            return np.zeros_like(plan.torque[k])
+        settings, joints = feedback.schedule.settings, len(self.truth.joint_names)
+        normal = self.noise * generator.standard_normal(2 * joints + len(self.truth.tree.sensors))
         feedback.follow(now, plan.q[k], plan.qd[k])
         feedback.filter.take_joints(
             now,
-            q[joints] + settings.position_noise * normal[:3],
-            qd[joints] + settings.velocity_noise * normal[3:6],
+            self._states.posture(q) + settings.position_noise * normal[:joints],
+            self._states.posture(qd) + settings.velocity_noise * normal[joints : 2 * joints],
         )
         values = self.truth.sensor_values(q, qd)
         for place, sensor in enumerate(self.truth.tree.sensors):
             gone = place == 0 and self.silent[0] <= now < self.silent[1]
             if generator.random() >= self.lost and not gone:
-                value = values[place] + sensor.noise * normal[6 + place]
+                value = values[place] + sensor.noise * normal[2 * joints + place]
                 feedback.filter.take_sensor(place, now, value)
         wanted = plan.torque[k] + feedback.torque(now, plan.torque[k])
         left = np.clip(wanted, -plan.limits, plan.limits)
