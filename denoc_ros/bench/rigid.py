@@ -29,9 +29,9 @@ TOLERANCE = 1e-10  # two recursions over up to 100 links differ by their roundin
 DEFLECTION = 0.02  # m and rad, of the states' amplitudes
 
 
-def random_states(robot: Robot, seed: int = 1, count: int = STATES) -> list[State]:
+def random_states(robot: Robot, count: int = STATES) -> list[State]:
     """Return states (q, qd, qdd or tau): joints at random, amplitudes and their rates small."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     scale = np.full(robot.n, DEFLECTION)
     scale[robot.joint_indices] = 1.0
     return [

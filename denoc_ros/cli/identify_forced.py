@@ -173,12 +173,12 @@ def forced_page(
         f'Forced response of {record.name}',
         f'{modes_found(document)}; {explained}',
         mode_cards(document),
-        [_response(record, found)],
+        [_response(found)],
         command,
     )
 
 
-def _response(record: Record, found: ForcedModes) -> PageSection:
+def _response(found: ForcedModes) -> PageSection:
     import numpy as np
 
     from denoc_ros.reports.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure

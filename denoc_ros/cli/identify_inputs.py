@@ -37,7 +37,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
 
 
-def add_channel_options(parser: argparse.ArgumentParser, window: bool = True) -> None:
+def add_channel_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options that select a signal of a file."""
     group = parser.add_argument_group('the signal')
     group.add_argument(
@@ -65,13 +65,12 @@ def add_channel_options(parser: argparse.ArgumentParser, window: bool = True) ->
         help='offset in value = gain * raw + offset, in the unit of the value',
     )
     group.add_argument('--unit', default='', help='unit of the value')
-    if window:
-        group.add_argument(
-            '--begin', metavar='S', type=float, default=0.0, help='since the first sample [s]'
-        )
-        group.add_argument(
-            '--end', metavar='S', type=float, default=math.inf, help='since the first sample [s]'
-        )
+    group.add_argument(
+        '--begin', metavar='S', type=float, default=0.0, help='since the first sample [s]'
+    )
+    group.add_argument(
+        '--end', metavar='S', type=float, default=math.inf, help='since the first sample [s]'
+    )
 
 
 def add_verdict_options(parser: argparse.ArgumentParser) -> None:

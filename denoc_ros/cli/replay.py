@@ -26,7 +26,6 @@ from denoc_ros.reports.text_table import Row, text_table
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.replay.bag import Replay
 
 DOUBTFUL = 2
 
@@ -191,7 +190,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({**summary, 'report': str(report)}, indent=2, allow_nan=False))
     else:
-        print('\n'.join(lines(replay, summary)))
+        print('\n'.join(lines(summary)))
         print(f'report  {report}{replaced}')
     return DOUBTFUL if summary['doubts'] else 0
 
@@ -241,7 +240,7 @@ def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robo
     return robot.with_overrides(overrides) if overrides else robot
 
 
-def lines(replay: Replay, summary: dict[str, Any]) -> Iterator[str]:
+def lines(summary: dict[str, Any]) -> Iterator[str]:
     """Yield a replay's numbers as lines of text for the terminal."""
     yield (
         f'{summary["bag"]}: {summary["samples"]} joint states in {summary["duration_s"]:.4g} s, '

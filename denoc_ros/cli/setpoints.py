@@ -28,7 +28,7 @@ def rounded_setpoints(values: Mapping[str, Any]) -> list[str]:
     for where, points in _point_lists(values):
         times, rows = _arrays(points)
         for column, x in enumerate(rows.T):
-            step, share = _rounding(times, x)
+            step, share = _rounding(x)
             if share > ROUNDING:
                 interval = float(np.median(np.diff(times)))
                 found.append(
@@ -88,7 +88,7 @@ def _arrays(points: Mapping[str, Any]) -> tuple[Array, Array]:
     return np.asarray(points['times'], float), np.asarray(points['positions'], float)
 
 
-def _rounding(times: Array, x: Array) -> tuple[float, float]:
+def _rounding(x: Array) -> tuple[float, float]:
     """Return the step that positions are rounded to, and rounding's share of acceleration."""
     steps = np.unique(np.abs(np.diff(x)))
     steps = steps[steps > SMALLEST_STEP * max(float(np.ptp(x)), 1e-300)]

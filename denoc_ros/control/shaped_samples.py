@@ -29,7 +29,7 @@ class JointSamples(NamedTuple):
     qdd: Array
 
 
-def rest_spline(times: Array, q_joints: Array, where: str = 'shape') -> Any:
+def rest_spline(times: Array, q_joints: Array) -> Any:
     """Return the quintic spline through positions (k, joints) that starts and ends at rest.
 
     Raises
@@ -41,13 +41,13 @@ def rest_spline(times: Array, q_joints: Array, where: str = 'shape') -> Any:
     q_joints = np.asarray(q_joints, dtype=np.float64)
     if times.ndim != 1 or len(times) < 2 or q_joints.ndim != 2 or len(q_joints) != len(times):
         raise StateError(
-            f'{where}: times and q_joints must have shapes (k,) and (k, joints) with k >= 2, '
+            'shape: times and q_joints must have shapes (k,) and (k, joints) with k >= 2, '
             f'got {times.shape} and {q_joints.shape}'
         )
     if not (np.isfinite(times).all() and np.isfinite(q_joints).all()):
-        raise StateError(f'{where}: times and q_joints must be finite')
+        raise StateError('shape: times and q_joints must be finite')
     if (np.diff(times) <= 0.0).any():
-        raise StateError(f'{where}: times must increase, got {times}')
+        raise StateError(f'shape: times must increase, got {times}')
     rest = [(1, np.zeros(q_joints.shape[1])), (2, np.zeros(q_joints.shape[1]))]
     return make_interp_spline(times, q_joints, k=5, bc_type=(rest, rest))
 

@@ -137,7 +137,7 @@ class StrainDamping:
         rate, late = self._rate, 2.0 / self._delay
         system = np.zeros((2 * n + 2 * k, 2 * n + 2 * k))
         system[:n, n : 2 * n] = np.eye(n)
-        system[n : 2 * n] = bent @ self._law(n)
+        system[n : 2 * n] = bent @ self._law()
         system[n : 2 * n, :n] -= mobility * diagonals[STIFFNESS]
         system[n : 2 * n, n : 2 * n] -= mobility * diagonals[DAMPING]
         system[2 * n : 2 * n + k, :n] = rate * self._rows
@@ -153,7 +153,7 @@ class StrainDamping:
         force[self._coordinates, np.arange(len(self._used))] = 1.0
         return force
 
-    def _law(self, n: int) -> Array:
+    def _law(self) -> Array:
         """Return the torques (k, 2 n + 2 k) by the closed loop's state."""
         gains = np.diag(self._gains)
         law = (gains * self._rate) @ np.hstack((self._rows, np.zeros_like(self._rows)))
@@ -178,7 +178,7 @@ class StrainDamping:
         n = robot.n
         values, vectors = np.linalg.eig(self.closed_loop(robot, q))
         position, rate = vectors[:n], vectors[n : 2 * n]
-        torque = self._force(n) @ (self._law(n) @ vectors)
+        torque = self._force(n) @ (self._law() @ vectors)
         fed = np.real(np.sum(np.conj(rate) * torque, axis=0))
         taken = robot.damping @ np.abs(rate) ** 2
         kinetic = np.real(np.sum(np.conj(rate) * (robot.inertia_matrix(q) @ rate), axis=0))

@@ -28,7 +28,6 @@ WAITING = 1024  # values at most that wait for the joints' motion up to their st
 WIDER, MOST_DOUBT = 3.0, 1000.0  # times the error at the start, each time a sensor is believed
 UNSEEN = 0.1  # of the error at the start that inertial sensors alone are to find
 MOST_STEPS = 250  # a covariance older than this is started anew
-CAUSES = ('late', 'outlier', 'not_finite', 'repeated', 'overflow')
 
 
 @dataclass(frozen=True)

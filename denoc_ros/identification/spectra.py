@@ -19,7 +19,7 @@ from denoc_ros.types import Array
 Method = Literal['weighted', 'book']
 Complexes = NDArray[np.complex128]
 
-OVERLAP = 0.9
+OVERLAP = 0.9  # part of a window that the next one shares
 MOST_WINDOWS = 200
 FEWEST_WINDOWS = 3
 FEWEST_SAMPLES = 8
@@ -88,7 +88,7 @@ class SpectralDecay:
     reasons: tuple[str, ...]
 
 
-def waterfall(record: Record, window: float, overlap: float = OVERLAP) -> Waterfall:
+def waterfall(record: Record, window: float) -> Waterfall:
     """Return the spectra of Hann windows moved along a record.
 
     Parameters
@@ -96,13 +96,11 @@ def waterfall(record: Record, window: float, overlap: float = OVERLAP) -> Waterf
     record : Record
     window : float
         Length of the windows [s].
-    overlap : float
-        Part of a window that the next one shares, 0 to below 1.
     """
     count = max(int(window / record.step), FEWEST_SAMPLES)
     even = even_record(record)
     grid, values = even.t, even.y
-    hop = max(1, round(count * (1.0 - overlap)))
+    hop = max(1, round(count * (1.0 - OVERLAP)))
     starts = np.arange(0, grid.size - count + 1, hop)
     shape = np.hanning(count)
     rows = values[starts[:, None] + np.arange(count)]

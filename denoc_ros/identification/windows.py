@@ -22,23 +22,24 @@ STEP = 0.02  # s, at least, over which a speed is taken
 QUIETEST = 10.0  # percent of the speeds, taken for noise
 OF_QUIETEST = 0.126  # standard deviations of noise that so many percent are below
 NOISY = 4.0  # standard deviations of the speed's noise: less is standing
+JOINT_TOPIC = '/joint_states'
 SHORTEST = 0.1  # s of standing
 SOON = 2.0  # cycles after the joints stop: a decay found there begins with the stop
 TOLERANCE = 0.01  # s
 
 
-def standing_spans(reading: Reading, topic: str = '/joint_states') -> list[Span]:
+def standing_spans(reading: Reading) -> list[Span]:
     """Return the time spans in which a bag's joints rest [s], on a record's clock.
 
     [] where the bag does not say: no joint states, joints that never move or never stand, or a
     record that is itself the motion of the joints. Errors as `read_record`.
     """
     channel = reading.channel
-    if channel.topic == topic and channel.quantity != 'effort':
+    if channel.topic == JOINT_TOPIC and channel.quantity != 'effort':
         return []
-    if is_table(reading.path) or bag_topics(reading.path).get(topic) != JOINT_STATE:
+    if is_table(reading.path) or bag_topics(reading.path).get(JOINT_TOPIC) != JOINT_STATE:
         return []
-    series = read_joint_states(reading.path, topic, stamp=channel.stamp)
+    series = read_joint_states(reading.path, JOINT_TOPIC, stamp=channel.stamp)
     t = np.asarray((series.stamp_ns - reading.origin_ns) * 1e-9, dtype=np.float64)
     moving = [_moving(t, series.position[:, k]) for k in range(len(series.names))]
     told = [one for one in moving if one is not None]

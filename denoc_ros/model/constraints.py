@@ -87,7 +87,7 @@ class _Ties:
         self.constants: list[Array] = []
         self.names: list[str] = []
 
-    def _append(self, name: str, kind: int, child: int, other: int, constants: Array) -> Int:
+    def _append(self, kind: int, child: int, other: int, constants: Array) -> Int:
         row = np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)
         row[constraint_layout.KIND], row[constraint_layout.CHILD], row[constraint_layout.OTHER] = (
             kind,
@@ -108,7 +108,7 @@ class _Ties:
         vectors = np.concatenate([linear, angular, references]).ravel()
         constants = np.concatenate([_axis(loop.axis), _axis(loop.axis2), header, vectors])
         child, parent = frame_rows[loop.child.frame], frame_rows[loop.parent.frame]
-        row = self._append(loop.name, kind, child, parent, constants)
+        row = self._append(kind, child, parent, constants)
         row[constraint_layout.LINEAR] = len(linear)
         row[constraint_layout.ANGULAR] = len(angular)
         row[constraint_layout.REFERENCES] = len(references)
@@ -121,7 +121,7 @@ class _Ties:
         assert body.joint is not None
         assert body.joint.mimic is not None
         constants = np.array([body.joint.mimic.multiplier, body.joint.mimic.offset])
-        row = self._append(body.joint.name, constraint_layout.MIMIC, child, leader, constants)
+        row = self._append(constraint_layout.MIMIC, child, leader, constants)
         row[constraint_layout.COMMON_ANCESTOR] = _meeting(self.topology, child, leader)
         self.names.append(body.joint.name)
 

@@ -262,9 +262,7 @@ class DenocNode(GuardedNode):
         if monitor.reject(error):  # not here: a log that blocks must not block a loop
             self.to_log.append(f'{monitor.topic} rejected ({error.cause}): {error}')
 
-    def add_trigger_service(
-        self, name: str, act: Callable[[], str], service: type = Trigger
-    ) -> None:
+    def add_trigger_service(self, name: str, act: Callable[[], str]) -> None:
         """Offer a Trigger service: `act` returns a message or raises DenocError."""
 
         def on_request(_request: Any, response: Any) -> Any:
@@ -275,7 +273,7 @@ class DenocNode(GuardedNode):
                 response.success, response.message = False, str(error)
             return response
 
-        self.create_service(service, name, on_request)
+        self.create_service(Trigger, name, on_request)
 
     def stamp_ns_at(self, moment: float) -> int:
         """Return the time of the stamping clock [ns] at a time of the steady clock [s]."""

@@ -17,7 +17,7 @@ from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.realtime import lock_memory
 from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.runtime.status import ERROR, Status, loop_status, realtime_status
-from denoc_ros.runtime.timing import LoopStatistics, RealtimeLoop
+from denoc_ros.runtime.timing import RealtimeLoop
 
 # what a flood at 10 kHz brings between two ticks at 1 kHz, and some more
 WITHIN_A_TICK = 16  # messages
@@ -44,7 +44,6 @@ class RobotNode(ModelNode):
     def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
         super().__init__(name, table, **options)
         self.loop: RealtimeLoop | None = None
-        self.last_statistics: LoopStatistics | None = None
         self._inputs: list[Input] = []
         self._tick_guard = Guard(self.to_log.append)
         self._failing_since = math.inf
@@ -157,10 +156,8 @@ class RobotNode(ModelNode):
         loop = self.loop
         if loop is None:
             return [Status('loop', message=self.state)]
-        statistics = loop.statistics()
-        self.last_statistics = statistics
         status = loop_status(
-            statistics,
+            loop.statistics(),
             loop.period,
             self.settings.number('diagnostics.threshold.late_share'),
         )

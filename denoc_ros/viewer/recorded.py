@@ -67,8 +67,6 @@ class RecordedRun(Sequence[Snapshot]):
         Times since the first joint state of the bag [s].
     q : (k, n) array
         Coordinates.
-    torque_topic : str
-        Where the torque came from; '' where there is none.
     names : tuple of str
         Of the channels; they are NaN where their topic was not recorded.
     phases : tuple of (float, str)
@@ -105,7 +103,7 @@ class RecordedRun(Sequence[Snapshot]):
         self.source, rows = self._state(topics, source)
         self.t = rows.t
         self.q, self._qd = self._coordinates(rows)
-        self.torque_topic, self._torque = self._find_torque(topics)
+        self._torque = self._find_torque(topics)
         found = self._find_channels(topics)
         self._channels = {name: column for name, column in found if np.isfinite(column).any()}
         self.names = tuple(self._channels)
@@ -213,7 +211,7 @@ class RecordedRun(Sequence[Snapshot]):
             row[:] = now
         return q, None
 
-    def _find_torque(self, topics: ThinnedTopics) -> tuple[str, dict[str, Array]]:
+    def _find_torque(self, topics: ThinnedTopics) -> dict[str, Array]:
         for topic in TORQUES:
             rows = topics.rows(topic)
             if rows is None:
@@ -221,8 +219,8 @@ class RecordedRun(Sequence[Snapshot]):
             names = [name for name in self._robot.joint_names if name in rows.names]
             effort = rows.columns(names, 'effort')
             if np.isfinite(effort).any():
-                return topic, dict(zip(names, self._beside(rows.t, effort).T, strict=True))
-        return '', {}
+                return dict(zip(names, self._beside(rows.t, effort).T, strict=True))
+        return {}
 
     def _find_channels(self, topics: ThinnedTopics) -> Iterator[tuple[str, Array]]:
         found = {what: topics.rows(topic) for topic, what in DEFLECTIONS.items()}

@@ -24,7 +24,6 @@ WORDS = (
     '', ' ', '/', '~', '..', '%s%n', 'nan', '/dev/zero', 'ä€😀', 'x' * 300, 'y' * 5000,
     'z' * 1_000_000,
 )  # fmt: skip
-BITS = {'byte': 8, 'char': 8, 'octet': 8}
 SEQUENCE = re.compile(r'sequence<(?P<of>.+?)(?:, *(?P<most>\d+))?>$')
 ARRAY = re.compile(r'(?P<of>.+)\[(?P<count>\d+)\]$')
 NUMBER = re.compile(r'(?P<sign>u?)int(?P<bits>\d+)$')

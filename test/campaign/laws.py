@@ -53,8 +53,8 @@ class TorqueLedger:
     ----------
     count : int
         Messages.
-    non_finite, over_limit, over_delta : int
-        Of these, those that broke the law.
+    non_finite : int
+        Of these, those that were not finite.
     largest_delta : float
         Largest change from one message to the next.
     pauses : list of Span
@@ -66,8 +66,6 @@ class TorqueLedger:
     rate: float
     count: int = 0
     non_finite: int = 0
-    over_limit: int = 0
-    over_delta: int = 0
     largest_delta: float = 0.0
     pauses: list[Span] = field(default_factory=list)
     broken: list[str] = field(default_factory=list)
@@ -92,7 +90,6 @@ class TorqueLedger:
             self._last = None
             return
         if (np.abs(effort) > self.limits).any():
-            self.over_limit += 1
             self._break(f'torque must be within {self.limits.tolist()}, got {effort.tolist()}')
         before, self._last = self._last, (sent_ns, number, effort)
         if before is None or number <= 1:
@@ -107,7 +104,6 @@ class TorqueLedger:
         largest = float(np.abs(change).max())
         over = largest > self.delta * (1.0 + ROUNDING) + ROUNDING
         if over and not any(span.meets(each) for each in self.anew):
-            self.over_delta += 1
             self._break(f'torque must change by at most {self.delta:g} per tick, got {largest:g}')
             return
         if not over:

@@ -32,7 +32,6 @@ class Mending:
     def __init__(self, stage: SiegeStage, assault: Assault) -> None:
         self.stage, self.assault = stage, assault
         self.inventory = assault.inventory
-        self.parameters_stay = 0  # values that could not be set back; the node was started anew
         self._reset = 0.0
 
     def mend(self, step: Step, tell: Callable[[str], None]) -> None:
@@ -178,7 +177,6 @@ class Mending:
             SetParameters.Request(parameters=changed),
         )
         if not all(result.successful for result in reply.results):
-            self.parameters_stay += 1
             print(f'{node}: not set back: {[r.reason for r in reply.results]}', flush=True)
             self._restart(node)
             self._active(node)

@@ -47,7 +47,6 @@ class Bench:
         self.follower = ReferenceFollower(3, 0.2)
         self.build(1.0, **changes)
         self.now = 0.0
-        self.tick_of = 0
 
     def build(self, stiffness: float, **changes: Any) -> None:
         self.robot = robot = canadarm(stiffness)

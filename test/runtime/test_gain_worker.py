@@ -28,7 +28,6 @@ pytestmark = pytest.mark.ros  # as it waits for processes
 ARM = Path(__file__).parents[2] / 'config/robots/canadarm_gauges.urdf'
 HERE = np.array([0.2, 0.7, 0.5])
 LONG = 60.0  # s, for a machine that is busy with others
-ABSENT = 1.0  # s without an answer that show that there is none
 
 
 def arm() -> FeedbackModel:
