@@ -65,9 +65,9 @@ def test_loops_stay_closed_in_the_plan(platform: tuple[dn.Robot, Plan]) -> None:
 def test_the_five_bar_brings_its_pin_where_it_should_be() -> None:
     rigid, robot = loaded('five_bar_rrrr', 0.0), loaded('five_bar_ffff', 0.0)
     start = rigid.assemble([1.884956, -1.256637, 1.256637, 1.256637])
-    times = np.linspace(0.0, 2.0, 101)
-    joints = np.tile(start, (101, 1))
-    joints[:, [0, 2]] = cycloid(start[[0, 2]], start[[0, 2]] - [0.5, 0.2], 2.0)(times)
+    times = np.linspace(0.0, 1.0, 51)
+    joints = np.tile(start, (51, 1))
+    joints[:, [0, 2]] = cycloid(start[[0, 2]], start[[0, 2]] - [0.25, 0.1], 1.0)(times)
     # the passive joints are those of the start: the plan closes the loop
     plan = dn.shape_motion(
         robot, times, joints, tip='joint_5/parent', joints=['joint_1', 'joint_3']
@@ -77,7 +77,8 @@ def test_the_five_bar_brings_its_pin_where_it_should_be() -> None:
     at = rigid.frame_pose('joint_5/parent', closed)[:, :3, 3]
     reached = robot.frame_pose('joint_5/parent', run.q)[:, :3, 3]
     wanted = np.stack([np.interp(run.t, times, column) for column in at.T], axis=1)
-    assert np.abs(reached - wanted).max() < 6e-5  # most of it from straight lines between points
+    # 1.4e-8 and 3.5e-9 m, of integrator and equations; a torque 0.1 % off leaves 0.2 mm
+    assert np.abs(reached - wanted).max() < 1e-6
     assert plan.tip_error.max() < 1e-6
 
 
