@@ -273,7 +273,7 @@ class Session:
         return 0.0 if state == 'off' else ENGAGING
 
     def _check_silence(self) -> None:
-        # the viewer gives way to everybody: a run does not end for want of it
+        # the viewer has the lowest priority: a run goes on without it
         for name in set(self._names) - {'viewer'}:
             silence = self._client.silence(name)
             if silence > LONGEST_SILENCE:

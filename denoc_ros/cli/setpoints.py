@@ -12,7 +12,7 @@ from denoc_ros.types import Array
 FEWEST_POINTS = 16
 WHOLE = 1e-3  # of a step: how far positions may be off a multiple of it
 SMALLEST_STEP = 1e-12  # of the range: less is the rounding of floating point
-ROUNDING = 0.6  # acceleration's share from rounding from which on it is told
+ROUNDING = 0.6  # share of the acceleration that comes from rounding; above it, it is reported
 
 
 def rounded_setpoints(values: Mapping[str, Any]) -> list[str]:

@@ -39,7 +39,7 @@ OUTPUT = 0.004  # s between rows of a plan
 TURN = 0.01  # of the tip's distance: how much a radian of turn counts
 DRAW = 1e-4  # of the tip's distance: what a radian away from the asked joints counts
 CLOSED = 1e-9  # m, rad: loops of the asked motion that are closed as they are
-POINTS = 10  # of a motion from which on its rates at the ends are told
+POINTS = 10  # of a motion: with fewer, its rates at the ends are not known
 MOVING = 0.1  # of the largest rate: more is no rest
 SMOOTH = 3e-3  # of the tip's distance: the same for second differences on the usual grid
 

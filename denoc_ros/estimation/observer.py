@@ -60,7 +60,7 @@ class Observer:
         Time of the estimate [s]; NaN before the first measurement.
     late, repeated, restarts, unsettled : int
         Measurements refused as too old, and as not newer than the last one; gaps that were not
-        integrated over; starts undeformed for want of an equilibrium.
+        integrated over; undeformed starts, where there was no equilibrium.
     robot : Robot
         The observer's own.
     deflections : TipDeflections

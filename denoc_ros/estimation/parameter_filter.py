@@ -188,7 +188,7 @@ def _unexplained(gap: Array, expected: Array, by_parameters: Array) -> float:
 
 
 class ExcitedDirections:
-    """Directions of parameters that the values of late tell from their noise.
+    """Directions of parameters whose effect on recent values exceeds the noise.
 
     Parameters
     ----------

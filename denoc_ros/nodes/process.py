@@ -85,9 +85,9 @@ def run(
 def leave(status: int) -> NoReturn:
     """End the process now, after its clean end.
 
-    What C++ destroys at exit is destroyed in an order that nobody knows, while threads of the
-    middleware may still be at work on it: the heap was corrupted so once in a hundred ends. All
-    that matters has been closed; what is left to do at exit is to give the memory back.
+    At exit C++ destroys its objects in an undefined order, while threads of the middleware may
+    still use them: this corrupted the heap once in a hundred ends. Everything that matters is
+    closed by now; only memory would be given back.
     """
     with suppress(Exception):
         logging.shutdown()
@@ -136,7 +136,7 @@ def _live(make: Callable[[], DenocNode], watchdog: Watchdog) -> int:
 
 
 def _end(node: DenocNode, executor: Any) -> None:
-    """Take node and executor down; what fails does not keep the rest from it."""
+    """Take node and executor down; a failure of one does not stop the rest."""
     steps: list[Callable[[], object]] = [node.end, node.destroy_node]
     if executor is not None:
         steps = [node.end, lambda: executor.remove_node(node), node.destroy_node]
@@ -188,7 +188,7 @@ def _wait(node: DenocNode, executor: Any) -> bool:
 
 
 def _why_in_vain(node: DenocNode) -> str:
-    """Return why a description that somebody publishes does not come, '' if it may come."""
+    """Return why a published description cannot arrive, '' if it may."""
     offers = node.get_publishers_info_by_topic(node.resolve_topic_name('robot_description'))
     if offers and all(o.qos_profile.durability == DurabilityPolicy.VOLATILE for o in offers):
         return ': its publisher must be transient local, got volatile'

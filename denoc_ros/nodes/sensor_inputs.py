@@ -109,8 +109,8 @@ class SensorInputs:
     fresh : bool
         Whether a value has come since the reader last set this to False.
     queue : deque of (place, time, value)
-        The values of late: of which of all the robot's sensors, when it was measured on the
-        steady clock [s], and calibrated.
+        Values not read yet: the place among all the robot's sensors, when it was measured on the
+        steady clock [s], and the calibrated value.
     """
 
     def __init__(self, node: RobotNode) -> None:

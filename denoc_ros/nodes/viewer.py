@@ -32,7 +32,7 @@ EXPOSED = 'the page is served beyond this machine ({}): everybody who reaches it
 
 
 class ViewerNode(ModelNode):
-    """Draws the newest state on a page, as often as it can without being in anybody's way.
+    """Draws the newest state on a page, as often as it can without disturbing others.
 
     While nobody watches it listens to nothing.
     """
@@ -51,7 +51,7 @@ class ViewerNode(ModelNode):
     # ---- configure
 
     def configure(self) -> None:
-        """Give way to other processes, load the robot, serve the page."""
+        """Lower the priority of the process, load the robot, serve the page."""
         if self.owns_process:
             self.realtime_options.update(lower_priority(self.settings.integer('niceness')))
         super().configure()
@@ -156,7 +156,7 @@ class ViewerNode(ModelNode):
         self._used = time.process_time()
 
     def _try_to_draw(self, now: float) -> float:
-        """Draw; what cannot be drawn is counted, and the next may do. Return as `_draw`."""
+        """Draw; a failure is counted, and drawing goes on. Return as `_draw`."""
         try:
             return self._draw(now)
         except Exception as error:

@@ -48,8 +48,8 @@ class Replay:
     duration : float
         From the first to the last joint state [s].
     samples, incomplete, repeated, motions : int
-        Joint states replayed; left out for want of a joint; left out as not later than one before;
-        stretches of motion without a gap or jump.
+        Joint states replayed; left out because a joint is missing; left out because they are not
+        later than one before; stretches of motion without a gap or jump.
     period, cutoff : float
         Usual time between joint states [s], and the cutoff as used [Hz].
     torque : dict of str to Agreement

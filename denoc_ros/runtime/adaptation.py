@@ -23,7 +23,7 @@ Bounds = dict[str, tuple[float, float]]
 
 
 class Adaptation:
-    """What the parameters `adapt*` of a node ask for; without any path nothing.
+    """Tracks the numbers that the parameters `adapt*` of a node name; without one does nothing.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class Adaptation:
             (self.tracker.restart if values else self.tracker.reset)()
 
     def apply(self, observer: Observer) -> None:
-        """Bring an observer to the present values; one that was built with the start's."""
+        """Give the present values to an observer that was built with those of the start."""
         tracker = self.tracker
         if tracker is None:
             return
@@ -107,7 +107,7 @@ class Adaptation:
         self._told = tracker.blocks
 
     def status(self) -> Status | None:
-        """Return what it does; None without any path."""
+        """Return the status of the tracking; None if nothing is tracked."""
         tracker = self.tracker
         if tracker is None:
             return None

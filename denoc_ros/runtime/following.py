@@ -34,7 +34,7 @@ class FollowingConditions:
         self.update(settings)
 
     def update(self, settings: Settings) -> None:
-        """Keep what the loop reads each tick at hand."""
+        """Store what the loop reads each tick."""
         self.reference_timeout = settings.number('reference_timeout')
         self.lead = settings.number('lead_time')
         self._joint_timeout = settings.number('joint_state_timeout')

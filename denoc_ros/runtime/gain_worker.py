@@ -66,7 +66,7 @@ class WantedGains:
         return self.model.job(self.position, self.trajectory)
 
     def is_like(self, other: WantedGains | None) -> bool:
-        """Say whether it asks for the same gains, but for where a lone posture is."""
+        """Say whether it asks for the same gains; where a single posture is does not matter."""
         return (
             other is not None
             and self.model is other.model
@@ -108,7 +108,7 @@ class GainWorker:
         return self._waiting is not None or self._solving is not None
 
     def begin(self, task: WantedGains) -> None:
-        """Ask for a design; what the one in work gives will not count."""
+        """Ask for a design; the result of one in work is discarded."""
         self.task = self._waiting = task
         self._tries = 0
         self.look()

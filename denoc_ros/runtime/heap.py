@@ -1,8 +1,8 @@
 """Large pieces of memory go back to the system as soon as they are freed.
 
-glibc raises the size from which a piece is mapped on its own with each such piece that is freed,
-up to 32 MB. Later ones come from the heap, where small ones that live long lie between them: a
-process that has had large messages keeps their memory, and more of it with each burst.
+glibc maps large pieces of memory one by one, but raises the size from which it does so with each
+such piece that is freed, up to 32 MB. Later pieces come from the heap, among small ones that live
+long: a process keeps the memory of large messages, and more of it with each burst.
 """
 
 from __future__ import annotations

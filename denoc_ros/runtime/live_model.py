@@ -33,7 +33,7 @@ class LiveModel:
         self._built, self._values = base, override_values(base.tree)
 
     def plain(self, overrides: Mapping[str, Given]) -> dict[str, Given]:
-        """Return values with paths `damping.*` under those that they are other names for.
+        """Return values with the aliases `damping.*` replaced by the paths that they stand for.
 
         Raises
         ------
@@ -66,7 +66,7 @@ class LiveModel:
         return robot
 
     def values(self, overrides: Mapping[str, Any]) -> Values:
-        """Return what overrides can change, by every name, with the values that hold under some.
+        """Return all numbers that overrides can change, by every name, with the overrides applied.
 
         The overrides are those that the last `robot` was made with.
         """

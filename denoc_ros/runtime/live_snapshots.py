@@ -118,7 +118,7 @@ class LiveSnapshots:
         return {name: each for name, each in said.items() if name in self._torque_channels}
 
     def _measured(self, fresh: Sequence[str]) -> dict[str, float]:
-        """Return the torque that the first of topics says that says any."""
+        """Return the torque of the first topic that has one."""
         return next((self._states[t].torque for t in fresh if self._states[t].torque), {})
 
     def _bends(self, topic: str) -> dict[str, float]:

@@ -132,7 +132,7 @@ class MotionPlanning:
 
 
 def shape_job(settings: Settings, robot: dict[str, Any], joints: Sequence[str]) -> dict[str, Any]:
-    """Return what the planner is asked for, but for the motion of the joints."""
+    """Return the planner's job without the motion of the joints."""
     method = settings.text('method')
     limits = given_limits(settings, joints)
     options: dict[str, Any] = {'output_step': settings.number('output_step')}

@@ -18,7 +18,7 @@ RESTING = 1e-3  # rad/s or m/s at the ends that count as rest
 
 @dataclass(frozen=True)
 class RequestedMotion:
-    """A motion that came in.
+    """A received motion.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class RequestedMotion:
         return [k for k in joints if k not in self.message.held]
 
     def whole(self) -> TrajectoryMessage:
-        """Return the message with all joints: those that it does not name stand."""
+        """Return the message with all joints: those that it does not name stay."""
         if not self.message.held:
             return self.message
         assert self.where is not None

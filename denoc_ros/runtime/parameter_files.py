@@ -48,7 +48,7 @@ def shared_names(arguments: Sequence[str], node: str) -> set[str]:
 
 
 def _ros_arguments(arguments: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield what says something of parameters: flag and value."""
+    """Yield the arguments that concern parameters: flag and value."""
     inside = False
     for word, after in pairwise([*arguments, '']):
         inside = word == '--ros-args' or (inside and word != '--')

@@ -137,7 +137,7 @@ class Planner:
         return None if job is None else Answer(job, why, {}, {})
 
     def drop(self) -> None:
-        """Forget the job under way: its answer will not count, the next one waits for none."""
+        """Discard the job under way and its answer: the next job does not wait for it."""
         if self._pending is not None:
             self.close(0.0)
 

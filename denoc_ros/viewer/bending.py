@@ -36,8 +36,8 @@ def exaggerated(robot: Robot, q: Array, scale: float) -> Array:
     Returns
     -------
     (n,) array
-        Where loops need it the joints give way, by the smallest change that closes them; they stay
-        where the deflection drawn is more than the mechanism can follow.
+        Joints of loops move by the smallest change that closes these; they stay where they are if
+        the drawn deflection is more than the mechanism can follow.
     """
     drawn: Array = q.copy()
     drawn[robot.flexible_indices] *= scale

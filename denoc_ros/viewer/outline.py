@@ -23,7 +23,7 @@ Indices = NDArray[np.int64]
 Colour = tuple[int, int, int]
 
 STEEL: Colour = (146, 161, 178)  # of links without a material
-DARK: Colour = (92, 101, 112)  # of what is drawn for want of a visual
+DARK: Colour = (92, 101, 112)  # of links without a visual
 SLENDERNESS = 40.0  # of a beam without a visual: length over thickness
 SLIGHT = 0.012  # of the robot's reach: radius of a rigid link without a visual
 
