@@ -80,8 +80,8 @@ def test_gains_mean_the_whole_robot_whichever_is_given() -> None:
         # where a reference of the link sides is compared with them
         np.testing.assert_allclose(schedule.postures, [START], atol=1e-12)
         assert schedule.slowest.modulus < 1.0
-    gains = [schedule.gains[0].gain for schedule in schedules]
-    np.testing.assert_allclose(*gains, rtol=1e-6)
+    known, seen_gain = (schedule.gains[0].gain for schedule in schedules)
+    np.testing.assert_allclose(known, seen_gain, rtol=1e-6)
     state = state_at(seen, joints, START, 0.1 * limits)
     np.testing.assert_allclose(state.q[::2] + state.q[1::2], START, atol=1e-12)
     np.testing.assert_allclose(state.q, whole.static_deflection(state.q[::2]), atol=1e-7)
