@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import add_gravity
 from denoc_ros.cli.calibrate_mounting import run_mounting
+from denoc_ros.cli.exit_statuses import DOUBTFUL, NOT_IDENTIFIABLE
 from denoc_ros.cli.written_description import write_description
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
     from denoc_ros.estimation.calibration import Calibration
 
-DOUBTFUL = 2
-NOT_IDENTIFIABLE = 3
 KINDS = ('value', 'deflection', 'load')
 
 

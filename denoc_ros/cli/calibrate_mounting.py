@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from denoc_ros.cli.exit_statuses import DOUBTFUL, NOT_IDENTIFIABLE
 from denoc_ros.cli.written_description import write_description
 
 if TYPE_CHECKING:
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
     from denoc_ros.estimation.mounting import Mounting
     from denoc_ros.types import Array
 
-DOUBTFUL = 2
-NOT_IDENTIFIABLE = 3
 MOST = 1000  # readings, evenly out of all: the amplitudes of each are in equilibrium
 CUTOFF = 5.0  # Hz, of the joints' motion: vibration is not what is looked for
 

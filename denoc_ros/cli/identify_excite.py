@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import add_gravity, given_file, named_values, require
+from denoc_ros.cli.exit_statuses import exit_status
 from denoc_ros.cli.identify_numbers import numbers_text
 from denoc_ros.cli.overrides import add_overrides, overrides_of
 from denoc_ros.errors import BagError
@@ -130,7 +131,6 @@ def run_excite(args: argparse.Namespace) -> int:
     from denoc_ros.cli.plan_file import write_joint_trajectory, write_points
     from denoc_ros.cli.progress import share_bar
     from denoc_ros.identification.model.excitation import design_excitation
-    from denoc_ros.identification.result import exit_status
 
     options = _options(args)
     robot = load_named_robot(args.robot, args.gravity)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from denoc_ros.cli.batch import FAILURE, Row, RowStore, WorkerConfig, run_batch
+from denoc_ros.cli.exit_statuses import DOUBTFUL
 from denoc_ros.errors import BagError
 from denoc_ros.reports.text_table import text_table
 
@@ -36,7 +37,6 @@ APART = (
     *('paths', 'bags', 'output', 'json', 'each', 'workers', 'scheduler'),
     *('verb', 'action', 'act', 'execute', 'command'),
 )
-DOUBTFUL = 2
 
 
 @dataclass(frozen=True)

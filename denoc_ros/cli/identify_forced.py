@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from denoc_ros.reports.pages import PageSection, ReportPage
 
 Document = dict[str, Any]
-ROW = 2.3  # inches
 
 
 def add_actions(actions: Any) -> None:
@@ -181,7 +180,14 @@ def forced_page(
 def _response(found: ForcedModes) -> PageSection:
     import numpy as np
 
-    from denoc_ros.reports.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
+    from denoc_ros.reports.figures import (
+        PHASE_COLOURS,
+        RESULT_HEIGHT,
+        TRUTH_COLOUR,
+        Curve,
+        Panel,
+        line_figure,
+    )
     from denoc_ros.reports.pages import PageSection
 
     inputs = found.measured.shape[1]
@@ -205,7 +211,7 @@ def _response(found: ForcedModes) -> PageSection:
     return PageSection(
         'Frequency response',
         'Ratio of the transforms at the lines that the input excites, and the fitted modes.',
-        [line_figure(panels, ROW)],
+        [line_figure(panels, RESULT_HEIGHT)],
     )
 
 

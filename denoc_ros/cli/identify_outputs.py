@@ -8,7 +8,8 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from denoc_ros.identification.result import RESULT_FILE, exit_status, write_result
+from denoc_ros.cli.exit_statuses import exit_status
+from denoc_ros.identification.result import RESULT_FILE, write_result
 from denoc_ros.reports.pages import ReportPage
 
 

@@ -8,6 +8,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from denoc_ros.cli.exit_statuses import NOT_IDENTIFIABLE
 from denoc_ros.cli.identify_inputs import add_channel_options, channel_of
 from denoc_ros.errors import BagError, DenocError
 from denoc_ros.reports.text_table import Row, text_table
@@ -81,7 +82,7 @@ def run_segment(args: argparse.Namespace) -> int:
         print(f'{reading.record.name}: {len(rows)} segments')
         if rows:
             print(text_table(rows))
-    return 0 if any(row['kind'] == 'decay' for row in rows) else 3
+    return 0 if any(row['kind'] == 'decay' for row in rows) else NOT_IDENTIFIABLE
 
 
 def describe(path: Path, channel: Channel) -> list[Row]:

@@ -10,12 +10,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.cli.exit_statuses import DOUBTFUL
 from denoc_ros.cli.identify_inputs import add_robot_options, joint_values, load_named_robot
 from denoc_ros.errors import BagError, IdentificationError
 from denoc_ros.reports.text_table import text_table
 
 Document = dict[str, Any]
-DOUBTFUL = 2
 
 
 def add_actions(actions: Any) -> None:

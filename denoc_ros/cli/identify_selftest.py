@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.batch import FAILURE, add_worker_options, run_batch, worker_config
+from denoc_ros.cli.exit_statuses import DOUBTFUL
 from denoc_ros.errors import IdentificationError
 from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
     from denoc_ros.identification.selftest import Job, Outcome
 
-DOUBTFUL = 2
 CHANCE_OF_SHORT = 1e-4  # that a short self-test fails estimators that are just good enough
 
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import NoReturn
 
+from denoc_ros.cli.exit_statuses import BAD_INPUT, INTERRUPTED
 from denoc_ros.cli.interrupts import interrupt
 from denoc_ros.errors import DenocError
 
@@ -30,8 +31,6 @@ VERBS = (
     'warmup',
     'bench',
 )
-BAD_INPUT = 1
-INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 
 
 class Parser(argparse.ArgumentParser):

@@ -7,6 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.cli.exit_statuses import DOUBTFUL
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the verb to the command line."""
@@ -49,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(row, indent=2))
     else:
         print('\n'.join(_lines(row)))
-    return 2 if result.damaged_chunks else 0
+    return DOUBTFUL if result.damaged_chunks else 0
 
 
 def _lines(row: dict[str, Any]) -> list[str]:

@@ -19,6 +19,7 @@ from denoc_ros.cli.arguments import (
     times_findings,
     unused,
 )
+from denoc_ros.cli.exit_statuses import DOUBTFUL
 from denoc_ros.cli.overrides import add_overrides, overrides_of
 from denoc_ros.errors import BagError
 from denoc_ros.reports.run_files import EARTH, recording_name
@@ -26,8 +27,6 @@ from denoc_ros.reports.text_table import Row, text_table
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
-
-DOUBTFUL = 2
 
 
 def add_parser(subparsers: Any) -> None:

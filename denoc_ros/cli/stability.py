@@ -7,11 +7,11 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from denoc_ros.cli.exit_statuses import DOUBTFUL
+
 if TYPE_CHECKING:
     from denoc_ros.simulation.scenario import Scenario
     from denoc_ros.simulation.stability import Measures, Study
-
-DOUBTFUL = 2
 
 
 def add_parser(subparsers: Any) -> None:

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from denoc_ros.cli.exit_statuses import DOUBTFUL
 from denoc_ros.reports.text_table import Row, cell_text, text_table
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from denoc_ros.model.suggest.beam import BeamSuggestion
     from denoc_ros.model.suggest.suggestion import Suggestion
 
-DOUBTFUL = 2
 OPTIONS = ('material', 'link', 'bandwidth', 'gears', 'output')
 
 

@@ -146,7 +146,7 @@ def _between(problem: TipProblem, solved: Solved, step: float) -> float:
 
 
 def _require_rest(robot: Robot, times: Array, joints: Array) -> None:
-    """Raise StateError where a motion (k, joints) with points enough to tell begins or ends fast.
+    """Raise StateError where a motion (k, joints) of at least `POINTS` begins or ends fast.
 
     A plan rests at both ends; a motion that does not would be bent to rest within a few points.
     """

@@ -89,7 +89,7 @@ def settle(
     size: float,
     report: Callable[[int, float], None],
 ) -> Solved:
-    """Return the motion that obeys the equations and comes nearest to the targets.
+    """Return the motion that Gauss-Newton steps from a guess find.
 
     Parameters
     ----------

@@ -23,7 +23,6 @@ from denoc_ros.identification.quality import Quality
 RESULT_FILE = 'result.yaml'
 TABLE_FILE = 'modes.csv'
 METHOD = 'matrix pencil, then least squares of damped cosines, offset and drift; order by BIC'
-EXIT_STATUS = {'good': 0, 'doubtful': 2, 'not identifiable': 3}
 TABLE_COLUMNS = (
     'frequency_hz',
     'damping_ratio',
@@ -176,11 +175,6 @@ def table_rows(document: Mapping[str, Any]) -> list[list[Any]]:
         ]
         for mode in document['modes']
     ]
-
-
-def exit_status(verdict: str) -> int:
-    """Return the exit status of a verdict: 0 good, 2 doubtful, 3 not identifiable."""
-    return EXIT_STATUS[verdict]
 
 
 def _mode(modes: Modes, k: int) -> Document:

@@ -40,6 +40,7 @@ COLOURS = (
 PIXELS = 900  # columns a curve is thinned to: finer than a page shows
 WIDTH, LONE_WIDTH = 4.4, 4.8  # inches of a panel: text of 10 points is read on a phone too
 HISTOGRAM_HEIGHT = 2.0  # inches
+RESULT_HEIGHT = 2.3  # inches, of a panel on the pages of results
 LAST_PERIOD = 2.0  # nominal periods a histogram shows
 SMALLEST = 1e-6  # prefix on an axis
 STYLE = {

@@ -13,6 +13,7 @@ from denoc_ros.identification.swing import swing_angles
 from denoc_ros.reports.figures import (
     DIFFERENCE_COLOUR,
     PHASE_COLOURS,
+    RESULT_HEIGHT,
     TRUTH_COLOUR,
     Curve,
     Panel,
@@ -21,8 +22,6 @@ from denoc_ros.reports.figures import (
 from denoc_ros.reports.identify_result import interval_text, result_page
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, engineering
 from denoc_ros.reports.text_table import cell_text
-
-ROW = 2.3  # inches
 
 
 def joint_page(
@@ -81,7 +80,7 @@ def _swing(record: Record, fit: JointFit) -> PageSection:
         'Measured and simulated',
         'The equation of motion with the fitted friction. The residual is '
         f'{engineering(fit.residual, "rad")} rms while the joint moves.',
-        [line_figure(panels, ROW)],
+        [line_figure(panels, RESULT_HEIGHT)],
     )
 
 
@@ -100,7 +99,7 @@ def _models(record: Record, fit: JointFit) -> PageSection:
     return PageSection(
         'Which terms matter',
         'Each set of terms fitted to the same swing.',
-        [line_figure([panel], ROW)],
+        [line_figure([panel], RESULT_HEIGHT)],
         [PageTable(['terms', 'residual, rms', ''], rows)],
     )
 

@@ -18,6 +18,7 @@ from denoc_ros.identification.spectra import SpectralDecay, waterfall
 from denoc_ros.reports.figures import (
     DIFFERENCE_COLOUR,
     PHASE_COLOURS,
+    RESULT_HEIGHT,
     TRUTH_COLOUR,
     Curve,
     Panel,
@@ -28,7 +29,6 @@ from denoc_ros.reports.pages import PageSection, PageTable, ReportPage, engineer
 from denoc_ros.reports.text_table import cell_text
 from denoc_ros.types import Array
 
-ROW = 2.3  # inches
 SLICES = 12  # of a waterfall
 SHOWN = 0.1  # standard deviations of the noise that a decay is drawn down to
 
@@ -85,7 +85,7 @@ def _decay(analysis: DecayAnalysis) -> PageSection:
         'Measured and fitted',
         f'Damped cosines, an offset and a drift. The residual has a standard deviation of '
         f'{engineering(modes.noise, record.unit)}.',
-        [line_figure(panels, ROW)],
+        [line_figure(panels, RESULT_HEIGHT)],
     )
 
 
@@ -113,7 +113,7 @@ def _held_out(analysis: DecayAnalysis) -> PageSection | None:
         f'Modes identified up to {split:.4g} s, and simulated from there. Their error is '
         f'{engineering(error, record.unit)} rms, {100.0 * error / swing:.2g} % of the rms of '
         'the measured signal.',
-        [line_figure([panel], ROW)],
+        [line_figure([panel], RESULT_HEIGHT)],
     )
 
 
@@ -146,7 +146,7 @@ def _envelopes(analysis: DecayAnalysis) -> PageSection | None:
         'Decay of each mode',
         'Crests of the record without the other modes, on a logarithmic axis: a damping that does '
         'not depend on amplitude is a straight line down to the noise.',
-        [line_figure(panels, ROW)],
+        [line_figure(panels, RESULT_HEIGHT)],
     )
 
 
@@ -198,7 +198,7 @@ def _waterfall(analysis: DecayAnalysis) -> PageSection | None:
         f'Spectra of windows of {window:.3g} s moved along the decay, each a step above the '
         'one before. If two modes merge into one peak, or the window is longer than twice the '
         "mode's time constant, the method does not hold.",
-        [line_figure([panel], 2.0 * ROW)],
+        [line_figure([panel], 2.0 * RESULT_HEIGHT)],
     )
 
 
@@ -235,7 +235,7 @@ def _amplitude_dependence(analysis: DecayAnalysis) -> PageSection | None:
         'The same mode fitted in windows along its decay. Where the windows differ by more than '
         'noise explains, one number does not describe the damping, and the interval is the one '
         'of the windows.',
-        [line_figure(panels, ROW)],
+        [line_figure(panels, RESULT_HEIGHT)],
     )
 
 
@@ -260,7 +260,7 @@ def _residual(analysis: DecayAnalysis) -> PageSection:
     return PageSection(
         'Spectrum of the residual',
         'A peak that is left is a mode or a line that was not found; a flat residual is noise.',
-        [line_figure([panel], ROW)],
+        [line_figure([panel], RESULT_HEIGHT)],
         [PageTable(['line [Hz]', 'amplitude', 'is no mode but'], rows)] if rows else [],
     )
 

@@ -9,6 +9,7 @@ from denoc_ros.identification.servo import ServoFit
 from denoc_ros.reports.figures import (
     DIFFERENCE_COLOUR,
     PHASE_COLOURS,
+    RESULT_HEIGHT,
     TRUTH_COLOUR,
     Curve,
     Panel,
@@ -18,7 +19,6 @@ from denoc_ros.reports.identify_result import SHOWN, interval_text, result_page
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, engineering
 from denoc_ros.types import Array
 
-ROW = 2.3  # inches
 Curves = Sequence[tuple[Array, Array, Array]]  # times, told, measured
 
 
@@ -85,7 +85,7 @@ def _joint(fit: ServoFit, t: Array, told: Array, measured: Array) -> PageSection
         fit.joint,
         f'{engineering(fit.lag, "rad")} rms from its command, '
         f'{engineering(fit.residual, "rad")} rms from the fit.',
-        [line_figure(panels, ROW)],
+        [line_figure(panels, RESULT_HEIGHT)],
     )
 
 

@@ -10,7 +10,8 @@ import pytest
 from page_look import require_one_look
 
 from denoc_ros.cli.config import read_yaml
-from denoc_ros.cli.main import INTERRUPTED, main
+from denoc_ros.cli.exit_statuses import INTERRUPTED
+from denoc_ros.cli.main import main
 from denoc_ros.cli.motion_file import read_motion
 from denoc_ros.identification.model.excitation_search import SearchClock
 from denoc_ros.simulation.reference import trajectory_from_config
