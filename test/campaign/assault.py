@@ -10,13 +10,16 @@ import threading
 import time
 from collections import Counter
 from contextlib import ExitStack, suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rclpy
 from campaign.adversary import SEQUENCE, WORDS, interface, leaves
 from campaign.attacks import Attack, Inventory, Step, adversary
-from campaign.siege_stage import ANSWER, SiegeStage
+from campaign.siege_gauges import DEAD, FEEDBACK
+from campaign.siege_scenes import FALLEN_SILENT
+from campaign.siege_stage import ANSWER, FEED, SiegeStage
 from campaign.sockets import attack_page
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -30,6 +33,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 END = 20.0  # s within which a process that is told to has ended
+NOTICED = 0.5  # s until a process that is busy has said that it lets go
 TOPICS = 12  # names of strange topics
 STRANGE = (
     'std_msgs/msg/String', 'std_msgs/msg/Float64', 'sensor_msgs/msg/Imu', 'nav_msgs/msg/Odometry',
@@ -51,12 +55,15 @@ class Assault:
         What was sent, by node.
     asked : dict of str to float
         Nodes that were told to end in the step at hand, and whose end is due.
+    killed : set of str
+        Of these, those that were not asked.
     """
 
     def __init__(self, stage: SiegeStage, inventory: Inventory) -> None:
         self.stage, self.inventory = stage, inventory
         self.tally: Counter[tuple[str, str]] = Counter()
         self.asked: set[str] = set()
+        self.killed: set[str] = set()
         self.unanswered: list[tuple[str, str]] = []
         self.spoilt = False  # whether the recorder's files were, in the step at hand
         self._lock = threading.Lock()
@@ -64,6 +71,7 @@ class Assault:
     def do(self, step: Step) -> None:
         """Do all attacks of a step at once; return when all are over."""
         self.asked.clear()
+        self.killed.clear()
         self.unanswered.clear()
         self.spoilt = False
         threads = [threading.Thread(target=self._do, args=(a,), daemon=True) for a in step]
@@ -89,9 +97,11 @@ class Assault:
 
     def _good(self, topic: str, kind: str) -> Any:
         """Return a good message of a topic."""
+        if topic == '/strain' and self.stage.scene.gauges:
+            return self.stage.gauges.message(time.time_ns())
         if topic == '/joint_states' or kind == 'sensor_msgs/msg/JointState':
             return self.stage.state()
-        if topic == '/reference':
+        if topic in ('/reference', self.stage.scene.plans_for):
             return self.stage.trajectory(0.2)
         return interface(kind)()
 
@@ -244,6 +254,32 @@ class Assault:
             self.stage.broken.append(f'{node}: must end within {END:g} s of {attack["signals"]}')
             self.stage.abort(node)
 
+    def _gauges(self, attack: Attack) -> None:
+        """Let the gauges fail for a while; what is fed back must not hear them meanwhile."""
+        stage, begin = self.stage, time.perf_counter()
+        stage.gauges.fault = attack['what']
+        self._count('feedforward', 'messages', round(FEED * attack['seconds']))
+        time.sleep(attack['seconds'])
+        said = stage.status(FEEDBACK, begin + FALLEN_SILENT + NOTICED)[2]
+        stage.gauges.fault = ''
+        if attack['what'] in DEAD and said.get('active') == 'True':
+            stage.broken.append(f'feedforward: must not feed dead gauges back, says {said}')
+
+    def _kill(self, attack: Attack) -> None:
+        """Kill a node, or a process that it has started."""
+        node = attack['node']
+        process = self.stage.process(node)
+        self._count(node, 'signals')
+        if not attack['child']:
+            self.asked.add(node)
+            self.killed.add(node)
+            process.kill()
+            process.wait()
+            return
+        for child in children(process.pid):
+            with suppress(ProcessLookupError):
+                os.kill(child, signal.SIGKILL)
+
     def _description(self, attack: Attack) -> None:
         node, stage = attack['node'], self.stage
         rng = adversary(attack['seed'], self.inventory, node)
@@ -312,6 +348,12 @@ class Assault:
         else:
             with files[-1].open('r+b') as file:
                 file.write(b'\0' * 4096)
+
+
+def children(pid: int) -> list[int]:
+    """Return the processes that a process has started."""
+    lists = Path(f'/proc/{pid}/task').glob('*/children')
+    return [int(child) for each in lists for child in each.read_text().split()]
 
 
 def lengthen(message: Any, one_of: Any, length: int) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from campaign.adversary import Adversary, Special
-from campaign.siege_scenes import NODES
+from campaign.siege_gauges import FAULTS
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters
 
@@ -21,6 +21,8 @@ WEIGHTS = {
     'messages': 30, 'huge': 4, 'trajectories': 3, 'requests': 26, 'transitions': 8, 'pause': 6,
     'end': 4, 'clock': 4, 'description': 4, 'socket': 4, 'files': 3, 'join': 3, 'topics': 3,
 }  # fmt: skip
+# where there are gauges, and a shaper
+MORE = {'gauges': 12, 'kill': 5}
 COUNTS, RATES = (1, 3, 20, 100, 400), (0.0, 100.0, 500.0, 2000.0)  # of messages; Hz, 0: at once
 LONGEST = 2.0  # s of messages
 LENGTHS = (2_000, 30_000, 300_000)  # elements of a huge message
@@ -45,13 +47,24 @@ class Inventory:
     inputs: dict[str, dict[str, str]]
     parameters: dict[str, dict[str, ParameterValue]]  # as they are to be
     words: list[str]
+    has_gauges: bool = False
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Names of all nodes."""
+        return tuple(self.parameters)
+
+    @property
+    def weights(self) -> dict[str, int]:
+        """How often each kind of attack is drawn."""
+        return {**WEIGHTS, **MORE} if self.has_gauges else WEIGHTS
 
 
 def discover(stage: Any) -> Inventory:
     """Return what the running nodes offer."""
     services, inputs, parameters = {}, {}, {}
     words = {*stage.scene.joints}
-    for node in NODES:
+    for node in stage.scene.nodes:
         found = stage.node.get_service_names_and_types_by_node(node, '/')
         services[node] = {name: kinds[0] for name, kinds in sorted(found)}
         heard = stage.node.get_subscriber_names_and_types_by_node(node, '/')
@@ -72,7 +85,8 @@ def discover(stage: Any) -> Inventory:
         )
         parameters[node] = dict(zip(names, values.values, strict=True))
         words.update(names)
-    return Inventory(services, inputs, parameters, sorted(words))
+    has_gauges = bool(stage.scene.gauges)
+    return Inventory(services, inputs, parameters, sorted(words), has_gauges)
 
 
 def adversary(seed: int, inventory: Inventory, node: str) -> Adversary:
@@ -119,7 +133,7 @@ def draw_step(rng: np.random.Generator, inventory: Inventory, mortal: tuple[str,
     signalled: set[str] = set()
     kept = []
     for attack in step:
-        if attack['do'] in ('pause', 'end'):
+        if attack['do'] in ('pause', 'end', 'kill'):
             if attack['node'] in signalled:
                 continue
             signalled.add(attack['node'])
@@ -133,12 +147,16 @@ def draw_attack(rng: np.random.Generator, inventory: Inventory, mortal: tuple[st
     def one_of(choices: Any) -> Any:
         return choices[int(rng.integers(len(choices)))]
 
-    kinds = list(WEIGHTS)
-    shares = np.array([WEIGHTS[kind] for kind in kinds], dtype=float)
+    kinds = list(inventory.weights)
+    shares = np.array(list(inventory.weights.values()), dtype=float)
     kind = kinds[int(rng.choice(len(kinds), p=shares / shares.sum()))]
-    attack: Attack = {'do': kind, 'node': one_of(NODES), 'seed': int(rng.integers(1 << 31))}
+    attack: Attack = {
+        'do': kind,
+        'node': one_of(inventory.nodes),
+        'seed': int(rng.integers(1 << 31)),
+    }
     if kind in ('messages', 'huge'):
-        hearing = [node for node in NODES if inventory.inputs[node]]
+        hearing = [node for node in inventory.nodes if inventory.inputs[node]]
         attack['node'] = 'feedforward' if rng.random() < 0.4 else one_of(hearing)
         inputs = inventory.inputs[attack['node']]
         attack['topic'] = one_of(sorted(inputs))
@@ -176,6 +194,12 @@ def draw_attack(rng: np.random.Generator, inventory: Inventory, mortal: tuple[st
         attack.update(node='viewer', count=one_of((5, 50, 200)))
     elif kind == 'files':
         attack.update(node='recorder', what=one_of(FILES))
+    elif kind == 'gauges':
+        attack.update(node='feedforward', what=one_of(FAULTS), seconds=one_of((0.05, 0.3, 2.5)))
+    elif kind == 'kill':
+        # of the feedforward only what designs its gains
+        attack.update(node=one_of(('shaper', 'feedforward')), child=bool(rng.random() < 0.5))
+        attack['child'] = attack['child'] or attack['node'] == 'feedforward'
     elif kind == 'topics':
         attack.update(node='recorder', count=one_of((3, 20)))
     return attack

@@ -1,4 +1,4 @@
-"""The siege: whatever can be sent to the five nodes, drawn at random, and the laws that hold.
+"""The siege: whatever can be sent to the nodes, drawn at random, and the laws that hold.
 
 `python -m campaign.siege --minutes 60` (`make siege`). A round is a fresh stage with one of the
 robots of `campaign.siege_scenes`; the seed of each is printed, and gives the same steps again. Of
@@ -17,7 +17,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from campaign.attacks import Inventory, Step, discover, draw_step
 from campaign.laws import Life
 from campaign.mending import Mending
 from campaign.shrinking import shrink
-from campaign.siege_scenes import NODES, SCENES, Scene
+from campaign.siege_scenes import SCENES, Scene
 from campaign.siege_stage import SiegeStage, besieged
 
 ROUND = 900.0  # s
@@ -66,7 +66,7 @@ class Round:
 def drawn(seed: int, inventory: Inventory) -> Iterator[Step]:
     """Yield steps without end, the same for the same seed and what the nodes offer."""
     rng = np.random.default_rng(seed)
-    mortal = tuple(sorted(rng.choice(NODES, MORTAL, replace=False).tolist()))
+    mortal = tuple(sorted(rng.choice(inventory.nodes, MORTAL, replace=False).tolist()))
     while True:
         yield draw_step(rng, inventory, mortal)
 
@@ -81,7 +81,7 @@ class Siege:
     def begin(self) -> Inventory:
         """Wait until all nodes do what they are for; return what they offer."""
         stage = self.stage
-        assault = Assault(stage, Inventory({}, {}, {node: {} for node in NODES}, []))
+        assault = Assault(stage, Inventory({}, {}, {node: {} for node in stage.scene.nodes}, []))
         self.mending = Mending(stage, assault)
         broken: list[str] = []
         self.mending.mend([], broken.append)
@@ -135,7 +135,7 @@ class Siege:
         told.pauses = witness.pauses_told()
         for life in witness.lives.values():
             told.lives.append(of_life(life))
-            if life.name in NODES:
+            if life.name in stage.scene.nodes:
                 for law in life.judge():
                     self._hold(law)
 
@@ -165,7 +165,7 @@ def one_round(
     seed: int,
     seconds: float,
     folder: Path,
-    steps: Sequence[Step] | None = None,
+    steps: Iterable[Step] | None = None,
     stop: bool = False,
     slack: float = 0.0,
     verbose: bool = False,
@@ -176,7 +176,10 @@ def one_round(
     with besieged(folder, scene, slack) as stage:
         siege = Siege(stage, told)
         inventory = siege.begin()
-        siege.run(drawn(seed, inventory) if steps is None else steps, seconds, stop, verbose)
+        if steps is None:
+            first = ([{**attack, 'seed': seed}] for attack in scene.first)
+            steps = chain(first, drawn(seed, inventory))
+        siege.run(steps, seconds, stop, verbose)
     return told
 
 
@@ -234,7 +237,7 @@ def table(told: Sequence[Round]) -> str:
             for kind, number in kinds.items():
                 sent[node, kind] += number
     lines = ['node | ' + ' | '.join(KINDS), '---|' * len(KINDS) + '---']
-    for node in NODES:
+    for node in dict.fromkeys(node for each in told for node in SCENES[each.scene].nodes):
         lines.append(f'{node} | ' + ' | '.join(str(sent[node, kind]) for kind in KINDS))
     laws = Counter(kind_of(failure.law) for each in told for failure in each.failures)
     lines.append(

@@ -1,6 +1,6 @@
-"""The stage of the siege: all five nodes as processes, and who feeds, watches and mends them.
+"""The stage of the siege: all nodes as processes, and who feeds, watches and mends them.
 
-The stage's own node is the robot (joint states, sensors) and the planner (reference). Its witness
+The stage's own node is the robot (joint states, sensors) and the planner. Its witness
 holds each torque to the laws as it comes; two processes beside it measure how long the system
 itself was away (see `campaign.absence`).
 """
@@ -23,7 +23,8 @@ import numpy as np
 import rclpy
 from bench.rates_blocks import domain
 from campaign.adversary import interface
-from campaign.siege_scenes import NODES, PRIORITY, RATE, REMAPPED, Scene
+from campaign.siege_gauges import Gauges
+from campaign.siege_scenes import PRIORITY, RATE, Scene
 from campaign.stage import FEED_PRIORITY, StageError, StageProcesses, stamp
 from campaign.witness import DEEP, Witness
 from diagnostic_msgs.msg import DiagnosticArray
@@ -47,11 +48,6 @@ ANSWER = 60.0  # s within which a request is answered, on a busy machine
 RECOVERY = 60.0  # s within which all is as before an attack
 PATIENCE = 400.0  # s for a process to come up: a busy machine may take minutes to compile kernels
 FRESH = 0.5  # s
-SENSORS = {
-    '/strain': 'std_msgs/msg/Float64',
-    '/loads': 'std_msgs/msg/Float64MultiArray',
-    '/named': 'sensor_msgs/msg/JointState',
-}
 RELAYED = '/siege/commands'  # what left as torque, said to the plant by the stage
 GET_STATE = GetState.Request()
 OUTPUTS = {'predictor': '/predictor/modal_state', 'plant': '/plant/true_modal_state'}
@@ -92,11 +88,13 @@ class SiegeStage:
         self.node = Node('siege', use_global_arguments=False)
         self.states = self.publisher('/joint_states', JointState)
         self.references = self.publisher('/reference', JointTrajectory)
+        self.planned = self.publisher(scene.plans_for, JointTrajectory)
         relay = self.publisher(RELAYED, Float64MultiArray)
         self.witness = Witness(scene, folder, slack, relay.publish)
-        for topic, kind in SENSORS.items():
+        for topic, kind in scene.sensors.items():
             self.publisher(topic, interface(kind))
-        self.attacked = {'/joint_states', '/reference', RELAYED, *SENSORS}
+        self.gauges = Gauges(scene.gauges)
+        self.attacked = {'/joint_states', '/reference', scene.plans_for, RELAYED, *scene.sensors}
         self.description = self.publisher('/robot_description', String, LATCHED)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_status, DEEP)
         for name, topic in OUTPUTS.items():
@@ -146,6 +144,8 @@ class SiegeStage:
             if not self.instead:
                 self.states.publish(self.state())
                 self.fed += 1
+                for message in self.gauges.messages(time.time_ns()):
+                    self._publishers['/strain'].publish(message)
             count += 1
             time.sleep(max(0.0, start + count / FEED - time.perf_counter()))
 
@@ -207,7 +207,7 @@ class SiegeStage:
         bags = self.folder / f'recordings_{self.starts[node]}'
         bags.mkdir(exist_ok=True)
         write_parameters(file, self.scene.parameters(node, bags))
-        arguments = ['-m', f'denoc_ros.nodes.{node}', '--ros-args', *REMAPPED.get(node, [])]
+        arguments = ['-m', f'denoc_ros.nodes.{node}', '--ros-args', *self.scene.remapped(node)]
         self.processes.start(node, [*arguments, '--params-file', str(file)])
         self._meter.stdin.write(f'{node} {self.process(node).pid}\n'.encode())
         self._meter.stdin.flush()
@@ -243,7 +243,7 @@ class SiegeStage:
         publisher = ['publisher', str(RATE), str(PRIORITY), str(self.folder / 'bare')]
         self.processes.start('bare', ['-m', 'campaign.absence', *publisher])
         self._meter.stdin.write(f'stage {os.getpid()}\n'.encode())
-        for node in NODES:
+        for node in self.scene.nodes:
             self.start(node)
 
     # ---- requests
@@ -311,10 +311,10 @@ class SiegeStage:
         self._running = False
         for thread in self._threads:
             thread.join(3.0)
-        for node in NODES:  # a stopped one hears nothing
+        for node in self.scene.nodes:  # a stopped one hears nothing
             with suppress(KeyError, ProcessLookupError):
                 self.process(node).send_signal(signal.SIGCONT)
-        self.processes.stop_all(NODES)
+        self.processes.stop_all(self.scene.nodes)
         if self._meter is not None:
             self._meter.stdin.close()
             self._meter.wait(5.0)

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -15,11 +16,12 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from campaign.adversary import FLOATS, Adversary, leaves
-from campaign.attacks import WEIGHTS, Inventory, Step, adversary, draw_step
+from campaign.attacks import MORE, WEIGHTS, Inventory, Step, adversary, draw_step
 from campaign.laws import Life, Span, TorqueLedger, slope, unexplained
 from campaign.mending import Mending
 from campaign.shrinking import shrink
 from campaign.siege import Failure, Round, kind_of, write_steps
+from campaign.siege_gauges import FAULTS, Gauges
 from campaign.siege_scenes import NODES
 from campaign.siege_stage import PATIENCE, RECOVERY
 from campaign.witness import Witness
@@ -56,6 +58,37 @@ def test_every_kind_of_attack_is_drawn_and_only_mortals_are_told_to_end() -> Non
     assert {attack['do'] for attack in attacks} == set(WEIGHTS)
     assert {attack['node'] for attack in attacks if attack['do'] == 'end'} == {'plant'}
     assert {name for a in attacks for name in a.get('signals', ())} == {'TERM', 'INT', 'HUP'}
+
+
+def test_gauges_and_planners_are_attacked_where_there_are_some() -> None:
+    rng = np.random.default_rng(0)
+    inventory = replace(INVENTORY, has_gauges=True)
+    attacks = [attack for _ in range(600) for attack in draw_step(rng, inventory, ('plant',))]
+    drawn = {kind: [each for each in attacks if each['do'] == kind] for kind in MORE}
+    assert {attack['what'] for attack in drawn['gauges']} == set(FAULTS)
+    killed = {(attack['node'], attack['child']) for attack in drawn['kill']}
+    assert killed == {('shaper', True), ('shaper', False), ('feedforward', True)}
+
+
+def test_gauges_fail_as_they_are_told_to() -> None:
+    gauges, now = Gauges(['a', 'b']), 10**18
+
+    def said(fault: str) -> list[JointState]:
+        gauges.fault = fault
+        return [message for _ in range(200) for message in gauges.messages(now)]
+
+    def ages(fault: str) -> list[int]:
+        stamps = [message.header.stamp for message in said(fault)]
+        return [now - stamp.sec * 10**9 - stamp.nanosec for stamp in stamps]
+
+    assert not said('silent')
+    assert {tuple(message.name) for message in said('one silent')} == {('b',)}
+    assert {value for message in said('wild') for value in message.position} >= {1e3}
+    assert set(ages('late')) == {200_000_000}
+    assert 20_000_000 < max(ages('jumpy')) < 50_000_000
+    assert 100 < len(said('lost')) < 180
+    assert set(ages('')) == {0}
+    assert not Gauges([]).messages(now)
 
 
 def good() -> JointState:
