@@ -52,13 +52,16 @@ class AmplitudeFilter:
         Coordinates whose motion is not given: the amplitudes, and no others by default.
     constants : (c,) array, optional
         Standard deviations at the start of unknown constants: they stand behind f in x.
-    steady : bool
-        Whether most of the model's error is taken as steady shares e (m,) of the elastic forces,
+    steady : int, optional
+        How many loads there are of which a steady share may be missing. Then most of the model's
+        error is taken as steady shares e (m + loads,) of the elastic forces and of the loads,
         which stand behind the constants in x.
 
     Attributes
     ----------
-    covariance : (3 m + c, 3 m + c) array, or m more of shares
+    covariance : (3 m + c, 3 m + c) array, or m + loads more of shares
+    carried : (m, loads) array
+        Forces on the amplitudes of those loads now.
     mobility, held_mobility : (m, m) array
         Accelerations of the amplitudes by forces on them, as last linearized; with the joints'
         given.
@@ -82,9 +85,10 @@ class AmplitudeFilter:
     a sensor by its noise. At the start energy is shared equally: that of a first mode off by
     `initial_deflection`.
 
-    A wrong payload or stiffness errs by about the same share of the elastic forces at all times.
-    Shares e have the deviation `model_error`, per deformation nearly the same, and the force
-    e K d acts beside the loads, whose deviation then is `REST` of that above.
+    A wrong stiffness errs by the same share of the elastic forces at all times, a wrong payload
+    by the same share of the forces that it takes. Shares e have the deviation `model_error`, per
+    deformation nearly the same, and their forces act beside the loads f, whose deviation then is
+    `REST` of that above.
     """
 
     def __init__(
@@ -95,12 +99,12 @@ class AmplitudeFilter:
         initial_deflection: float,
         free: NDArray[np.int64] | None = None,
         constants: Array | None = None,
-        steady: bool = False,
+        steady: int | None = None,
     ) -> None:
         ready(take_values)
         self._robot, self._step = robot, step
-        self._share = model_error if steady else 0.0
-        self._error = REST * model_error if steady else model_error
+        self._share = 0.0 if steady is None else model_error
+        self._error = model_error if steady is None else REST * model_error
         self._flexible = robot.flexible_indices
         self._free = self._flexible if free is None else free
         self._among_free = np.searchsorted(self._free, self._flexible)
@@ -113,7 +117,8 @@ class AmplitudeFilter:
         self._floor = np.zeros(m)
         self._constants = np.zeros(0) if constants is None else constants
         after = 3 * m + len(self._constants)
-        size = after + (m if steady else 0)
+        size = after + (0 if steady is None else m + steady)
+        self.carried = np.zeros((m, steady or 0))
         self._shares = slice(after, size)
         self._pushed = np.zeros((3 * m, m))  # one step of x by a steady force
         self.covariance, self._scratch = np.zeros((2, size, size))
@@ -199,9 +204,14 @@ class AmplitudeFilter:
     def _share_covariance(self) -> Array:
         """Return the shares' covariance at the start; empty without shares."""
         count = self._shares.stop - self._shares.start
-        first = self._first[:count]
-        same = (first[:, None] == first) + SPREAD**2 * np.eye(count)
+        same, m = np.eye(count), min(self._m, count)
+        first = self._first[:m]
+        same[:m, :m] = (first[:, None] == first) + SPREAD**2 * np.eye(m)
         return np.asarray(self._share**2 * same)
+
+    def shared(self, amplitudes: Array) -> Array:
+        """Return the forces (m, m + loads) of which shares may be missing, at amplitudes (m,)."""
+        return np.hstack((np.diag(self.stiffness * amplitudes), self.carried))
 
     def _load_covariance(self, force: Array) -> Array:
         deviation = np.hypot(self._error * force, self._floor)
@@ -217,7 +227,7 @@ class AmplitudeFilter:
         loads = self.covariance[part, part]
         shares = self._shares
         if self._share:
-            self._transition[: 3 * self._m, shares] = self._pushed * (self.stiffness * amplitudes)
+            self._transition[: 3 * self._m, shares] = self._pushed @ self.shared(amplitudes)
             self.covariance[shares, shares] += (
                 2.0 * steps * self._step / MEMORY
             ) * self._share_covariance()

@@ -99,9 +99,9 @@ class StrainFusion:
         Estimated constant errors of the inertial sensors' values.
     loads : (m,) array
         Generalized forces on the amplitudes that the model leaves out.
-    shares : (m,) array
-        Shares of the elastic forces that the model leaves out beside them; empty without inertial
-        sensors.
+    shares : (m + loads,) array
+        Shares of the elastic forces, and of those that the loads at the ends take, that the model
+        leaves out beside them; empty without inertial sensors.
     counts : list of Counter
         Per sensor of the robot: accepted, refused by cause, and how often believed again.
     heard : (sensors,) array
@@ -142,14 +142,14 @@ class StrainFusion:
             settings.initial_deflection * (1.0 if sensors else UNSEEN),
             free,
             self.inertial.bias,
-            steady=bool(self.inertial.names),
+            steady=self.inertial.loads if self.inertial.names else None,
         )
         self.filter.set_floor(self._rows, self._noise)
         self._trail = StateHistory(math.ceil(max_age / step) + 2, 2 * m)
         self._max_age = max_age
         self._waiting: list[Value] = []
         self.loads, self.biases = np.zeros(m), np.zeros(len(self.inertial.names))
-        self.shares = np.zeros(m if self.inertial.names else 0)
+        self.shares = np.zeros(m + self.inertial.loads if self.inertial.names else 0)
         self.counts: list[Counter[str]] = [Counter() for _ in self.names]
         self.heard = np.full(len(self.names), np.nan)
         self._refused_since = np.full(len(self.names), np.nan)
@@ -264,7 +264,8 @@ class StrainFusion:
         seen = inertial.expected[which] - ages * change
         rows = inertial.rows[which]
         values = np.array([value for _, _, value in group]) - seen
-        values += rows @ expected - rows[:, 3 * m : -m] @ self.biases
+        known = slice(3 * m, 3 * m + len(self.biases))
+        values += rows @ expected - rows[:, known] @ self.biases
         moved = (self._settings.timing_error + np.abs(ages)) * change
         noise = np.sqrt(inertial.noise[which] ** 2 + moved**2 + inertial.uncertain[which] ** 2)
         state = expected.copy()
@@ -278,7 +279,7 @@ class StrainFusion:
         if not len(self.shares):
             return self.loads
         bent = q[self._flexible] + ahead * qd[self._flexible]
-        forces: Array = self.loads + self.shares * self.filter.stiffness * bent
+        forces: Array = self.loads + self.filter.shared(bent) @ self.shares
         return forces
 
     def unexplained(self) -> Array:

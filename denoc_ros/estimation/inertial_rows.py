@@ -21,12 +21,14 @@ Accelerations = Callable[[float, Array, Array], 'tuple[Robot, Array, Array]']
 
 OLDEST = 0.005  # s behind the joints: what a line through the newest values still serves
 REFRESH = 0.01  # s after which the rows are worked out anew
+CHANGE = 0.01  # of a load, in the difference that is its derivative
 
 
 class InertialRows:
     """Values of inertial sensors about a state x = [d; d'; f; b; e], b their biases.
 
-    Forces on the amplitudes that the model leaves out are f + e K d, e shares.
+    Forces on the amplitudes that the model leaves out are f + P e, e shares of the elastic forces
+    and of what the loads at the ends of the robot take.
 
     Parameters
     ----------
@@ -40,7 +42,9 @@ class InertialRows:
         Standard deviations: of the values, and of their constant errors at the start.
     expected, change : (k,) arrays
         The values without biases at the last state, and by how much they change per second.
-    rows : (k, 4 m + k) array
+    loads : int
+        Bodies on which no other stands: each may be heavier or lighter than the model says.
+    rows : (k, 4 m + k + loads) array
         Their derivatives by x.
     uncertain : (k,) array
         Deviation of the values by the joints' accelerations.
@@ -55,7 +59,7 @@ class InertialRows:
     With the joints' accelerations measured, whatever drives the model,
     d'' = M^-1 (f - K d - C d' + ...) makes a specific force a function of the state: with H the
     derivatives by d, d' and d'', the rows are
-    [H_d - H_a M^-1 K, H_v - H_a M^-1 C, H_a M^-1, 1, H_a M^-1 K d].
+    [H_d - H_a M^-1 K, H_v - H_a M^-1 C, H_a M^-1, 1, H_a M^-1 P].
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -67,7 +71,12 @@ class InertialRows:
         self._places = [s.first + k for s in sensors for k in range(len(s.parts))]
         _require(robot, self.names, self.noise)
         count, m = len(self.names), len(robot.flexible_indices)
-        self.rows = np.zeros((count, 4 * m + count))
+        self._plain = robot.copy()
+        self._heavier = [
+            robot.with_scaled_load(frame, 1.0 + CHANGE) for frame in _ends(robot) if sensors
+        ]
+        self.loads = len(self._heavier)
+        self.rows = np.zeros((count, 4 * m + count + self.loads))
         self.rows[:, 3 * m : 3 * m + count] = np.eye(count)
         self.expected, self.change, self.uncertain = np.zeros((3, count))
         self._by_acceleration = np.zeros((count, robot.n))
@@ -109,7 +118,33 @@ class InertialRows:
         self.rows[:, :m] = by_q - answer * model.stiffness
         self.rows[:, m : 2 * m] = by_qd - answer * model.damping
         self.rows[:, 2 * m : 3 * m] = answer
-        self.rows[:, 3 * m + len(self.names) :] = answer * (model.stiffness * q[flexible])
+        model.carried = self._carried(robot, q, qd, qdd)
+        self.rows[:, 3 * m + len(self.names) :] = answer @ model.shared(q[flexible])
+
+    def _carried(self, robot: Robot, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return the forces (m, loads) on the amplitudes that the loads at the ends take."""
+        found = np.zeros((len(robot.flexible_indices), self.loads))
+        motion = robot.base_motion
+        for column, heavier in enumerate(self._heavier):
+            forces = []
+            for one in (self._plain, heavier):
+                one.move_base(motion)
+                forces.append(
+                    one.inverse_dynamics(q, qd, qdd, check=False)[robot.flexible_indices]
+                )
+            found[:, column] = (forces[0] - forces[1]) / CHANGE
+        return found
+
+
+def _ends(robot: Robot) -> list[str]:
+    """Return the links of bodies that move and carry no other."""
+    bodies = robot.tree.bodies
+    carrying = {body.attachment.body for body in bodies}
+    return [
+        body.name
+        for place, body in enumerate(bodies)
+        if place not in carrying and body.name in robot.tree.frames
+    ]
 
 
 def _require(robot: Robot, names: tuple[str, ...], noise: Array) -> None:

@@ -70,7 +70,9 @@ def truth(end: float = END, step: float = STEP) -> Run:
     return dn.simulate(robot, zero, zero, times, prescribed=laws, rtol=1e-6, atol=1e-8)
 
 
-def measured(robot: dn.Robot, run: Run, observer: Observer, still: float = STILL) -> Array:
+def measured(
+    robot: dn.Robot, run: Run, observer: Observer, still: float = STILL, seed: int = SEED
+) -> Array:
     """Return what the sensors say from the start of the rest on, in the observer's order."""
     step = float(run.t[1] - run.t[0])
     qdd = np.gradient(run.qd, step, axis=0)
@@ -80,7 +82,7 @@ def measured(robot: dn.Robot, run: Run, observer: Observer, still: float = STILL
     places = [robot.sensor_names.index(name) for name in fusion.names]
     rest = np.zeros((round(still / step), len(places)))
     values = np.concatenate([rest, values[:, places]])
-    rng = np.random.default_rng(SEED)
+    rng = np.random.default_rng(seed)
     count = len(robot.tree.sensors)
     noise = [*(sensor.noise for sensor in robot.tree.sensors), *fusion.inertial.noise]
     values[:, count:] += fusion.inertial.bias * rng.standard_normal(len(fusion.inertial.bias))
@@ -118,7 +120,7 @@ def test_imus_mend_a_wrong_model(gauges: str) -> None:
     assert np.sqrt(np.mean(gaps**2, axis=0) / peak**2).max() < 0.02
 
 
-def errors(gauges: str, begin: int) -> Array:
+def errors(gauges: str, begin: int, seed: int = SEED) -> Array:
     """Return the tips' errors (k, 2) over their peaks, from a place of the whole motion on."""
     step = 4 * STEP
     whole, robot = truth(10.0, step), arm(gauges)
@@ -126,7 +128,8 @@ def errors(gauges: str, begin: int) -> Array:
     run = replace(whole, t=whole.t[begin:], q=whole.q[begin:], qd=whole.qd[begin:])
     found = Observer(robot, ObserverSettings(step=step, fusion=FusionSettings()))
     joints, tips = robot.joint_indices, []
-    for k, values in enumerate(measured(robot, run, found, still=0.0).tolist()):
+    readings = measured(robot, run, found, still=0.0, seed=seed)
+    for k, values in enumerate(readings.tolist()):
         found.measure(k * step, run.q[k, joints], run.qd[k, joints])
         for place, value in enumerate(values):
             found.sense(place, k * step, value)
@@ -137,11 +140,45 @@ def errors(gauges: str, begin: int) -> Array:
     return off
 
 
-@pytest.mark.parametrize(('gauges', 'reach'), [('', 0.015), ('root', 0.008)])
-def test_a_wrong_model_is_told_from_biases_while_the_arm_moves(gauges: str, reach: float) -> None:
-    # no rest before. Found: 0.65 % and 0.3 %; with the model's error taken for a force that
-    # changes as quickly as the links vibrate: 7.1 % and 1.2 %
-    assert np.sqrt(np.mean(errors(gauges, 0) ** 2, axis=0)).max() < reach
+@pytest.mark.parametrize(
+    ('gauges', 'seed', 'reach'),
+    [('', 2, 0.01), ('', 4, 0.01), ('', 8, 0.01), ('root', 3, 0.005)],
+)
+def test_a_wrong_model_is_told_from_biases_while_the_arm_moves(
+    gauges: str, seed: int, reach: float
+) -> None:
+    # no rest before. Found: 0.72, 0.66, 0.63 and 0.28 %, the worst of twenty seeds 0.73 %. With
+    # all of the model's error taken for a share of the elastic forces: 1.13, 1.39, 1.27 and 0.2 %;
+    # for a force that changes as quickly as the links vibrate: 7 and 1.2 %
+    assert np.sqrt(np.mean(errors(gauges, 0, seed) ** 2, axis=0)).max() < reach
+
+
+def test_the_row_of_a_load_is_what_a_robot_with_more_of_it_would_say() -> None:
+    robot = arm('')
+    robot.set_payload('tool', PAYLOAD)
+    fusion = Observer(robot, ObserverSettings(step=STEP, fusion=FusionSettings())).fusion
+    assert fusion is not None
+    assert fusion.inertial.loads == 1
+    rng = np.random.default_rng(5)
+    q, qd = 0.05 * rng.standard_normal((2, robot.n))
+    given, more = np.array([0.3, -0.2, 0.4]), 1e-4
+
+    def said(of: dn.Robot) -> tuple[Array, Array]:
+        _, others = of.hybrid_dynamics(q, qd, given)
+        qdd = np.zeros(of.n)
+        qdd[of.joint_indices], qdd[of.flexible_indices] = given, others
+        return of.sensor_values(q, qd, qdd), qdd
+
+    values, qdd = said(robot)
+    fusion.filter.linearize(q)
+    fusion.inertial.move(0.0, q, qd, lambda *_: (robot, qdd, np.zeros(robot.n)), fusion.filter)
+    heavier, _ = said(robot.with_scaled_load('tool', 1.0 + more))
+    change = (heavier - values) / more
+    assert np.abs(change).max() > 0.01
+    # the second order of `more`, and what rounding leaves of the difference
+    np.testing.assert_allclose(
+        fusion.inertial.rows[:, -1], change, rtol=1e-3, atol=1e-3 * np.abs(change).max()
+    )
 
 
 def test_a_start_far_from_the_truth_is_recovered_from() -> None:
