@@ -188,16 +188,17 @@ class Mending:
     def _follows(self) -> None:
         stage, asked = self.stage, [0.0, time.perf_counter()]
         shaped = 'shaper' in stage.scene.nodes
+        acts = self._feedback() if stage.scene.gauges else lambda: True
 
         def asked_again() -> bool:
             now = time.perf_counter()
-            if stage.witness.following():
+            if stage.witness.following() and acts():
                 return True
             if now - asked[0] > 0.2:
                 asked[0] = now
                 stage.planned.publish(stage.trajectory())
-            # a stamp from the future takes a reset; what a shaper plans may take a while
-            if now - asked[1] > (3.0 if shaped else 1.0):
+            # a stamp from the future takes a reset; plans and gains may take a while
+            if now - asked[1] > (10.0 if shaped else 1.0):
                 asked[1] = now
                 self._trigger('feedforward', 'reset')
                 if shaped:
@@ -208,30 +209,24 @@ class Mending:
             self._wait('feedforward', asked_again, 'feedforward: must follow again')
         except StageError as error:
             said = [stage.status(f'feedforward: {what}')[1] for what in ('torque', 'inputs')]
-            raise StageError(f'{error}, got {said}') from None
-        if stage.scene.gauges:
-            self._feeds_back()
+            raise StageError(f'{error}, got {[*said, stage.status(FEEDBACK)]}') from None
 
-    def _feeds_back(self) -> None:
-        """See that the state feedback acts again.
+    def _feedback(self) -> Callable[[], bool]:
+        """Return what says whether the state feedback has acted since now.
 
         The joints that are fed in stand, whatever torque leaves. Feedback makes up for a force
         that seems to hold them, until its estimate is out of bounds: a fallback shows that it
         acted.
         """
         begin = time.perf_counter()
-        fallbacks: list[int] = []
+        fallbacks: set[str] = set()
 
-        def acts() -> bool:
+        def acted() -> bool:
             said = self.stage.status(FEEDBACK, begin)[2]
-            if 'fallbacks' in said:
-                fallbacks.append(int(said['fallbacks']))
-            return said.get('active') == 'True' or len({*fallbacks}) > 1
+            fallbacks.update({said['fallbacks']} if said else ())
+            return said.get('active') == 'True' or len(fallbacks) > 1
 
-        try:
-            self._wait('feedforward', acts, 'feedforward: state feedback must act again')
-        except StageError as error:
-            raise StageError(f'{error}, got {self.stage.status(FEEDBACK)}') from None
+        return acted
 
     def _shapes(self) -> None:
         """See that the shaper has its planner, and waits for a motion."""
