@@ -250,9 +250,24 @@ class MotorSide:
             rate, acceleration = motion[0][self._at], motion[1][self._at]
             torque[self._at] -= self._own(rate, acceleration, inertia=True, friction=True)
 
+    def driven_by(self, torque: Array, motion: tuple[Array, Array]) -> Array:
+        """Return what motors give (..., driven) where their gears give out a torque.
+
+        Parameters
+        ----------
+        torque : (..., driven) array [N m, N]
+        motion : pair of (..., driven) arrays
+            Rates and accelerations of the link side, which those of the motors are taken for.
+        """
+        found = np.array(torque, dtype=np.float64)
+        if len(self._at):
+            rate, acceleration = motion[0][..., self._at], motion[1][..., self._at]
+            found[..., self._at] += self._own(rate, acceleration, inertia=True, friction=True)
+        return found
+
     def _own(self, rate: Array, acceleration: Array, inertia: bool, friction: bool) -> Array:
         """Return what the motors need for themselves."""
-        needed = np.zeros(len(self._at))
+        needed = np.zeros_like(rate)
         if friction:
             needed += self._viscous * rate
             needed += self._friction * np.tanh(rate / self._slip_rate)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from denoc_ros.dynamics.measured_side import MotorSide
 from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
@@ -31,7 +32,9 @@ class Response:
     Attributes
     ----------
     effort : (k, driven) array
-        [N m, N]
+        As joint states have it [N m, N].
+    drive : (k, driven) array
+        Of the motors: more, where joints are measured behind their springs [N m, N].
     sensors : (k, sensors) array
         Raw readings.
     inertial : (k, values) array
@@ -41,6 +44,7 @@ class Response:
     """
 
     effort: Array
+    drive: Array
     sensors: Array
     inertial: Array
     deflection: Array
@@ -68,6 +72,7 @@ class Along:
         self._robot = robot.copy()
         self._ties, self._offsets, self.joints = mimic_ties(robot, None, {})
         self._stepper = Stepper(robot.copy(), 1.0)
+        self._motors = MotorSide(robot, self.joints)
         self.every_joint = tuple(robot.joint_names)
         self.units = {
             body.joint.name: ('m', 'N')
@@ -104,7 +109,9 @@ class Along:
         inertial = np.zeros((len(q), 0))
         if robot.tree.inertial_sensors:
             inertial = robot.sensor_values(q, qd, qdd)[:, robot.tree.inertial_sensors[0].first :]
-        return Response(torque @ self._ties, values, inertial, bent)
+        effort = torque @ self._ties
+        drive = self._motors.driven_by(effort, (rows.qd, rows.qdd))
+        return Response(effort, drive, values, inertial, bent)
 
     def slopes(self, rows: MotionRows, paths: list[str]) -> Array:
         """Return the derivatives of a rigid robot's effort by its parameters (k, driven, p)."""

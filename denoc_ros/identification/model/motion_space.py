@@ -140,7 +140,7 @@ class MotionSpace:
 
     def _shares(self, rows: MotionRows, response: Response) -> Array:
         every = self.along.every(rows)
-        parts = [every.q - self._middle, every.qd, every.qdd, response.effort, response.deflection]
+        parts = [every.q - self._middle, every.qd, every.qdd, response.drive, response.deflection]
         limit = np.array([limit for _, _, limit, _ in self.labels])
         shares: Array = np.hstack(parts) / limit
         return shares

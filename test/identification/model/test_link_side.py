@@ -7,7 +7,8 @@ import pytest
 from geared_arm import arm_text
 
 import denoc_ros as dn
-from denoc_ros.dynamics.measured_side import MeasuredStates
+from denoc_ros.dynamics.feedforward import TorqueFeedforward
+from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.identification.apply import configuration
 from denoc_ros.identification.model.fit import identify_model
@@ -16,6 +17,7 @@ from denoc_ros.identification.model.recording import Recording
 
 PAYLOAD = 1.5  # kg
 STEP, COUNT = 5e-3, 600
+EFFORT_NOISE = 1.0  # N m
 
 
 def recorded() -> Recording:
@@ -58,3 +60,48 @@ def test_modes_are_those_where_the_measured_side_stands() -> None:
     MeasuredStates(robot).positions(q, seen)
     # springs give way by 3 mrad; what a round leaves is that share of it, five times
     np.testing.assert_allclose(seen, list(at.values()), atol=1e-9)
+
+
+def test_a_motion_that_identifies_keeps_the_limits_of_motors_behind_their_springs() -> None:
+    # so that effort is what ends the motion: the gears alone would need 97 of 137 N m
+    text = arm_text('link').replace('effort="200"', 'effort="100"')
+    robot = dn.load_robot(text)
+    motion = dn.design_excitation(
+        robot,
+        ['payload.tool.mass'],
+        duration=3.0,
+        harmonics=3,
+        noise={'effort': EFFORT_NOISE},
+        time_limit=1.0,
+    )
+    assert motion.joints == ('shoulder', 'elbow')
+    assert motion.verdict == {'payload.tool.mass': 'found'}
+    largest = {each.name: each.value for each in motion.extremes if each.what == 'effort'}
+    t = np.arange(0.0, 3.0, STEP / 5)
+    rows = motion.rows(t)
+    seen, needed = measured_robot(robot), []
+    source = TorqueFeedforward(seen)
+    for k in range(len(t)):
+        needed.append(source.update(rows.q[k], rows.qd[k], rows.qdd[k], STEP / 5).copy())
+    # the springs' own acceleration is left out of the limits: found 0.3 %
+    drive = np.abs(needed).max(axis=0)
+    np.testing.assert_allclose(list(largest.values()), drive, rtol=0.02)
+    assert drive.max() < 102.0
+    # effort of the record is the gears': it finds the payload within what was foretold
+    heavy = seen.copy()
+    heavy.set_payload('tool', PAYLOAD)
+    at = motion.rows(np.arange(0.0, 3.0, STEP))
+    effort = heavy.inverse_dynamics(at.q, at.qd, at.qdd)
+    effort += EFFORT_NOISE * np.random.default_rng(2).standard_normal(effort.shape)
+    recording = Recording(at.t, robot.joint_names, at.q, effort, at.qd)
+    found = identify_model(robot, recording, ['payload.tool.mass'])
+    low, high = found.interval['payload.tool.mass']
+    assert abs(found.values['payload.tool.mass'] - PAYLOAD) < 2.0 * (high - low)
+    foretold = np.ptp(motion.interval['payload.tool.mass'])
+    assert high - low == pytest.approx(foretold, rel=0.5)
+
+
+def test_no_motion_is_sought_for_what_link_states_do_not_show() -> None:
+    robot = dn.load_robot(arm_text('link'))
+    with pytest.raises(ConfigError, match='measured on the link side'):
+        dn.design_excitation(robot, ['joint.elbow.stiffness'], duration=3.0)
