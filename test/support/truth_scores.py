@@ -17,7 +17,7 @@ from denoc_ros.types import Array
 
 NORMAL = 1.96  # standard deviations of half a 95 % interval
 UNTOLD = 0.5  # half an interval, in sizes: what the data cannot tell
-CUTOFF, STEP = 20.0, 2e-3  # as `identify_model` has them
+CUTOFF, STEP = 20.0, 5e-4  # as `identify_model` has them
 
 
 @dataclass(frozen=True)

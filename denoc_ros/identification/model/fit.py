@@ -117,7 +117,7 @@ def identify_model(
     *,
     cutoff: float = 20.0,
     held_out: float = HELD_OUT,
-    step: float = 2e-3,
+    step: float = 5e-4,
     poses: Mapping[str, str] | None = None,
 ) -> IdentifiedModel:
     """Return a robot's numbers by maximum likelihood over what was recorded.
@@ -167,7 +167,7 @@ def identify_model(
     zero = np.zeros(parameters.size)
     start = zero
     if held_out:
-        start = search.fit(zero, search.rows_before(1.0 - held_out))
+        start = search.fit(zero, search.rows_before(1.0 - held_out), rough=True)
     theta = search.fit(start, np.ones(len(search.row_t), dtype=bool), near=held_out > 0.0)
     judge = start if held_out else theta
     held = ~search.rows_before(1.0 - held_out)

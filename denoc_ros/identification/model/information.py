@@ -19,6 +19,7 @@ TOUCHED = 0.05  # component along what is not seen that makes a parameter not id
 REACH = 100.0  # sizes that a direction may move by, where data do not tell it at all
 SMALL = 0.08  # coefficient of a combination that is left out
 EXACT = 1e-3  # sizes: what smoothing and the motion between samples leave, beside noise
+FAR = 6.0  # times its first order is a bias that is beyond the intervals
 LISTED = 12  # combinations that are written down
 
 
@@ -54,6 +55,7 @@ def information(
     blocks: NDArray[np.int64],
     drawn: Array | None = None,
     channels: int = 1,
+    pull: Array | None = None,
 ) -> Information:
     """Return what whitened residuals tell.
 
@@ -69,13 +71,16 @@ def information(
         vibrate remember it for longer than a stretch.
     channels : int
         How many rows of a stretch do not hang together.
+    pull : (p,) array, optional
+        What noise of what drives the model adds to the scores on average.
 
     Notes
     -----
     The covariance is H^-1 M H^-1 with H = J^T J and M the sum over stretches of g g^T, g = J_b^T
     r_b: right whatever the residuals' colour (K.-Y. Liang, S. L. Zeger, Biometrika 73, 1986). It
     is never less than that of white residuals, and has what the drawn changes do to the estimate
-    on top.
+    on top. The sum of all g is 0 at the greatest likelihood: what H^-1 makes of it is added to
+    the interval.
     """
     p = jacobian.shape[1]
     labels, place = np.unique(blocks, return_inverse=True)
@@ -103,13 +108,26 @@ def information(
     white = np.sum(inverse * vectors[:, seen], axis=1) * np.mean(residual**2)
     variance = np.maximum(np.sum(spread**2, axis=0) * fitted, white)
     variance += np.mean((shifts @ inverse @ vectors[:, seen].T) ** 2, axis=0)
-    half = np.hypot(quantile * np.sqrt(variance), EXACT)
+    # the estimate is beside the greatest likelihood by what the prior and the search's end leave
+    beside = np.abs(spread.sum(axis=0))
+    half = np.hypot(quantile * np.sqrt(variance), EXACT) + beside
+    if pull is not None:
+        half = half + _bias(np.abs((pull @ inverse) @ vectors[:, seen].T), half)
     unseen = vectors[:, ~seen]
     # however little of a parameter lies in a direction that is not told, it moves with it
     leak = np.linalg.norm(unseen * np.fmin(width[~seen], REACH), axis=1)
     half = np.hypot(half, leak)
     half[in_directions(unseen)] = np.inf
     return Information(half, unseen)
+
+
+def _bias(first: Array, half: Array) -> Array:
+    """Return by how much estimates are off (p,) by their bias to first order and half intervals.
+
+    A bias beyond the intervals has carried the estimate to where the first order says little.
+    """
+    carried = float(np.max(first / half, initial=0.0))
+    return first * (1.0 if carried <= 1.0 else FAR)
 
 
 def verdict_of(half: float) -> str:

@@ -38,11 +38,14 @@ class MeasuredMotion:
     cutoffs: Array
     period: float
 
-    def disturbed(self, t: Array, draw: np.random.Generator) -> SmoothedMotion:
-        """Return the motion at the stamps t (k,) with noise of this size once more on top."""
+    def disturbed(self, t: Array, draw: np.random.Generator, times: float = 1.0) -> SmoothedMotion:
+        """Return the motion at the stamps t (k,) with noise of this size once more on top.
+
+        `times` as large; -1 is the same noise with the other sign.
+        """
         own, shape = self.motion, self.motion.q.shape
-        position = self.position_noise * draw.standard_normal(shape)
-        velocity = self.velocity_noise * draw.standard_normal(shape)
+        position = times * self.position_noise * draw.standard_normal(shape)
+        velocity = times * self.velocity_noise * draw.standard_normal(shape)
         measured = bool((self.cutoffs[1] > 0.0).any())
         more = _smoothed(t, position, velocity if measured else None, self.cutoffs, self.period)
         return SmoothedMotion(own.q + more.q, own.qd + more.qd, own.qdd + more.qdd)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -210,6 +212,13 @@ class PreparedRun:
         measured = self._measured
         whole = measured.motion if draw is None else measured.disturbed(self.recording.t, draw)
         return replay.states(*self._first(end, whole))
+
+    def shaken(self, draw: np.random.Generator, times: float) -> PreparedRun:
+        """Return the run with noise of the joints' own size once more on their motion."""
+        found = copy.copy(self)
+        motion = self._measured.disturbed(self.recording.t, draw, times)
+        found._measured = dataclasses.replace(self._measured, motion=motion)
+        return found
 
     def residuals(
         self, robot: Robot, settings: SearchPoint, motion: tuple[Array, Array] | None = None

@@ -9,12 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import DenocError, IdentificationError
-from denoc_ros.identification.model.candidates import Candidates
-from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters, SearchPoint
+from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters
 from denoc_ros.identification.model.information import Information, information
-from denoc_ros.identification.model.nearby_motion import NearbyMotion
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.robust import (
     HUBER,
@@ -23,20 +20,21 @@ from denoc_ros.identification.model.robust import (
     held_rms,
     root_mean_square,
 )
+from denoc_ros.identification.model.simulated_runs import STEP, SimulatedRuns
 from denoc_ros.identification.model.whitening import Whitening
-from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
-STEP = 1e-4  # of the differences by theta
 COARSE = 1e-3  # of the cost: a fit goes on while it falls by more, before weights are settled
 FINE = 1e-5  # the same of the last one
 ROUNDS = 12  # of weights by the residuals' own deviation
 BETWEEN, MOST = 5, 40  # evaluations of a fit before weights are taken anew, and at most
+LAST = 12  # the same of a fit by simulated derivatives
 STILL = 1e-4  # change of theta that needs no other round
 SETTLED = 0.03  # change of a deviation that needs no other round
 LOST = 1e6  # standard deviations that a robot which cannot be is off by
 GROWING = (0.08, 0.2, 0.45)  # parts of the runs that a flexible robot is first fitted to
 FEWEST_ROWS = 25  # of each channel in such a part
+PAIRS = 2  # of draws of the joints' noise, for what it pulls estimates by
 DRAWS = 24  # of the joints' noise, for the intervals
 ROUNDING = 1e-5  # of a channel's largest value: nothing that varies less is a signal
 QUIETEST = 1e-4  # of what a sensor measures: no channel is taken to be more exact
@@ -50,10 +48,6 @@ def vector_of(name: str) -> str:
     sensor, slash, part = name.partition('/')
     kind = part.partition('_')[0] if '_' in part else part.rstrip('xyz')
     return f'{sensor}{slash}{kind}'
-
-
-def _bytes(body: RigidInertia) -> bytes:
-    return np.concatenate([[body.mass], body.first_moment, body.inertia.ravel()]).tobytes()
 
 
 class ModelSearch:
@@ -70,7 +64,6 @@ class ModelSearch:
         self.counts = np.array([len(channel.t) for _, channel in channels])
         self.whitening = Whitening(runs)
         self._channel = self.whitening.channel
-        self._candidates = Candidates(parameters)
         self._is_followed = all(run.is_followed(parameters.robot) for run in runs)
         self.row_t = np.concatenate([channel.t for _, channel in channels])
         ends = [(run.recording.t[0], run.recording.t[-1]) for run, _ in channels]
@@ -83,12 +76,14 @@ class ModelSearch:
         self.blocks = of_run * per_run + stretch
         self._measured = np.concatenate([channel.value for _, channel in channels])
         self._least = QUIETEST * self._vector_sizes()
-        self.evaluations = 0
-        self._until = 1.0
-        self._last: tuple[bytes, float, Array] | None = None
-        self._motions: tuple[object, Robot, list[tuple[Array, Array]]] | None = None
-        self._nearby: tuple[object, list[NearbyMotion]] | None = None
+        self._simulated = SimulatedRuns(runs, parameters)
         self._drawn: tuple[bytes, Array] | None = None
+        self._is_exact = False
+
+    @property
+    def evaluations(self) -> int:
+        """How many times the model went along all recordings."""
+        return self._simulated.evaluations
 
     @property
     def deviation(self) -> Array:
@@ -127,47 +122,7 @@ class ModelSearch:
 
     def residuals(self, theta: Array) -> Array:
         """Return all residuals in the units of their channels; not finite: no such robot."""
-        key = (theta.tobytes(), self._until)
-        if self._last is not None and self._last[:2] == key:
-            return self._last[2]
-        settings = self.parameters.settings(theta)
-        try:
-            robot, motions = self._moved(settings)
-            parts = [
-                each
-                for run, motion in zip(self._runs, motions, strict=True)
-                for each in run.residuals(robot, settings, motion)
-            ]
-        except DenocError:
-            return np.full(len(self.row_t), np.nan)
-        self._last = (*key, np.concatenate(parts))
-        return self._last[2]
-
-    def _moved(self, settings: SearchPoint) -> tuple[Robot, list[tuple[Array, Array]]]:
-        """Return the robot of a point and its motion along each run.
-
-        Delays, gains and offsets of channels move nothing, and friction of a joint that moves as
-        recorded moves only its own torque: points that differ in those share the motion.
-        """
-        # torque of joints without effort is scaled by what balances in them, armature and all
-        is_scaled = any(run.has_unpowered_joints for run in self._runs)
-        moving = settings.overrides if is_scaled else self.parameters.moving(settings)
-        own = SearchPoint(overrides=moving, bodies=settings.bodies)
-        key = (self._until, repr(own.overrides), *(_bytes(body) for body in own.bodies.values()))
-        if self._motions is None or self._motions[0] != key:
-            self.evaluations += 1
-            robot = self._candidates.at(own)
-            self._motions = key, robot, [run.motion(robot, self._until) for run in self._runs]
-        return self._motions[1:]
-
-    def _linear_motions(self, settings: SearchPoint) -> list[NearbyMotion]:
-        """Return the linear models of the amplitudes about the motions of a point."""
-        robot, motions = self._moved(settings)
-        key = self._motions[0] if self._motions else None
-        if self._nearby is None or self._nearby[0] != key:
-            pairs = zip(self._runs, motions, strict=True)
-            self._nearby = key, [run.nearby(robot, motion) for run, motion in pairs]
-        return self._nearby[1]
+        return self._simulated.residuals(theta)
 
     def rms(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
         """Return the rms of each channel's residuals over some rows, NaN where it has none.
@@ -194,8 +149,13 @@ class ModelSearch:
             return np.full(len(residuals), LOST)
         return self.whitening(residuals)
 
-    def fit(self, theta: Array, rows: NDArray[np.bool_], near: bool = False) -> Array:
+    def fit(
+        self, theta: Array, rows: NDArray[np.bool_], near: bool = False, rough: bool = False
+    ) -> Array:
         """Return the theta of the greatest likelihood over some rows.
+
+        Derivatives of a rough fit are those of the linear model of the amplitudes to the end: near
+        the sampling rate they are a quarter off, and a search by them ends beside its goal.
 
         Flexible robots are fitted to the first part of each run before the whole: a mode that
         rings at a wrong frequency is out of phase later on, and leads astray. A theta that is
@@ -206,10 +166,10 @@ class ModelSearch:
             early = rows & self.rows_before(part)
             if not self._is_enough(early):
                 continue
-            self._until = part
+            self._simulated.until = part
             self._reweigh(theta, early)
             theta = self._least_squares(theta, early, COARSE)
-        self._until = 1.0
+        self._simulated.until, self._is_exact = 1.0, False
         self._reweigh(theta, rows)
         for _ in range(ROUNDS):
             before, last = self.deviation.copy(), theta
@@ -218,7 +178,8 @@ class ModelSearch:
             is_still = np.abs(theta - last).max() < STILL
             if is_still or np.nanmax(np.abs(self.deviation / before - 1.0)) < SETTLED:
                 break
-        return self._least_squares(theta, rows, FINE)
+        self._is_exact = self._is_followed and not rough
+        return self._least_squares(theta, rows, FINE, LAST if self._is_exact else MOST)
 
     def _is_enough(self, rows: NDArray[np.bool_]) -> bool:
         """Say whether each channel has rows for a fit of its own."""
@@ -241,8 +202,8 @@ class ModelSearch:
             self._least = np.maximum(self._least, quietest)
             self.whitening.deviation = self._least
         settings = self.parameters.settings(theta)
-        robot, _ = self._moved(settings)
-        self.whitening.follow(robot, settings, self._linear_motions(settings))
+        robot, _ = self._simulated.moved(settings)
+        self.whitening.follow(robot, settings, self._simulated.linear_motions(settings))
         deviation = self.deviation
         for _ in range(PASSES):
             self.whitening.weigh(deviation, residual)
@@ -277,7 +238,7 @@ class ModelSearch:
         if linear:
             settings = parameters.settings(theta)
             robot = parameters.robot_at(settings)
-            self.evaluations += 1
+            self._simulated.evaluations += 1
             by_numbers = np.concatenate(
                 [run.torque_slopes(robot, paths, run.gains(settings)) for run in self._runs]
             )
@@ -285,7 +246,9 @@ class ModelSearch:
             found[:, linear] /= self.deviation[self._channel][:, None]
         rest = sorted(set(range(parameters.size)) - set(linear))
         if self._is_followed:
-            found[:, rest] = self.whitening(self._slopes_nearby(theta, rest))
+            simulated = self._simulated
+            slopes_of = simulated.slopes if self._is_exact else simulated.slopes_nearby
+            found[:, rest] = self.whitening(slopes_of(theta, rest))
             return found
         of_robot = parameters.moves_robot
         # what moves nothing first: it shares the motion that was just worked out
@@ -293,30 +256,6 @@ class ModelSearch:
             change = np.zeros(parameters.size)
             change[k] = STEP
             found[:, k] = (self.whitened(theta + change) - here) / STEP
-        return found
-
-    def _slopes_nearby(self, theta: Array, places: Sequence[int]) -> Array:
-        """Return derivatives of the residuals (m, c), motions nearby by their linear model."""
-        here = self.residuals(theta)
-        settings = self.parameters.settings(theta)
-        (robot, motions), nearby = self._moved(settings), self._linear_motions(settings)
-        found = np.empty((len(here), len(places)))
-        of_robot = self.parameters.moves_robot
-        for column, k in enumerate(places):
-            change = np.zeros(self.parameters.size)
-            change[k] = STEP
-            point = self.parameters.settings(theta + change)
-            moved, those = robot, motions
-            if of_robot[k]:
-                own = SearchPoint(overrides=self.parameters.moving(point), bodies=point.bodies)
-                moved = self._candidates.at(own)
-                those = [each.of(moved) for each in nearby]
-            parts = [
-                each
-                for run, motion in zip(self._runs, those, strict=True)
-                for each in run.residuals(moved, point, motion)
-            ]
-            found[:, column] = (np.concatenate(parts) - here) / STEP
         return found
 
     def _least_squares(
@@ -344,20 +283,47 @@ class ModelSearch:
         whitened = self.whitened(theta)
         residual, slope = bent(whitened), bending_slope(whitened)
         jacobian = self.jacobian(theta) * slope[:, None]
-        slopes = self.parameters.slopes(theta)
+        slopes, pull = self.parameters.slopes(theta), self._pull(theta)
         if still := [self.parameters.paths[k] for k in np.flatnonzero(~slopes.any(axis=1))]:
             raise IdentificationError(
                 f'{", ".join(still)}: readings must vary by more than rounding, got none that do: '
                 f'leave them out of --free'
             )
-        by_numbers = jacobian @ np.linalg.inv(slopes)
+        by_numbers = np.linalg.inv(slopes) * self.parameters.scales(theta)
         return information(
-            by_numbers * self.parameters.scales(theta),
+            jacobian @ by_numbers,
             residual,
             self.blocks,
             self.whitening(self._by_joint_noise(theta)).T * slope,
             len(self.labels),
+            pull @ by_numbers,
         )
+
+    def _pull(self, theta: Array) -> Array:
+        """Return what noise of the joints, once more on top, adds to the scores (p,) on average.
+
+        Noise shakes the model's links and the derivatives by its numbers alike: their product has
+        a mean, which pulls the search from the truth. Noise comes in pairs of both signs: what is
+        linear in it cancels.
+        """
+        pull = np.zeros(self.parameters.size)
+        if not self._is_followed:
+            return pull
+        own, count = self._scores(self._simulated, theta), 2 * PAIRS
+        for k in range(count):
+            draw = np.random.default_rng(k // 2)
+            runs = [run.shaken(draw, 1.0 - 2.0 * (k % 2)) for run in self._runs]
+            shaken = SimulatedRuns(runs, self.parameters)
+            pull += (self._scores(shaken, theta) - own) / count
+            self._simulated.evaluations += shaken.evaluations
+        return pull
+
+    def _scores(self, simulated: SimulatedRuns, theta: Array) -> Array:
+        """Return the derivatives (p,) of half the cost."""
+        whitened = self.whitening(simulated.residuals(theta))
+        slopes = self.whitening(simulated.slopes(theta, range(self.parameters.size)))
+        scores: Array = (bending_slope(whitened) * bent(whitened)) @ slopes
+        return scores
 
     def shaken(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
         """Return what noise of the joints makes of each channel over some rows, rms."""
@@ -373,7 +339,7 @@ class ModelSearch:
         if self._drawn is not None and self._drawn[0] == theta.tobytes():
             return self._drawn[1]
         settings, here = self.parameters.settings(theta), self.residuals(theta)
-        robot, _ = self._moved(settings)
+        robot, _ = self._simulated.moved(settings)
         found = np.empty((len(here), DRAWS))
         for k in range(DRAWS):
             draw = np.random.default_rng(k)
@@ -384,6 +350,6 @@ class ModelSearch:
                     for each in run.residuals(robot, settings, run.motion(robot, draw=draw))
                 ]
             )
-        self.evaluations += DRAWS
+        self._simulated.evaluations += DRAWS
         self._drawn = theta.tobytes(), found - here[:, None]
         return self._drawn[1]

@@ -49,6 +49,21 @@ def test_what_no_record_can_tell_is_not_found(still: dict[str, NumberScore]) -> 
     assert not summary(list(still.values()))['untold_found']
 
 
+def test_fast_modes_do_not_lead_a_search_astray() -> None:
+    """What tells rigidity from a gauge's gain is vibration, some of it near the sampling rate.
+
+    With derivatives by the linear model alone the search ended beside its goal: 12 of 20 intervals
+    held the truth, and two numbers called found were 5 % off.
+    """
+    case = truth_case(9)
+    run = truth_run(case, 4.0)
+    model = dn.identify_model(case.robot, run.recording, case.free)
+    found = summary(scored(case, run, model))
+    assert found['found'] >= 12  # 20; two of them are near the bound of doubt
+    assert found['coverage'] >= 0.8  # 0.95
+    assert not found['wrong_found']  # the largest error is 3.9 %
+
+
 def test_truth_is_off_by_up_to_two_fifths_and_the_same_each_time() -> None:
     cases = [truth_case(seed) for seed in (1, 1, 2)]
     np.testing.assert_array_equal(cases[0].theta, cases[1].theta)

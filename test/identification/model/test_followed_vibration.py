@@ -33,7 +33,7 @@ class Followed:
 @pytest.fixture(scope='module')
 def followed() -> Followed:
     case = truth_case(99)
-    run = truth_run(case, 3.0)
+    run = truth_run(case, 4.0)
     parameters = free_parameters(case.robot, case.free, [run.recording])
     prepared = PreparedRun(run.recording, case.robot, CUTOFF, STEP)
     search = ModelSearch([prepared], parameters)

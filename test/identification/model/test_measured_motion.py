@@ -25,6 +25,16 @@ def test_a_joint_that_shows_noise_alone_stands_still() -> None:
     assert 0.5e-3 < measured.velocity_noise[1] < 2e-3
 
 
+def test_noise_of_both_signs_cancels() -> None:
+    t = 5e-3 * np.arange(100.0)
+    position = 0.1 * np.sin(5.0 * t)[:, None] + 1e-4 * np.random.default_rng(6).random((100, 1))
+    measured = measured_motion(t, position, None)
+    up, down = (measured.disturbed(t, np.random.default_rng(0), times) for times in (1.0, -1.0))
+    assert np.abs(up.q - down.q).max() > 1e-6
+    # sums in another order
+    np.testing.assert_allclose(0.5 * (up.qdd + down.qdd), measured.motion.qdd, atol=1e-9)
+
+
 def test_a_slow_joint_moves() -> None:
     """A drift of a few noises is motion, even where the rates are lost in theirs."""
     draw = np.random.default_rng(5)

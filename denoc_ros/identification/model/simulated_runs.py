@@ -1,0 +1,143 @@
+"""What all runs leave of a point of the search, and how that changes with the point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import DenocError
+from denoc_ros.identification.model.candidates import Candidates
+from denoc_ros.identification.model.free_parameters import FreeParameters, SearchPoint
+from denoc_ros.identification.model.nearby_motion import Motion, NearbyMotion
+from denoc_ros.identification.model.prediction import PreparedRun
+from denoc_ros.model.tree import RigidInertia
+from denoc_ros.types import Array
+
+STEP = 1e-4  # of the differences by theta
+NEARBY = 0.01  # of theta: derivatives of a point this near serve as well
+
+
+class SimulatedRuns:
+    """Residuals of all runs by theta, and their derivatives; what was worked out last is kept.
+
+    Parameters
+    ----------
+    runs : sequence of PreparedRun
+    parameters : FreeParameters
+
+    Attributes
+    ----------
+    until : float
+        Part of the runs that matters: what is behind it is not worked out.
+    evaluations : int
+        How many times the model went along all runs.
+    """
+
+    def __init__(self, runs: Sequence[PreparedRun], parameters: FreeParameters) -> None:
+        self.parameters, self._runs = parameters, runs
+        self._candidates = Candidates(parameters)
+        self._count = sum(len(channel.t) for run in runs for channel in run.channels)
+        self.until, self.evaluations = 1.0, 0
+        self._last: tuple[bytes, float, Array] | None = None
+        self._motions: tuple[object, Robot, list[Motion]] | None = None
+        self._nearby: tuple[object, list[NearbyMotion]] | None = None
+        self._kept: tuple[object, Array, Array] | None = None
+
+    def residuals(self, theta: Array) -> Array:
+        """Return all residuals in the units of their channels; not finite: no such robot."""
+        key = (theta.tobytes(), self.until)
+        if self._last is not None and self._last[:2] == key:
+            return self._last[2]
+        settings = self.parameters.settings(theta)
+        try:
+            robot, motions = self.moved(settings)
+            parts = [
+                each
+                for run, motion in zip(self._runs, motions, strict=True)
+                for each in run.residuals(robot, settings, motion)
+            ]
+        except DenocError:
+            return np.full(self._count, np.nan)
+        self._last = (*key, np.concatenate(parts))
+        return self._last[2]
+
+    def moved(self, settings: SearchPoint) -> tuple[Robot, list[Motion]]:
+        """Return the robot of a point and its motion along each run.
+
+        Delays, gains and offsets of channels move nothing, and friction of a joint that moves as
+        recorded moves only its own torque: points that differ in those share the motion.
+        """
+        # torque of joints without effort is scaled by what balances in them, armature and all
+        is_scaled = any(run.has_unpowered_joints for run in self._runs)
+        moving = settings.overrides if is_scaled else self.parameters.moving(settings)
+        own = SearchPoint(overrides=moving, bodies=settings.bodies)
+        key = (self.until, repr(own.overrides), *(_bytes(body) for body in own.bodies.values()))
+        if self._motions is None or self._motions[0] != key:
+            self.evaluations += 1
+            robot = self._candidates.at(own)
+            self._motions = key, robot, [run.motion(robot, self.until) for run in self._runs]
+        return self._motions[1:]
+
+    def linear_motions(self, settings: SearchPoint) -> list[NearbyMotion]:
+        """Return the linear models of the amplitudes about the motions of a point."""
+        robot, motions = self.moved(settings)
+        key = self._motions[0] if self._motions else None
+        if self._nearby is None or self._nearby[0] != key:
+            pairs = zip(self._runs, motions, strict=True)
+            self._nearby = key, [run.nearby(robot, motion) for run, motion in pairs]
+        return self._nearby[1]
+
+    def slopes_nearby(self, theta: Array, places: Sequence[int]) -> Array:
+        """Return derivatives of the residuals (m, c), motions nearby by their linear model."""
+        nearby = self.linear_motions(self.parameters.settings(theta))
+        return self._differences(theta, places, lambda robot: [each.of(robot) for each in nearby])
+
+    def slopes(self, theta: Array, places: Sequence[int]) -> Array:
+        """Return derivatives of the residuals (m, c), each by a simulation of its own.
+
+        Those of a point nearby serve as well.
+        """
+        key = (tuple(places), self.until)
+        kept = self._kept
+        if kept is None or kept[0] != key or np.abs(theta - kept[1]).max() > NEARBY:
+            self.evaluations += int(self.parameters.moves_robot[list(places)].sum())
+            found = self._differences(
+                theta, places, lambda robot: [run.motion(robot, self.until) for run in self._runs]
+            )
+            self._kept = kept = key, theta.copy(), found
+        return kept[2]
+
+    def _differences(
+        self,
+        theta: Array,
+        places: Sequence[int],
+        motions_of: Callable[[Robot], list[Motion]],
+    ) -> Array:
+        """Return derivatives of the residuals (m, c) by what robots nearby do."""
+        here = self.residuals(theta)
+        settings = self.parameters.settings(theta)
+        robot, motions = self.moved(settings)
+        found = np.empty((len(here), len(places)))
+        of_robot = self.parameters.moves_robot
+        for column, k in enumerate(places):
+            change = np.zeros(self.parameters.size)
+            change[k] = STEP
+            point = self.parameters.settings(theta + change)
+            moved, those = robot, motions
+            if of_robot[k]:
+                own = SearchPoint(overrides=self.parameters.moving(point), bodies=point.bodies)
+                moved = self._candidates.at(own)
+                those = motions_of(moved)
+            parts = [
+                each
+                for run, motion in zip(self._runs, those, strict=True)
+                for each in run.residuals(moved, point, motion)
+            ]
+            found[:, column] = (np.concatenate(parts) - here) / STEP
+        return found
+
+
+def _bytes(body: RigidInertia) -> bytes:
+    return np.concatenate([[body.mass], body.first_moment, body.inertia.ravel()]).tobytes()
