@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from denoc_ros.identification.model.information import EXACT, FAR, information
 from denoc_ros.types import Array
@@ -11,13 +12,13 @@ from denoc_ros.types import Array
 ROWS, STRETCH = 600, 10
 
 
-def line(beside: float) -> tuple[Array, Array, Array]:
+def line(beside: float) -> tuple[Array, Array, NDArray[np.int64]]:
     """Return derivatives (m, 1) and residuals (m,) of a slope's fit that ended beside its best."""
     draw = np.random.default_rng(3)
     slope = 30.0 * np.linspace(-1.0, 1.0, ROWS)[:, None]
     noise = draw.standard_normal(ROWS)
     noise -= slope[:, 0] * float(slope[:, 0] @ noise) / float(slope[:, 0] @ slope[:, 0])
-    return slope, noise + beside * slope[:, 0], np.arange(ROWS) // STRETCH
+    return slope, noise + beside * slope[:, 0], np.arange(ROWS, dtype=np.int64) // STRETCH
 
 
 def test_an_estimate_beside_the_greatest_likelihood_has_that_in_its_interval() -> None:
