@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +26,14 @@ AGEING = 0.02  # weight of the newest values' age in the usual one
 BRIEF = 0.025  # s of a pause that leaves no more than the gains of every period undo
 DOUBTED = 0.3  # of what held torque did in a pause: so far the model may be off
 REGAIN = 0.2  # s of good values until the estimate is believed again
+
+
+class Pause(NamedTuple):
+    """A time in which the loop was away: what torque did (2 m,), how long, when it ended [s]."""
+
+    pushed: Array
+    seconds: float
+    end: float  # of what is measured
 
 
 class DeviationFilter:
@@ -76,7 +86,7 @@ class DeviationFilter:
         self._good_at = np.zeros(seen)
         self._plan, self._own = StateHistory(HISTORY, seen), StateHistory(HISTORY, seen)
         self._slot = {int(place): 2 * self._k + at for at, place in enumerate(self._sensors)}
-        self._pause: tuple[Array, float] | None = None
+        self._pause: Pause | None = None
         self.errors = None if schedule.errors is None else ErrorEstimate(schedule)
         self.time = 0.0
         self.reset()
@@ -146,6 +156,8 @@ class DeviationFilter:
         self._own.push(now)[:] = measured @ self.state[: self._deviations]
         innovation, new, stamps = self._innovation, self._new, self._stamps
         innovation[:] = 0.0
+        if self._pause is not None:
+            new &= stamps >= self._pause.end
         if not len(self._plan):
             new[:] = False
         groups = [
@@ -210,8 +222,11 @@ class DeviationFilter:
         if self.errors is not None:
             self.errors.forget_deviations()
 
-    def doubt(self, pushed: Array, seconds: float) -> None:
+    def doubt(self, pushed: Array, seconds: float, now: float) -> None:
         """Take note that the loop was away.
+
+        What was measured meanwhile arrives with the next ticks, and is left out: it shows only a
+        part of what the torque did.
 
         Parameters
         ----------
@@ -219,10 +234,15 @@ class DeviationFilter:
             What the torque did to the deviations meanwhile.
         seconds : float
             How long that was [s].
+        now : float
+            [s].
         """
-        if seconds > BRIEF:
-            self._pause = pushed, seconds
         self._good_at += seconds  # nobody could hear a sensor
+        if seconds > BRIEF:
+            if self._pause is not None:  # nothing has been measured since
+                pushed, seconds = pushed + self._pause.pushed, seconds + self._pause.seconds
+            usual = 0.0 if np.isnan(self._age) else self._age
+            self._pause = Pause(pushed, seconds, now - usual - 0.5 * self._period)
         if self.errors is not None:
             self.errors.doubt(self.time)
 
@@ -233,7 +253,7 @@ class DeviationFilter:
         ordinary period would take that error for unknown forces, and the robot would swing.
         """
         assert self._pause is not None
-        pushed, seconds = self._pause
+        pushed, seconds, _ = self._pause
         self._pause = None
         m = self._deviations // 2
         off = np.diag(DOUBTED * pushed[m:])

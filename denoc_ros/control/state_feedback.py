@@ -163,7 +163,7 @@ class StateFeedback:
             gains, pushed = self.schedule.gains[self._at], np.zeros(len(self._deviations))
             for period in range(1, missed + 1):
                 pushed += self._go_on(gains, self._left + period / (missed + 1) * drift)
-            self.filter.doubt(pushed, missed * self.schedule.settings.period)
+            self.filter.doubt(pushed, missed * self.schedule.settings.period, now)
 
     def _go_on(self, gains: PostureGains, change: Array) -> Array:
         """Bring the estimate forward by a period in which a torque was added to the plan's.

@@ -121,9 +121,11 @@ class Loop:
     noise: float = 1.0
     stall: float = 0.0  # share of ticks that begin a pause of up to 20 periods
     away: dict[float, float] = field(default_factory=dict)  # s of pauses by their begin [s]
+    backlog: int = 0  # ticks after a pause in which what was measured in it arrives
 
     def __post_init__(self) -> None:
         self._states = MeasuredStates(self.truth)
+        self._unread: list[tuple[int, Array, Array]] = []  # period, coordinates, rates
 
     def run(self, duration: float | None = None) -> Outcome:
         plan, truth = self.planned, self.truth
@@ -134,7 +136,7 @@ class Loop:
         queue = deque([plan.torque[0]] * round(DELAY * SUBSTEPS))
         error, torque, share = np.zeros(count), np.zeros((count, joints)), np.zeros(count)
         generator = np.random.default_rng(self.seed)
-        paused = 0
+        paused = part = 0
         pauses = {round(at / PERIOD): round(long / PERIOD) for at, long in self.away.items()}
         for k in range(count):
             paused = pauses.get(k, paused)
@@ -143,8 +145,14 @@ class Loop:
             if paused:
                 # the drives hold what they were last told
                 paused, torque[k] = paused - 1, torque[k - 1]
+                self._unread.append((k, q.copy(), qd.copy()))
+                part = -(-len(self._unread) // max(1, self.backlog))  # that a tick reads
             else:
-                torque[k] = self._torque(k, q, qd, generator)
+                measured = k, q, qd
+                if self.backlog and self._unread:
+                    measured = self._unread[:part][-1]
+                del self._unread[:part]
+                torque[k] = self._torque(k, measured, generator)
             share[k] = self.feedback.share if self.feedback else 0.0
             for _ in range(SUBSTEPS):
                 queue.append(torque[k])
@@ -154,9 +162,12 @@ class Loop:
             error[k] = np.linalg.norm(there - plan.robot.frame_pose('tool', plan.q[k + 1])[:3, 3])
         return Outcome(error, torque, share, round(plan.duration / PERIOD))
 
-    def _torque(self, k: int, q: Array, qd: Array, generator: np.random.Generator) -> Array:
+    def _torque(
+        self, k: int, measured: tuple[int, Array, Array], generator: np.random.Generator
+    ) -> Array:
         """Return what leaves in a period (joints,): the plan's torque and the feedback's."""
         plan, feedback, now = self.planned, self.feedback, k * PERIOD
+        stamp, q, qd = measured[0] * PERIOD, *measured[1:]
         if feedback is None:
             return np.asarray(plan.torque[k])
         if self.gone[0] <= now < self.gone[1]:
@@ -166,7 +177,7 @@ class Loop:
         normal = self.noise * generator.standard_normal(2 * joints + len(self.truth.tree.sensors))
         feedback.follow(now, plan.q[k], plan.qd[k])
         feedback.filter.take_joints(
-            now,
+            stamp,
             self._states.posture(q) + settings.position_noise * normal[:joints],
             self._states.posture(qd) + settings.velocity_noise * normal[joints : 2 * joints],
         )
@@ -175,7 +186,7 @@ class Loop:
             gone = place == 0 and self.silent[0] <= now < self.silent[1]
             if generator.random() >= self.lost and not gone:
                 value = values[place] + sensor.noise * normal[2 * joints + place]
-                feedback.filter.take_sensor(place, now, value)
+                feedback.filter.take_sensor(place, stamp, value)
         wanted = plan.torque[k] + feedback.torque(now, plan.torque[k])
         left = np.clip(wanted, -plan.limits, plan.limits)
         feedback.applied(left - plan.torque[k])
