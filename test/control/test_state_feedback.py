@@ -80,8 +80,10 @@ def test_pauses_of_a_tenth_of_a_second_do_not_lose_the_robot() -> None:
     loop = closed(tip_exact(4.0, 0.3), canadarm(0.9, 1.2))
     # moving fast, moving slowly, and at the end, where errors of the model show no more
     loop.away = {0.7: 0.1, 2.2: 0.1, 4.5: 0.2}
+    loop.backlog = 5  # what was measured meanwhile comes with the next ticks
     run = loop.run()
-    # the estimate knows what the held torque did: nothing falls back
+    # the estimate knows what the held torque did: nothing falls back (without leaving out what
+    # was measured meanwhile, it is never believed again)
     assert (run.share[1000:] == 1.0).all()
     # 61 mm; when the estimate started anew after each pause, and took what it saw for errors of
     # the model, 112 mm after the first and 400 mm after the last, and growing
