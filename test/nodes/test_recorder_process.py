@@ -157,9 +157,11 @@ def test_a_hanging_executor_leaves_a_whole_bag(graph: Any, tmp_path: Path) -> No
         stream = stream_for(graph, 1.0)
         client = graph.probe.create_client(Trigger, '/recorder/mark')
         assert client.wait_for_service(10.0)
+        due = sum(moment < time.perf_counter() - DELIVERY for moment in stream.times)
         client.call_async(Trigger.Request())
         assert process.wait(20.0) == 1
         stream.stop()
         assert process.stderr is not None
         assert 'executor must turn within 1.5 s' in process.stderr.read()
-    assert len(list(read_bag(tmp_path / 'run'))) > 500
+    # on a busy machine a thread sends less often than it should
+    assert len(list(read_bag(tmp_path / 'run'))) >= due > 100

@@ -356,7 +356,8 @@ def _concluded(
     parameters, series = channels.parameters, space.series
     jacobian = _in_sizes(channels, space.rows(best, times))
     # residuals of 1, each row for itself: the information of white noise
-    info = information(jacobian, np.ones(len(jacobian)), np.arange(len(jacobian)))
+    rows = len(jacobian)
+    info = information(jacobian, np.ones(rows), np.arange(rows), is_best=True)
     zero = np.zeros(parameters.size)
     values, half = parameters.values(zero), info.half * parameters.scales(zero)
     low, high = _interval(values, half, parameters.multiplicative)

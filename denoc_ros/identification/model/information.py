@@ -56,6 +56,7 @@ def information(
     drawn: Array | None = None,
     channels: int = 1,
     pull: Array | None = None,
+    is_best: bool = False,
 ) -> Information:
     """Return what whitened residuals tell.
 
@@ -73,6 +74,9 @@ def information(
         How many rows of a stretch do not hang together.
     pull : (p,) array, optional
         What noise of what drives the model adds to the scores on average.
+    is_best : bool
+        The estimate is that of the greatest likelihood, whatever the residuals, which only stand
+        for white noise.
 
     Notes
     -----
@@ -109,7 +113,7 @@ def information(
     variance = np.maximum(np.sum(spread**2, axis=0) * fitted, white)
     variance += np.mean((shifts @ inverse @ vectors[:, seen].T) ** 2, axis=0)
     # the estimate is beside the greatest likelihood by what the prior and the search's end leave
-    beside = np.abs(spread.sum(axis=0))
+    beside = 0.0 if is_best else np.abs(spread.sum(axis=0))
     half = np.hypot(quantile * np.sqrt(variance), EXACT) + beside
     if pull is not None:
         half = half + _bias(np.abs((pull @ inverse) @ vectors[:, seen].T), half)
