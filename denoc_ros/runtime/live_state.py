@@ -62,7 +62,7 @@ class LiveState:
         self.qd: Array = np.zeros(robot.n)
         self.torque: dict[str, float] = {}
         self.heard = self.bent = False
-        self._layout = _StateLayout((), JointStateReader(()), None, np.zeros(0, dtype=np.int64))
+        self._layout: _StateLayout | None = None
 
     def read(self, raw: bytes, admit: Callable[[int], None]) -> None:
         """Take a message.
@@ -81,7 +81,9 @@ class LiveState:
             `open_loop`; the attributes keep what they had.
         """
         names = joint_names(raw)
-        layout = self._layout if names == self._layout.names else self._learn(names)
+        layout = self._layout
+        if layout is None or names != layout.names:
+            layout = self._learn(names)
         reader = layout.reader
         reader.read(raw, admit)
         if np.abs(reader.position).max() > FARTHEST:

@@ -199,6 +199,13 @@ def test_a_bad_message_is_refused_and_the_last_good_one_stays(
     assert state.q[robot.joint_indices].tolist() == [0.3, 0.4]
 
 
+def test_a_first_message_without_names_is_refused(robot: Robot) -> None:
+    state = LiveState(robot, np.zeros(robot.n))
+    with pytest.raises(InputError) as refused:
+        state.read(raw([], []), admit)
+    assert refused.value.cause == 'unknown_joint'
+
+
 @settings(max_examples=150, deadline=None)
 @given(data=st.data())
 def test_no_bytes_are_more_than_refused(robot: Robot, data: st.DataObject) -> None:
