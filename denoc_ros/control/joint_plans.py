@@ -87,7 +87,6 @@ def shaper_motion(
 ) -> Plan:
     """Return the plan of a motion through an input shaper (see :func:`shape_samples`)."""
     _check(options)()
-    q_joints = DrivenJoints(robot, 'an input shaper').following(q_joints)
     samples, delay = shape_samples(robot, times, q_joints, method, options.modes)
     spline = make_interp_spline(samples.t, samples.q, k=5)
     begin, end = float(samples.t[0]), float(samples.t[-1])
@@ -110,7 +109,6 @@ def rest_motion(
 
     What is between them is not followed.
     """
-    q_joints = DrivenJoints(robot, 'rest to rest').following(q_joints)
     duration = float(times[-1] - times[0]) if options.duration is None else options.duration
     found = rest_to_rest(
         robot,
@@ -198,7 +196,8 @@ def _with_tip(
     """
     spline = rest_spline(times, q_joints)
     asked = np.zeros_like(plan.q)
-    asked[:, robot.joint_indices] = spline(np.clip(plan.t - shift, times[0], times[-1]))
+    rows = spline(np.clip(plan.t - shift, times[0], times[-1]))
+    asked[:, robot.joint_indices] = DrivenJoints(robot, plan.method).following(rows)
     distance, turn = np.zeros((2, len(plan.t)))
     for frame in frames:
         off = Target(frame, robot.frame_pose(frame, asked), 1.0, 1.0).error(robot, plan.q)

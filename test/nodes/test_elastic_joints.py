@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from geared_arm import arm_text
+from node_robots import STATE_FEEDBACK
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -63,14 +64,7 @@ def test_state_feedback_knows_which_side_is_measured(graph: Any, tmp_path: Path)
     given = {
         **SHARED,
         'urdf_path': str(file),
-        'feedback.state': 'lqr',
-        'feedback.tip_error': 0.1,
-        'feedback.tip_turn': 0.05,
-        'feedback.joint_error': 0.05,
-        'feedback.integral_time': 0.5,
-        # so that a machine that is busy with others takes nothing for silent
-        'feedback.sensor_timeout': 0.5,
-        'joint_state_timeout': 5.0,
+        **STATE_FEEDBACK,
     }
     node = graph.add(FeedforwardNode, parameters=given)
     commands = graph.collect(Float64MultiArray, '/feedforward/commands')

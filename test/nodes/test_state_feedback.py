@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from feedback_runs import CANADARM
+from node_robots import STATE_FEEDBACK
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -22,16 +23,6 @@ pytestmark = pytest.mark.ros
 RATE = 400.0
 JOINTS = ['joint_1', 'joint_2', 'joint_3']
 COMMON = {'urdf_path': str(CANADARM), 'gravity': [0.0, 0.0, 0.0], 'update_rate': RATE}
-WEIGHTS = {
-    'feedback.state': 'lqr',
-    'feedback.tip_error': 0.1,
-    'feedback.tip_turn': 0.05,
-    'feedback.joint_error': 0.05,
-    'feedback.integral_time': 0.5,
-    # so that a machine that is busy with others takes nothing for silent
-    'feedback.sensor_timeout': 0.5,
-    'joint_state_timeout': 5.0,
-}
 START = [0.2, 0.7, 0.5]
 AWAY = 2e-5  # rad
 GAUGES = ['link_1_y_root', 'link_1_y_middle', 'link_2_y_root', 'link_2_y_middle']
@@ -74,7 +65,7 @@ class Feed:
 def test_silent_gauges_leave_the_plan_alone_and_a_motion_gets_gains_of_its_own(
     graph: Any,
 ) -> None:
-    node = graph.add(FeedforwardNode, parameters={**COMMON, **WEIGHTS})
+    node = graph.add(FeedforwardNode, parameters={**COMMON, **STATE_FEEDBACK})
     commands = graph.collect(Float64MultiArray, '/feedforward/commands')
     reference = graph.publisher(JointTrajectory, 'reference')
     feed, state = Feed(graph), node.feedback.state
@@ -122,7 +113,7 @@ def test_silent_gauges_leave_the_plan_alone_and_a_motion_gets_gains_of_its_own(
 def test_what_cannot_work_is_refused_at_configure(
     graph: Any, change: dict[str, Any], message: str
 ) -> None:
-    given = {**COMMON, **WEIGHTS, **change}
+    given = {**COMMON, **STATE_FEEDBACK, **change}
     node = graph.add(FeedforwardNode, start=False, parameters=given)
     node.trigger_configure()
     assert node.state == 'unconfigured'

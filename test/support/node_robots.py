@@ -15,6 +15,17 @@ SENSORS = """
  gain="0.5" topic="/loads" field="1"/>
 <sensor name="bend" type="deflection" link="two" station="1.0" direction="y" topic="/named"
  field="tip"/>"""
+# of a feedforward with state feedback
+STATE_FEEDBACK = {
+    'feedback.state': 'lqr',
+    'feedback.tip_error': 0.1,
+    'feedback.tip_turn': 0.05,
+    'feedback.joint_error': 0.05,
+    'feedback.integral_time': 0.5,
+    # so that a machine that is busy with others takes nothing for silent
+    'feedback.sensor_timeout': 0.5,
+    'joint_state_timeout': 5.0,
+}
 
 
 def two_links() -> str:
