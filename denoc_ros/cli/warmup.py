@@ -50,11 +50,11 @@ def run(args: argparse.Namespace) -> int:
     from denoc_ros.kernels.runge_kutta import explicit_steps
 
     began = time.perf_counter()
-    ready(*KERNELS, take_values)
     if args.robot is None:
-        ready(*CONSTRAINT_KERNELS, explicit_steps)
+        ready(*KERNELS, *CONSTRAINT_KERNELS, take_values, explicit_steps)
     else:
         load_robot(args.robot)
+        ready(take_values)
     took = time.perf_counter() - began
     print(f'kernels ready after {took:.1f} s, kept in {cache_folder()}')
     return 0

@@ -92,7 +92,6 @@ class RobotModel:
         gravity: ArrayLike = (0.0, 0.0, -9.81),
         geometric_stiffness: bool = True,
     ) -> None:
-        ready(*KERNELS)
         self.tree = tree
         self.gravity = as_vector('gravity', gravity, (3,)).copy()
         self.gravity.setflags(write=False)
@@ -106,8 +105,8 @@ class RobotModel:
         return tree
 
     def _adopt(self, arrays: ModelArrays) -> None:
-        if arrays.constraint_names:
-            ready(*CONSTRAINT_KERNELS)
+        # in one call: processes that start beside each other share what is known to be missing
+        ready(*KERNELS, *(CONSTRAINT_KERNELS if arrays.constraint_names else ()))
         self.arrays = arrays
         self.n = arrays.n
         self.joint_names = arrays.joint_names

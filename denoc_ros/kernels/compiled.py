@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import chain
 from typing import Any
 
 import numba
@@ -119,18 +120,21 @@ def ready(*kernels: Any) -> None:
     A call with other types then raises TypeError. What has to be compiled is announced to the log,
     for it takes a while.
     """
-    missing = [dispatcher for dispatcher in kernels if not dispatcher.signatures]
-    symbols = sorted({symbol for dispatcher in missing for symbol in _symbols(dispatcher)})
-    _compile([APART[symbol] for symbol in symbols if not APART[symbol].signatures])
+    missing = {kernel: _symbols(kernel) for kernel in kernels if not kernel.signatures}
+    symbols = sorted(set().union(*missing.values()))
+    by_itself = [kernel for kernel, called in missing.items() if not called]
+    # algorithms call the same functions: another process would compile these once more
+    algorithms = [APART[symbol] for symbol in symbols if not APART[symbol].signatures]
+    _compile([algorithms, *([kernel] for kernel in by_itself)])
     for symbol in symbols:  # a kernel is linked as it is loaded
         add_symbol(symbol, _address(APART[symbol]))
-    _compile(missing)
+    _compile([[kernel] for kernel, called in missing.items() if called])
 
 
-def _compile(dispatchers: Sequence[Any]) -> None:
+def _compile(groups: Sequence[Sequence[Any]]) -> None:
     """Compile for the one signature that is declared, or load."""
-    compile_in_turn([(dispatcher, DECLARED[dispatcher]) for dispatcher in dispatchers])
-    for dispatcher in dispatchers:
+    compile_in_turn([[(each, DECLARED[each]) for each in group] for group in groups])
+    for dispatcher in chain(*groups):
         dispatcher.disable_compile()
 
 

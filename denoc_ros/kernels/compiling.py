@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import fcntl
 import logging
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,58 +20,73 @@ from denoc_ros.kernels.cache import is_kept
 
 LOG = logging.getLogger('denoc_ros')
 THREAD = 'compiling'  # name of the thread that compiles
-LOOK = 0.05  # s between looks whether it is our turn
+LOOK = 0.05  # s between looks whether it is our turn, and between signs of life
 SAY = 5.0  # s between two words on how far it is
-PATIENCE = 20.0  # s without progress after which what another process has claimed is ours too
+PATIENCE = (
+    20.0  # s without a sign of life after which what another process has claimed is ours too
+)
+
+Kernel = tuple[Any, Any]  # a dispatcher and the signature to compile it for
 
 
-def compile_in_turn(kernels: Sequence[tuple[Any, Any]]) -> None:
+def compile_in_turn(groups: Sequence[Sequence[Kernel]]) -> None:
     """Compile kernels, or load those that have been compiled before.
 
     Processes that start beside each other share the work: each compiles what no other one does.
 
     Parameters
     ----------
-    kernels : sequence of (dispatcher, signature)
+    groups : sequence of sequences of (dispatcher, signature)
+        What one process compiles by itself, because its inner functions are the same.
     """
-    missing = [each for each in kernels if not is_kept(each[0])]
-    if missing:
-        _compile(missing)
-    for dispatcher, signature in kernels:
+    missing = [[each for each in group if not is_kept(each[0])] for group in groups]
+    if any(missing):
+        _compile([group for group in missing if group])
+    for dispatcher, signature in chain(*groups):
         dispatcher.compile(signature)  # does nothing for what has just been compiled
 
 
-def _compile(kernels: Sequence[tuple[Any, Any]]) -> None:
+def _compile(groups: Sequence[Sequence[Kernel]]) -> None:
     """Compile what no other process compiles, wait for the rest; say how far it is.
 
     A process that is stopped, or gets no processor, keeps nobody waiting for long.
     """
-    LOG.info('compiling %d kernels, once per version: a minute at most', len(kernels))
-    began = said = moved = time.monotonic()
-    missing = list(kernels)
+    count = sum(map(len, groups))
+    LOG.info('compiling %d kernels, once per version: a minute at most', count)
+    began = said = alive = time.monotonic()
+    missing = list(groups)
+    touched = 0.0
     while missing:
-        for each in list(missing):
-            with _claim(each[0]) as ours:
-                if ours or time.monotonic() - moved > PATIENCE:
-                    _compile_one(*each)
-                    missing.remove(each)
-                    moved = time.monotonic()
+        for group in list(missing):
+            lock = _lock_file(group[0][0])
+            with _claim(lock) as ours:
+                if ours or time.monotonic() - alive > PATIENCE:
+                    _compile_group(group, lock)
+                    missing.remove(group)
+                    alive = time.monotonic()
             if time.monotonic() - said > SAY:
                 said = time.monotonic()
-                done = len(kernels) - len(missing)
-                LOG.info('%d of %d kernels after %.0f s', done, len(kernels), said - began)
-        time.sleep(LOOK if missing else 0.0)  # another process is at work on them
+                done = count - sum(map(len, missing))
+                LOG.info('%d of %d kernels after %.0f s', done, count, said - began)
+        if missing:  # other processes are at work on them
+            time.sleep(LOOK)
+            latest = max(_touched(_lock_file(group[0][0])) for group in missing)
+            if latest != touched:
+                touched, alive = latest, time.monotonic()
     LOG.info('kernels compiled in %.0f s', time.monotonic() - began)
 
 
-def _compile_one(dispatcher: Any, signature: Any) -> None:
+def _compile_group(group: Sequence[Kernel], lock: Path | None) -> None:
     """Compile in a thread, for a signal's handler has its turn in the main one only."""
-    if not is_kept(dispatcher):  # by another process, while we waited
-        _in_thread(lambda: dispatcher.compile(signature))
+    for dispatcher, signature in group:
+        if not is_kept(dispatcher):  # by another process, while we waited
+            _in_thread(partial(dispatcher.compile, signature), lock)
 
 
-def _in_thread(act: Callable[[], object]) -> None:
+def _in_thread(act: Callable[[], object], lock: Path | None) -> None:
     """Do something in another thread; wait for it so that this one can be interrupted.
+
+    Meanwhile the lock is touched, so that other processes see that this one is at work.
 
     An interrupt does not wait for a kernel that is being compiled. The interpreter does, before it
     ends: it must not go from under a compiler at work.
@@ -85,6 +103,9 @@ def _in_thread(act: Callable[[], object]) -> None:
     thread.start()
     while thread.is_alive():
         thread.join(LOOK)
+        with suppress(OSError):
+            if lock is not None:
+                os.utime(lock)
     if failures:
         raise failures[0]
 
@@ -94,21 +115,31 @@ def at_work() -> bool:
     return any(thread.name == THREAD for thread in threading.enumerate())
 
 
-@contextmanager
-def _claim(dispatcher: Any) -> Iterator[bool]:
-    """Say whether a kernel is ours to compile; also where the cache cannot be locked."""
+def _lock_file(dispatcher: Any) -> Path | None:
+    """Return the file that is locked by who compiles a kernel, and all with it; None: no cache."""
     if not numba.config.CACHE_DIR:  # numba looks for places of its own
-        yield True
-        return
+        return None
     function = dispatcher.py_func
     name = f'{function.__module__.rpartition(".")[2]}.{function.__qualname__}.lock'
+    return Path(numba.config.CACHE_DIR, name)
+
+
+def _touched(lock: Path | None) -> float:
+    """Return when a lock was touched last, 0 if never."""
+    with suppress(OSError):
+        return lock.stat().st_mtime if lock is not None else 0.0
+    return 0.0
+
+
+@contextmanager
+def _claim(path: Path | None) -> Iterator[bool]:
+    """Say whether kernels are ours to compile; also where the cache cannot be locked."""
     with ExitStack() as stack:
         try:
-            lock = stack.enter_context(Path(numba.config.CACHE_DIR, name).open('w'))
+            lock = stack.enter_context(path.open('a')) if path is not None else None
         except OSError:
-            yield True
-            return
-        yield _locked(lock)
+            lock = None
+        yield lock is None or _locked(lock)
 
 
 def _locked(lock: Any) -> bool:

@@ -33,7 +33,7 @@ from denoc_ros.kernels import (
 from denoc_ros.kernels.cache import KernelLocator, is_kept
 from denoc_ros.kernels.compiled import LongLoops, ShortLoops
 
-# two kernels that take a while, and are kept by a file as numba keeps them
+# three kernels that take a while, and are kept by a file as numba keeps them
 SLOW = """
 import logging, sys, time
 from pathlib import Path
@@ -57,7 +57,7 @@ class Slow:
 
 print('begins', flush=True)
 sys.stdin.readline()
-compile_in_turn([(Slow('one'), None), (Slow('two'), None)])
+compile_in_turn([[(Slow('one'), None), (Slow('with one'), None)], [(Slow('two'), None)]])
 print('has all', flush=True)
 """
 
@@ -83,9 +83,11 @@ def test_processes_beside_each_other_share_the_work(tmp_path: Path) -> None:
         process.stdin.flush()
     said = [process.communicate(timeout=60)[0].splitlines() for process in processes]
     done = [line for lines in said for line in lines if line.startswith('compiles')]
-    assert sorted(done) == ['compiles one', 'compiles two']
+    assert sorted(done) == ['compiles one', 'compiles two', 'compiles with one']
+    ours = [[line for line in lines if line.startswith('compiles')] for lines in said]
+    assert sorted(ours) == [['compiles one', 'compiles with one'], ['compiles two']]
     assert all(lines[-1] == 'has all' for lines in said)
-    assert all('compiling 2 kernels' in lines[0] for lines in said)
+    assert all('compiling 3 kernels' in lines[0] for lines in said)
 
 
 class Quick:
@@ -109,9 +111,46 @@ def test_a_claim_of_a_process_that_stands_still_holds_nobody_for_long(
     with (tmp_path / 'quick.one.lock').open('w') as claimed:
         fcntl.flock(claimed, fcntl.LOCK_EX)
         begin = time.monotonic()
-        compiling.compile_in_turn([(kernel, 'f(i)')])
+        compiling.compile_in_turn([[(kernel, 'f(i)')]])
     assert set(kernel.compiled) == {'f(i)'}
     assert time.monotonic() - begin > 0.2
+
+
+def test_a_claim_of_a_process_at_work_is_kept_however_long_it_takes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
+    monkeypatch.setattr(compiling, 'PATIENCE', 0.5)
+    kernel = Quick()
+    lock = tmp_path / 'quick.one.lock'
+    with lock.open('w') as claimed:
+        fcntl.flock(claimed, fcntl.LOCK_EX)
+        waiting = threading.Thread(
+            target=compiling.compile_in_turn, args=([[(kernel, 'f(i)')]],), daemon=True
+        )
+        waiting.start()
+        for stamp in range(40):  # signs of life for two seconds
+            os.utime(lock, (stamp, stamp))
+            time.sleep(0.05)
+        assert kernel.compiled == []
+        waiting.join(60.0)  # and none any more
+    assert set(kernel.compiled) == {'f(i)'}
+
+
+def test_who_compiles_touches_the_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lock = tmp_path / 'quick.one.lock'
+    seen: list[bool] = []
+
+    class Long(Quick):
+        def compile(self, signature: Any) -> None:
+            if not seen:
+                os.utime(lock, (1.0, 1.0))
+                wait_until(lambda: lock.stat().st_mtime > 1.0)
+            seen.append(True)
+
+    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
+    compiling.compile_in_turn([[(Long(), 'f(i)')]])
+    assert seen
 
 
 def test_an_interrupt_does_not_wait_for_the_kernel_that_is_being_compiled(
@@ -131,7 +170,7 @@ def test_an_interrupt_does_not_wait_for_the_kernel_that_is_being_compiled(
     monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
     threading.Thread(target=interrupt).start()
     with pytest.raises(KeyboardInterrupt):
-        compiling.compile_in_turn([(Endless(), 'f(i)')])
+        compiling.compile_in_turn([[(Endless(), 'f(i)')]])
     assert compiling.at_work()
     goes_on.set()
     wait_until(lambda: not compiling.at_work())
@@ -174,7 +213,7 @@ def test_a_file_system_without_locks_keeps_nobody_from_compiling(
     monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
     monkeypatch.setattr(fcntl, 'flock', refuse)
     kernel = Quick()
-    compiling.compile_in_turn([(kernel, 'f(i)')])
+    compiling.compile_in_turn([[(kernel, 'f(i)')]])
     assert set(kernel.compiled) == {'f(i)'}
 
 
