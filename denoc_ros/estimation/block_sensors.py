@@ -14,6 +14,7 @@ from denoc_ros.types import Array, Flags
 
 WAITING = 8192  # values that wait for the joints' motion at most
 TINY = 1e-300  # noise of a sensor that says none of its own
+LARGEST = 1e30  # in any unit: what is beyond is no measurement, and its square may not be finite
 
 
 class SensorMeans(NamedTuple):
@@ -69,8 +70,8 @@ class BlockSensors:
         self._waiting.clear()
 
     def take(self, place: int, stamp: float, value: float) -> None:
-        """Take a value, of a time [s]; what is not finite or of no beam is left out."""
-        if place < self.count and math.isfinite(value) and math.isfinite(stamp):
+        """Take a value, of a time [s]; what is no measurement or of no beam is left out."""
+        if place < self.count and abs(value) < LARGEST and math.isfinite(stamp):
             if len(self._waiting) == WAITING:
                 self._waiting.pop(0)
             bisect.insort(self._waiting, (stamp, place, value))

@@ -12,6 +12,7 @@ import numpy as np
 from denoc_ros.dynamics.live_numbers import LiveNumbers
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.estimation.block_sensors import LARGEST
 from denoc_ros.estimation.channel_levels import ChannelLevels
 from denoc_ros.estimation.parameter_filter import BlockValues, ExcitedDirections, ParameterFilter
 from denoc_ros.estimation.tracked_model import BaseAt, BlockMeans, TrackedModel
@@ -149,7 +150,7 @@ class ParameterTracker:
 
     @property
     def _shares(self) -> Array:
-        return np.sqrt(np.diag(self._filter.parameters))
+        return np.sqrt(np.maximum(np.diag(self._filter.parameters), 0.0))
 
     # ---- measurements
 
@@ -198,7 +199,7 @@ class ParameterTracker:
         q, qd : (joints,) arrays
             Positions and, if known, rates.
         effort : (joints,) array, optional
-            Torques or forces at the joints [N m, N].
+            Torques or forces at the joints [N m, N]; what is beyond any robot's counts as none.
 
         Returns
         -------
@@ -208,6 +209,8 @@ class ParameterTracker:
         if not stamp > self._newest and not math.isnan(self._newest):
             return False
         self._newest = stamp
+        if effort is not None and not np.all(np.abs(effort) < LARGEST):
+            effort = None
         self._queue.append(_Sample(stamp, q, qd, effort))
         due, before = stamp - self.settings.lag, self.values
         while self._work is not None or (self._queue and self._queue[0].stamp <= due):
@@ -274,6 +277,8 @@ class ParameterTracker:
         self._filter.forget(free, math.exp(0.5 * duration / self.settings.memory))
         yield
         yield from self._correct(means, usable, free)
+        if not np.isfinite(self._filter.covariance).all():
+            raise FloatingPointError('what is known of the parameters must be finite')
         self._model.begin_block()
         self.blocks += 1
         yield

@@ -18,6 +18,7 @@ import rclpy
 from campaign.adversary import SEQUENCE, WORDS, interface, leaves
 from campaign.attacks import Attack, Inventory, Step, adversary
 from campaign.siege_gauges import DEAD, FEEDBACK
+from campaign.siege_payload import MOVES, RESTS, SETTLED
 from campaign.siege_scenes import FALLEN_SILENT
 from campaign.siege_stage import ANSWER, FEED, SiegeStage
 from campaign.sockets import attack_page
@@ -264,6 +265,20 @@ class Assault:
         stage.gauges.fault = ''
         if attack['what'] in DEAD and said.get('active') == 'True':
             stage.broken.append(f'feedforward: must not feed dead gauges back, says {said}')
+
+    def _rest(self, attack: Attack) -> None:
+        """Attack nothing, and see that what adapts to the payload stays while the robot rests."""
+        stage, swing = self.stage, self.stage.swing
+        if swing is None:
+            return
+
+        def is_settled() -> bool:
+            return swing.rested(time.time_ns()) > SETTLED
+
+        stage.comes(is_settled, MOVES + RESTS)
+        begin = time.perf_counter()
+        stage.comes(lambda: not is_settled(), RESTS)
+        stage.estimates.judge_rest(begin)
 
     def _kill(self, attack: Attack) -> None:
         """Kill a node, or a process that it has started."""

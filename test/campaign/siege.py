@@ -32,6 +32,7 @@ from campaign.siege_stage import SiegeStage, besieged
 
 ROUND = 900.0  # s
 FAILED = Path('runs', 'siege-failed.json')
+BETWEEN_RESTS = 6  # steps
 MORTAL = 2  # nodes that may be told to end in a round: the others grow old, for their memory
 KINDS = ('messages', 'requests', 'transitions', 'signals', 'joins', 'files')
 
@@ -60,6 +61,7 @@ class Round:
     longest_answer: float = 0.0  # s
     longest_mending: float = 0.0  # s until all was as before a step, new starts among it
     pauses: dict[str, float] = field(default_factory=dict)
+    estimates: dict[str, Any] = field(default_factory=dict)  # of the payload
     lives: list[dict[str, Any]] = field(default_factory=list)
 
 
@@ -69,6 +71,14 @@ def drawn(seed: int, inventory: Inventory) -> Iterator[Step]:
     mortal = tuple(sorted(rng.choice(inventory.nodes, MORTAL, replace=False).tolist()))
     while True:
         yield draw_step(rng, inventory, mortal)
+
+
+def with_rests(steps: Iterable[Step]) -> Iterator[Step]:
+    """Yield steps, and after each few a rest in which nothing is attacked."""
+    for number, step in enumerate(steps):
+        yield step
+        if number % BETWEEN_RESTS == BETWEEN_RESTS - 1:
+            yield [{'do': 'rest', 'node': 'predictor'}]
 
 
 class Siege:
@@ -133,6 +143,7 @@ class Siege:
         told.largest_delta = max(witness.efforts.largest_delta, witness.commands.largest_delta)
         told.longest_answer = stage.longest_answer
         told.pauses = witness.pauses_told()
+        told.estimates = stage.estimates.summary()
         for life in witness.lives.values():
             told.lives.append(of_life(life))
             if life.name in stage.scene.nodes:
@@ -179,6 +190,7 @@ def one_round(
         if steps is None:
             first = ([{**attack, 'seed': seed}] for attack in scene.first)
             steps = chain(first, drawn(seed, inventory))
+            steps = with_rests(steps) if scene.adapts else steps
         siege.run(steps, seconds, stop, verbose)
     return told
 
@@ -253,6 +265,8 @@ def table(told: Sequence[Round]) -> str:
             f'change {each.largest_delta:g}; longest answer {each.longest_answer:.2f} s, longest '
             f'mending {each.longest_mending:.1f} s'
         )
+        if each.estimates.get('messages'):
+            lines.append(f'  payload [kg]: {json.dumps(each.estimates)}')
     return '\n'.join(lines)
 
 

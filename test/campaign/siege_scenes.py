@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from campaign.siege_payload import BOUNDS, KNOWN, MIDDLE, PAYLOAD, stiff_arm
 from node_robots import GRAVITY, JOINTS, LINK, two_links
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'robots'
@@ -44,6 +45,9 @@ FED_BACK: Mapping[str, Mapping[str, Any]] = {
     'predictor': {'strain': 'fuse'},
     'shaper': {'method': 'zvd', 'modes': 2, 'output_step': 0.05, 'max_publishers': 2},
 }  # fmt: skip
+ADAPTING: Mapping[str, Mapping[str, Any]] = {
+    'predictor': {PAYLOAD: KNOWN, 'adapt': [PAYLOAD], 'adapt_bounds': list(BOUNDS)},
+}
 SLIDE = """
 <link name="{link}"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
 <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
@@ -93,6 +97,11 @@ class Scene:
     sensors: Mapping[str, str] = field(default_factory=lambda: SENSORS)  # topics and their types
     more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # parameters, by node
     first: tuple[dict[str, Any], ...] = ()  # attacks before those that are drawn
+
+    @property
+    def adapts(self) -> bool:
+        """Whether the robot swings and rests, and the predictor adapts to its payload."""
+        return 'adapt' in self.more.get('predictor', {})
 
     @property
     def nodes(self) -> tuple[str, ...]:
@@ -181,6 +190,16 @@ SCENES = {
             sensors={'/strain': 'sensor_msgs/msg/JointState'},
             more=FED_BACK,
             first=FEEDBACK_CASES,
+        ),
+        Scene(
+            'payload',
+            stiff_arm,
+            tuple(JOINTS),
+            MIDDLE,
+            (0.1, 0.2),
+            (60.0, 40.0),
+            4.0,
+            more=ADAPTING,
         ),
     )
 }

@@ -24,11 +24,13 @@ import rclpy
 from bench.rates_blocks import domain
 from campaign.adversary import interface
 from campaign.siege_gauges import Gauges
+from campaign.siege_payload import Estimates, Swing
 from campaign.siege_scenes import PRIORITY, RATE, Scene
 from campaign.stage import FEED_PRIORITY, StageError, StageProcesses, stamp
 from campaign.witness import DEEP, Witness
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -94,11 +96,15 @@ class SiegeStage:
         for topic, kind in scene.sensors.items():
             self.publisher(topic, interface(kind))
         self.gauges = Gauges(scene.gauges)
+        self.swing = Swing(FEED) if scene.adapts else None
+        self.estimates = Estimates()
         self.attacked = {'/joint_states', '/reference', scene.plans_for, RELAYED, *scene.sensors}
         self.description = self.publisher('/robot_description', String, LATCHED)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_status, DEEP)
         for name, topic in OUTPUTS.items():
             self.node.create_subscription(JointState, topic, self._listener(name), 10)
+        if scene.adapts:
+            self._listen_to_estimates()
         self._running = True
         self.executor = EventsExecutor()
         self.executor.add_node(self.node)
@@ -121,6 +127,8 @@ class SiegeStage:
 
     def state(self) -> JointState:
         """Return what a good robot says now."""
+        if self.swing is not None:
+            return self.swing.state(time.time_ns())
         names, positions = list(self.scene.joints), list(self.scene.posture)
         message = JointState(name=names, position=positions, effort=[0.0] * len(names))
         stamp(message, time.time_ns())
@@ -178,6 +186,11 @@ class SiegeStage:
 
         return listen
 
+    def _listen_to_estimates(self) -> None:
+        topic, take = '/predictor/model_parameters', self.estimates
+        self.node.create_subscription(JointState, topic, take.take, DEEP)
+        self.node.create_subscription(ParameterEvent, '/parameter_events', take.take_event, DEEP)
+
     def _watch(self) -> None:
         while self._running:
             self.witness.look()
@@ -186,7 +199,7 @@ class SiegeStage:
     def judge(self, final: bool = False) -> list[str]:
         """Return the laws that were broken since the last call."""
         told, self.broken = self.broken, []
-        return [*told, *self.witness.judge(final)]
+        return [*told, *self.estimates.told(), *self.witness.judge(final)]
 
     def status(self, name: str, since: float = 0.0) -> tuple[int, str, dict[str, str]]:
         """Return level (-1: none), message and values of a status since a moment."""
@@ -204,6 +217,8 @@ class SiegeStage:
         self.starts[node] += 1
         self.up.discard(node)
         self.aborted.discard(node)
+        if node == 'predictor':
+            self.estimates.restart()
         bags = self.folder / f'recordings_{self.starts[node]}'
         bags.mkdir(exist_ok=True)
         write_parameters(file, self.scene.parameters(node, bags))

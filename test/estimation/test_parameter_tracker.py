@@ -273,3 +273,37 @@ def test_a_payload_on_a_mimic_joint_is_found() -> None:
     values = follow(tracker, led)[:, 0]
     assert np.all(np.abs(values[samples(led, 2.0) :] - 1.2) < 0.05)
     assert tracker.supported.all()
+
+
+@pytest.mark.parametrize('huge', [1e40, 1e155, 1e308])
+@pytest.mark.parametrize('of', ['sensors', 'effort'])
+def test_numbers_that_no_robot_shows_leave_all_finite(of: str, huge: float) -> None:
+    """Sensors or efforts that say such numbers now and then, whose squares are not finite."""
+    run = with_noise(simulated(arm(), swinging(3), 2.0, 5e-3))
+    draw = np.random.default_rng(0)
+    values = getattr(run, of)
+    lies = draw.random(values.shape) < 0.1
+    values[lies] = huge * draw.choice([-1.0, 1.0], int(lies.sum()))
+    tracker = dn.ParameterTracker(arm(), [TOOL])
+    found = np.empty(len(run.t))
+    for k, t in enumerate(run.t.tolist()):
+        for place, value in enumerate(run.sensors[k].tolist()):
+            tracker.sense(place, t, value)
+        tracker.measure(t, run.q[k], run.qd[k], run.effort[k])
+        found[k] = tracker.values[0]
+        assert np.isfinite(tracker.deviations).all()
+    assert np.all((found >= 0.5 * KNOWN) & (found <= 1.5 * KNOWN))
+    assert np.isfinite(tracker.model_error)
+
+
+def test_a_filter_that_is_lost_begins_anew_with_the_value_that_was_found() -> None:
+    run = swing((0.0, 0.0, 0.0))
+    tracker = dn.ParameterTracker(arm((0.0, 0.0, 0.0)), [TOOL])
+    values = follow(tracker, run)
+    found = tracker.values.copy()
+    tracker._filter.covariance[:] = np.nan
+    more = TrackedRun(run.t + run.t[-1] + 2e-3, run.q, run.qd, run.effort, run.sensors)
+    values = follow(tracker, more)[: samples(run, 0.3)]
+    assert tracker.failures == 1
+    assert np.all(values == found)
+    assert np.isfinite(tracker.deviations).all()
