@@ -133,3 +133,11 @@ def named_values(
 def require(findings: Sequence[str]) -> None:
     """Raise ConfigError with what was found on the command line, if anything."""
     ConfigError.raise_any('command line', findings)
+
+
+def number_range(text: str) -> tuple[float, float]:
+    """Return LOW:HIGH as numbers; ValueError for what is no range."""
+    low, high = (float(end) for end in text.split(':'))
+    if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+        raise ValueError(text)
+    return low, high

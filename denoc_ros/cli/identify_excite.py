@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.arguments import add_gravity, given_file, named_values, require
+from denoc_ros.cli.arguments import add_gravity, given_file, named_values, number_range, require
 from denoc_ros.cli.exit_statuses import exit_status
 from denoc_ros.cli.identify_numbers import numbers_text
 from denoc_ros.cli.overrides import add_overrides, overrides_of
@@ -177,18 +177,13 @@ def _options(args: argparse.Namespace) -> dict[str, Any]:
             options[name] = named_values(f'--{name}', texts, form, float, findings)
     if args.position:
         options['position'] = named_values(
-            '--position', args.position, 'JOINT=LOW:HIGH', _range, findings
+            '--position', args.position, 'JOINT=LOW:HIGH', number_range, findings
         )
     require(findings)
     for file in (args.output, args.trajectory, args.page):
         if file is not None and file.exists():
             raise BagError(f'{file}: output must not exist yet, got an existing one')
     return options
-
-
-def _range(text: str) -> tuple[float, float]:
-    low, _, high = text.partition(':')
-    return float(low), float(high)
 
 
 def _head(found: Excitation) -> str:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from denoc_ros.cli.arguments import given_file, named_values, require
+from denoc_ros.cli.arguments import given_file, named_values, number_range, require
 from denoc_ros.cli.batch import FAILURE, Row, RowStore, WorkerConfig, run_batch, worker_config
 from denoc_ros.errors import ConfigError
 
@@ -124,17 +123,9 @@ def read_ranges(settings: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Return PATH=LOW:HIGH as ranges by path; ConfigError with every finding."""
     findings: list[str] = []
     form = 'PATH=LOW:HIGH with LOW <= HIGH'
-    ranges = named_values('--vary', settings, form, _range, findings)
+    ranges = named_values('--vary', settings, form, number_range, findings)
     require(findings)
     return ranges
-
-
-def _range(text: str) -> tuple[float, float]:
-    """Return LOW:HIGH as numbers; ValueError for what is no range."""
-    low, high = (float(end) for end in text.split(':'))
-    if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-        raise ValueError(text)
-    return low, high
 
 
 def summarize(rows: Sequence[Row], ranges: Ranges) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from denoc_ros.reports.text_table import Row, text_table
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.replay.adaptation import AdaptSettings
 
 
 def add_parser(subparsers: Any) -> None:
@@ -77,6 +78,7 @@ def add_parser(subparsers: Any) -> None:
     )
     _add_table(parser)
     _add_ways(parser)
+    _add_adaptation(parser)
     add_overrides(parser)
     parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
 
@@ -146,6 +148,33 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_adaptation(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('tracked numbers, as `adapt` of the predictor')
+    group.add_argument(
+        '--adapt',
+        action='append',
+        default=[],
+        metavar='PATH',
+        help=(
+            'number of the model that is tracked over time: payload.tool.mass, beam.*.ei; '
+            'repeatable'
+        ),
+    )
+    group.add_argument(
+        '--adapt-bounds',
+        action='append',
+        default=[],
+        metavar='PATH=LOW:HIGH',
+        help='its bounds (default: half to one and a half of its value); repeatable',
+    )
+    for name, unit, text in (
+        ('rate', 'PER_S', 'largest change in a second, as a share of the bounds, default 1'),
+        ('memory', 'S', 'time of motion after which data are forgotten, default 0.5'),
+        ('error', 'SHARE', 'assumed error of the rest of the model, default 0.01'),
+    ):
+        group.add_argument(f'--adapt-{name}', type=float, metavar=unit, help=text)
+
+
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
     from denoc_ros.cli.progress import share_bar
@@ -167,6 +196,7 @@ def run(args: argparse.Namespace) -> int:
         stamp=args.stamp,
         fit_friction=args.fit_friction,
     )
+    adapt = _adapt_settings(args)
     bag = find_bag(args.bag)
     output = args.output or _default_output(args.bag, bag)
     report = args.report or unused(output.with_name(f'{recording_name(output)}.html'))
@@ -175,7 +205,7 @@ def run(args: argparse.Namespace) -> int:
     robot = _robot(args, bag, read_session(args.bag))
     with _as_bag(args, bag, robot) as recorded, share_bar(quiet=args.json) as bar:
         replay = replay_bag(
-            recorded, robot, None if args.no_output else output, settings, bar.update
+            recorded, robot, None if args.no_output else output, settings, bar.update, adapt
         )
     summary = {
         'output': None if args.no_output else str(output),
@@ -228,6 +258,24 @@ def _renames(texts: list[str]) -> dict[str, str]:
     return names
 
 
+def _adapt_settings(args: argparse.Namespace) -> AdaptSettings:
+    from denoc_ros.cli.arguments import number_range
+    from denoc_ros.estimation.tracker_settings import TrackerSettings
+    from denoc_ros.replay.adaptation import AdaptSettings
+
+    findings: list[str] = []
+    bounds = named_values(
+        '--adapt-bounds', args.adapt_bounds, 'PATH=LOW:HIGH', number_range, findings
+    )
+    named = {'rate': 'adapt_rate', 'memory': 'adapt_memory', 'model_error': 'adapt_error'}
+    given = {name: getattr(args, key) for name, key in named.items()}
+    given = {name: value for name, value in given.items() if value is not None}
+    if (bounds or given) and not args.adapt:
+        findings.append('--adapt must name what is tracked where its settings are given, got none')
+    require(findings)
+    return AdaptSettings(tuple(args.adapt), bounds, TrackerSettings(**given))
+
+
 def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robot:
     """Return the robot that was asked for, or the recorded one, with what is to be changed."""
     from denoc_ros.cli.recorded_run import robot_source
@@ -257,6 +305,10 @@ def lines(summary: dict[str, Any]) -> Iterator[str]:
     if summary['friction']:
         yield 'friction, fitted (SI units; standard errors by windows of a second)'
         yield text_table(_friction_rows(summary['friction']))
+    if summary['adapted']:
+        cause = summary['adapted']['cause']
+        yield f'tracked numbers, SI units (95 %){f"; at the end: {cause}" if cause else ""}'
+        yield text_table(_adapted_rows(summary['adapted']))
     if rows := _deflection_rows(summary):
         yield 'deflection (m or rad)'
         yield text_table(rows)
@@ -304,6 +356,21 @@ def _friction_rows(friction: dict[str, Any]) -> list[Row]:
         row['explained %'] = round(100.0 * fit['explained'], 1)
         rows.append(row)
     return rows
+
+
+def _adapted_rows(adapted: dict[str, Any]) -> list[Row]:
+    return [
+        {
+            'number': path,
+            'start': one['start'],
+            'last': one['value'],
+            '±': one['half_interval'],
+            'supported': 'yes' if one['supported'] else 'no',
+            'lowest': min(one['values'], default=None),
+            'highest': max(one['values'], default=None),
+        }
+        for path, one in adapted['numbers'].items()
+    ]
 
 
 def _deflection_rows(summary: dict[str, Any]) -> list[Row]:

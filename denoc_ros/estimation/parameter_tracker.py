@@ -280,9 +280,9 @@ class ParameterTracker:
         if not np.isfinite(self._filter.covariance).all():
             raise FloatingPointError('what is known of the parameters must be finite')
         self._model.begin_block()
-        self.blocks += 1
         yield
         self._publish(duration)
+        self.blocks += 1
 
     def _open_offsets(self, usable: Flags, means: BlockMeans) -> None:
         for channel in np.flatnonzero(usable & ~self._have_offsets).tolist():

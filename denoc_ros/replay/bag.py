@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import shutil
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, StateError
 from denoc_ros.estimation.base_record import BaseRecord
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
+from denoc_ros.replay.adaptation import Adapted, AdaptSettings, adapted_along
 from denoc_ros.replay.friction import FrictionFit, FrictionFitter
 from denoc_ros.replay.measures import Agreement, Comparison, Shares
 from denoc_ros.replay.settings import PREFIX, ReplayPlan, ReplaySettings, plan_replay
@@ -69,6 +70,8 @@ class Replay:
         measured and each model: by joint.
     deflection_traces : dict of str to Traces
         replay and each topic that has deflections.
+    adapted : Adapted or None
+        Numbers of the robot over time, where they were asked for.
     """
 
     plan: ReplayPlan
@@ -89,6 +92,7 @@ class Replay:
     deflection: dict[str, Agreement]
     torque_traces: dict[str, Traces]
     deflection_traces: dict[str, Traces]
+    adapted: Adapted | None = None
 
 
 def replay_bag(
@@ -97,6 +101,7 @@ def replay_bag(
     output: str | Path | None = None,
     settings: ReplaySettings | None = None,
     progress: Progress | None = None,
+    adapt: AdaptSettings | None = None,
 ) -> Replay:
     """Recompute torque and deflection along the motion that a bag has.
 
@@ -115,6 +120,9 @@ def replay_bag(
         How.
     progress : callable, optional
         Called with the share of the work that was done since the last call.
+    adapt : AdaptSettings, optional
+        Numbers of the robot that are tracked along the motion, as the predictor does it; torques
+        and deflections are those of the robot as it is given.
 
     Raises
     ------
@@ -123,18 +131,21 @@ def replay_bag(
         written.
     ModelError
         The robot has loops and flexible links, or loops on a base that moves.
+    ConfigError
+        Numbers that cannot be tracked.
     StateError, SolverError
         Joints that leave a mechanism free or are tied to each other; loops that do not close; a
         base that floats in a way the bag does not tell.
     """
     settings = settings or ReplaySettings()
     work = _Work(Path(bag), robot, settings, progress)
+    adapted = work.adapted(adapt) if adapt is not None and adapt.paths else None
     if output is None:
         for _ in work.messages():
             pass
     else:
         _write(work, Path(bag), Path(output))
-    return work.result()
+    return replace(work.result(), adapted=adapted)
 
 
 def _write(work: _Work, bag: Path, output: Path) -> None:
@@ -282,6 +293,10 @@ class _Work:
             torque_traces=self._torque_traces,
             deflection_traces=self._deflection_traces,
         )
+
+    def adapted(self, adapt: AdaptSettings) -> Adapted:
+        """Go through the bag once for the numbers that are tracked."""
+        return adapted_along(self._robot, self.plan, self._settings, adapt, self._base)
 
     def _fitted(self) -> FrictionFit:
         """Go through the bag once for the friction alone."""

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.replay.adaptation import NORMAL, Adapted
 from denoc_ros.replay.bag import Replay
 from denoc_ros.replay.friction import TERMS, FrictionFit
 from denoc_ros.replay.measures import Agreement
 
+SAMPLES = 2000  # of a number over time, at most
 FEW = 0.01  # of all joint states may be left out, of a torque count for nothing
 FAR = 2.0  # standard errors below zero are no chance
 
@@ -40,6 +42,7 @@ def summarize(replay: Replay) -> dict[str, Any]:
         'shares': {name: _by_name(joints, share) for name, share in replay.shares.items()},
         'friction': None if replay.friction is None else _friction(joints, replay.friction),
         'deflection': {topic: _agreement(names, one) for topic, one in replay.deflection.items()},
+        'adapted': None if replay.adapted is None else _adapted(replay.adapted),
         'doubts': doubts(replay),
     }
 
@@ -94,6 +97,32 @@ def _friction(joints: Sequence[str], fit: FrictionFit) -> dict[str, dict[str, An
             row[measure] = _number(getattr(fit, measure)[k])
         rows[joint] = row
     return rows
+
+
+def _adapted(found: Adapted) -> dict[str, Any]:
+    """Return numbers over time: all the times, or as many as a line can show."""
+    shown = np.unique(np.linspace(0, len(found.t) - 1, SAMPLES).astype(int))[: len(found.t)]
+    half = NORMAL * found.deviations
+    numbers = {}
+    for k, path in enumerate(found.paths):
+        last = _number(half[-1, k]) if len(half) else None
+        numbers[path] = {
+            'start': float(found.start[k]),
+            'bounds': found.bounds[k].tolist(),
+            'value': float(found.last[k]),
+            'half_interval': last,
+            'supported': bool(found.supported[k]),
+            'values': found.values[shown, k].tolist(),
+            'half_intervals': half[shown, k].tolist(),
+        }
+    return {
+        'time_s': found.t[shown].tolist(),
+        'numbers': numbers,
+        'cause': found.cause,
+        'model_error': found.model_error,
+        'restarts': found.restarts,
+        'model_failures': found.failures,
+    }
 
 
 def _by_name(names: Sequence[str], values: NDArray[Any]) -> dict[str, float | None]:

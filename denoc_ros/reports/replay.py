@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.replay.adaptation import NORMAL
 from denoc_ros.replay.bag import MEASURED, Replay
 from denoc_ros.replay.friction import TERMS
 from denoc_ros.reports.figures import (
@@ -70,6 +73,7 @@ def page(
             _shares(summary),
             _friction(summary, units),
             _deflection(replay, summary),
+            _adapted(replay),
             _doubts(summary),
             _what(summary, robot),
         ],
@@ -260,6 +264,32 @@ def _shown(replay: Replay) -> list[str]:
 
 def _unit(name: str) -> str:
     return 'rad' if name.rpartition('/')[2].startswith('r') else 'm'
+
+
+def _adapted(replay: Replay) -> PageSection | None:
+    found = replay.adapted
+    if found is None:
+        return None
+    panels, rows = [], []
+    for k, path in enumerate(found.paths):
+        value, half = found.values[:, k], NORMAL * found.deviations[:, k]
+        curves = [Curve('value', PHASE_COLOURS[0], found.t, value)]
+        for side in (value - half, value + half):
+            held = np.clip(side, *found.bounds[k])
+            curves.append(Curve('95 % interval', TRUTH_COLOUR, found.t, held, dashed=True))
+        panels.append(Panel(path, '', curves))
+        last = f'{found.last[k]:.5g}' + (f' ± {half[-1]:.2g}' if len(half) else '')
+        low, high = found.bounds[k]
+        supported = 'yes' if found.supported[k] else 'no'
+        rows.append([path, f'{found.start[k]:.5g}', last, supported, f'{low:.4g} to {high:.4g}'])
+    return PageSection(
+        'Tracked numbers',
+        'Numbers of the model as the predictor tracks them with `adapt`, SI units, within their '
+        'bounds. Values change only while the motion shows them. The rest of the model may be off '
+        f'by {100.0 * found.model_error:.2g} % of its torques.',
+        [line_figure(panels)] if len(found.t) else [],
+        [PageTable(('number', 'start', 'last', 'supported', 'bounds'), rows)],
+    )
 
 
 def _doubts(summary: Summary) -> PageSection | None:

@@ -18,10 +18,12 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
+from tracked_bags import is_as_heard, write_tracked
 from tracked_runs import TrackedRun, simulated, swinging, with_noise
 
 import denoc_ros as dn
 from denoc_ros.nodes.predictor import PredictorNode
+from denoc_ros.replay.adaptation import AdaptSettings
 
 pytestmark = pytest.mark.ros
 
@@ -85,6 +87,26 @@ def test_the_model_in_use_carries_what_is_found(graph: Any, strain: str) -> None
     node.tick(1)
     assert node.adaptation.tracker.values[0] == 110.0
     assert node.observer.robot.payload_mass('tool') == pytest.approx(110.0)
+
+
+def test_a_bag_of_the_run_says_what_the_node_says(graph: Any, tmp_path: Path) -> None:
+    robot = dn.load_robot(ARM, gravity=(0.0, 0.0, 0.0)).with_overrides({TOOL: KNOWN})
+    node = graph.add(PredictorNode, start=False, parameters=parameters(strain='fuse'))
+    node.trigger_configure()
+    node.begin()
+    node._now = 0.0
+    run, values = swing(), []
+    for k, t in enumerate(run.t.tolist()):
+        node.sensors.queue.extend((place, t, x) for place, x in enumerate(run.sensors[k].tolist()))
+        ticked(node, run, range(k, k + 1))
+        values.append(node.adaptation.tracker.values[0])
+    bag = write_tracked(run, robot, tmp_path / 'run.mcap')
+    lag = node.adaptation.tracker.settings.lag
+    adapt = AdaptSettings((TOOL,), tracker=dn.TrackerSettings(lag=lag))
+    found = dn.replay_bag(bag, robot, adapt=adapt).adapted
+    assert found is not None
+    assert found.last[0] != KNOWN
+    assert is_as_heard(found, run, np.array(values))
 
 
 def swing_once(graph: Any, states: Any, run: TrackedRun) -> None:

@@ -1,0 +1,175 @@
+"""Numbers of a robot tracked along a recording, as the predictor would while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from denoc_ros.bags.series import read_joint_states
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.estimation.base_record import BaseRecord
+from denoc_ros.estimation.parameter_tracker import ParameterTracker
+from denoc_ros.estimation.tracker_settings import TrackerSettings
+from denoc_ros.identification.model.recording import Recording, read_recording
+from denoc_ros.replay.settings import ReplayPlan, ReplaySettings
+from denoc_ros.types import Array
+
+NORMAL = 1.96  # deviations of half a 95 % interval
+
+
+@dataclass(frozen=True)
+class Adapted:
+    """Numbers of a robot over the time of a recording.
+
+    Attributes
+    ----------
+    paths : tuple of str
+    start : (p,) array
+        Before the first joint state.
+    bounds : (p, 2) array
+    t : (k,) array
+        From the first joint state [s]: at the end of each block that was compared.
+    values, deviations : (k, p) arrays
+        In use since then, and their standard deviations.
+    supported : (p,) bool array
+        Whether the data support the last values.
+    cause : str
+        Why nothing is tracked at the end; '' if it is.
+    restarts, failures : int
+        Gaps that were not integrated over; states that the model could not go on from.
+    model_error : float
+        What the rest of the model is off by, as a share of its torques.
+    """
+
+    paths: tuple[str, ...]
+    start: Array
+    bounds: Array
+    t: Array
+    values: Array
+    deviations: Array
+    supported: Array
+    cause: str
+    restarts: int
+    failures: int
+    model_error: float
+
+    @property
+    def last(self) -> Array:
+        """The last values (p,)."""
+        return self.values[-1] if len(self.values) else self.start
+
+
+@dataclass(frozen=True)
+class AdaptSettings:
+    """Which numbers are tracked along a recording, and how.
+
+    Attributes
+    ----------
+    paths : tuple of str
+        Dotted paths, `*` for any text; empty: none.
+    bounds : mapping of str to pair of floats
+        Lowest and highest value by path; default half and one and a half of the present value.
+    tracker : TrackerSettings
+    """
+
+    paths: tuple[str, ...] = ()
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    tracker: TrackerSettings = field(default_factory=TrackerSettings)
+
+
+def adapted_along(
+    robot: Robot,
+    plan: ReplayPlan,
+    settings: ReplaySettings,
+    adapt: AdaptSettings,
+    base: BaseRecord | None = None,
+) -> Adapted:
+    """Return what a tracker finds along a bag.
+
+    Parameters
+    ----------
+    robot : Robot
+        With the numbers as they are known.
+    plan : ReplayPlan
+        What of the bag counts.
+    settings : ReplaySettings
+    adapt : AdaptSettings
+    base : BaseRecord, optional
+        How the base moves, on the clock of the joint states.
+
+    Raises
+    ------
+    ConfigError
+        Paths that cannot be tracked, wrong bounds, or a robot with loops.
+    BagError, IdentificationError
+        The bag has too little.
+    """
+    tracker = ParameterTracker(robot, adapt.paths, adapt.tracker, adapt.bounds, plan.joints)
+    if base is not None:
+        tracker.base = base.once
+    source = plan.source
+    found = read_recording(source.path, robot, source.topic, source.stamp, settings.rename)
+    columns = [found.joints.index(joint) for joint in plan.joints]
+    effort = _commanded(plan, found) if plan.effort else found.effort[:, columns]
+    t: list[float] = []
+    rows: list[tuple[Array, Array]] = []
+    blocks, readings = 0, _calibrated(robot, found)
+    place, stamp, value = next(readings)
+    for k, now in enumerate(found.t.tolist()):
+        while stamp <= now:
+            tracker.sense(place, stamp, value)
+            place, stamp, value = next(readings)
+        qd = None if found.velocity is None else found.velocity[k, columns]
+        known = effort[k] if np.isfinite(effort[k]).all() else None
+        tracker.measure(now, found.position[k, columns], qd, known)
+        if tracker.blocks != blocks:
+            blocks = tracker.blocks
+            t.append(now)
+            rows.append((tracker.values.copy(), tracker.deviations))
+    p = len(tracker.paths)
+    values, deviations = (
+        np.array(part).reshape(-1, p) for part in (zip(*rows, strict=True) if rows else ((), ()))
+    )
+    return Adapted(
+        tracker.paths,
+        tracker.start,
+        tracker.bounds,
+        np.array(t),
+        values,
+        deviations,
+        tracker.supported,
+        tracker.cause,
+        tracker.restarts,
+        tracker.failures,
+        tracker.model_error,
+    )
+
+
+def _calibrated(robot: Robot, found: Recording) -> Iterator[tuple[int, float, float]]:
+    """Yield place, time [s] and calibrated value of what the sensors on beams say, by time."""
+    said = [
+        (place, stamp, sensor.gain * raw + sensor.offset)
+        for place, sensor in enumerate(robot.tree.sensors)
+        if sensor.name in found.sensors
+        for stamp, raw in zip(*(part.tolist() for part in found.sensors[sensor.name]), strict=True)
+    ]
+    yield from sorted(said, key=lambda reading: reading[1])
+    while True:
+        yield 0, np.inf, 0.0
+
+
+def _commanded(plan: ReplayPlan, found: Recording) -> Array:
+    """Return the effort (k, joints) of a topic of its own, the newest at each joint state."""
+    series = read_joint_states(plan.source.path, plan.effort, None, plan.source.stamp)
+    first = read_joint_states(plan.source.path, plan.source.topic, None, plan.source.stamp)
+    stamps = 1e-9 * (series.stamp_ns - first.stamp_ns[0])
+    newest = np.searchsorted(stamps, found.t, side='right') - 1
+    names = [name for name in plan.joints if name in series.names]
+    effort = np.full((len(found.t), len(plan.joints)), np.nan)
+    for name in names:
+        column = series.effort[:, series.names.index(name)]
+        there = newest >= 0
+        effort[there, plan.joints.index(name)] = column[newest[there]]
+    return effort
