@@ -42,17 +42,18 @@ class TipDeflections:
         self.links = tuple(beam.link for beam in whole_beams(robot.tree))
         self.names = tuple(f'{link}/{part}' for link in self.links for part in COMPONENTS)
         n, count = robot.n, len(self.links)
-        self._rows = np.zeros((6 * count, n))
-        self._shortening = np.zeros((n, n))
+        # first the rows of what is linear, then those of the shortening
+        self._rows = np.zeros((6 * count + n, n))
         self._owner = np.zeros((count, n))  # -1/2 at a link's own amplitudes
         self._composed: list[tuple[slice, SegmentedSection, slice]] = []
+        linear, shortening = self._rows[: 6 * count], self._rows[6 * count :]
         for index, link in enumerate(self.links):
             tip, own = robot.section(link)
             if isinstance(tip, SegmentedSection):
                 self._composed.append((slice(6 * index, 6 * index + 6), tip, own))
                 continue
-            self._rows[6 * index : 6 * index + 6, own] = tip.linear
-            self._shortening[own, own] = tip.shortening
+            linear[6 * index : 6 * index + 6, own] = tip.linear
+            shortening[own, own] = tip.shortening
             self._owner[index, own] = -0.5
 
     def evaluate(
@@ -74,13 +75,11 @@ class TipDeflections:
         """
         size = len(self.names)
         position, rate = (np.empty(size), np.empty(size)) if out is None else out
-        np.matmul(self._rows, q, out=position)
-        np.matmul(self._rows, qd, out=rate)
-        drawn = self._shortening @ q
-        position[::6] = self._owner @ (drawn * q)
-        drawn *= qd
-        drawn *= 2.0
-        rate[::6] = self._owner @ drawn
+        both, moving = self._rows.dot(q), self._rows.dot(qd)
+        position[:], rate[:] = both[:size], moving[:size]
+        drawn = both[size:]
+        position[::6] = self._owner.dot(drawn * q)
+        rate[::6] = self._owner.dot(2.0 * drawn * qd)
         for part, tip, own in self._composed:
             position[part], rate[part] = tip.motion(q[own], qd[own])
         return position, rate

@@ -120,9 +120,11 @@ class WholeCoordinates:
         self.springs = [joint.spring for joint in behind if joint.spring is not None]
         self.hidden = tuple(joint.name for joint in behind)
         self.names = tuple(names(robot.tree)[0]) if behind else robot.coordinate_names
-        self._described = [self.names.index(name) for name in robot.coordinate_names]
-        self._motors = [self.names.index(name) for name in self.hidden]
-        self._springs = [self.names.index(spring_name(name)) for name in self.hidden]
+        springs = [spring_name(name) for name in self.hidden]
+        self._described, self._motors, self._springs = (
+            np.array([self.names.index(name) for name in some], dtype=np.intp)
+            for some in (robot.coordinate_names, self.hidden, springs)
+        )
         self.places = [robot.coordinate_names.index(name) for name in self.hidden]
 
     def write(self, described: Array, springs: Array, out: Array) -> None:

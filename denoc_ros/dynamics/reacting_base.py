@@ -84,6 +84,8 @@ class ReactingBase:
 
         Nothing where no base floats.
         """
+        if not self.floats:
+            return
         phi = self.index[ATTITUDE]
         if q[phi] @ q[phi] > WRAP * WRAP:
             q[phi], qd[phi] = wrap_attitude(q[phi], qd[phi])

@@ -44,6 +44,8 @@ from denoc_ros.kernels.handle import (
 )
 from denoc_ros.kernels.layout import BODY_CONSTANTS, MASS, PARENT, SLIP_RATE
 from denoc_ros.model.arrays import ModelArrays, inertia_row, to_arrays
+from denoc_ros.model.coordinates import diagonals
+from denoc_ros.model.damping_overrides import with_other_damping
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.tree import Tree
 from denoc_ros.types import Array
@@ -240,8 +242,14 @@ class RobotModel:
         ConfigError
             A path that names nothing, or a value that makes no model.
         """
-        tree = with_overrides(self.tree, overrides)
-        other = type(self)(tree, self.gravity, self.geometric_stiffness)
+        damped = with_other_damping(self.tree, overrides)
+        if damped is None:
+            tree = with_overrides(self.tree, overrides)
+            other = type(self)(tree, self.gravity, self.geometric_stiffness)
+        else:  # all but the terms along the coordinates stays
+            other = type(self).__new__(type(self))
+            other.__dict__.update(self.__dict__, tree=damped)
+            other._adopt(self.arrays.with_diagonals(diagonals(self._modelled(damped))))
         other._take_payloads(self)
         other.move_base(self._base)
         return other

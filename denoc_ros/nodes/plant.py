@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
-from denoc_ros.bags.joint_state import JointStateMessage
+from denoc_ros.bags.joint_state import FIELDS, JointStateMessage
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium
@@ -26,6 +26,7 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import LATCHED, STATE
 from denoc_ros.nodes.base_output import BaseOutput
 from denoc_ros.nodes.inertial_outputs import InertialOutputs
+from denoc_ros.nodes.messages import listeners
 from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
@@ -85,7 +86,7 @@ class PlantNode(RobotNode):
         self._lost_steps = 0
         self._brake = settings.flag('brake')
         self._place()
-        self.deflections.evaluate(self.q, self.qd, out=(self._bent, self._bending))
+        self.deflections.evaluate(self.q, self.qd)
         self._connect()
         if settings.text('urdf_path'):
             self._description_out.publish(String(data=robot.tree.source))
@@ -160,23 +161,26 @@ class PlantNode(RobotNode):
     def _prepare_messages(self, settings: Settings) -> None:
         robot = self.robot
         self.deflections = TipDeflections(robot)
-        tips = len(self.deflections.names)
-        self._bent, self._bending = np.zeros((2, tips))
         motion = ('position', 'velocity')
-        self._state_message = JointStateMessage(robot.joint_names, (*motion, 'effort'))
+        self._state_message = JointStateMessage(robot.joint_names, FIELDS)
         self._deflection_message = JointStateMessage(self.deflections.names, motion)
         self._modal_message = JointStateMessage(robot.coordinate_names, motion)
         self._state_out, self._deflection_out, self._modal_out = (
             self.create_publisher(JointState, topic, STATE)
             for topic in ('joint_states', '~/true_deflection', '~/true_modal_state')
         )
+        self._deflection_listeners = listeners(self._deflection_out)
+        self._modal_listeners = listeners(self._modal_out)
         floats = len(robot.base_indices) > 0
         self._base_out = BaseOutput(self, robot) if floats else None
         self._generator = np.random.default_rng(settings.integer('seed'))
         self._noise = np.zeros(len(robot.joint_names))
-        self._deviations = tuple(
-            settings.number(f'noise.{what}') for what in ('position', 'velocity', 'effort')
-        )
+        deviations = ((what, settings.number(f'noise.{what}')) for what in FIELDS)
+        self._noisy: list[tuple[Array, float]] = [
+            (getattr(self._state_message, what), deviation)
+            for what, deviation in deviations
+            if deviation > 0.0
+        ]
         noisy = settings.flag('noise.sensors')
         self.sensors = SensorOutputs(self, robot, noisy, self._generator)
         self.inertial_sensors = InertialOutputs(self, robot, noisy, self._generator)
@@ -344,26 +348,21 @@ class PlantNode(RobotNode):
         state.effort[:] = 0.0
         state.effort[self._drives] = self.effort
         self._measured.efforts(q, qd, state.effort)
-        for values, deviation in zip(
-            (state.position, state.velocity, state.effort), self._deviations, strict=True
-        ):
-            if deviation > 0.0:
-                self._generator.standard_normal(out=self._noise)
-                self._noise *= deviation
-                values += self._noise
+        for values, deviation in self._noisy:
+            self._generator.standard_normal(out=self._noise)
+            self._noise *= deviation
+            values += self._noise
         state.stamp(stamp_ns)
         self._state_out.publish(state.bytes())
         self.sensors.send(stamp_ns, q)
         self.inertial_sensors.send(stamp_ns, q, qd, self._acceleration)
-        self.deflections.evaluate(q, qd, out=(self._bent, self._bending))
-        for message, publisher, position, rate in (
-            (self._deflection_message, self._deflection_out, self._bent, self._bending),
-            (self._modal_message, self._modal_out, q, qd),
-        ):
-            message.position[:] = position
-            message.velocity[:] = rate
-            message.stamp(stamp_ns)
-            publisher.publish(message.bytes())
+        if self._deflection_listeners():
+            bent = self._deflection_message
+            self.deflections.evaluate(q, qd, out=(bent.position, bent.velocity))
+            bent.stamp(stamp_ns)
+            self._deflection_out.publish(bent.bytes())
+        if self._modal_listeners():
+            self._modal_out.publish(self._modal_message.encode(stamp_ns, q, qd))
 
     # ---- diagnostics
 

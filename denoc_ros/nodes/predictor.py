@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -89,6 +90,7 @@ class PredictorNode(RobotNode):
             len(self.joints), settings.number('reference_timeout'), self.bounds
         )
         self._wanted = np.zeros((3, len(self.joints)))
+        self._pose = np.zeros((4, 4))
         self._reader = JointStateReader(
             self.joints, settings.flag('allow_extra_joints'), robot.joint_names, self.bounds
         )
@@ -157,18 +159,12 @@ class PredictorNode(RobotNode):
         measured = self.by_torque and not self.by_command
         reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now), measured)
         taken = self._stamps.taken_at(1e-9 * reader.stamp_ns, now, 1e-9 * self.stamp_ns_at(now))
-        effort = reader.effort.copy() if reader.has_effort else None
+        velocity = reader.velocity if reader.has_velocity else None
+        effort = reader.effort if reader.has_effort else None
         if self.by_command:
             fresh = self.effort_input.age(now) <= self.settings.number('joint_state_timeout')
-            effort = self._effort_reader.effort.copy() if fresh else None
-        self._queue.append(
-            (
-                taken,
-                reader.position.copy(),
-                reader.velocity.copy() if reader.has_velocity else None,
-                effort,
-            )
-        )
+            effort = self._effort_reader.effort if fresh else None
+        self._queue.append((taken, reader.position, velocity, effort))
 
     def _on_effort(self, raw: bytes, now: float) -> None:
         reader = self._effort_reader
@@ -230,12 +226,13 @@ class PredictorNode(RobotNode):
     def _measure(self, observer: Observer, steps: int) -> None:
         """Take measurements in, for the time that has passed at most; the rest waits."""
         adaptation, measured = self.adaptation, self.by_torque and not self.by_command
-        end = time.thread_time() + min(steps, MOST_STEPS) * self.period
+        backlog = len(self._queue) > 1
+        end = time.thread_time() + min(steps, MOST_STEPS) * self.period if backlog else math.inf
         while self._queue:
             taken, q, qd, effort = self._queue.popleft()
             observer.measure(taken, q, qd, effort if measured else None)
             adaptation.measure(taken, q, qd, effort)
-            if time.thread_time() > end:
+            if self._queue and time.thread_time() > end:
                 return
 
     def rescue(self) -> bool:
@@ -249,16 +246,20 @@ class PredictorNode(RobotNode):
         outputs.send_state(stamp_ns, observer)
         if self.adaptation.fresh and self.adaptation.tracker is not None:
             outputs.send_parameters(stamp_ns, self.adaptation.tracker)
-        outputs.send_pose(stamp_ns, self.robot.frame_pose(self.tip, observer.q))
+        if outputs.has_listener('tip_pose'):
+            self.robot.frame_pose(self.tip, observer.q, out=self._pose, check=False)
+            outputs.send_pose(stamp_ns, self._pose)
         horizon = observer.settings.horizon
-        if horizon > 0.0:
+        if horizon > 0.0 and outputs.has_listener('tip_deflection_predicted'):
             follow = self._follows(observer.time)
             q_ahead, qd_ahead = observer.predict(self._reference if follow else None)
             ahead_ns = stamp_ns + round(1e9 * horizon)
             outputs.send_ahead(ahead_ns, q_ahead, qd_ahead, observer.deflections)
         if self.sensors.fresh:
             self.sensors.fresh = False
-            outputs.send_residual(stamp_ns, self.sensors, self._explained(self.robot, observer))
+            if outputs.has_listener('sensor_residual'):
+                explained = self._explained(self.robot, observer)
+                outputs.send_residual(stamp_ns, self.sensors, explained)
 
     def _explained(self, robot: Robot, observer: Observer) -> Array:
         """Return what the model says the sensors with a topic show, loads not in it left out."""

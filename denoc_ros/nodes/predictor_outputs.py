@@ -15,7 +15,7 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.parameter_tracker import ParameterTracker
 from denoc_ros.nodes.base import STATE, DenocNode
-from denoc_ros.nodes.messages import PoseMessage
+from denoc_ros.nodes.messages import PoseMessage, listeners
 from denoc_ros.nodes.sensor_inputs import SensorInputs
 from denoc_ros.types import Array
 
@@ -59,20 +59,29 @@ class PredictorOutputs:
             )
         }
         self._publishers['tip_pose'] = node.create_publisher(PoseStamped, '~/tip_pose', STATE)
+        self._listeners = {
+            topic: listeners(publisher) for topic, publisher in self._publishers.items()
+        }
 
     def close(self) -> None:
         """Destroy the publishers."""
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
 
+    def has_listener(self, topic: str) -> bool:
+        """Say whether anybody would receive a message: what nobody does is not computed."""
+        return bool(self._listeners[topic]())
+
     def send_state(self, stamp_ns: int, observer: Observer) -> None:
-        """Publish tip deflections and modal state."""
+        """Publish tip deflections and modal state, where somebody listens."""
         message, modal = self._deflection, self._modal
-        found = message.position, message.velocity
-        observer.deflections.evaluate(observer.q, observer.qd, out=found)
-        self._send('tip_deflection', message, stamp_ns)
-        observer.modal_state((modal.position, modal.velocity))
-        self._send('modal_state', modal, stamp_ns)
+        if self.has_listener('tip_deflection'):
+            found = message.position, message.velocity
+            observer.deflections.evaluate(observer.q, observer.qd, out=found)
+            self._send('tip_deflection', message, stamp_ns)
+        if self.has_listener('modal_state'):
+            observer.modal_state((modal.position, modal.velocity))
+            self._send('modal_state', modal, stamp_ns)
 
     def send_ahead(self, stamp_ns: int, q: Array, qd: Array, deflections: TipDeflections) -> None:
         """Publish predicted tip deflections; the stamp is the time they are for."""
@@ -126,6 +135,6 @@ def quaternion(rotation: Array) -> Array:
         (c + g, f + h, 1.0 - a - e + i, d - b),
         (h - f, c - g, d - b, 1.0 + a + e + i),
     )
-    column = max((outer[k][k], outer[k]) for k in range(4))[1]
+    column = outer[max(range(4), key=lambda k: outer[k][k])]
     norm = math.copysign(math.hypot(*column), column[3] or 1.0)
     return np.array([x / norm for x in column])

@@ -10,7 +10,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.nodes.base import COMMAND, EVERY_MESSAGE, STATE, DenocNode
-from denoc_ros.nodes.messages import CommandMessage, TrajectoryPointMessage
+from denoc_ros.nodes.messages import CommandMessage, TrajectoryPointMessage, listeners
 from denoc_ros.types import Array
 
 
@@ -35,6 +35,7 @@ class TorqueOutput:
         self._point = TrajectoryPointMessage(joints) if with_point else None
         effort_qos = EVERY_MESSAGE if every_message else STATE
         self._effort_out = node.create_publisher(JointState, '~/effort', effort_qos)
+        self._effort_listeners = listeners(self._effort_out)
         self._commands_out = node.create_publisher(Float64MultiArray, '~/commands', COMMAND)
         self._point_out = (
             node.create_publisher(JointTrajectory, '~/joint_trajectory', COMMAND)
@@ -57,6 +58,8 @@ class TorqueOutput:
 
     def send_effort(self, stamp_ns: int, q: Array, qd: Array, torque: Array) -> None:
         """Publish `~/effort` only: position and velocity are those the torque is for."""
+        if not self._effort_listeners():
+            return
         message = self._effort
         message.stamp(stamp_ns)
         message.position[:] = q

@@ -12,8 +12,8 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.bags.cdr import CdrReader
-from denoc_ros.bags.joint_state import JointStateLayout, read_names
+from denoc_ros.bags.cdr import CdrReader, aligned
+from denoc_ros.bags.joint_state import FIELDS, JointStateLayout, read_names
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.types import Array
@@ -99,8 +99,10 @@ class JointStateReader:
         self.has_velocity = False
         self.has_effort = False
         self._joints_known = None if allow_extra else tuple(known or joints)
+        self._none: Array = np.zeros(n)
         self._layout: JointStateLayout | None = None  # of the last message
-        self._map: NDArray[np.intp] = np.arange(n)
+        self._fields: list[str] = []  # that it has, and where their values are
+        self._places: NDArray[np.intp] = np.zeros((0, n), dtype=np.intp)
 
     def read(
         self, raw: bytes, admit: Callable[[int], None] | None = None, with_effort: bool = False
@@ -126,30 +128,34 @@ class JointStateReader:
         if layout is None or not layout.fits(raw):
             layout = self._learn(raw)
         stamp_ns = layout.stamp_ns(raw)
-        position, velocity, effort = layout.values(raw)
-        places = self._map
-        position = position[places]
-        has = 'NaN' if len(effort) else 'none'
-        velocity, effort = _given(velocity, places), _given(effort, places)
-        for what, values in (('position', position), ('velocity', velocity), ('effort', effort)):
-            require_finite(what, values)
+        # of this message alone: who takes one of these arrays may keep it
+        rows = layout.words(raw)[self._places].astype(np.float64, copy=False)
+        given: dict[str, Array] = {}
+        for what, values in zip(self._fields, rows, strict=True):
+            numbers = values.tolist()
+            if all(map(math.isfinite, numbers)):
+                given[what] = values
+            elif what == 'position' or not any(map(math.isnan, numbers)):
+                require_finite(what, values)
+        position = given.get('position', self._none)  # of no joints
+        velocity, effort = given.get('velocity'), given.get('effort')
         if self._bounds is not None:
-            self._bounds.require(position, velocity if len(velocity) else None)
-        if with_effort and not len(effort):
+            self._bounds.require(position, velocity)
+        if with_effort and effort is None:
+            has = 'NaN' if 'effort' in self._fields else 'none'
             raise InputError('missing_effort', f'effort must be given, got {has}')
         if admit is not None:
             admit(stamp_ns)
-        self.stamp_ns = stamp_ns
-        self.position = np.asarray(position, dtype=np.float64)
-        self.has_velocity, self.has_effort = len(velocity) > 0, len(effort) > 0
-        self.velocity = np.asarray(velocity, float) if len(velocity) else np.zeros(len(places))
-        self.effort = np.asarray(effort, float) if len(effort) else np.zeros(len(places))
+        self.stamp_ns, self.position = stamp_ns, position
+        self.has_velocity, self.has_effort = velocity is not None, effort is not None
+        self.velocity = self._none if velocity is None else velocity
+        self.effort = self._none if effort is None else effort
 
     def _learn(self, raw: bytes) -> JointStateLayout:
         """Remember where the values of a layout stand and which joint is where."""
         self._layout = None
         layout = JointStateLayout.of(MessageReader(raw))
-        self._map = joint_map(layout.names, self.joints, self._joints_known)
+        places = joint_map(layout.names, self.joints, self._joints_known)
         joints, position = len(layout.names), layout.blocks[0][1]
         if position != joints:
             rule = f'position must have {joints} elements'
@@ -158,16 +164,10 @@ class JointStateReader:
             what, count = wrong
             rule = f'{what} must have {joints} or no elements'
             raise InputError('wrong_length', f'{rule}, got {count}')
-        self._layout = layout
+        blocks = zip(FIELDS, layout.blocks, strict=True)
+        self._fields = [field for field, (_, count) in blocks if count]
+        self._layout, self._places = layout, layout.places(places)
         return layout
-
-
-def _given(values: Array, places: NDArray[np.intp]) -> Array:
-    """Return the values at `places`, none where one of them is NaN."""
-    if not len(values):
-        return values
-    chosen = values[places]
-    return chosen[:0] if any(map(math.isnan, chosen.tolist())) else chosen
 
 
 def joint_names(raw: bytes) -> tuple[str, ...]:
@@ -198,9 +198,9 @@ class CommandReader:
     def __init__(self, joints: Sequence[str]) -> None:
         self.joints = tuple(joints)
         self.values: Array = np.zeros(len(joints))
-        self._known = b''
         self._map: NDArray[np.intp] = np.arange(len(joints))
-        self._count = len(joints)
+        # of the last message: what stands before its numbers, their type and place, its length
+        self._known, self._kind, self._start, self._length = b'', '<f8', 0, 0
 
     def read(self, raw: bytes) -> None:
         """Read one message into `values`, 0 for joints that it does not name.
@@ -211,15 +211,9 @@ class CommandReader:
             Causes `malformed`, `unnamed`, `too_many_joints`, `unknown_joint`, `repeated_joint`,
             `wrong_length`, `non_finite`, `out_of_range`.
         """
-        if not (self._known and raw.startswith(self._known)):
+        if not (self._known and raw.startswith(self._known) and len(raw) == self._length):
             self._learn(raw)
-        reader = MessageReader(raw)
-        reader.position = len(self._known)
-        values = reader.doubles()
-        if len(values) != self._count:
-            raise InputError(
-                'wrong_length', f'data must have {self._count} elements, got {len(values)}'
-            )
+        values = np.frombuffer(raw, self._kind, len(self._map), self._start)
         require_finite('data', values)
         require_effort('data', values)
         result = np.zeros(len(self.joints))
@@ -248,5 +242,10 @@ class CommandReader:
             raise InputError(
                 'unknown_joint', f'joint must be one of {list(self.joints)}, got {unknown}'
             )
-        self._map, self._count = joint_map(self.joints, names), len(names)
-        self._known = raw[: reader.position]
+        self._map = joint_map(self.joints, names)
+        counted = aligned(reader.position, 4) + 4  # what pads from there on may be anything
+        start, count = reader.block()
+        if count != len(names):
+            raise InputError('wrong_length', f'data must have {len(names)} elements, got {count}')
+        self._kind, self._start, self._length = reader.order + 'f8', start, len(raw)
+        self._known = raw[:counted]

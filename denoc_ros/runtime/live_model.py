@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.model.override_values import Values, override_values
 from denoc_ros.model.overrides import damping_names, payloads_of, plain_paths
+from denoc_ros.model.tree import Tree
 
 PAYLOAD = 'payload.'
 Given = TypeVar('Given')
@@ -54,9 +56,9 @@ class LiveModel:
         payloads = {path: value for path, value in plain.items() if path.startswith(PAYLOAD)}
         rest = {path: value for path, value in plain.items() if path not in payloads}
         if rest != self._overrides:
-            built = self._base.with_overrides(rest) if rest else self._base
-            self._built, self._values = built, override_values(built.tree)
-            self._overrides = rest
+            built = self._changed(rest)
+            self._values |= _changed_values(self._built.tree, built.tree)
+            self._built, self._overrides = built, rest
         robot = self._built.copy()
         for link, payload in payloads_of(payloads, robot.tree).items():
             try:
@@ -64,6 +66,15 @@ class LiveModel:
             except StateError as error:
                 raise ConfigError(self._where, [f"parameter 'payload.{link}': {error}"]) from error
         return robot
+
+    def _changed(self, overrides: Mapping[str, Any]) -> Robot:
+        """Return the robot with overrides that are not those of the last one."""
+        before = self._overrides
+        if before.keys() - overrides.keys():
+            return self._base.with_overrides(overrides) if overrides else self._base
+        # the others stay: what changes may be little
+        changed = {path: v for path, v in overrides.items() if before.get(path) != v}
+        return self._built.with_overrides(changed)
 
     def values(self, overrides: Mapping[str, Any]) -> Values:
         """Return all numbers that overrides can change, by every name, with the overrides applied.
@@ -74,3 +85,10 @@ class LiveModel:
         values.update(self.plain(overrides))
         values.update({name: values[path] for name, path in self._names.items() if path in values})
         return values
+
+
+def _changed_values(before: Tree, tree: Tree) -> Values:
+    """Return the numbers of a changed robot, without those of bodies that are the same."""
+    pairs = zip(before.bodies, tree.bodies, strict=True)
+    changed = tuple(new for old, new in pairs if new is not old)
+    return override_values(replace(tree, bodies=changed))

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
+from itertools import repeat
+from operator import le
 
 import numpy as np
 
@@ -185,7 +187,7 @@ class TorqueLimiter:
 def is_torque(values: Array) -> bool:
     """Say whether all values (n,) are finite and no larger than any robot's [N m or N]."""
     # NaN is no less than anything
-    return all(value <= LARGEST_EFFORT for value in map(abs, values.tolist()))
+    return all(map(le, map(abs, values.tolist()), repeat(LARGEST_EFFORT)))
 
 
 class SafeCommand:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -170,6 +171,41 @@ def test_measurements_that_waited_are_taken_in_one_by_one(
     assert not paused._queue
     np.testing.assert_allclose(paused.observer.q, prompt.observer.q, atol=1e-9)
     assert np.max(np.abs(paused.observer.q - run.q[39])) < 1e-3
+
+
+def test_what_nobody_listens_to_is_not_computed(
+    graph: Any, robot_file: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = add(graph, robot_file, horizon=0.05)
+    computed: Counter[str] = Counter()
+
+    def count(owner: Any, name: str) -> None:
+        act = getattr(owner, name)
+
+        def counted(*arguments: Any, **options: Any) -> Any:
+            computed[name] += 1
+            return act(*arguments, **options)
+
+        monkeypatch.setattr(owner, name, counted)
+
+    for name in ('tick', 'predict', 'modal_state'):
+        count(node.observer, name)
+    count(node.observer.deflections, 'evaluate')
+    count(node.robot, 'frame_pose')
+    publisher = graph.publisher(JointState, 'joint_states')
+
+    def go_on_until(condition: Callable[[], bool]) -> None:
+        def told() -> bool:
+            publisher.publish(joint_state(run, 0, time.time_ns()))
+            return condition()
+
+        graph.until(told)
+
+    go_on_until(lambda: computed['tick'] >= 10 and node.observer.started)
+    assert set(computed) == {'tick'}
+    poses = graph.collect(PoseStamped, 'predictor/tip_pose')
+    go_on_until(lambda: len(poses) >= 5)
+    assert set(computed) == {'tick', 'frame_pose'}
 
 
 def test_shipped_parameters_are_the_nodes_own(repository: Path) -> None:

@@ -148,6 +148,28 @@ def point(seconds: int, *rows: list[float]) -> JointTrajectoryPoint:
     return made
 
 
+def test_numbers_of_a_joint_state_in_big_endian_are_those_of_its_machine() -> None:
+    head = struct.pack('>iI', 3, 5) + struct.pack('>Ix3x', 1)  # stamp, no frame
+    names = struct.pack('>II2s2x', 1, 2, b'a\0')
+    numbers = struct.pack('>Id', 1, 1.5) + struct.pack('>IId', 0, 1, 2.5)  # no velocity
+    reader = JointStateReader(['a'])
+    reader.read(b'\x00\x00\x00\x00' + head + names + numbers)
+    assert reader.stamp_ns == 3_000_000_005
+    assert (reader.position.tolist(), reader.effort.tolist()) == ([1.5], [2.5])
+    assert (reader.has_velocity, reader.has_effort) == (False, True)
+    assert reader.position.dtype == np.dtype(np.float64)  # kernels take no other
+
+
+def test_who_takes_an_array_of_a_message_may_keep_it() -> None:
+    reader = JointStateReader(['a', 'b'])
+    kept = []
+    for value in (1.0, 2.0):
+        message = JointState(name=['b', 'a'], position=[value] * 2, velocity=[value] * 2)
+        reader.read(serialize_message(message))
+        kept += [reader.position, reader.velocity]
+    assert [each.tolist() for each in kept] == [[1.0] * 2] * 2 + [[2.0] * 2] * 2
+
+
 def test_points_of_a_trajectory_are_counted_without_reading_them() -> None:
     message = JointTrajectory(joint_names=['a'], points=[point(0, [1.0])])
     message.header.frame_id = 'base'
@@ -222,6 +244,14 @@ def test_commands_are_read_by_label() -> None:
     for _ in range(2):
         reader.read(command('c,a', [3.0, 1.0]))
         assert reader.values.tolist() == [1.0, 0.0, 3.0]
+    good = command('c,a', [3.0, 1.0])
+    for bad, cause in ((command('c,a', [3.0]), 'wrong_length'), (good[:-8], 'malformed')):
+        with pytest.raises(InputError) as caught:
+            reader.read(bad)
+        assert caught.value.cause == cause
+        reader.read(good)
+    reader.read(command('b', [4.0]))
+    assert reader.values.tolist() == [0.0, 4.0, 0.0]
 
 
 @pytest.mark.parametrize(
