@@ -9,6 +9,7 @@ import numpy as np
 
 from denoc_ros.control.grid import GridMotion
 from denoc_ros.control.plan import Plan
+from denoc_ros.control.reaction import base_change, falling
 from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
@@ -61,7 +62,8 @@ def carry_out(
     Parameters
     ----------
     robot : Robot
-        It begins in equilibrium.
+        It begins in equilibrium. A base that floats reacts from its coordinates in `near` on, and
+        falls freely.
     motion : callable
     joints : sequence of str
         The driven joints, in the order of the motion's columns; all others are free.
@@ -70,9 +72,9 @@ def carry_out(
     times : (k,) array
         Evenly spaced [s]; the motion is stepped through more finely where modes are fast.
     """
-    own = robot.copy()
+    own = falling(robot.copy())
     driven = own.indices(joints)
-    undriven = np.setdiff1d(np.arange(own.n), driven)
+    undriven = np.setdiff1d(np.arange(own.n), np.union1d(driven, own.base_indices))
 
     def at_rest(time: float, guess: Array) -> Array:
         q: Array = guess.copy()
@@ -81,10 +83,13 @@ def carry_out(
             q = np.asarray(own.assemble(q, fixed=list(joints)))
         if len(undriven):
             Equilibrium(own, undriven).find(q)
+        if len(own.base_indices):
+            q[own.base_indices] += base_change(own, guess, q)
         return q
 
     interval = float(times[1] - times[0])
     start = at_rest(float(times[0]), near)
+    start[own.base_indices] = near[own.base_indices]
     parts = _parts(own, start, interval, len(times))
     step = interval / parts
     fine = times[0] + step * np.arange((len(times) - 1) * parts + 1)

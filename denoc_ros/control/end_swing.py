@@ -66,11 +66,14 @@ class EndSwing:
         self._rest = robot.static_deflection(start)
         self._goal = robot.static_deflection(end)
         natural = robot.natural_modes(self._goal)
-        flexible = robot.flexible_indices
-        inertia = robot.inertia_matrix(self._goal)[np.ix_(flexible, flexible)]
-        # of shapes with unit modal mass: amplitudes are these rows times the deflection
-        rows = natural.shapes[flexible, :chosen].T @ inertia
-        omega = 2.0 * np.pi * natural.frequencies[:chosen]
+        flexible, free = robot.flexible_indices, robot.free_indices
+        inertia = robot.inertia_matrix(self._goal)[np.ix_(free, flexible)]
+        rigid = len(robot.base_indices)  # these modes are a floating base's, without a frequency
+        ringing = slice(rigid, rigid + chosen)
+        # of shapes with unit modal mass: amplitudes are these rows times the deflection, wherever
+        # a floating base is: its rigid motions have no part in them
+        rows = natural.shapes[free, ringing].T @ inertia
+        omega = 2.0 * np.pi * natural.frequencies[ringing]
         self._observe = scipy.linalg.block_diag(omega[:, None] * rows, rows)
         self._stepper = Stepper(robot, step)
         self.count = 2 * chosen
@@ -117,13 +120,13 @@ class EndSwing:
         The linearization along the motion, by exponentials of its matrix in the middle of steps.
         """
         robot = self.robot
-        joints, flexible = robot.joint_indices, robot.flexible_indices
+        joints, free = robot.joint_indices, robot.free_indices
         of = robot.hybrid_dynamics_derivatives(motion.q, motion.qd, qdd)
-        m, k = len(flexible), len(motion.q)
+        m, k = len(free), len(motion.q)
         system = np.zeros((k, 2 * m, 2 * m))
         system[:, :m, m:] = np.eye(m)
-        system[:, m:, :m] = of.dqdd_dq[:, :, flexible]
-        system[:, m:, m:] = of.dqdd_dqd[:, :, flexible]
+        system[:, m:, :m] = of.dqdd_dq[:, :, free]
+        system[:, m:, m:] = of.dqdd_dqd[:, :, free]
         steps = scipy.linalg.expm(0.5 * self.step * (system[1:] + system[:-1]))
         drives = of.dqdd_dq[:, :, joints], of.dqdd_dqd[:, :, joints], of.dqdd_dqdd
         half = 0.5 * self.step * _driven_by(drives, designs)
@@ -135,9 +138,10 @@ class EndSwing:
             states[node + 1, m:] += half[node + 1]
         forces = of.dtau_dq[:, :, joints], of.dtau_dqd[:, :, joints], of.dtau_dqdd
         torque = _driven_by(forces, designs)
-        torque += of.dtau_dq[:, :, flexible] @ states[:, :m]
-        torque += of.dtau_dqd[:, :, flexible] @ states[:, m:]
-        return np.asarray(self._observe @ states[-1]), torque
+        torque += of.dtau_dq[:, :, free] @ states[:, :m]
+        torque += of.dtau_dqd[:, :, free] @ states[:, m:]
+        bends = np.isin(free, robot.flexible_indices)
+        return np.asarray(self._observe @ states[-1][np.tile(bends, 2)]), torque
 
 
 def _driven_by(gains: tuple[Array, Array, Array], designs: tuple[Array, Array, Array]) -> Array:

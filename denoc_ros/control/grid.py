@@ -10,6 +10,10 @@ REACH = 2  # nodes on either side that a derivative takes
 FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
 
+# half-way to the next node, by the nodes from the one before on
+BETWEEN = np.array([-1.0, 9.0, 9.0, -1.0]) / 16.0
+SLOPE = np.array([1.0, -27.0, 27.0, -1.0]) / 24.0
+
 
 def differences(q: Array, step: float) -> tuple[Array, Array]:
     """Return rates and accelerations (k, n) of a motion (k, n) that rests before and after.
@@ -25,6 +29,20 @@ def differences(q: Array, step: float) -> tuple[Array, Array]:
         qdd += (second / step**2) * padded[j : j + k]
     qd[[0, -1]] = qdd[[0, -1]] = 0.0
     return qd, qdd
+
+
+def halfway(q: Array, step: float) -> tuple[Array, Array]:
+    """Return positions and rates (k - 1, n) half-way between nodes of a motion (k, n), by rest.
+
+    Of fourth order, as :func:`differences`; of a motion that goes to and fro from node to node
+    they see the rates.
+    """
+    k = len(q) - 1
+    padded = np.concatenate([q[:1], q, q[-1:]])
+    parts = [padded[j : j + k] for j in range(len(BETWEEN))]
+    position = sum(share * part for share, part in zip(BETWEEN, parts, strict=True))
+    rate = sum(share * part for share, part in zip(SLOPE, parts, strict=True))
+    return np.asarray(position), np.asarray(rate) / step
 
 
 class GridMotion:

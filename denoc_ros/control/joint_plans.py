@@ -9,14 +9,17 @@ from typing import Protocol
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.end_swing import follow_joints
 from denoc_ros.control.joint_limits import Given, JointLimits, joint_limits, require_limits
 from denoc_ros.control.plan import Plan
+from denoc_ros.control.reaction import require_attitude
 from denoc_ros.control.rest_to_rest import rest_to_rest
 from denoc_ros.control.ringing import ringing_modes
-from denoc_ros.control.shaped_samples import rest_spline, shape_samples
+from denoc_ros.control.shaped_samples import shape_samples
 from denoc_ros.control.targets import Target
+from denoc_ros.dynamics.floating_base import ATTITUDE
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
@@ -167,7 +170,9 @@ def _plan(
     qdd = np.zeros_like(q)
     given = motion(t, 2)
     force, free = own.hybrid_dynamics(q, qd, given)
-    qdd[:, robot.joint_indices], qdd[:, robot.flexible_indices] = given, free
+    qdd[:, robot.joint_indices], qdd[:, robot.free_indices] = given, free
+    if len(robot.base_indices):
+        require_attitude(robot, q[:, robot.base_indices[ATTITUDE]])
     driven, none = DrivenJoints(robot, method), np.zeros(len(t))
     names = driven.names, tuple(robot.coordinate_names)
     plan = Plan(method, t, q, qd, qdd, driven.torque(force), *names, none, none)
@@ -194,10 +199,9 @@ def _with_tip(
 
     That motion is taken `shift` s later: an input shaper's impulses come half its delay late.
     """
-    spline = rest_spline(times, q_joints)
-    asked = np.zeros_like(plan.q)
-    rows = spline(np.clip(plan.t - shift, times[0], times[-1]))
-    asked[:, robot.joint_indices] = DrivenJoints(robot, plan.method).following(rows)
+    rows = DrivenJoints(robot, plan.method).following(q_joints)
+    motion = AskedMotion(robot, times - times[0], rows)
+    asked = motion.coordinates(plan.t - shift - times[0])
     distance, turn = np.zeros((2, len(plan.t)))
     for frame in frames:
         off = Target(frame, robot.frame_pose(frame, asked), 1.0, 1.0).error(robot, plan.q)

@@ -36,7 +36,11 @@ class Plan:
         Factor by which the motion was made slower to keep the limits.
     equation_error : float
         Root mean square of the forces that no actuator gives and the plan needs between its nodes,
-        over their stiffness [m, rad]: what the grid leaves.
+        over their stiffness [m, rad]: what the grid leaves. Of a base that floats, how far it
+        would drift by the momentum that is left.
+    base_wrench : (k, 6) array or None
+        Of a floating base that thrusters hold (``base='free_flying'``): force and torque on the
+        base link about its origin, in the root frame's axes [N, N m]; else None.
     """
 
     method: str
@@ -54,3 +58,4 @@ class Plan:
     delay: float = 0.0
     stretch: float = 1.0
     equation_error: float = 0.0
+    base_wrench: Array | None = None

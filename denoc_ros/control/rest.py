@@ -63,7 +63,10 @@ def rest_posture(problem: TipProblem, node: int, start: Array) -> tuple[Array, A
 def _newton(
     problem: TipProblem, equations: Equations, q: Array, errors: Array, asked: Array
 ) -> Array | None:
-    """Return the change (n + m,) of posture and multipliers in one Gauss-Newton step."""
+    """Return the change (n + m,) of posture and multipliers in one Gauss-Newton step.
+
+    A floating base stays where it is.
+    """
     n, driven = q.shape[1], problem.driven
     jacobian = problem.error_derivatives(q, errors)[0]
     by = np.concatenate([equations.by_q[0], equations.by_multipliers[0]], axis=1)
@@ -72,8 +75,11 @@ def _newton(
     matrix[:n, :n] = jacobian.T @ jacobian
     matrix[driven, driven] += problem.draw**2
     matrix[size:, :size], matrix[:size, size:] = by, by.T
+    matrix[problem.base] = matrix[:, problem.base] = 0.0
+    matrix[problem.base, problem.base] = 1.0
     right[:n] = -jacobian.T @ errors[0]
     right[driven] -= problem.draw**2 * (q[0] - asked)[driven]
+    right[problem.base] = 0.0
     right[size:] = -equations.value[0]
     try:
         return np.asarray(np.linalg.solve(matrix, right)[:size])

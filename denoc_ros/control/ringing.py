@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.control.impulses import damped_frequency
+from denoc_ros.control.reaction import falling
+from denoc_ros.dynamics.held_base import held_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
@@ -33,8 +35,19 @@ def require_flexible(robot: Robot) -> None:
         raise SolverError(f'{robot.tree.name}: a shaper needs a flexible link, got none')
 
 
+def ringing_robot(robot: Robot, base: str) -> Robot:
+    """Return a copy whose modes a motion is shaped for.
+
+    Of a base that floats: ``free_flying`` where thrusters hold it, else it reacts.
+    """
+    own = robot.copy()
+    return held_robot(own) if base == 'free_flying' else falling(own)
+
+
 def ringing_modes(robot: Robot, q_joints: ArrayLike, count: int | None = None) -> RingingModes:
     """Return the modes to be shaped, with the joints held, at static equilibrium.
+
+    A base that floats moves with them (see :func:`falling`).
 
     Parameters
     ----------
@@ -57,7 +70,8 @@ def ringing_modes(robot: Robot, q_joints: ArrayLike, count: int | None = None) -
         raise StateError(f'{robot.tree.name}: modes to be shaped must be >= 1, got {count}')
     require_flexible(robot)
     modes = robot.natural_modes(robot.static_deflection(q_joints))
-    frequencies, ratios = modes.frequencies, modes.damping_ratios
+    rigid = len(robot.base_indices)  # a floating base's motions come first, without a frequency
+    frequencies, ratios = modes.frequencies[rigid:], modes.damping_ratios[rigid:]
     if count is None:
         count = max(1, int(np.count_nonzero(frequencies < WIDEST * frequencies[0])))
     chosen = slice(0, count)

@@ -17,14 +17,17 @@ from denoc_ros.control.joint_plans import (
     shaper_motion,
 )
 from denoc_ros.control.plan import Plan
+from denoc_ros.control.reaction import falling
+from denoc_ros.control.thrusters import on_thrusters
 from denoc_ros.control.tip import tip_motion
 from denoc_ros.control.tip_options import TipOptions
-from denoc_ros.dynamics.floating_base import require_known_base
+from denoc_ros.dynamics.held_base import held_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
 
 Options = TypeVar('Options', TipOptions, ShaperOptions, RestOptions)
+BASES = ('free_floating', 'free_flying')
 Planner = Callable[..., Plan]  # (robot, times, q_joints, tip frames, **options)
 
 
@@ -93,6 +96,12 @@ def shape_motion(
         mode rests there (:class:`RestOptions`).
     tip : str or sequence of str, optional
         The frames that matter; default ``tool``, or the last link in the file that moves.
+    base : str, optional
+        By name, as the options. Of a robot whose base floats. ``free_floating``, the default: it
+        reacts to the arm, from rest at zero coordinates, and falls freely: gravity has no effect.
+        Tips are where they are to be in the world: where those of the undeformed robot would be,
+        whose base reacts as well. ``free_flying``: thrusters hold it, and the plan has the wrench
+        that takes.
     **options
         What the method takes.
 
@@ -103,18 +112,34 @@ def shape_motion(
     Raises
     ------
     StateError
-        For an unknown method, frame or option, a wrong shape, or numbers that are not finite.
+        For an unknown method, frame or option, a wrong shape, or numbers that are not finite; a
+        `base` where none floats.
     SolverError
         No such motion was found; with what is left.
     """
-    require_known_base(robot, 'shape_motion')
+    flies = _flies(robot, options.pop('base', None))
     planner = METHODS.get(method)
     if planner is None:
         raise StateError(
             f'shape_motion: method must be one of {", ".join(METHODS)}, got {method!r}'
         )
     at, joints = _motion(robot, times, q_joints)
-    return planner(robot, at, joints, tip_frames(robot, tip), **options)
+    if not flies:
+        return planner(falling(robot), at, joints, tip_frames(robot, tip), **options)
+    held = held_robot(robot)
+    return on_thrusters(robot, planner(held, at, joints, tip_frames(held, tip), **options))
+
+
+def _flies(robot: Robot, base: str | None) -> bool:
+    """Say whether thrusters hold a base that would float, after a check."""
+    if base is not None and not len(robot.base_indices):
+        raise StateError(
+            f'shape_motion: base must be None for {robot.tree.name}, whose base does not float, '
+            f'got {base!r}'
+        )
+    if base not in (None, *BASES):
+        raise StateError(f'shape_motion: base must be one of {", ".join(BASES)}, got {base!r}')
+    return base == 'free_flying'
 
 
 def _motion(robot: Robot, times: ArrayLike, q_joints: ArrayLike) -> tuple[Array, Array]:
@@ -153,5 +178,6 @@ def _last_frame(robot: Robot) -> str:
     if 'tool' in links:
         return 'tool'
     still = np.zeros(robot.n)
-    moving = [name for name in links if robot.frame_jacobian(name, still).any()]
+    own = np.setdiff1d(np.arange(robot.n), robot.base_indices)
+    moving = [name for name in links if robot.frame_jacobian(name, still)[:, own].any()]
     return moving[-1] if moving else links[-1]

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.grid import GridMotion, differences
 from denoc_ros.control.joint_limits import joint_limits
 from denoc_ros.control.plan import Plan
+from denoc_ros.control.reaction import require_attitude
 from denoc_ros.control.rest import rest_posture
-from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.control.stretching import within_limits
 from denoc_ros.control.targets import Target
 from denoc_ros.control.tip_options import TipOptions
@@ -22,13 +23,13 @@ from denoc_ros.control.tip_path import checked_path, joints_along
 from denoc_ros.control.tip_problem import TipProblem
 from denoc_ros.control.tip_solver import CancelledError, Solved, solve_motion
 from denoc_ros.control.zeros import settling_times
+from denoc_ros.dynamics.floating_base import ATTITUDE
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
 
 Int = NDArray[np.int64]
 Rest = tuple[Array, Array]  # coordinates and multipliers
-Asked = Callable[[Array], Array]  # times (k,) -> joints (k, joints) of the undeformed robot
 
 NODES = 400  # of the motion, at least
 FEWEST = 8  # nodes, whatever step is asked for
@@ -38,6 +39,10 @@ GRID_ERROR = 3e-7  # of the tip's distance: root mean square of the equations be
 OUTPUT = 0.004  # s between rows of a plan
 TURN = 0.01  # of the tip's distance: how much a radian of turn counts
 DRAW = 1e-4  # of the tip's distance: what a radian away from the asked joints counts
+# times both, where a base floats and fewer joints than directions move the tip: what they do to
+# the base moves the tip in the others as well, so that its position need not suffer
+FEW = 1e-2
+DIRECTIONS = 6
 CLOSED = 1e-9  # m, rad: loops of the asked motion that are closed as they are
 POINTS = 10  # of a motion: with fewer, its rates at the ends are not known
 MOVING = 0.1  # of the largest rate: more is no rest
@@ -65,22 +70,19 @@ def tip_motion(
     options : TipOptions
     """
     driven = robot.indices(options.joints or robot.tree.non_mimic_joints)
+    path = None
     if options.path is not None:
         poses = checked_path(options.path, frames, len(times))
-        turn = _turn(poses, options)
+        turn = _turn(robot, driven, poses, options)
         q_joints = joints_along(robot, frames, poses, q_joints[0], turn)
+        path = dict(zip(frames, poses, strict=True)) if len(robot.base_indices) else None
     joints = _closed(robot, driven, q_joints)
     _require_rest(robot, times, joints)
     limits = joint_limits(robot, options.velocity, options.acceleration, effort=options.effort)
 
     def plan(stretch: float) -> Plan:
-        spline = rest_spline(stretch * (times - times[0]), joints)
-
-        def asked(at: Array) -> Array:
-            return np.asarray(spline(at), dtype=np.float64)
-
-        duration = stretch * float(times[-1] - times[0])
-        return replace(_at_pace(robot, asked, duration, frames, driven, options), stretch=stretch)
+        asked = AskedMotion(robot, stretch * (times - times[0]), joints, path)
+        return replace(_at_pace(robot, asked, frames, driven, options), stretch=stretch)
 
     made = within_limits(robot, plan, limits, options.stretch)
     if options.progress is not None:
@@ -90,23 +92,23 @@ def tip_motion(
 
 def _at_pace(
     robot: Robot,
-    asked: Asked,
-    duration: float,
+    asked: AskedMotion,
     frames: Sequence[str],
     driven: Int,
     options: TipOptions,
 ) -> Plan:
     """Return the plan of a motion that takes exactly the requested time."""
+    duration = asked.duration
     usual = min(duration / NODES, LONGEST_STEP)
     step = options.step or usual
     step = duration / max(FEWEST, math.ceil(duration / step - 1e-9))
-    rough = _problem(robot, frames, driven, options, asked(np.linspace(0.0, duration, 9)), 1.0)
+    some: Array = np.linspace(0.0, duration, 9)
+    rough = _problem(robot, asked, frames, driven, options, some, 1.0)
     ends = [rest_posture(rough, k, _start(robot, rough.asked[k])) for k in (0, -1)]
     before, after = _window(rough, ends, duration, options)
     first, last = -math.ceil(before / step), round(duration / step) + math.ceil(after / step)
     nodes: Array = step * np.arange(first, last + 1, dtype=np.float64)
-    targets = asked(np.clip(nodes, 0.0, duration))
-    problem = _problem(robot, frames, driven, options, targets, usual / step)
+    problem = _problem(robot, asked, frames, driven, options, nodes, usual / step)
     guess = _guess(problem, ends, np.clip(nodes / duration, 0.0, 1.0))
     report = _reporter(options)
     solved = solve_motion(problem, guess, step, _size(problem), report)
@@ -114,9 +116,8 @@ def _at_pace(
         if _between(problem, solved, step) <= GRID_ERROR * _size(problem):
             break
         finer = nodes[0] + 0.5 * step * np.arange(2 * len(nodes) - 1)
-        targets = asked(np.clip(finer, 0.0, duration))
         try:
-            better = _problem(robot, frames, driven, options, targets, 2.0 * usual / step)
+            better = _problem(robot, asked, frames, driven, options, finer, 2.0 * usual / step)
             guess = _halved(solved, step)
             solved = solve_motion(better, guess, 0.5 * step, _size(better), report)
         except CancelledError:
@@ -124,7 +125,7 @@ def _at_pace(
         except SolverError:
             break  # what was found on the coarser grid is good, and says what it leaves
         problem, nodes, step = better, finer, 0.5 * step
-    return _plan(problem, solved, nodes, asked, duration, options.output_step or OUTPUT)
+    return _plan(problem, solved, nodes, asked, options.output_step or OUTPUT)
 
 
 def _halved(solved: Solved, step: float) -> Rest:
@@ -141,7 +142,9 @@ def _between(problem: TipProblem, solved: Solved, step: float) -> float:
     motion = GridMotion(0.0, step, solved.q, *differences(solved.q, step))
     middle: Array = step * (np.arange(count - 1, dtype=np.float64) + 0.5)
     multipliers = make_interp_spline(step * np.arange(count), solved.multipliers, k=3)(middle)
-    left = problem.residual(*motion.sample(middle), multipliers)
+    q, qd, qdd = motion.sample(middle)
+    left = problem.residual(q, qd, qdd, multipliers)
+    left = np.concatenate([left, problem.drift(q, qd)], axis=1)
     return float(np.sqrt(np.mean(left**2))) if left.size else 0.0
 
 
@@ -165,27 +168,26 @@ def _require_rest(robot: Robot, times: Array, joints: Array) -> None:
 
 def _start(robot: Robot, asked: Array) -> Array:
     """Return a posture (n,) near the equilibrium at the asked joints."""
-    if robot.constraint_names:
+    if robot.constraint_names or len(robot.base_indices):
         return asked
     return robot.static_deflection(asked[robot.joint_indices])
 
 
 def _problem(
     robot: Robot,
+    asked: AskedMotion,
     frames: Sequence[str],
     driven: Int,
     options: TipOptions,
-    asked_joints: Array,
+    nodes: Array,
     finer: float,
 ) -> TipProblem:
-    """Return the problem at nodes where the undeformed robot's joints (k, joints) are given.
+    """Return the problem at the times of nodes (k,).
 
     `finer` is how many times closer than usual the nodes are: accelerations weigh the same.
     """
-    asked = np.zeros((len(asked_joints), robot.n))
-    asked[:, robot.joint_indices] = asked_joints
-    poses = [robot.frame_pose(frame, asked) for frame in frames]
-    size, turn = _distance(poses), _turn(poses, options)
+    poses = [asked.poses(frame, nodes) for frame in frames]
+    size, turn = _distance(poses), _turn(robot, driven, poses, options)
     weights = [1.0] * len(frames) if options.weights is None else list(options.weights)
     if len(weights) != len(frames):
         raise StateError(
@@ -195,8 +197,11 @@ def _problem(
         Target(frame, pose, weight, turn)
         for frame, pose, weight in zip(frames, poses, weights, strict=True)
     ]
-    draw = DRAW * size if options.draw is None else options.draw
-    return TipProblem(robot, driven, targets, asked, draw, SMOOTH * size * finer**2)
+    share = _share(robot, driven, options)
+    draw = share * DRAW * size if options.draw is None else options.draw
+    rows = asked.coordinates(nodes)
+    smooth = share * SMOOTH * size * finer**2
+    return TipProblem(robot, driven, targets, rows, draw, smooth, asked.duration)
 
 
 def _distance(poses: Sequence[Array]) -> float:
@@ -204,9 +209,17 @@ def _distance(poses: Sequence[Array]) -> float:
     return max(float(np.linalg.norm(pose[:, :3, 3], axis=1).max()) for pose in poses)
 
 
-def _turn(poses: Sequence[Array], options: TipOptions) -> float:
+def _turn(robot: Robot, driven: Int, poses: Sequence[Array], options: TipOptions) -> float:
     """Return the weight of a radian of rotation [m]."""
-    return TURN * _distance(poses) if options.turn is None else options.turn
+    if options.turn is not None:
+        return options.turn
+    return _share(robot, driven, options) * TURN * _distance(poses)
+
+
+def _share(robot: Robot, driven: Int, options: TipOptions) -> float:
+    """Return by what turn and draw are multiplied where nothing is said."""
+    few = len(robot.base_indices) > 0 and len(driven) < DIRECTIONS
+    return FEW if few and options.turn is None else 1.0
 
 
 def _closed(robot: Robot, driven: Int, joints: Array) -> Array:
@@ -270,8 +283,7 @@ def _plan(
     problem: TipProblem,
     solved: Solved,
     nodes: Array,
-    wanted: Asked,
-    duration: float,
+    asked: AskedMotion,
     output_step: float,
 ) -> Plan:
     """Return the plan of a motion on the grid, on finer times, with its torque and errors."""
@@ -282,10 +294,10 @@ def _plan(
     q, qd, qdd = motion.sample(t)
     multipliers = make_interp_spline(nodes, solved.multipliers, k=3)(t)
     torque = problem.torque(q, qd, qdd, multipliers)
-    asked = np.zeros_like(q)
-    asked[:, robot.joint_indices] = wanted(np.clip(t, 0.0, duration))
+    if len(problem.base):
+        require_attitude(robot, q[:, problem.base[ATTITUDE]])
     errors = [
-        replace(target, poses=robot.frame_pose(target.frame, asked)).error(robot, q)
+        replace(target, poses=asked.poses(target.frame, t)).error(robot, q)
         for target in problem.targets
     ]
     return Plan(
@@ -300,6 +312,6 @@ def _plan(
         tip_error=np.max([np.linalg.norm(error[0], axis=1) for error in errors], axis=0),
         tip_turn=np.max([np.linalg.norm(error[1], axis=1) for error in errors], axis=0),
         preaction=-float(nodes[0]),
-        postaction=float(nodes[-1]) - duration,
+        postaction=float(nodes[-1]) - asked.duration,
         equation_error=_between(problem, solved, step),
     )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from denoc_ros.control.reaction import base_gain
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
@@ -60,7 +61,8 @@ def joints_along(
     Parameters
     ----------
     robot : Robot
-        Its loops stay closed; its links are taken as rigid.
+        Its loops stay closed; its links are taken as rigid. A base that floats reacts from its
+        zero coordinates on, to second order in the distance of rows.
     frames : sequence of str
     poses : sequence of (k, 4, 4) arrays
         Of each frame.
@@ -74,15 +76,19 @@ def joints_along(
     SolverError
         A position is out of reach; with the row and how far.
     """
-    joints = robot.joint_indices
+    joints, base = robot.joint_indices, robot.base_indices
     q = np.zeros(robot.n)
     q[joints] = start
+    before = q.copy()
     found = np.empty((len(poses[0]), len(joints)))
     size = max(float(np.linalg.norm(pose[:, :3, 3], axis=1).max()) for pose in poses)
     for row in range(len(found)):
         for _ in range(ITERATIONS):
+            gain = min(row, 1) * _reacting(robot, 0.5 * (before + q))  # it begins at zero
+            q[base] = before[base] + gain @ (q - before)[joints]
             rows, wanted = _rows(robot, frames, [pose[row] for pose in poses], q, turn)
-            change = np.linalg.lstsq(rows[:, joints], wanted, rcond=DAMPING)[0]
+            by_joints = rows[:, joints] + rows[:, base] @ gain
+            change = np.linalg.lstsq(by_joints, wanted, rcond=DAMPING)[0]
             largest = float(np.abs(change).max(initial=0.0))
             q[joints] += change * min(1.0, LONGEST / max(largest, 1e-300))
             if largest <= SETTLED * (1.0 + np.abs(q).max()):
@@ -96,7 +102,16 @@ def joints_along(
                 f'the path, got no closer than {worst:.3g} m'
             )
         found[row] = q[joints]
+        before = q.copy()
     return found
+
+
+def _reacting(robot: Robot, q: Array) -> Array:
+    """Return how a floating base (6, joints) reacts to the joints at q (n,); else (0, joints)."""
+    if not len(robot.base_indices):
+        return np.zeros((0, len(robot.joint_indices)))
+    rest = np.setdiff1d(np.arange(robot.n), robot.base_indices)
+    return np.asarray(base_gain(robot, q[None])[0][:, np.isin(rest, robot.joint_indices)])
 
 
 def _rows(

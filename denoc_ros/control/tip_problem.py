@@ -26,7 +26,7 @@ class Equations:
 
     First the forces on the coordinates without an actuator, over a stiffness [m, rad]; then the
     closure errors of loops and mimic joints [m, rad]. Zero in a motion that the driven joints can
-    make.
+    make. A floating base has a :class:`Momentum` instead.
     """
 
     value: Array
@@ -34,6 +34,18 @@ class Equations:
     by_qd: Array
     by_qdd: Array
     by_multipliers: Array
+
+
+@dataclass(frozen=True)
+class Momentum:
+    """Momentum (k, 6) of a robot whose base floats, with its derivatives (k, 6, n) by q and q'.
+
+    Over the base's inertia, times the time of the motion [m, rad]: how far the base drifts.
+    """
+
+    value: Array
+    by_q: Array
+    by_qd: Array
 
 
 class TipProblem:
@@ -50,11 +62,18 @@ class TipProblem:
     draw, smooth : float
         Weights of the driven joints' distance from it, and of the second differences of that
         distance from node to node [m per rad or m].
+    duration : float
+        Of the motion [s].
 
     Attributes
     ----------
+    undriven : int array
+        Coordinates without an actuator, but those of a floating base.
     loops : LoopForces
         Its multipliers (k, m) are unknowns beside the coordinates, over `stiffness`.
+    end : int array
+        Coordinates that are unknown at the last node, too: joints and base of a robot that floats.
+        Where it ends depends on the way.
     """
 
     def __init__(
@@ -65,14 +84,20 @@ class TipProblem:
         asked: Array,
         draw: float,
         smooth: float,
+        duration: float,
     ) -> None:
         self.robot, self.driven, self.targets, self.asked = robot, driven, tuple(targets), asked
-        self.undriven = np.setdiff1d(np.arange(robot.n), driven)
+        self.base = robot.base_indices
+        self.undriven = np.setdiff1d(np.arange(robot.n), np.union1d(driven, self.base))
+        none = np.zeros(0, dtype=np.int64)
+        self.end = np.union1d(robot.joint_indices, self.base) if len(self.base) else none
         self.draw, self.smooth = draw, smooth
         self._own_stiffness = self._stiffness(asked[0])
         self.stiffness = float(np.median(self._own_stiffness)) if len(self.undriven) else 1.0
         samples = np.unique(np.linspace(0, len(asked) - 1, 5).astype(int))
         self.loops = LoopForces(robot, asked[samples])
+        inertia = robot.inertia_matrix(asked[0])[self.base, self.base]
+        self._drift = duration / inertia[:, None]
 
     def eased(self, factor: float) -> TipProblem:
         """Return the problem with smoother joints, so many times more drawn to the asked ones."""
@@ -109,6 +134,29 @@ class TipProblem:
         force = force - self.loops.forces(q, qd, self.stiffness * multipliers)
         parts = [force[:, self.undriven] / self._own_stiffness, self.loops.errors(q)]
         return np.concatenate(parts, axis=1)
+
+    def momentum(self, q: Array, qd: Array) -> Momentum:
+        """Return the momentum of a motion (k, n) and its derivatives; none without such a base."""
+        if not len(self.base):
+            none = np.zeros((len(q), 0, self.robot.n))
+            return Momentum(none[:, :, 0], none, none)
+        rest = np.zeros_like(q)
+        by_q, _, by_qd = self.robot.inverse_dynamics_derivatives(q, rest, qd)
+        by_q, by_qd = (part[:, self.base] * self._drift for part in (by_q, by_qd))
+        return Momentum(self.drift(q, qd), by_q, by_qd)
+
+    def drift(self, q: Array, qd: Array) -> Array:
+        """Return the momentum's value (k, 6) alone; (k, 0) without a floating base.
+
+        Notes
+        -----
+        The base's rows of I q' are what inverse dynamics without velocities gives for
+        accelerations q'; they vanish with the momentum.
+        """
+        if not len(self.base):
+            return np.zeros((len(q), 0))
+        force = self.robot.inverse_dynamics(q, np.zeros_like(q), qd)
+        return np.asarray(force[:, self.base] * self._drift[:, 0])
 
     def torque(self, q: Array, qd: Array, qdd: Array, multipliers: Array) -> Array:
         """Return the driven joints' torque (k, driven) [N m, N]."""

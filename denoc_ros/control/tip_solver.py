@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from denoc_ros.control.block_band import BlockBand
-from denoc_ros.control.grid import FIRST, REACH, SECOND, differences
-from denoc_ros.control.tip_problem import Equations, TipProblem
+from denoc_ros.control.grid import REACH, differences, halfway
+from denoc_ros.control.tip_band import add_equations, add_momentum
+from denoc_ros.control.tip_problem import TipProblem
 from denoc_ros.errors import SolverError
 from denoc_ros.types import Array
 
@@ -96,7 +97,7 @@ def settle(
     problem : TipProblem
     guess : (k, n) and (k, m) arrays
         Coordinates and multipliers to begin with; the coordinates' first and last row stay: there
-        the robot rests.
+        the robot rests. Of a robot that floats, joints and base of the last row are free.
     step : float
         Between nodes [s].
     size : float
@@ -112,7 +113,7 @@ def settle(
     floor = SETTLED * size
     q, multipliers = guess
     motion = differences(q, step)
-    value, errors = problem.residual(q, *motion, multipliers), problem.errors(q)
+    value, errors = _left(problem, q, motion, multipliers, step), problem.errors(q)
     hold, last = 0.0, np.inf
     for iteration in range(ITERATIONS):
         report(iteration, float(np.abs(value).max(initial=0.0)))
@@ -127,7 +128,7 @@ def settle(
             share = 0.5**halving
             q_new, forces = q + share * changes[0], multipliers + share * changes[1]
             motion = differences(q_new, step)
-            value, errors = problem.residual(q_new, *motion, forces), problem.errors(q_new)
+            value, errors = _left(problem, q_new, motion, forces, step), problem.errors(q_new)
             if _better(value, errors, *before, floor):
                 break
         q, multipliers = q_new, forces
@@ -149,6 +150,18 @@ def settle(
         f'stiffness and a last change of the tip of {moved:.3g} m: no bounded motion nearby '
         '(ask for a slower motion, or one away from singular postures)'
     )
+
+
+def _left(
+    problem: TipProblem,
+    q: Array,
+    motion: tuple[Array, Array],
+    multipliers: Array,
+    step: float,
+) -> Array:
+    """Return all equations' values: at the nodes, and a floating base's momentum between them."""
+    parts = problem.residual(q, *motion, multipliers), problem.drift(*halfway(q, step))
+    return np.concatenate([part.ravel() for part in parts])
 
 
 def _better(value: Array, errors: Array, old: Array, old_errors: Array, floor: float) -> bool:
@@ -173,53 +186,30 @@ def _newton(
     """
     q = motion[0]
     k, n = q.shape
-    equations = problem.equations(*motion)
-    m = equations.by_multipliers.shape[2]
-    band = BlockBand(k, n + m + equations.value.shape[1], REACH)
-    right = np.zeros((k, n + m + equations.value.shape[1]))
+    equations, momentum = problem.equations(*motion), problem.momentum(*halfway(q, step))
+    m, p = equations.by_multipliers.shape[2], equations.value.shape[1]
+    band = BlockBand(k, n + m + p + momentum.value.shape[1], REACH)
+    right = np.zeros((k, n + m + p + momentum.value.shape[1]))
     jacobian = problem.error_derivatives(q, errors)
     right[:, :n] = -np.einsum('kij,ki->kj', jacobian, errors)
     hessian = jacobian.transpose(0, 2, 1) @ jacobian
     _add_draw(problem, q, hessian, right)
     hessian[:, problem.driven, problem.driven] += hold**2
     _add_smoothness(problem, q, band, hessian, right)
-    hessian[[0, -1]] = np.eye(n)
-    right[[0, -1], :n] = 0.0
-    right[:, n + m :] = -equations.value
+    for node, free in ((0, problem.end[:0]), (-1, problem.end)):
+        fixed = np.setdiff1d(np.arange(n), free)
+        hessian[node, fixed] = hessian[node, :, fixed] = 0.0
+        hessian[node, fixed, fixed] = 1.0
+        right[node, fixed] = 0.0
+    right[:, n + m : n + m + p] = -equations.value
+    right[:-1, n + m + p :] = -momentum.value
     band.blocks(0, 0, 0, n, n)[...] += hessian
-    _add_equations(equations, band, step)
+    add_equations(equations, band, step, problem.end)
+    add_momentum(momentum, band, step, problem.end, n + m + p)
     solution = band.solve(right)
     if solution is None or not np.isfinite(solution).all():
         return None
     return solution[:, :n], solution[:, n : n + m]
-
-
-def _add_equations(equations: Equations, band: BlockBand, step: float) -> None:
-    """Write the equations' derivatives by all nodes, and their transposes, into the band.
-
-    The first and last node do not move, so their closure is no equation.
-    """
-    k, p, n = equations.by_q.shape
-    m = equations.by_multipliers.shape[2]
-    at = n + m
-    for column, (first, second) in enumerate(zip(FIRST, SECOND, strict=True)):
-        offset = column - REACH
-        entry = (first / step) * equations.by_qd + (second / step**2) * equations.by_qdd
-        if offset == 0:
-            entry += equations.by_q
-        # the row of node j has the column of node j + offset
-        entry = entry[max(0, -offset) : k - max(0, offset)]
-        if offset <= 0:
-            entry[0] = 0.0
-        if offset >= 0:
-            entry[-1] = 0.0
-        band.blocks(-offset, at, 0, p, n)[...] = entry
-        band.blocks(offset, 0, at, n, p)[...] = entry.transpose(0, 2, 1)
-    if m:
-        band.blocks(0, at, n, p, m)[...] = equations.by_multipliers
-        band.blocks(0, n, at, m, p)[...] = equations.by_multipliers.transpose(0, 2, 1)
-        closure, ends = np.arange(p - m, p), np.array([0, k - 1])
-        band.blocks(0, at, at, p, p)[np.ix_(ends, closure, closure)] += np.eye(m)
 
 
 def _add_draw(problem: TipProblem, q: Array, hessian: Array, right: Array) -> None:
@@ -249,7 +239,9 @@ def _add_smoothness(
         entry = np.zeros((k - offset, len(problem.driven)))
         for row in range(3 - offset):
             entry[row : k - 2 + row] += weight * BENDS[row] * BENDS[row + offset]
-        entry[0] = entry[-1] = 0.0  # the first and last node do not move
+        entry[0] = 0.0  # the first node does not move
+        if not len(problem.end):
+            entry[-1] = 0.0
         for sign in (1, -1):
             view = band.blocks(sign * offset, 0, 0, q.shape[1], q.shape[1])
             view[:, j, j] += entry

@@ -17,7 +17,8 @@ SHARE = 0.1  # a zero whose real part is less of its size neither grows nor deca
 def transmission_zeros(problem: TipProblem, q: Array) -> NDArray[np.complex128]:
     """Return the zeros [1/s] from the driven joints to the frames, at rest at q (n,).
 
-    They are the rates of motions in which all frames stand still. Directions in which frames do
+    They are the rates of motions in which all frames stand still, and a floating base reacts.
+    Directions in which frames do
     not move, and joints' motions that move no frame of a stiff robot, are left out.
     """
     rest = np.zeros((1, problem.robot.n))
@@ -25,10 +26,14 @@ def transmission_zeros(problem: TipProblem, q: Array) -> NDArray[np.complex128]:
     equations = problem.equations(q[None], rest, rest, none)
     closure = problem.loops.jacobian(q[None])[0]
     jacobian = problem.error_derivatives(q[None], problem.errors(q[None], slice(0, 1)))[0]
-    rigid = _rigid_motions(problem, closure)
+    momentum = problem.momentum(q[None], rest).by_qd[0]
+    rigid = _rigid_motions(problem, np.concatenate([closure, momentum]))
     by_joints = jacobian @ rigid
-    still = scipy.linalg.null_space(by_joints, rcond=RANK).T @ np.linalg.pinv(rigid)
-    rows = [_reachable(jacobian, by_joints), still, closure]
+    by_motions = np.zeros((rigid.shape[1], problem.robot.n))
+    moved = problem.robot.joint_indices
+    by_motions[:, moved] = np.linalg.pinv(rigid[moved])
+    still = scipy.linalg.null_space(by_joints, rcond=RANK).T @ by_motions
+    rows = [_reachable(jacobian, by_joints), still, closure, momentum]
     basis = scipy.linalg.null_space(np.concatenate(rows), RANK)
     p = len(problem.undriven)
     forces = equations.by_multipliers[0, :p]
@@ -47,12 +52,15 @@ def transmission_zeros(problem: TipProblem, q: Array) -> NDArray[np.complex128]:
     return np.asarray(found[np.isfinite(found)])
 
 
-def _rigid_motions(problem: TipProblem, closure: Array) -> Array:
-    """Return a basis (n, j) of the joints' motions with links undeformed and loops closed."""
+def _rigid_motions(problem: TipProblem, tied: Array) -> Array:
+    """Return a basis (n, j) of the joints' motions with links undeformed.
+
+    They keep what is tied (r, n): loops closed, and a floating base without momentum.
+    """
     eye = np.eye(problem.robot.n)
-    if not len(closure):
+    if not len(tied):
         return eye[:, problem.driven]
-    fixed = np.concatenate([closure, eye[problem.robot.flexible_indices]])
+    fixed = np.concatenate([tied, eye[problem.robot.flexible_indices]])
     return np.asarray(scipy.linalg.null_space(fixed, RANK))
 
 

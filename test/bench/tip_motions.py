@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from control_runs import ROBOTS, Reference, carried_out, cycloid, strayed
+from control_runs import ROBOTS, Reference, carried_out, cycloid
 from numpy.typing import NDArray
 from panda_strip import SIDE, panda_strip
 
 import denoc_ros as dn
+from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.carried_out import carry_out, planned
 from denoc_ros.control.plan import Plan
 from denoc_ros.simulation.path import Circle, follow
@@ -85,6 +86,10 @@ def cases() -> list[Case]:
             by_torque=False,
         ),
         Case('SSRMS, from straight', loaded('ssrms', 0.0), 10.0, straight),
+        Case('Canadarm on 10 t', loaded('canadarm_10t', 0.0), 10.0, canadarm),
+        Case('Canadarm on 100 t', loaded('canadarm_100t', 0.0), 10.0, canadarm),
+        Case('SSRMS on 10 t', loaded('ssrms_10t', 0.0), 20.0, spatial),
+        Case('SSRMS on 10 t, from straight', loaded('ssrms_10t', 0.0), 10.0, straight),
         Case('Panda with a strip', panda_strip(), 30.0, waving(30.0), 'strip_tip', False),
         Case('Panda with a strip', panda_strip(), 120.0, waving(120.0), 'strip_tip', False),
     ]  # fmt: skip
@@ -121,15 +126,14 @@ def run(case: Case) -> None:
     plan, cost = timed(lambda: dn.shape_motion(robot, times, rows, tip=case.frame, **bound))
     if case.by_torque:
         done = carried_out(robot, plan, after=3.0)
-        t, q, error = done.t, done.q, strayed(robot, case.frame, done, case.motion(done.t))
+        t, q = done.t, done.q
     else:
         t = np.linspace(plan.t[0], plan.t[-1] + 3.0, 2000)
         motion = planned(plan, plan.joint_names)
         q = carry_out(robot, motion, plan.joint_names, plan.q[0], t).q
-        asked = np.zeros_like(q)
-        asked[:, robot.joint_indices] = case.motion(t)
-        apart = robot.frame_pose(case.frame, q) - robot.frame_pose(case.frame, asked)
-        error = np.linalg.norm(apart[:, :3, 3], axis=1)
+    wanted = AskedMotion(robot, times, rows).poses(case.frame, t)
+    apart = robot.frame_pose(case.frame, q) - wanted
+    error = np.linalg.norm(apart[:, :3, 3], axis=1)
     name = case.name if case.by_torque else f'{case.name} (joints)'
     show(name, plan, duration, cost, error, t <= duration)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from shaped_runs import cycloid, swing_after
@@ -21,7 +23,7 @@ def two_links() -> Robot:
 @pytest.mark.parametrize('method', ['zv', 'zvd', 'ei', 'rest_to_rest'])
 def test_plan_is_consistent_and_ends_quietly(method: str) -> None:
     robot = two_links()
-    more = {'effort': 400.0}
+    more: dict[str, Any] = {'effort': 400.0}
     plan = dn.shape_motion(robot, T + 2.0, Q, method, 'tool', **more)
     joints = robot.joint_indices
     assert plan.method == method

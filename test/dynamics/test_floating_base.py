@@ -265,9 +265,6 @@ def test_elastic_joints_on_bases_that_move_and_float() -> None:
 
 def test_what_needs_a_known_base_says_so() -> None:
     robot = afloat('two_link_ff')
-    times, rest = np.linspace(0.0, 1.0, 5), np.zeros((5, 2))
-    with pytest.raises(StateError, match=r'shape_motion: the base of .* must be fixed'):
-        dn.shape_motion(robot, times, rest)
     with pytest.raises(StateError, match=r'strain feedback: the base of .* must be fixed'):
         StrainDamping(robot, robot.joint_names, [1.0, 1.0], [9.0, 9.0], 10.0)
 

@@ -1,0 +1,82 @@
+"""The motion that is asked for: coordinates of the undeformed robot, and poses of its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from denoc_ros.control.reaction import reaction
+from denoc_ros.control.shaped_samples import rest_spline
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.types import Array
+
+
+class AskedMotion:
+    """A motion of the undeformed robot from rest to rest; a base that floats reacts to it.
+
+    Parameters
+    ----------
+    robot : Robot
+    times : (k,) array
+        Increasing, from 0 [s].
+    joints : (k, joints) array
+        At the times [rad, m].
+    path : mapping of frame to (k, 4, 4) array, optional
+        Poses that frames are to have in place of those of the undeformed robot.
+
+    Attributes
+    ----------
+    duration : float
+        s.
+
+    Raises
+    ------
+    SolverError
+        A floating base turns too far (see :func:`reaction`).
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        times: Array,
+        joints: Array,
+        path: Mapping[str, Array] | None = None,
+    ) -> None:
+        self._robot = robot
+        self.duration = float(times[-1])
+        self._joints = rest_spline(times, joints)
+        self._base: Any = None
+        if len(robot.base_indices):
+            self._base = rest_spline(*reaction(robot, self._joints, self.duration))
+        self._path = {frame: _pose_spline(times, poses) for frame, poses in (path or {}).items()}
+
+    def coordinates(self, times: Array) -> Array:
+        """Return the undeformed robot's coordinates (k, n), held before and after the motion."""
+        at, q = np.clip(times, 0.0, self.duration), np.zeros((len(times), self._robot.n))
+        q[:, self._robot.joint_indices] = self._joints(at)
+        if self._base is not None:
+            q[:, self._robot.base_indices] = self._base(at)
+        return q
+
+    def poses(self, frame: str, times: Array) -> Array:
+        """Return the poses (k, 4, 4) that a frame is to have."""
+        if frame not in self._path:
+            return self._robot.frame_pose(frame, self.coordinates(times))
+        rows = self._path[frame](np.clip(times, 0.0, self.duration))
+        return _poses(rows)
+
+
+def _pose_spline(times: Array, poses: Array) -> Any:
+    """Return the spline from rest to rest through poses: positions and columns of rotations."""
+    return rest_spline(times, poses[:, :3].reshape(len(poses), 12))
+
+
+def _poses(rows: Array) -> Array:
+    """Return poses (k, 4, 4) of a spline's rows (k, 12): the nearest rotations."""
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3] = rows.reshape(-1, 3, 4)
+    left, _, right = np.linalg.svd(poses[:, :3, :3])
+    poses[:, :3, :3] = left @ right
+    return poses
