@@ -108,7 +108,11 @@ def _write_table(plan: Plan, file: Path, times: Array, motion: tuple[Array, Arra
     for what in ('position', 'velocity', 'acceleration'):
         head += [f'{name}/{what}' for name in names]
     head += [f'{name}/effort' for name in plan.joint_names] + ['tip_error', 'tip_turn']
-    rest = np.column_stack([plan.torque, plan.tip_error, plan.tip_turn])
+    columns = [plan.torque, plan.tip_error, plan.tip_turn]
+    if plan.base_wrench is not None:
+        head += [f'base/{what}_{axis}' for what in ('force', 'torque') for axis in 'xyz']
+        columns.append(plan.base_wrench)
+    rest = np.column_stack(columns)
     between = np.column_stack([np.interp(times, plan.t, column) for column in rest.T])
     with file.open('w', newline='', encoding='utf-8') as out:
         writer = csv.writer(out)

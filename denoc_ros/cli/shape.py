@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
 METHODS = ('tip', 'zv', 'zvd', 'ei', 'rest_to_rest')
+BASES = ('free_floating', 'free_flying')
 TIP_ONLY = ('joints', 'stretch', 'preaction', 'postaction', 'turn', 'step')
 NUMBERS = {
     'stretch': 'largest factor by which a motion may be slowed down to keep the limits',
@@ -73,6 +74,12 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         '--tip', metavar='FRAME', action='append', help='frame to keep on its path; repeatable'
+    )
+    parser.add_argument(
+        '--base',
+        choices=BASES,
+        help='of a robot whose base floats: it reacts to the arm, or thrusters hold it; default: '
+        'free_floating',
     )
     parser.add_argument(
         '--page', metavar='FILE', type=Path, help='also simulate the plan and write an HTML page'
@@ -141,7 +148,7 @@ def run(args: argparse.Namespace) -> int:
     with share_bar(args.json) as bar:
         if args.method == 'tip':
             options['progress'] = lambda share: bar.update(share - bar.n)
-        plan = shape_motion(robot, times, joints, args.method, tip, **options)
+        plan = shape_motion(robot, times, joints, args.method, tip, base=args.base, **options)
     write_plan(plan, args.output, args.interval)
     summary = {'output': str(args.output), **summarize(plan, times)}
     if args.page:
@@ -220,7 +227,19 @@ def summarize(plan: Plan, times: NDArray[Any]) -> dict[str, Any]:
         'tip_turn_rad': float(plan.tip_turn.max()),
         'equation_error_m': plan.equation_error,
         'largest_torque': _by_name(plan, np.abs(plan.torque).max(axis=0)),
+        **_of_base(plan),
     }
+
+
+def _of_base(plan: Plan) -> dict[str, Any]:
+    """Return the largest force and torque of thrusters that hold a base."""
+    import numpy as np
+
+    if plan.base_wrench is None:
+        return {}
+    parts = plan.base_wrench[:, :3], plan.base_wrench[:, 3:]
+    force, torque = (float(np.linalg.norm(part, axis=1).max()) for part in parts)
+    return {'base_force_N': force, 'base_torque_Nm': torque}
 
 
 def _by_name(plan: Plan, values: NDArray[Any]) -> dict[str, float]:
@@ -236,10 +255,13 @@ def _page(
 ) -> dict[str, Any]:
     """Write the page; return what it adds to the summary."""
     from denoc_ros.cli.progress import share_bar
+    from denoc_ros.dynamics.held_base import held_robot
     from denoc_ros.reports.provenance import named_file, provenance
     from denoc_ros.reports.shape import page
     from denoc_ros.reports.shape_comparison import compare
 
+    if plan.base_wrench is not None:
+        robot = held_robot(robot)
     with share_bar(quiet=args.json) as bar:
         found = compare(robot, plan, motion, tip, bar.update)
     made = provenance(
@@ -270,5 +292,8 @@ def _print(summary: Mapping[str, Any]) -> None:
     )
     for name, value in summary['largest_torque'].items():
         print(f'  largest torque {name}: {value:.4g} N m or N')
+    if 'base_force_N' in summary:
+        force, torque = summary['base_force_N'], summary['base_torque_Nm']
+        print(f'  thrusters hold the base with up to {force:.4g} N and {torque:.4g} N m')
     if 'page' in summary:
         print(f'page    {summary["page"]}')

@@ -77,7 +77,9 @@ class Planning:
         joints = robot.indices(header['joints'])
         q = all_joints(robot, header['joints'], arrays['q'], arrays['posture'])
         tip = header['tip'] or None
-        plan = shape_motion(robot, arrays['t'], q, header['method'], tip, **header['options'])
+        base = header['base'] if len(robot.base_indices) else None
+        method, options = header['method'], header['options']
+        plan = shape_motion(robot, arrays['t'], q, method, tip, base=base, **options)
         require_limits(robot, plan, joint_limits(robot, **header['limits']))
         rows = plan.q[:, joints], plan.qd[:, joints], plan.qdd[:, joints]
         servo = joint_servo(len(joints), **header['servo'])

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.control.driven_joints import all_joints
-from denoc_ros.control.ringing import RingingModes, require_flexible, ringing_modes
+from denoc_ros.control.ringing import RingingModes, ringing_modes, ringing_robot
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.nodes.messages import TrajectoryPointMessage
@@ -78,7 +78,6 @@ class ShaperNode(RobotNode):
         settings, robot = self.settings, self.robot
         name = self.get_fully_qualified_name()
         self.joints = driven_joints(robot, settings.texts('joints'), name)
-        require_flexible(robot)
         self._check(settings)
         n = len(self.joints)
         self.bounds = motion_bounds(robot, self.joints, settings)
@@ -90,7 +89,7 @@ class ShaperNode(RobotNode):
             settings.number('stop_time'),
             self.bounds,
         )
-        self._modes_robot = robot.copy()
+        self._modes_robot = ringing_robot(robot, settings.text('base'))
         self._point = TrajectoryPointMessage(self.joints)
         self._reference = self.create_publisher(JointTrajectory, 'reference', REFERENCE)
         if not self._connected:
@@ -317,7 +316,8 @@ class ShaperNode(RobotNode):
         model = self.read_model(self.settings)
         robot = self.changed_robot(self.settings, model)
         self.require_joints(robot)
-        self.robot, self._modes_robot = robot, robot.copy()
+        self.robot = robot
+        self._modes_robot = ringing_robot(robot, self.settings.text('base'))
         self.adopt_model(model, self.settings)
         with self._lock:
             self._cancel()
@@ -330,8 +330,9 @@ class ShaperNode(RobotNode):
             return
         self._check(settings)
         if any(is_override(name) for name in changes):
-            robot = self.changed_robot(settings)
-            self.robot, self._modes_robot = robot, robot.copy()
+            self.robot = self.changed_robot(settings)
+        if 'base' in changes or any(is_override(name) for name in changes):
+            self._modes_robot = ringing_robot(self.robot, settings.text('base'))
 
     def deactivate(self) -> None:
         """Stop the loop; what is planned or streamed is dropped."""

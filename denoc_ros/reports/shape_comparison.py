@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.carried_out import CarriedOut, DrivenMotion, carry_out, planned
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.shape import tip_frames
@@ -100,10 +101,12 @@ class _Judge:
         times = motion[0][0] + plan.stretch * (motion[0] - motion[0][0])
         self._first, self._last = float(times[0]), float(times[-1])
         self._spline = rest_spline(times, motion[1])
+        self._motion = AskedMotion(robot, times - self._first, motion[1])
         self._near = np.zeros(robot.n)
         self._near[robot.joint_indices] = motion[1][0]
         self._driven = [robot.joint_names.index(name) for name in plan.joint_names]
-        lowest = _lowest(robot, plan.q[-1])
+        columns = [plan.coordinate_names.index(name) for name in robot.coordinate_names]
+        lowest = _lowest(robot, plan.q[-1, columns])
         self._tail = min(PERIODS / lowest, 2.0 * (self._last - self._first)) if lowest else 0.0
         self._wanted = self._undeformed(robot)
 
@@ -136,8 +139,7 @@ class _Judge:
     def _undeformed(self, robot: Robot) -> tuple[Array, Array]:
         """Return times and positions of the tip of the undeformed robot on the motion."""
         times: Array = np.linspace(self._first, self._last, ROWS)
-        q = np.zeros((ROWS, robot.n))
-        q[:, robot.joint_indices] = self._spline(times)
+        q = self._motion.coordinates(times - self._first)
         if robot.constraint_names:
             fixed = list(self._plan.joint_names)
             for row in range(ROWS):
@@ -174,6 +176,7 @@ def compare(
     Parameters
     ----------
     robot : Robot
+        Its base is held if the plan is of one that thrusters hold.
     plan : Plan
     motion : (k,) and (k, joints) arrays
         Times and joints that were asked for.

@@ -10,6 +10,7 @@ import numpy as np
 
 from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.joint_limits import joint_limits
+from denoc_ros.control.ringing import require_flexible
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, StateError
@@ -148,6 +149,7 @@ def shape_job(settings: Settings, robot: dict[str, Any], joints: Sequence[str]) 
         'robot': robot,
         'method': method,
         'tip': settings.text('tip'),
+        'base': settings.text('base'),
         'joints': list(joints),
         'options': options,
         'limits': limits,
@@ -172,6 +174,7 @@ def check_planning(robot: Robot, joints: Sequence[str], settings: Settings) -> N
     ------
     DenocError
     """
+    require_flexible(robot)
     method, tip = settings.text('method'), settings.text('tip')
     if method == 'tip':
         if tip:

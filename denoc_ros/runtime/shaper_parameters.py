@@ -45,6 +45,15 @@ TABLE = ParameterTable(
             live=True,
         ),
         Parameter(
+            'base',
+            Kind.STRING,
+            'free_floating',
+            'a floating base: free_floating (it reacts to the arm) or free_flying (thrusters hold '
+            'it)',
+            choices=('free_floating', 'free_flying'),
+            live=True,
+        ),
+        Parameter(
             'modes',
             Kind.INTEGER,
             0,

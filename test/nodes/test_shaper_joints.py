@@ -13,6 +13,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 import denoc_ros as dn
 from denoc_ros.control.driven_joints import all_joints
 from denoc_ros.dynamics.equilibrium import Equilibrium
+from denoc_ros.dynamics.held_base import held_robot
 from denoc_ros.nodes.shaper import ShaperNode
 
 pytestmark = pytest.mark.ros
@@ -102,3 +103,44 @@ def test_all_joints_of_a_tree_are_planned(graph: Any, tmp_path: Any) -> None:
     node = graph.add(ShaperNode, start=False, urdf_path=str(urdf), joints=['j1', 'j2'])
     node.trigger_configure()
     assert "must name all joints of a robot without loops, ['j1', 'j2', 'left']" in node.failure
+
+
+@pytest.mark.parametrize('base', ['free_floating', 'free_flying'])
+def test_arm_on_a_spacecraft_is_planned_with_its_base(graph: Any, base: str) -> None:
+    """The node's plan is the one that `shape_motion` makes of the same motion."""
+    urdf = 'config/robots/canadarm_10t.urdf'
+    gravity = [0.0, 0.0, 0.0]
+    parameters = {'urdf_path': urdf, 'gravity': gravity, 'method': 'tip', 'base': base}
+    node = graph.add(ShaperNode, parameters=parameters)
+    t = np.linspace(0.0, 6.0, 121)
+    q = np.array([0.2, 0.7, 0.5]) + cycloid(t, 6.0)[:, None] * [0.3, 0.1, 0.05]
+    times, rows = shaped(graph, node, node.joints, t, q)
+    robot = dn.load_robot(urdf, gravity=tuple(gravity))
+    plan = dn.shape_motion(robot, t, q, base=base, output_step=0.01)
+    assert times[-1] - times[0] == pytest.approx(plan.t[-1] - plan.t[0], abs=1e-6)
+    wanted = plan.q[:, robot.joint_indices]
+    apart = [np.interp(times, plan.t - plan.t[0], column) for column in wanted.T]
+    np.testing.assert_allclose(rows, np.transpose(apart), atol=1e-6)
+    other = 'free_flying' if base == 'free_floating' else 'free_floating'
+    elsewhere = dn.shape_motion(robot, t, q, base=other, output_step=0.01)
+    joints = elsewhere.q[:, robot.joint_indices].T
+    fourth = [np.interp(4.0, elsewhere.t, column) for column in joints]  # s, while it moves
+    ours = [np.interp(4.0, times + plan.t[0], column) for column in rows.T]
+    assert np.abs(np.subtract(fourth, ours)).max() > 1e-4
+
+
+@pytest.mark.parametrize('base', ['free_floating', 'free_flying'])
+def test_stream_of_an_arm_on_a_spacecraft_has_its_modes(graph: Any, base: str) -> None:
+    urdf = 'config/robots/canadarm_10t.urdf'
+    given = {'urdf_path': urdf, 'gravity': [0.0, 0.0, -9.81], 'method': 'zv', 'base': base}
+    node = graph.add(ShaperNode, parameters={**given, 'limits.effort': [1e6]})
+    modes = node._modes(np.array([0.2, 0.7, 0.5]), node.settings)
+    robot = dn.load_robot(urdf, gravity=(0, 0, -9.81))
+    known = held_robot(robot) if base == 'free_flying' else robot
+    posture = known.static_deflection([0.2, 0.7, 0.5]) if base == 'free_flying' else None
+    if posture is None:
+        posture = np.zeros(known.n)
+        posture[known.joint_indices] = [0.2, 0.7, 0.5]
+    found = known.natural_frequencies(posture)
+    lowest = found[found > 1e-3][0]
+    assert modes.frequencies[0] == pytest.approx(lowest, rel=1e-3)
