@@ -70,14 +70,23 @@ class CentreLine:
         placed = roots + np.matmul(axes, points[:, :, None])[:, :, 0]
         return placed, np.matmul(axes, turns)
 
+    def points(self, q: Array) -> Array:
+        """Return the points (s, 3) [m] alone."""
+        return self._sections(q)[0] if self._shape[0] == 1 else self.place(q)[0]
+
     def _in_segments(self, q: Array) -> tuple[Array, Array]:
         """Return points and turns, each in the frame of its segment."""
+        points, bend = self._sections(q)
+        return points, rotations(bend[:, 3:])
+
+    def _sections(self, q: Array) -> tuple[Array, Array]:
+        """Return points (s, 3), and displacements with rotation vectors (s, 6), in segments."""
         d = self.amplitudes(q)
         bend = np.matmul(self._linear, d[:, :, None])[:, :, 0]
         drawn = np.matmul(self._shortening, d[:, :, None])[:, :, 0]
         points = bend[:, :3].copy()
         points[:, 0] = self.local - 0.5 * np.sum(drawn * d, axis=1)
-        return points, rotations(bend[:, 3:])
+        return points, bend
 
     def _roots(self, q: Array) -> tuple[Array, Array]:
         """Return where the segments' frames stand in the beam frame, (k, 3) and (k, 3, 3)."""

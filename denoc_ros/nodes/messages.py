@@ -24,10 +24,10 @@ from denoc_ros.bags.definitions import exact_cdr
 from denoc_ros.types import Array
 
 DELIVERY = 0.5  # s
-_STAMP = struct.Struct('<iI')
+STAMP = struct.Struct('<iI')
 
 
-def _template(message: object, markers: Sequence[float]) -> tuple[bytearray, list[int]]:
+def template(message: object, markers: Sequence[float]) -> tuple[bytearray, list[int]]:
     """Return a message's bytes and where each marker value stands in them."""
     kind = type(message)
     name = f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
@@ -49,7 +49,7 @@ class _Prebuilt:
 
     def stamp(self, stamp_ns: int) -> None:
         """Write the header's stamp [ns]."""
-        _STAMP.pack_into(self._raw, 4, *stamp_fields(stamp_ns))
+        STAMP.pack_into(self._raw, 4, *stamp_fields(stamp_ns))
 
     def bytes(self) -> bytes:
         """Return the message, ready for `Publisher.publish`."""
@@ -66,7 +66,7 @@ class CommandMessage(_Prebuilt):
             MultiArrayDimension(label=','.join(joints), size=count, stride=count)
         ]
         message.data = [1.2345e100] * count
-        self._raw, offsets = _template(message, [1.2345e100] if count else [])
+        self._raw, offsets = template(message, [1.2345e100] if count else [])
         self.values: Array = (
             np.frombuffer(self._raw, '<f8', count, offsets[0]) if count else np.empty(0)
         )
@@ -99,7 +99,7 @@ class TrajectoryPointMessage(_Prebuilt):
         ):
             setattr(point, field, [marker] * count)
         message = JointTrajectory(joint_names=list(joints), points=[point])
-        self._raw, offsets = _template(message, markers if count else [])
+        self._raw, offsets = template(message, markers if count else [])
         views = [np.frombuffer(self._raw, '<f8', count, offset) for offset in offsets]
         self.positions: Array = views[0]
         self.velocities: Array = views[1]
@@ -127,7 +127,7 @@ class ImuMessage(_Prebuilt):
             message.angular_velocity_covariance[4 * axis] = gyro_noise**2
             message.linear_acceleration_covariance[4 * axis] = accel_noise**2
         message.angular_velocity.x, message.linear_acceleration.x = 1.2345e100, 1.3345e100
-        self._raw, offsets = _template(message, [1.2345e100, 1.3345e100])
+        self._raw, offsets = template(message, [1.2345e100, 1.3345e100])
         self._rate, self._force = (np.frombuffer(self._raw, '<f8', 3, k) for k in offsets)
         self.write(np.zeros(6))
 
@@ -143,7 +143,7 @@ class AccelMessage(_Prebuilt):
         message = AccelStamped()
         message.header.frame_id = frame_id
         message.accel.linear.x = 1.2345e100
-        self._raw, offsets = _template(message, [1.2345e100])
+        self._raw, offsets = template(message, [1.2345e100])
         self._force: Array = np.frombuffer(self._raw, '<f8', 3, offsets[0])
         self.write(np.zeros(3))
 
@@ -159,7 +159,7 @@ class PoseMessage(_Prebuilt):
         message = PoseStamped()
         message.header.frame_id = frame_id
         message.pose.position.x = 1.2345e100
-        self._raw, offsets = _template(message, [1.2345e100])
+        self._raw, offsets = template(message, [1.2345e100])
         self.values: Array = np.frombuffer(self._raw, '<f8', 7, offsets[0])
         self.values[:] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 

@@ -19,7 +19,7 @@ from denoc_ros.estimation.clock import StampClock
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.nodes.base import STATE
 from denoc_ros.nodes.base_input import BaseInput
-from denoc_ros.nodes.markers import CentreLines
+from denoc_ros.nodes.markers import CentreLines, LineMarkers
 from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.predictor_outputs import PredictorOutputs
 from denoc_ros.nodes.process import leave, run
@@ -105,7 +105,8 @@ class PredictorNode(RobotNode):
             self.base_frame,
         )
         self.sensors.update(robot.tree)
-        self._lines = CentreLines(robot.copy(), self.base_frame)
+        self._lines = CentreLines(robot.copy())
+        self._line_markers = LineMarkers(self.base_frame)
         self._rehearse()
         self._connect()
 
@@ -128,7 +129,7 @@ class PredictorNode(RobotNode):
         self.observer.deflections.evaluate(zero, zero)
         self.robot.frame_pose(self.tip, zero)
         self.robot.beam_sensor_values(zero)
-        self._lines.message(zero, 0)
+        self._line_markers.encode(self._lines.points(zero), 0)
 
     def _connect(self) -> None:
         """Subscribe and set timers, once."""
@@ -300,7 +301,8 @@ class PredictorNode(RobotNode):
         """Publish the deflected centre lines while anybody listens."""
         active = self.state == 'active' and self.observer.started
         if active and self._markers.get_subscription_count():
-            self._markers.publish(self._lines.message(self.observer.q.copy(), self.stamp_ns()))
+            lines = self._lines.points(self.observer.q.copy())
+            self._markers.publish(self._line_markers.encode(lines, self.stamp_ns()))
 
     def _reset(self) -> str:
         """Forget state, reference and stamps."""
@@ -346,7 +348,7 @@ class PredictorNode(RobotNode):
     def _replace(self, robot: Robot, settings: Settings) -> None:
         self.require_coordinates(robot)
         observer = self._build(robot, settings)
-        self._lines = CentreLines(robot.copy(), self.base_frame)
+        self._lines = CentreLines(robot.copy())
         self._pending = robot, observer, self._adaptation(robot, settings)
 
     # ---- diagnostics

@@ -46,7 +46,7 @@ def test_the_strain_is_that_of_the_arc() -> None:
 
 def test_the_marker_s_line_follows_the_arc() -> None:
     robot, q = bent()
-    lines = CentreLines(robot, 'base').points(q)
+    lines = CentreLines(robot).points(q)
     assert [(link, flexible) for link, flexible, _ in lines] == [('strip', True)]
     radius = 1.0 / MOMENT
     distance = np.linalg.norm(lines[0][2][:, :2] - [0.0, radius], axis=1)
@@ -56,7 +56,7 @@ def test_the_marker_s_line_follows_the_arc() -> None:
 def test_every_link_of_the_arm_has_one_line_and_one_surface() -> None:
     robot = dn.load_robot(spatial_text(3))
     q = np.zeros(robot.n)
-    names = [link for link, _, _ in CentreLines(robot, 'base').points(q)]
+    names = [link for link, _, _ in CentreLines(robot).points(q)]
     assert sorted(names) == ['fore', 'upper']
     assert [part.link for part in Bending(robot).flexible] == ['upper', 'fore']
     whole = dn.load_robot(spatial_text(1))
