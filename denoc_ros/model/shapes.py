@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 from scipy.linalg import eigh
@@ -98,11 +98,20 @@ class ShapeFunctions:
         Returns
         -------
         ndarray (modes, modes)
-            Exact to rounding.
+            Exact to rounding; worked out once, not to be written.
         """
-        x, weights = quadrature(self.length, 24 + 4 * self.modes)
-        part = self.derivatives(x, order)
-        return np.asarray((part * weights[:, None]).T @ part)
+        if order not in self._grams:
+            x, weights = quadrature(self.length, 24 + 4 * self.modes)
+            part = self.derivatives(x, order)
+            gram: Array = (part * weights[:, None]).T @ part
+            gram.setflags(write=False)
+            self._grams[order] = gram
+        return self._grams[order]
+
+    @cached_property
+    def _grams(self) -> dict[int, Array]:
+        """What `gram` has worked out, by order: a change of damping asks for it again."""
+        return {}
 
     def _waves_at(self, xi: Array, order: int) -> Array:
         beta = self.wave_numbers

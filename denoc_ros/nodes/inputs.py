@@ -6,8 +6,6 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
-from itertools import islice
 from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile
@@ -76,8 +74,12 @@ def arrivals(infos: Sequence[Mapping[str, int]], before: float) -> list[float]:
 
 def _taken(subscription: Any, depth: int) -> Iterator[tuple[bytes, Any]]:
     """Yield what waits, raw, with what the middleware says of it."""
-    take = partial(subscription.handle.take_message, subscription.msg_type, True)
-    return islice(iter(take, None), depth)
+    take, kind = subscription.handle.take_message, subscription.msg_type
+    for _ in range(depth):
+        taken = take(kind, True)
+        if taken is None:
+            return
+        yield taken
 
 
 class Subscriber(Protocol):
