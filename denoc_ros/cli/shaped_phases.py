@@ -62,6 +62,8 @@ def plans_of(
         method = options.pop('method')
         if config.joints and method == 'tip':
             options = {'joints': list(joints), **options}
+        if len(model.base_indices) and _flies(config, phase):
+            options = {'base': 'free_flying', **options}
         try:
             with step(f'shaping the reference: {phase.name}'):
                 plans[phase.name] = shape_motion(
@@ -71,6 +73,13 @@ def plans_of(
             found = [f'phase {phase.name!r}: shape: {error}']
             raise ConfigError(str(config.path), found) from error
     return plans
+
+
+def _flies(config: SessionConfig, phase: Phase) -> bool:
+    """Say whether the feedforward takes a base that would float for one that thrusters hold."""
+    nodes = (config.nodes, phase.nodes)
+    given = {key: value for part in nodes for key, value in part.get('feedforward', {}).items()}
+    return given.get('base') == 'free_flying'
 
 
 def _asked(

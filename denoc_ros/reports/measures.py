@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.errors import SolverError
 from denoc_ros.reports.recording import ASKED_TOPICS, Interval, RecordedTopics, Series
 from denoc_ros.trajectories import SplineTrajectory
@@ -22,6 +23,7 @@ ROUNDING = 1e-12  # rad
 NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: neither shown nor judged
 LONG_ENOUGH = 0.5  # s after the stop that say something of swing
 SETTLED = 3.0  # s after the stop from which on an arm should be at rest
+REACTING = 1001  # moments of a motion to which a floating base reacts
 POSES = 2000  # per phase: enough for an rms, each costs a pass over the links
 
 
@@ -246,13 +248,27 @@ def _tip_error(
     if robot.tree.loops:
         wanted[:, robot.joint_indices] = q[:, robot.joint_indices]
     places = [robot.coordinate_names.index(name) for name in asked.names]
-    wanted[:, places] = asked.at(true.t[rows] + start - asked.start)
+    times = true.t[rows] + start - asked.start
+    wanted[:, places] = asked.at(times)
+    if len(robot.base_indices):
+        if robot.tree.loops:
+            return None
+        wanted[:, robot.base_indices] = _reacting(robot, asked, times)
     try:
         wanted = robot.assemble(wanted, fixed=asked.names)
     except SolverError:
         return None
     gap = _positions(robot, tip, q) - _positions(robot, tip, wanted)
     return Series(true.t[rows], (tip,), np.linalg.norm(gap, axis=1)[:, np.newaxis])
+
+
+def _reacting(robot: Robot, asked: _Reference, times: Array) -> Array:
+    """Return how (k, 6) a floating base reacts to the undeformed arm, from zero coordinates on."""
+    at: Array = np.linspace(0.0, asked.end - asked.start, REACTING)
+    joints = np.zeros((len(at), len(robot.joint_names)))
+    joints[:, [robot.joint_names.index(name) for name in asked.names]] = asked.at(at)
+    motion = AskedMotion(robot, at, joints)
+    return np.asarray(motion.coordinates(times)[:, robot.base_indices])
 
 
 def _positions(robot: Robot, frame: str, states: Array) -> Array:
