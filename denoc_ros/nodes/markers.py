@@ -118,6 +118,8 @@ class LineMarkers:
             marker.points = [Point(x=firsts[number])] + [Point() for _ in range(count - 1)]
             array.markers.append(marker)
         self._raw, offsets = template(array, firsts)
+        # what arrives is what was sent: the middleware would pad it to that
+        self._raw += bytes(-len(self._raw) % 4)
         self._stamps = [self._raw.index(STAMP.pack(*stamp)) for stamp in stamps]
         self._points = [
             np.frombuffer(self._raw, '<f8', 3 * count, offset)

@@ -21,7 +21,9 @@ def test_the_bytes_are_the_lines_whatever_was_drawn_before() -> None:
         lines = CentreLines(dn.load_robot(text))
         for stamp_ns in (3_000_000_007, 5):
             drawn = lines.points(0.1 * random.normal(size=lines._robot.n))
-            message = deserialize_message(markers.encode(drawn, stamp_ns), MarkerArray)
+            raw = markers.encode(drawn, stamp_ns)
+            assert len(raw) % 4 == 0  # what arrives is what was sent
+            message = deserialize_message(raw, MarkerArray)
             assert [marker.ns for marker in message.markers] == [link for link, _, _ in drawn]
             assert [marker.id for marker in message.markers] == list(range(len(drawn)))
             for marker, (_, flexible, points) in zip(message.markers, drawn, strict=True):
