@@ -65,7 +65,7 @@ def closed_loop(model: DeviationModel, gains: PostureGains, settings: FeedbackSe
     ends = np.cumsum([0, s, past, k, e, waiting])
     plant, way, sums, guess, queue = (slice(*pair) for pair in pairwise(ends.tolist()))
     unit = np.eye(total)
-    innovation = model.measured @ unit[plant] - gains.measured @ unit[guess][:s]
+    innovation = model.measured @ unit[plant] - gains.measured @ unit[guess]
     arriving = innovation.copy()
     if waiting:
         arriving[2 * k :] = unit[queue][:sensors]
@@ -85,8 +85,8 @@ def closed_loop(model: DeviationModel, gains: PostureGains, settings: FeedbackSe
         # what is on its way is compared with an estimate that knows of what has come since
         rest = np.concatenate([unit[queue][sensors:], innovation[2 * k :]])
         rows = gains.measured[2 * k :]
-        rest -= np.tile(rows @ by_sensors[:s], (late, 1))
-        rest[-sensors:] -= rows @ by_joints[:s]
+        rest -= np.tile(rows @ by_sensors, (late, 1))
+        rest[-sensors:] -= rows @ by_joints
         step[queue] = rest
     if not settings.integral_time:
         keep = np.delete(np.arange(total), np.arange(sums.start, sums.stop))

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.control.error_estimate import ErrorEstimate
-from denoc_ros.control.feedback_design import PostureGains
+from denoc_ros.control.feedback_design import BIASES, PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
+from denoc_ros.control.read_values import chosen_values
 from denoc_ros.dynamics.measured_side import MeasuredStates, whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
@@ -37,7 +38,7 @@ class Pause(NamedTuple):
 
 
 class DeviationFilter:
-    """The estimate [y; forces] of deviations from a plan; allocates little per tick.
+    """The estimate [y; forces; biases] of deviations from a plan; allocates little per tick.
 
     A value is compared with what plan and estimate had at its own stamp. While a sensor that is
     read has given no value of late within the gate, the joints alone correct the estimate, which
@@ -52,8 +53,8 @@ class DeviationFilter:
 
     Attributes
     ----------
-    state : (2 m + d,) array
-        y and the forces that the model does not know.
+    state : (e,) array
+        y, the forces that the model does not know, and the biases of gyroscopes.
     believed : bool
     blind : bool
         Whether the joints alone correct it.
@@ -72,12 +73,18 @@ class DeviationFilter:
         self._sensors = schedule.sensors
         names = [robot.coordinate_names[index] for index in schedule.joints]
         self._states = MeasuredStates(robot, names)
-        self._names = [robot.tree.sensors[k].name for k in self._sensors]
+        values = chosen_values(robot.tree, self._sensors)
+        self._names = [value.name for value in values]
+        self._places = [value.place for value in values]
+        self._turning = bool((self._sensors >= len(robot.tree.sensors)).any())
         self._timeout = schedule.settings.sensor_timeout
         self._period = schedule.settings.period
         gains = schedule.gains[0]
         self._k, seen = len(names), len(gains.measured)
-        self._deviations = gains.measured.shape[1]
+        bias = np.concatenate([np.zeros(2 * self._k), [value.bias for value in values]])
+        self._biased, self._most_bias = np.flatnonzero(bias), BIASES * bias[bias > 0.0]
+        self._unbiased = np.ones(len(self._biased), dtype=np.bool_)
+        self._deviations = len(gains.push)
         self.state: Array = np.zeros(len(gains.transition))
         self.refused = np.zeros(len(self._sensors), dtype=np.int64)
         self._values, self._stamps = np.zeros(seen), np.zeros(seen)
@@ -105,6 +112,10 @@ class DeviationFilter:
         if self.errors is not None:
             self.errors.reset()
 
+    def is_like(self, other: DeviationFilter) -> bool:
+        """Say whether the estimates of both have the same parts."""
+        return len(self.state) == len(other.state) and np.array_equal(self._biased, other._biased)
+
     def take_model(self, other: DeviationFilter) -> None:
         """Go on by the model of another filter of the same coordinates and sensors."""
         self._robot, self._timeout = other._robot, other._timeout
@@ -131,7 +142,9 @@ class DeviationFilter:
         k = self._k
         self._states.positions(q, expected[:k])
         self._states.positions(qd, expected[k : 2 * k])
-        if len(self._sensors):
+        if self._turning:
+            expected[2 * k :] = self._robot.sensor_values(q, qd)[self._places]
+        elif len(self._sensors):
             expected[2 * k :] = self._robot.beam_sensor_values(q)[self._sensors]
 
     def take_joints(self, stamp: float, q: Array, qd: Array | None) -> None:
@@ -152,8 +165,7 @@ class DeviationFilter:
         """Correct the estimate by the received values, and say whether it is reliable."""
         if np.isnan(self._doubted_at):
             self._doubted_at = now
-        measured = gains.measured
-        self._own.push(now)[:] = measured @ self.state[: self._deviations]
+        self._own.push(now)[:] = gains.measured @ self.state
         innovation, new, stamps = self._innovation, self._new, self._stamps
         innovation[:] = 0.0
         if self._pause is not None:
@@ -171,6 +183,7 @@ class DeviationFilter:
             self._begin(now, gains)
         elif self._pause is not None and new[0]:
             self._regain(gains)
+        self._begin_biases(gains)
         self._refuse(gains)
         self._good_at[new] = stamps[new]
         new[:] = False
@@ -203,24 +216,38 @@ class DeviationFilter:
             errors.follow(gains, correction, at)
         change = correction[:, at] @ self._innovation[at]
         self.state += change
-        self._own.since(stamp - 0.5 * self._period)[1][:] += (
-            gains.measured @ change[: self._deviations]
-        )
+        self._own.since(stamp - 0.5 * self._period)[1][:] += gains.measured @ change
 
     def _begin(self, now: float, gains: PostureGains) -> None:
         """Start from the measured state: a jump would look like vibration."""
         most = FAR * gains.reach
         most[: 2 * self._k] = np.inf
         fits = self._new & (np.abs(self._innovation) <= most) & np.isfinite(gains.spread)
+        fits[self._biased] = False  # of those the bias is what is known least
         at = np.flatnonzero(fits)
         weights = 1.0 / gains.spread[at]
-        rows = weights[:, None] * gains.measured[at]
+        rows = weights[:, None] * gains.measured[at, : self._deviations]
         self.state[: self._deviations] += np.linalg.pinv(rows) @ (weights * self._innovation[at])
-        self._own.since(-np.inf)[1][:] = gains.measured @ self.state[: self._deviations]
+        change = gains.measured @ self.state
+        self._own.since(-np.inf)[1][:] = change
+        turning = self._biased[self._new[self._biased]]
+        self._innovation[turning] -= change[turning]
         self._innovation[at] = 0.0
-        self._fresh, self._began = False, now
+        self._fresh, self._began, self._unbiased[:] = False, now, True
         if self.errors is not None:
             self.errors.forget_deviations()
+
+    def _begin_biases(self, gains: PostureGains) -> None:
+        """Take for a bias what the first value of a gyroscope is off by."""
+        first = self._unbiased & self._new[self._biased]
+        if self._fresh or not first.any():
+            return
+        at, biases = self._biased[first], self.state[len(self.state) - len(self._biased) :]
+        most = self._most_bias[first]
+        biases[first] = np.clip(self._innovation[at], -most, most)
+        self._own.since(-np.inf)[1][:, at] += biases[first]
+        self._innovation[at] -= biases[first]
+        self._unbiased[first] = False
 
     def doubt(self, pushed: Array, seconds: float, now: float) -> None:
         """Take note that the loop was away.
@@ -259,13 +286,13 @@ class DeviationFilter:
         off = np.diag(DOUBTED * pushed[m:])
         ways = np.vstack([0.5 * seconds * off, off])
         at = np.flatnonzero(self._new & np.isfinite(gains.spread))
-        across = gains.measured[at] @ ways
+        across = gains.measured[at, : 2 * m] @ ways
         inner = across @ across.T + np.diag(np.square(gains.spread[at]))
         correction = np.zeros((len(self.state), len(self._innovation)))
         correction[: 2 * m, at] = np.linalg.solve(inner, across @ ways.T).T
         change = correction @ self._innovation
         self.state += change
-        seen = gains.measured @ change[: 2 * m]
+        seen = gains.measured @ change
         self._own.since(self._own.last)[1][:] += seen
         self._innovation[at] -= seen[at]
         if self.errors is not None:

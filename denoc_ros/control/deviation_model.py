@@ -99,7 +99,7 @@ def deviation_model(
     joints : sequence of str
         That are driven.
     sensors : sequence of int
-        Places of the sensors that are read, among the robot's.
+        Places of the values that are read, in file order; specific forces cannot be.
     tip : str
         A frame.
     state : PlannedState

@@ -33,7 +33,7 @@ class ErrorEstimate:
     Attributes
     ----------
     values : (errors,) array
-    seen : (2 m + d, errors) array
+    seen : (e, errors) array
         How far the estimate is from the truth, by unit errors.
 
     Notes
@@ -82,7 +82,7 @@ class ErrorEstimate:
         """Learn from the innovations of the filter at some places, at a time of the plan [s]."""
         if not self._quiet <= time <= self._end or not len(at):
             return
-        expected = (gains.measured @ self.seen[: gains.measured.shape[1]])[at]
+        expected = gains.measured[at] @ self.seen
         left = innovation[at] - expected @ self.values
         if (np.abs(left) > GATE * gains.spread[at]).any():
             self.doubt(time)
@@ -96,8 +96,7 @@ class ErrorEstimate:
 
     def follow(self, gains: PostureGains, correction: Array, at: NDArray[np.intp]) -> None:
         """Take note that the filter has corrected its estimate by the innovations at places."""
-        measured = gains.measured[at] @ self.seen[: gains.measured.shape[1]]
-        self.seen -= correction[:, at] @ measured
+        self.seen -= correction[:, at] @ (gains.measured[at] @ self.seen)
 
     def go_on(self, gains: PostureGains, time: float) -> None:
         """Go on by a period from a time of the plan [s]."""

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from denoc_ros.control.deviation_model import DeviationModel, PlannedState
 from denoc_ros.control.feedback_settings import FeedbackSettings
+from denoc_ros.control.read_values import is_rate
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import spring_indices
 from denoc_ros.errors import SolverError
 from denoc_ros.model.arrays import is_flexible
+from denoc_ros.model.inertial_sensors import SensorValue
 from denoc_ros.types import Array
 
 CORRELATION = 0.03  # s over which forces that the model does not know stay alike: Gauss-Markov
 DOUBLINGS = 40
 SETTLED = 1e-12  # relative change of a doubling
+BIASES = 5.0  # standard deviations of a bias that is believed
+BIAS_TIME = 1e5  # s over which a bias stays alike: Gauss-Markov
+# factor of a gyroscope's noise in the filter: with the noise itself it would follow the rates
+# within a period or two, and a loop with values 2 ms late would not be stable
+TURNING = 10.0
 BLIND = 30.0  # factor of the joints' noise in the filter by joints alone, which needs no speed
 DEFLECTION = 0.15  # of a beam's length, beyond which a deviation is no robot's that has a plan
 LEAST_TORQUE = 1e-3  # of the effort limit, that is never known
@@ -48,16 +57,16 @@ class PostureGains:
     ----------
     gain : (joints, 2 m + past + joints) array
         Torque = -gain [y; torques on their way; integrals].
-    transition : (2 m + d, 2 m + d) array
-        Of the estimate [y; forces] over a period.
+    transition : (e, e) array
+        Of the estimate [y; forces; biases] over a period.
     push : (2 m, past + joints) array
         What the torques on their way and the new one add to y over a period.
-    correction : (2 m + d, measured) array
+    correction : (e, measured) array
         Of the estimate by the innovations.
-    measured : (measured, 2 m) array
+    measured : (measured, e) array
     spread : (measured,) array
         Standard deviations of the innovations.
-    blind : (2 m + d, 2 joints) array
+    blind : (e, 2 joints) array
         Correction by the joints alone, while sensors are not believed.
     reach : (measured,) array
         Largest innovations of sensors that are listened to while they are not believed.
@@ -206,9 +215,23 @@ class Noise:
     """Standard deviations: of measured joints and sensors, and of forces that are not known."""
 
     measured: Array
+    bias: Array  # of the same values
     least_force: Array  # (joints + flexible,)
     first: NDArray[np.intp]  # of each amplitude: the first of its deformation
     length: Array  # (flexible,) of the beam [m], 1 rad for twist; 0 for all but the first
+
+    @property
+    def biases(self) -> Array:
+        """The standard deviations (biases,) of those that there are."""
+        return np.asarray(self.bias[self.bias > 0.0])
+
+    def with_biases(self, transition: Array, period: float) -> Array:
+        """Return a transition over a period [s] with that of the biases.
+
+        They fade slowly: one that nothing tells from a deviation cannot run away.
+        """
+        fading = math.exp(-period / BIAS_TIME) * np.eye(len(self.biases))
+        return np.asarray(scipy.linalg.block_diag(transition, fading))
 
     def forces(self, state: PlannedState, stiff: Array, share: float) -> Array:
         """Return the deviations (joints + flexible,) of unknown forces at a moment."""
@@ -218,13 +241,15 @@ class Noise:
 
 
 def noise_of(
-    robot: Robot, joints: int, sensors: Sequence[int], limits: Array, settings: FeedbackSettings
-) -> Noise:
+    robot: Robot, joints: int, sensors: Sequence[SensorValue], limits: Array,
+    settings: FeedbackSettings,
+) -> Noise:  # fmt: skip
     """Return the noise of measurements and the least of the forces."""
-    values = [robot.tree.sensors[place].noise for place in sensors]
     measured = np.concatenate([
-        np.full(joints, settings.position_noise), np.full(joints, settings.velocity_noise), values,
+        np.full(joints, settings.position_noise), np.full(joints, settings.velocity_noise),
+        [value.noise * (TURNING if is_rate(value) else 1.0) for value in sensors],
     ])  # fmt: skip
+    bias = np.concatenate([np.zeros(2 * joints), [value.bias for value in sensors]])
     flexible = robot.flexible_indices
     first, length = np.zeros(len(flexible), dtype=np.intp), np.ones(len(flexible))
     for body in robot.tree.bodies:
@@ -241,26 +266,39 @@ def noise_of(
     stiff = robot.stiffness[flexible]
     least = LEAST_DEFLECTION * (stiff * length)[first]
     alone = np.where(first == np.arange(len(first)), length, 0.0)
-    return Noise(measured, np.concatenate([LEAST_TORQUE * limits, least]), first, alone)
+    least = np.concatenate([LEAST_TORQUE * limits, least])
+    return Noise(measured, bias, least, first, alone)
 
 
 def reach_of(model: DeviationModel, noise: Noise) -> Array:
-    """Return the values (measured,) that beams show which are bent by a share of their length."""
+    """Return the values (measured,) that beams show which are bent by a share of their length.
+
+    Of gyroscopes: on beams that swing by so much, with a bias.
+    """
     bent = np.zeros(model.size)
     bent[model.stiff > 0.0] = DEFLECTION * noise.length
-    return np.asarray(np.abs(model.measured[:, : model.size]) @ bent)
+    frequency = np.sqrt(model.stiff / np.diag(model.linear.inertia))
+    shown = np.abs(model.measured) @ np.concatenate([bent, frequency * bent])
+    return np.asarray(shown + BIASES * noise.bias)
+
+
+def whole_rows(model: DeviationModel, noise: Noise) -> Array:
+    """Return the measured values (measured, e) by y, unknown forces and biases."""
+    forces = np.zeros((len(model.measured), model.linear.b.shape[1]))
+    return np.hstack([model.measured, forces, np.eye(len(noise.bias))[:, noise.bias > 0.0]])
 
 
 def estimator(
-    model: DeviationModel, transition: Array, noise: Noise, forces: Array, seen: int
+    measured: Array, transition: Array, noise: Noise, forces: Array, seen: int
 ) -> tuple[Array, Array]:
-    """Return the correction (2 m + d, seen) of the settled filter and all innovations' deviations.
+    """Return the correction (e, seen) of the settled filter and all innovations' deviations.
 
     Parameters
     ----------
-    model : DeviationModel
-    transition : (2 m + d, 2 m + d) array
-        Over a period, as :meth:`DeviationModel.disturbed` returns it.
+    measured : (measured, e) array
+        As :func:`whole_rows` returns it.
+    transition : (e, e) array
+        Over a period, as :meth:`DeviationModel.disturbed` returns it, with the biases.
     noise : Noise
     forces : (d,) array
         Deviations of the forces that are not known.
@@ -272,11 +310,11 @@ def estimator(
     SolverError
         The measurements do not show every deviation.
     """
-    s, total = 2 * model.size, len(transition)
-    unit = np.concatenate([np.ones(s), forces])
+    total = len(transition)
+    s = total - len(forces) - len(noise.biases)
+    unit = np.concatenate([np.ones(s), forces, noise.biases])
     scaled = transition * unit / unit[:, None]
-    rows = np.zeros((len(model.measured), total))
-    rows[:, :s] = model.measured
+    rows = measured * unit
     deviations = noise.measured.copy()
     if seen < len(rows):
         deviations[:seen] *= BLIND

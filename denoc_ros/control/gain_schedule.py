@@ -26,6 +26,7 @@ from denoc_ros.control.feedback_design import (
     reach_of,
     regulator,
     settled_cost,
+    whole_rows,
 )
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.model_errors import (
@@ -35,6 +36,7 @@ from denoc_ros.control.model_errors import (
     preview,
 )
 from denoc_ros.control.planned_states import PlannedMotion
+from denoc_ros.control.read_values import chosen_values, read_sensors
 from denoc_ros.dynamics.measured_side import MeasuredStates, whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
@@ -61,7 +63,8 @@ class GainSchedule:
     coordinates : (m,) int array
         Where the minimal coordinates stand among those of the robot with all its springs.
     joints, sensors : (driven,) and (read,) int arrays
-        Coordinates of the driven joints; places of the sensors that are read.
+        Coordinates of the driven joints; places of the values that are read among those of
+        :func:`denoc_ros.control.read_values.numbered_values`.
     limits : (driven,) array
         Effort limits [N m, N].
     settings : FeedbackSettings
@@ -91,12 +94,6 @@ class GainSchedule:
         along = min(max(along, 0.0), len(self.times) - 1.0)
         before = min(int(along), len(self.times) - 2)
         return before, along - before
-
-
-def read_sensors(robot: Robot) -> Int:
-    """Return the places of the sensors that feedback can read: with a topic and with noise."""
-    found = [k for k, each in enumerate(robot.tree.sensors) if each.topic and each.noise > 0.0]
-    return np.array(found, dtype=np.intp)
 
 
 def design(
@@ -142,11 +139,11 @@ def design(
     robot = whole_robot(robot)
     sensors = _checked(robot, joints, limits, settings)
     doublings = _doublings(times, settings)
-    models = []
-    for state in states:
-        models.append(deviation_model(robot, joints, sensors.tolist(), settings.tip, state))
+    values = chosen_values(robot.tree, sensors)
+    rows = [value.place for value in values]
+    models = [deviation_model(robot, joints, rows, settings.tip, state) for state in states]
     require_same_coordinates(models)
-    noise = noise_of(robot, len(joints), sensors.tolist(), limits, settings)
+    noise = noise_of(robot, len(joints), values, limits, settings)
     stiff = robot.stiffness[robot.flexible_indices]
     cost: Array | None = None
     gains: list[PostureGains] = []
@@ -156,27 +153,31 @@ def design(
         if solved is not None:
             solved.append((problem, cost))
         forces = noise.forces(state, stiff, settings.model_error)
-        transition = model.disturbed(settings.period, CORRELATION)
-        correction, spread = estimator(model, transition, noise, forces, len(model.measured))
-        blind, _ = estimator(model, transition, noise, forces, 2 * len(joints))
+        transition = noise.with_biases(
+            model.disturbed(settings.period, CORRELATION), settings.period
+        )
+        measured = whole_rows(model, noise)
+        correction, spread = estimator(measured, transition, noise, forces, len(measured))
+        blind, _ = estimator(measured, transition, noise, forces, 2 * len(joints))
         sampled = model.sampled(settings.period, settings.delay)
         s = 2 * model.size
         push = np.hstack([sampled.a[:s, s:], sampled.b[:s]])
         gains.append(PostureGains(
             gain_of(problem, cost, limits, settings), transition, push, correction,
-            model.measured, spread, blind, reach_of(model, noise), problem.virtual,
+            measured, spread, blind, reach_of(model, noise), problem.virtual,
         ))  # fmt: skip
     gains.reverse()
     chosen = np.unique(np.linspace(0, len(states) - 1, min(TRIED, len(states))).astype(int))
     slowest = settling(
-        robot, joints, sensors.tolist(), [states[k] for k in chosen],
+        robot, joints, rows, [states[k] for k in chosen],
         [gains[k] for k in chosen], settings,
     )  # fmt: skip
     if not slowest.modulus < 1.0:
         raise StateError(
             'state feedback: the sampled closed loop must be stable for 0.8 to 1.2 of the '
             f'stiffness and of the load at the tip, got {slowest}; a larger tip_error, '
-            'joint_error or integral_time, or a smaller effort_share or delay may help'
+            'joint_error or integral_time, or a smaller effort_share, model_error or delay '
+            'may help'
         )
     names = models[0].linear.state_names[: models[0].size]
     coordinates = np.array([robot.coordinate_names.index(name) for name in names], dtype=np.intp)
@@ -235,10 +236,10 @@ def _checked(
             'state feedback: every joint that is measured behind its spring must be driven, got '
             f'{", ".join(standing)} that {"is" if len(standing) == 1 else "are"} not'
         )
-    sensors = read_sensors(robot)
+    sensors = read_sensors(robot.tree)
     if not len(sensors) and any(map(is_flexible, robot.tree.bodies)):
         raise StateError(
-            'state feedback: a robot with flexible links must have sensors with a topic and '
-            'noise > 0, got none'
+            'state feedback: a robot with flexible links must have gauges, load cells, '
+            'deflection sensors or gyroscopes with a topic and noise > 0, got none'
         )
     return sensors

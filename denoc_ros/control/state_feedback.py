@@ -82,6 +82,7 @@ class StateFeedback:
             and np.array_equal(mine.joints, its.joints)
             and np.array_equal(mine.sensors, its.sensors)
             and self._way.shape == other._way.shape
+            and self.filter.is_like(other.filter)
         )
         if same:
             other.filter.take_model(self.filter)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from denoc_ros.errors import StateError
+from denoc_ros.model.inertial_sensors import inertial_values
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
@@ -63,12 +64,11 @@ class InertialRows:
     """
 
     def __init__(self, robot: Robot) -> None:
-        sensors = robot.tree.inertial_sensors
-        self.names = tuple(f'{s.name}/{part}' for s in sensors for part in s.parts)
-        of = [(s, part.partition('_')[0]) for s in sensors for part in s.parts]
-        self.noise = np.array([getattr(s, f'{kind}_noise') for s, kind in of])
-        self.bias = np.array([getattr(s, f'{kind}_bias') for s, kind in of])
-        self._places = [s.first + k for s in sensors for k in range(len(s.parts))]
+        sensors = inertial_values(robot.tree)
+        self.names = tuple(value.name for value in sensors)
+        self.noise = np.array([value.noise for value in sensors])
+        self.bias = np.array([value.bias for value in sensors])
+        self._places = [value.place for value in sensors]
         _require(robot, self.names, self.noise)
         count, m = len(self.names), len(robot.flexible_indices)
         self._plain = robot.copy()

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.structure import body_amplitudes
+from denoc_ros.model.inertial_sensors import inertial_values
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
@@ -100,9 +101,9 @@ def _biases(
     """Return the biases, together with deflections that stand still."""
     places = {place: k for k, place in enumerate(kept.tolist())}
     own = [
-        (name, deviation, places[place])
-        for name, deviation, place in _bias_deviations(robot)
-        if deviation > 0.0 and place in places
+        (value.name, value.bias, places[value.place])
+        for value in inertial_values(robot.tree)
+        if value.bias > 0.0 and value.place in places
     ]
     shown = np.zeros((len(kept), len(own)))
     for k, (_, _, row) in enumerate(own):
@@ -117,23 +118,9 @@ def _noises(robot: Robot) -> Array:
     """Return the deviation of every sensor's value, in file order."""
     noise = np.zeros(len(robot.sensor_names))
     noise[robot.tree.beam_sensor_places] = [sensor.noise for sensor in robot.tree.sensors]
-    for sensor in robot.tree.inertial_sensors:
-        for k, part in enumerate(sensor.parts, sensor.first):
-            noise[k] = sensor.gyro_noise if part.startswith('gyro') else sensor.accel_noise
+    for value in inertial_values(robot.tree):
+        noise[value.place] = value.noise
     return noise
-
-
-def _bias_deviations(robot: Robot) -> list[tuple[str, float, int]]:
-    """Return name, deviation and place of each inertial value's bias."""
-    return [
-        (
-            f'{sensor.name}/{part}',
-            sensor.gyro_bias if part.startswith('gyro') else sensor.accel_bias,
-            place,
-        )
-        for sensor in robot.tree.inertial_sensors
-        for place, part in enumerate(sensor.parts, sensor.first)
-    ]
 
 
 def _amplitude_deviations(robot: Robot) -> Array:

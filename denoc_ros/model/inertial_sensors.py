@@ -4,15 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from denoc_ros.model.findings import Element, Findings, Reader
-from denoc_ros.model.tree import INERTIAL_PARTS, Attachment, InertialSensor
+from denoc_ros.model.tree import INERTIAL_PARTS, Attachment, InertialSensor, Tree
 from denoc_ros.types import Array
 
 COMMON = ('name', 'type', 'link', 'station', 'xyz', 'rpy', 'topic', 'accel_noise', 'accel_bias')
 GYRO = ('gyro_noise', 'gyro_bias')
 OWN: dict[str, tuple[str, ...]] = {'imu': GYRO, 'accelerometer': ()}
 UNITS = {'gyro': 'rad/s', 'accel': 'm/s^2'}
+
+
+class SensorValue(NamedTuple):
+    """One value of a sensor; noise and bias are its standard deviations, in its unit."""
+
+    name: str  # such as imu/gyro_x
+    place: int  # among the values of all sensors, in file order
+    noise: float
+    bias: float  # of a constant that is not known
+    topic: str
+
+
+def inertial_values(tree: Tree) -> tuple[SensorValue, ...]:
+    """Return the values of a robot's inertial sensors, in file order."""
+    found = []
+    for sensor in tree.inertial_sensors:
+        for place, part in enumerate(sensor.parts, sensor.first):
+            gyro = part.startswith('gyro')
+            noise = sensor.gyro_noise if gyro else sensor.accel_noise
+            bias = sensor.gyro_bias if gyro else sensor.accel_bias
+            found.append(SensorValue(f'{sensor.name}/{part}', place, noise, bias, sensor.topic))
+    return tuple(found)
 
 
 @dataclass(frozen=True)

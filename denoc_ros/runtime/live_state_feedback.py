@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.control.feedback_settings import FeedbackSettings
+from denoc_ros.control.read_values import unread_values
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.floating_base import require_known_base
 from denoc_ros.dynamics.robot import Robot
@@ -56,7 +57,7 @@ class LiveStateFeedback:
         self._stamps = StampClock()
         self._fallbacks = self._told = 0
         self.active, self.cause = False, 'no gains yet'
-        self._has_rates = True
+        self._has_rates, self._unread = True, list[str]()
 
     @property
     def wanted(self) -> bool:
@@ -104,7 +105,7 @@ class LiveStateFeedback:
             if self._model is None:
                 self._worker.close()
             raise
-        self._model = model
+        self._model, self._unread = model, unread_values(robot.tree)
 
     def _require(self, settings: Settings) -> None:
         """Refuse parameters that do not go together."""
@@ -271,6 +272,7 @@ class LiveStateFeedback:
             'fallbacks': self._fallbacks,
             'designs': worker.designs,
             'refused': worker.refusal,
+            'unread': ' '.join(self._unread),
         }
         if feedback is not None:
             status.values['share'] = round(feedback.share, 3)

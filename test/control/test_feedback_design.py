@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
-from feedback_runs import DELAY, PERIOD, START, canadarm
+from feedback_runs import CANADARM, DELAY, PERIOD, START, canadarm
+from imu_arms import imu_text
 
 from denoc_ros.control.closed_loop import closed_loop
 from denoc_ros.control.deviation_model import DeviationModel, deviation_model
@@ -20,6 +21,7 @@ from denoc_ros.control.feedback_design import (
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_schedule import GainSchedule, design
 from denoc_ros.control.planned_states import spacing, state_at
+from denoc_ros.control.read_values import chosen_values, read_sensors
 from denoc_ros.control.state_feedback import RAMP, StateFeedback
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
@@ -27,15 +29,16 @@ from denoc_ros.errors import StateError
 LIMITS = np.full(3, 5000.0)
 SETTINGS = FeedbackSettings(period=PERIOD, tip='tool', delay=DELAY * PERIOD)
 STATE = state_at(canadarm(), canadarm().joint_names, START, 0.1 * LIMITS)
-SENSORS = [0, 1, 2, 3]
 
 
 def model(robot: Robot) -> DeviationModel:
-    return deviation_model(robot, robot.joint_names, SENSORS, 'tool', STATE)
+    values = chosen_values(robot.tree, read_sensors(robot.tree))
+    rows = [value.place for value in values]
+    return deviation_model(robot, robot.joint_names, rows, 'tool', STATE)
 
 
-def posture(settings: FeedbackSettings = SETTINGS) -> GainSchedule:
-    robot = canadarm()
+def posture(settings: FeedbackSettings = SETTINGS, source: str = str(CANADARM)) -> GainSchedule:
+    robot = canadarm(source=source)
     return design(robot, robot.joint_names, LIMITS, np.zeros(1), [STATE], settings)
 
 
@@ -77,12 +80,18 @@ def test_poles_of_the_regulator_are_those_of_plant_and_gain(integral_time: float
     assert np.abs(np.linalg.eigvals(a - b @ gain[:, :count])).max() < 1.0
 
 
-@pytest.mark.parametrize('sensor_delay', [0.0, 2.0 * PERIOD])
-def test_loop_does_what_its_closed_form_predicts(sensor_delay: float) -> None:
+@pytest.mark.parametrize(
+    ('sensor_delay', 'source'),
+    [(0.0, str(CANADARM)), (2.0 * PERIOD, str(CANADARM)), (0.0, imu_text('root'))],
+    ids=['gauges', 'late gauges', 'imus'],
+)
+def test_loop_does_what_its_closed_form_predicts(sensor_delay: float, source: str) -> None:
     # the linear plant under the very code that runs in the loop, beside the powers of a matrix
     settings = replace(SETTINGS, sensor_delay=sensor_delay, sensor_timeout=1.0)
-    robot, schedule = canadarm(), posture(settings)
-    gains, plant = schedule.gains[0], model(canadarm(0.9))
+    robot, schedule = canadarm(source=source), posture(settings, source)
+    gains, plant = schedule.gains[0], model(canadarm(0.9, source=source))
+    still = robot.sensor_values(STATE.q, STATE.qd)
+    rows = [value.place for value in chosen_values(robot.tree, schedule.sensors)]
     step = closed_loop(plant, gains, settings)
     sampled = plant.sampled(PERIOD, settings.delay)
     feedback = StateFeedback(robot, schedule)
@@ -103,9 +112,9 @@ def test_loop_does_what_its_closed_form_predicts(sensor_delay: float) -> None:
         seen.append(values)
         feedback.filter.take_joints(now, STATE.q[schedule.joints] + values[:k], values[k : 2 * k])
         if index >= late:
-            bent = robot.sensor_values(STATE.q, STATE.qd) + seen[index - late][2 * k :]
-            for place in SENSORS:
-                feedback.filter.take_sensor(place, now - sensor_delay, bent[place])
+            bent = still[rows] + seen[index - late][2 * k :]
+            for place, value in zip(schedule.sensors.tolist(), bent, strict=True):
+                feedback.filter.take_sensor(place, now - sensor_delay, value)
         torque = feedback.torque(now).copy()
         feedback.applied(torque)
         x = sampled.a @ x + sampled.b @ torque

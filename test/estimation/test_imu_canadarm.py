@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+from imu_arms import ENDS, imu_text
 from numpy.typing import NDArray
 
 import denoc_ros as dn
@@ -20,11 +19,9 @@ from denoc_ros.trajectories import CycloidalTrajectory
 
 Array = NDArray[np.float64]
 
-FILE = Path(__file__).resolve().parents[2] / 'config' / 'robots' / 'canadarm_gauges.urdf'
 STEP, STILL, END = 1e-3, 2.0, 2.5  # s: a tick, at rest first, of the motion
 PAYLOAD = 100.0  # kg, as the observer knows it; it is a fifth more
 STIFFNESS = {'beam.link_1.y.ei': 9e4, 'beam.link_2.y.ei': 1.8e5}  # the true ones, 10 % less
-ENDS = {'link_1': 6, 'link_2': 7}  # m
 SEED = 1
 AHEAD = 50  # ticks
 PATH = CycloidalTrajectory(
@@ -34,18 +31,7 @@ PATH = CycloidalTrajectory(
 
 def arm(gauges: str) -> dn.Robot:
     """Return the arm with IMUs and those of its gauges whose names have a text in them."""
-    text = re.sub(
-        r'<sensor name="(\w+)"[^>]*/>',
-        lambda found: found[0] if gauges and gauges in found[1] else '',
-        FILE.read_text(encoding='utf-8'),
-    )
-    imus = ''.join(
-        f'<sensor name="{link}_imu" type="imu" link="{link}" station="{end}" gyro_noise="1e-4"'
-        ' accel_noise="2e-3" gyro_bias="5e-3" accel_bias="0.05"/>'
-        for link, end in ENDS.items()
-    )
-    text = text.replace('</flexibility>', f'{imus}</flexibility>')
-    return dn.load_robot(text, gravity=(0.0, 0.0, 0.0))
+    return dn.load_robot(imu_text(gauges), gravity=(0.0, 0.0, 0.0))
 
 
 def motion(t: float) -> tuple[Array, Array, Array]:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from feedback_runs import CANADARM
+from imu_arms import ENDS, imu_text
 from node_robots import STATE_FEEDBACK
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -40,12 +43,23 @@ def trajectory(*points: tuple[float, list[float]]) -> JointTrajectory:
 
 
 class Feed:
-    """Joints beside the reference, and gauges, published as long as they are to speak."""
+    """Joints beside the reference, and sensors, published as long as they are to speak.
 
-    def __init__(self, graph: Any) -> None:
-        self.graph, self.gauges = graph, True
+    Parameters
+    ----------
+    graph : Graph
+    imus : bool
+        Whether the sensors are IMUs in place of gauges.
+    """
+
+    def __init__(self, graph: Any, imus: bool = False) -> None:
+        self.graph, self.speak = graph, True
         self._joints = graph.publisher(JointState, 'joint_states')
-        self._strain = graph.probe.create_publisher(JointState, 'strain', 10)
+        kind, topics = (
+            (Imu, [f'imu/{link}' for link in ENDS]) if imus else (JointState, ['strain'])
+        )
+        self._sensors = [graph.probe.create_publisher(kind, topic, 10) for topic in topics]
+        self._still = Imu() if imus else JointState(name=GAUGES, position=[0.0] * 4)
         self._last = 0.0
 
     def until(self, condition: Callable[[], object]) -> None:
@@ -55,8 +69,9 @@ class Feed:
                 self._last = now
                 beside = [each + AWAY for each in START]
                 self._joints.publish(JointState(name=JOINTS, position=beside, velocity=[0.0] * 3))
-                if self.gauges:
-                    self._strain.publish(JointState(name=GAUGES, position=[0.0] * 4))
+                if self.speak:
+                    for sensor in self._sensors:
+                        sensor.publish(self._still)
             return condition()
 
         self.graph.until(fed, LONG)
@@ -77,14 +92,14 @@ def test_silent_gauges_leave_the_plan_alone_and_a_motion_gets_gains_of_its_own(
 
     # there is no gravity, and the plan is at rest: all torque is the feedback's
     feed.until(lambda: state.active and torque() > 0.1)
-    feed.gauges = False
+    feed.speak = False
     feed.until(lambda: not state.active)
     feed.until(lambda: torque() < 1e-6)
     name = 'feedforward: state feedback'
     # a status of the start may still be the newest: it has the cause as well, and no fall back
     feed.until(lambda: int(graph.value(name, 'fallbacks') or 0) > 0)
     assert 'no good values of link' in graph.value(name, 'cause')
-    feed.gauges = True
+    feed.speak = True
     feed.until(lambda: state.active and torque() > 0.1)
 
     before = state.designs
@@ -93,6 +108,30 @@ def test_silent_gauges_leave_the_plan_alone_and_a_motion_gets_gains_of_its_own(
     reference.publish(trajectory((0.0, START), (2.0, there)))
     feed.until(lambda: state.designs > before and state.postures == gains)
     assert state.status().values['refused'] == ''
+    assert node.tick_failures == 0
+
+
+def test_imus_reach_the_feedback_and_a_dead_one_leaves_the_plan_alone(
+    graph: Any, tmp_path: Path
+) -> None:
+    file = tmp_path / 'arm.urdf'
+    file.write_text(imu_text())
+    given = {**COMMON, **STATE_FEEDBACK, 'urdf_path': str(file)}
+    node = graph.add(FeedforwardNode, parameters=given)
+    reference = graph.publisher(JointTrajectory, 'reference')
+    feed, state = Feed(graph, imus=True), node.feedback.state
+    feed.until(lambda: node.joint_input.received)
+    reference.publish(trajectory((0.0, START), (0.1, START)))
+    feed.until(lambda: state.active)
+    feed.speak = False
+    feed.until(lambda: not state.active)
+    name = 'feedforward: state feedback'
+    feed.until(lambda: int(graph.value(name, 'fallbacks') or 0) > 0)
+    assert re.search(r'no good values of link_\d_imu/gyro_[xyz]', graph.value(name, 'cause'))
+    forces = [f'{link}_imu/accel_{axis}' for link in ENDS for axis in 'xyz']
+    assert graph.value(name, 'unread') == ' '.join(forces)
+    feed.speak = True
+    feed.until(lambda: state.active)
     assert node.tick_failures == 0
 
 

@@ -14,6 +14,7 @@ import denoc_ros as dn
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_schedule import GainSchedule, design_along
 from denoc_ros.control.planned_states import motion_along
+from denoc_ros.control.read_values import numbered_values
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
@@ -22,6 +23,7 @@ from denoc_ros.trajectories import CycloidalTrajectory, SplineTrajectory
 
 Array = NDArray[np.float64]
 CANADARM = Path(__file__).parents[2] / 'config/robots/canadarm_gauges.urdf'
+Measured = tuple[int, Array, Array]  # period, coordinates, rates
 PERIOD = 1e-3
 DELAY = 1.5  # periods
 SUBSTEPS = 2  # per period, so that the torque changes within one
@@ -39,6 +41,7 @@ class Planned:
     qd: Array
     torque: Array
     effort: float = 5000.0  # N m
+    rest: float = 0.0  # s before the motion
 
     @property
     def duration(self) -> float:
@@ -56,27 +59,38 @@ class Planned:
         return design_along(self.robot, self.robot.joint_names, self.limits, motion, settings)
 
 
-def canadarm(stiffness: float = 1.0, load: float = 1.0) -> Robot:
+def canadarm(stiffness: float = 1.0, load: float = 1.0, source: str = str(CANADARM)) -> Robot:
     """Return the planar Canadarm with gauges, no gravity, its stiffness and third link off."""
-    robot = dn.load_robot(str(CANADARM), gravity=(0.0, 0.0, 0.0))
+    robot = dn.load_robot(source, gravity=(0.0, 0.0, 0.0))
     rigidity = {'beam.link_1.y.ei': 1e5 * stiffness, 'beam.link_2.y.ei': 2e5 * stiffness}
     return robot.with_overrides(rigidity).with_scaled_load('tool', load)
 
 
 @cache
-def tip_exact(duration: float = 10.0, share: float = 1.0) -> Planned:
-    """Return the tip-exact plan of the Canadarm's cycloid, or of a share of its way."""
-    robot = canadarm()
+def tip_exact(
+    duration: float = 10.0, share: float = 1.0, source: str = str(CANADARM), rest: float = 0.0
+) -> Planned:
+    """Return the tip-exact plan of the Canadarm's cycloid, or of a share of its way.
+
+    It stands still for `rest` [s] first.
+    """
+    robot = canadarm(source=source)
     cycloid = CycloidalTrajectory(START, share * WAY / duration, np.full(3, duration))
     times, positions, _, _ = cycloid.table(0.05)
     plan = dn.shape_motion(robot, times, positions, tip='tool')
     joints = plan.q[:, robot.joint_indices]
-    return planned_along(robot, SplineTrajectory(plan.t - plan.t[0], joints))
+    times = plan.t - plan.t[0]
+    if rest:
+        still = np.arange(0.0, rest - 0.01, 0.05)
+        times = np.concatenate([still, times + rest])
+        joints = np.concatenate([np.tile(joints[0], (len(still), 1)), joints])
+    return planned_along(robot, SplineTrajectory(times, joints), rest=rest)
 
 
 def planned_along(
-    robot: Robot, trajectory: SplineTrajectory, after: float = AFTER, effort: float = 5000.0
-) -> Planned:
+    robot: Robot, trajectory: SplineTrajectory, after: float = AFTER, effort: float = 5000.0,
+    rest: float = 0.0,
+) -> Planned:  # fmt: skip
     """Return the plan along a motion of the measured joints, and for so long after it [s]."""
     count = round((trajectory.duration + after) / PERIOD) + 1
     source = TorqueFeedforward(measured_robot(robot), None, 'flexible', step=PERIOD)
@@ -87,7 +101,7 @@ def planned_along(
         trajectory.sample(k * PERIOD, q, qd, qdd)
         torque[k] = source.update(q, qd, qdd, PERIOD if k else 0.0)
         rows[0, k], rows[1, k], _ = source.whole_motion()
-    return Planned(robot, trajectory, rows[0], rows[1], torque, effort)
+    return Planned(robot, trajectory, rows[0], rows[1], torque, effort, rest)
 
 
 @dataclass
@@ -97,11 +111,12 @@ class Outcome:
     error: Array
     torque: Array
     share: Array
-    moving: int  # periods of the plan's motion
+    begin: int  # period in which the plan's motion begins
+    moving: int  # and where it ends
 
     @property
     def rms(self) -> float:
-        return float(np.sqrt(np.mean(self.error[: self.moving] ** 2)))
+        return float(np.sqrt(np.mean(self.error[self.begin : self.moving] ** 2)))
 
     def after(self, seconds: float) -> float:
         return float(self.error[self.moving + round(seconds / PERIOD) :].max())
@@ -115,8 +130,8 @@ class Loop:
     truth: Robot
     feedback: StateFeedback | None
     seed: int = 1
-    lost: float = 0.0  # share of the gauges' values
-    silent: tuple[float, float] = (np.inf, np.inf)  # s, when the first gauge says nothing
+    lost: float = 0.0  # share of the sensors' values
+    silent: tuple[float, float] = (np.inf, np.inf)  # s, when the first sensor says nothing
     gone: tuple[float, float] = (np.inf, np.inf)  # s, when no torque leaves
     noise: float = 1.0
     stall: float = 0.0  # share of ticks that begin a pause of up to 20 periods
@@ -125,7 +140,11 @@ class Loop:
 
     def __post_init__(self) -> None:
         self._states = MeasuredStates(self.truth)
-        self._unread: list[tuple[int, Array, Array]] = []  # period, coordinates, rates
+        self._unread: list[Measured] = []
+        self.values = numbered_values(self.truth.tree)
+        self._sensors = [value.name.partition('/')[0] for value in self.values]
+        rng = np.random.default_rng(1000 + self.seed)
+        self.biases = [value.bias * rng.standard_normal() for value in self.values]
 
     def run(self, duration: float | None = None) -> Outcome:
         plan, truth = self.planned, self.truth
@@ -160,11 +179,10 @@ class Loop:
                 stepper.free(q, qd, tau)
             there = truth.frame_pose('tool', q)[:3, 3]
             error[k] = np.linalg.norm(there - plan.robot.frame_pose('tool', plan.q[k + 1])[:3, 3])
-        return Outcome(error, torque, share, round(plan.duration / PERIOD))
+        ends = round(plan.rest / PERIOD), round(plan.duration / PERIOD)
+        return Outcome(error, torque, share, *ends)
 
-    def _torque(
-        self, k: int, measured: tuple[int, Array, Array], generator: np.random.Generator
-    ) -> Array:
+    def _torque(self, k: int, measured: Measured, generator: np.random.Generator) -> Array:
         """Return what leaves in a period (joints,): the plan's torque and the feedback's."""
         plan, feedback, now = self.planned, self.feedback, k * PERIOD
         stamp, q, qd = measured[0] * PERIOD, *measured[1:]
@@ -174,19 +192,22 @@ class Loop:
             feedback.rest()
             return np.zeros_like(plan.torque[k])
         settings, joints = feedback.schedule.settings, len(self.truth.joint_names)
-        normal = self.noise * generator.standard_normal(2 * joints + len(self.truth.tree.sensors))
+        normal = self.noise * generator.standard_normal(2 * joints + len(self.values))
         feedback.follow(now, plan.q[k], plan.qd[k])
         feedback.filter.take_joints(
             stamp,
             self._states.posture(q) + settings.position_noise * normal[:joints],
             self._states.posture(qd) + settings.velocity_noise * normal[joints : 2 * joints],
         )
-        values = self.truth.sensor_values(q, qd)
-        for place, sensor in enumerate(self.truth.tree.sensors):
-            gone = place == 0 and self.silent[0] <= now < self.silent[1]
-            if generator.random() >= self.lost and not gone:
-                value = values[place] + sensor.noise * normal[2 * joints + place]
-                feedback.filter.take_sensor(place, stamp, value)
+        readings, said, gone = self.truth.sensor_values(q, qd), '', False
+        for place, (value, bias) in enumerate(zip(self.values, self.biases, strict=True)):
+            if self._sensors[place] != said:  # the values of one come and go together
+                said = self._sensors[place]
+                silent = said == self._sensors[0] and self.silent[0] <= now < self.silent[1]
+                gone = generator.random() < self.lost or silent
+            if not gone:
+                reading = readings[value.place] + bias + value.noise * normal[2 * joints + place]
+                feedback.filter.take_sensor(place, stamp, reading)
         wanted = plan.torque[k] + feedback.torque(now, plan.torque[k])
         left = np.clip(wanted, -plan.limits, plan.limits)
         feedback.applied(left - plan.torque[k])
