@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from denoc_ros.control.error_estimate import ErrorEstimate
 from denoc_ros.control.feedback_design import BIASES, PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
-from denoc_ros.control.read_values import chosen_values
+from denoc_ros.control.read_values import chosen_values, is_rate
 from denoc_ros.dynamics.measured_side import MeasuredStates, whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
@@ -76,7 +76,10 @@ class DeviationFilter:
         values = chosen_values(robot.tree, self._sensors)
         self._names = [value.name for value in values]
         self._places = [value.place for value in values]
-        self._turning = bool((self._sensors >= len(robot.tree.sensors)).any())
+        self._rates = np.array([is_rate(value) for value in values], dtype=np.bool_)
+        self._turning = bool(self._rates.any())
+        # with gyroscopes alone, what is missing of a rate stays as a deflection
+        self._brief = 0.0 if len(values) and self._rates.all() else BRIEF
         self._timeout = schedule.settings.sensor_timeout
         self._period = schedule.settings.period
         gains = schedule.gains[0]
@@ -100,7 +103,7 @@ class DeviationFilter:
 
     def reset(self) -> None:
         """Forget the deviations: the robot counts as on its plan, and that is not believed."""
-        self.state[:] = 0.0
+        self._forget()
         self._plan.clear()
         self._own.clear()
         self._new[:] = False
@@ -111,6 +114,10 @@ class DeviationFilter:
         self._pause = None
         if self.errors is not None:
             self.errors.reset()
+
+    def _forget(self) -> None:
+        """Forget all of the estimate but the biases: they are the sensors' own."""
+        self.state[: len(self.state) - len(self._biased)] = 0.0
 
     def is_like(self, other: DeviationFilter) -> bool:
         """Say whether the estimates of both have the same parts."""
@@ -220,7 +227,7 @@ class DeviationFilter:
 
     def _begin(self, now: float, gains: PostureGains) -> None:
         """Start from the measured state: a jump would look like vibration."""
-        most = FAR * gains.reach
+        before, most = gains.measured @ self.state, FAR * gains.reach
         most[: 2 * self._k] = np.inf
         fits = self._new & (np.abs(self._innovation) <= most) & np.isfinite(gains.spread)
         fits[self._biased] = False  # of those the bias is what is known least
@@ -228,12 +235,12 @@ class DeviationFilter:
         weights = 1.0 / gains.spread[at]
         rows = weights[:, None] * gains.measured[at, : self._deviations]
         self.state[: self._deviations] += np.linalg.pinv(rows) @ (weights * self._innovation[at])
-        change = gains.measured @ self.state
-        self._own.since(-np.inf)[1][:] = change
+        after = gains.measured @ self.state
+        self._own.since(-np.inf)[1][:] = after
         turning = self._biased[self._new[self._biased]]
-        self._innovation[turning] -= change[turning]
+        self._innovation[turning] -= (after - before)[turning]
         self._innovation[at] = 0.0
-        self._fresh, self._began, self._unbiased[:] = False, now, True
+        self._fresh, self._began = False, now
         if self.errors is not None:
             self.errors.forget_deviations()
 
@@ -265,7 +272,7 @@ class DeviationFilter:
             [s].
         """
         self._good_at += seconds  # nobody could hear a sensor
-        if seconds > BRIEF:
+        if seconds > self._brief:
             if self._pause is not None:  # nothing has been measured since
                 pushed, seconds = pushed + self._pause.pushed, seconds + self._pause.seconds
             usual = 0.0 if np.isnan(self._age) else self._age
@@ -302,8 +309,9 @@ class DeviationFilter:
         """Leave out sensors' values that are too far off."""
         first = 2 * self._k
         most = GATE * gains.spread[first:]
-        if not self.believed:
-            most = np.maximum(most, gains.reach[first:])
+        # a rate that is off after a pause is to be corrected, not refused
+        wide = self._rates | (not self.believed)
+        most[wide] = np.maximum(most, gains.reach[first:])[wide]
         far = ~(np.abs(self._innovation[first:]) <= most)
         if far.any():
             self._innovation[first:][far] = 0.0
@@ -316,7 +324,7 @@ class DeviationFilter:
         age[self._k : 2 * self._k] = 0.0  # rates need not be measured
         cause = ''
         if not np.abs(self.state[: self._deviations]).max() < LARGEST:  # NaN is no less
-            self.state[:], self._fresh = 0.0, True
+            self.state[:], self._fresh, self._unbiased[:] = 0.0, True, True
             cause = 'estimate out of bounds'
         elif not age.max() <= self._timeout:
             worst = int(np.argmax(age)) - 2 * self._k
@@ -325,7 +333,8 @@ class DeviationFilter:
         if cause:
             self.believed, self.cause, self._doubted_at = False, cause, now
             if now - self._began >= RESTART:
-                self.state[:], self._fresh = 0.0, True
+                self._forget()
+                self._fresh = True
         elif not self.believed:
             if not agrees[2 * self._k :].all():
                 self._doubted_at = now
