@@ -41,7 +41,6 @@ class Planned:
     qd: Array
     torque: Array
     effort: float = 5000.0  # N m
-    rest: float = 0.0  # s before the motion
 
     @property
     def duration(self) -> float:
@@ -67,30 +66,19 @@ def canadarm(stiffness: float = 1.0, load: float = 1.0, source: str = str(CANADA
 
 
 @cache
-def tip_exact(
-    duration: float = 10.0, share: float = 1.0, source: str = str(CANADARM), rest: float = 0.0
-) -> Planned:
-    """Return the tip-exact plan of the Canadarm's cycloid, or of a share of its way.
-
-    It stands still for `rest` [s] first.
-    """
+def tip_exact(duration: float = 10.0, share: float = 1.0, source: str = str(CANADARM)) -> Planned:
+    """Return the tip-exact plan of the Canadarm's cycloid, or of a share of its way."""
     robot = canadarm(source=source)
     cycloid = CycloidalTrajectory(START, share * WAY / duration, np.full(3, duration))
     times, positions, _, _ = cycloid.table(0.05)
     plan = dn.shape_motion(robot, times, positions, tip='tool')
     joints = plan.q[:, robot.joint_indices]
-    times = plan.t - plan.t[0]
-    if rest:
-        still = np.arange(0.0, rest - 0.01, 0.05)
-        times = np.concatenate([still, times + rest])
-        joints = np.concatenate([np.tile(joints[0], (len(still), 1)), joints])
-    return planned_along(robot, SplineTrajectory(times, joints), rest=rest)
+    return planned_along(robot, SplineTrajectory(plan.t - plan.t[0], joints))
 
 
 def planned_along(
-    robot: Robot, trajectory: SplineTrajectory, after: float = AFTER, effort: float = 5000.0,
-    rest: float = 0.0,
-) -> Planned:  # fmt: skip
+    robot: Robot, trajectory: SplineTrajectory, after: float = AFTER, effort: float = 5000.0
+) -> Planned:
     """Return the plan along a motion of the measured joints, and for so long after it [s]."""
     count = round((trajectory.duration + after) / PERIOD) + 1
     source = TorqueFeedforward(measured_robot(robot), None, 'flexible', step=PERIOD)
@@ -101,7 +89,7 @@ def planned_along(
         trajectory.sample(k * PERIOD, q, qd, qdd)
         torque[k] = source.update(q, qd, qdd, PERIOD if k else 0.0)
         rows[0, k], rows[1, k], _ = source.whole_motion()
-    return Planned(robot, trajectory, rows[0], rows[1], torque, effort, rest)
+    return Planned(robot, trajectory, rows[0], rows[1], torque, effort)
 
 
 @dataclass
@@ -111,12 +99,11 @@ class Outcome:
     error: Array
     torque: Array
     share: Array
-    begin: int  # period in which the plan's motion begins
-    moving: int  # and where it ends
+    moving: int  # periods of the plan's motion
 
     @property
     def rms(self) -> float:
-        return float(np.sqrt(np.mean(self.error[self.begin : self.moving] ** 2)))
+        return float(np.sqrt(np.mean(self.error[: self.moving] ** 2)))
 
     def after(self, seconds: float) -> float:
         return float(self.error[self.moving + round(seconds / PERIOD) :].max())
@@ -179,8 +166,7 @@ class Loop:
                 stepper.free(q, qd, tau)
             there = truth.frame_pose('tool', q)[:3, 3]
             error[k] = np.linalg.norm(there - plan.robot.frame_pose('tool', plan.q[k + 1])[:3, 3])
-        ends = round(plan.rest / PERIOD), round(plan.duration / PERIOD)
-        return Outcome(error, torque, share, *ends)
+        return Outcome(error, torque, share, round(plan.duration / PERIOD))
 
     def _torque(self, k: int, measured: Measured, generator: np.random.Generator) -> Array:
         """Return what leaves in a period (joints,): the plan's torque and the feedback's."""
