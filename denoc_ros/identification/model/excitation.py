@@ -340,7 +340,8 @@ def _never_seen(channels: ExcitedChannels, motions: Sequence[MotionRows]) -> tup
     values, vectors = np.linalg.eigh(whole)
     seen = values > NEVER * max(float(values[-1]), 1e-300)
     unseen = vectors[:, ~seen]
-    blind = Information(np.where(in_directions(unseen), np.inf, 0.0), unseen)
+    half = np.where(in_directions(unseen), np.inf, 0.0)
+    blind = Information(half, unseen, np.zeros_like(whole))
     lines = combinations(blind, parameters.paths, parameters.multiplicative)
     return lines, int(seen.sum())
 
@@ -357,7 +358,7 @@ def _concluded(
     jacobian = _in_sizes(channels, space.rows(best, times))
     # residuals of 1, each row for itself: the information of white noise
     rows = len(jacobian)
-    info = information(jacobian, np.ones(rows), np.arange(rows), is_best=True)
+    info = information(jacobian, np.ones(rows), np.arange(rows))
     zero = np.zeros(parameters.size)
     values, half = parameters.values(zero), info.half * parameters.scales(zero)
     low, high = _interval(values, half, parameters.multiplicative)

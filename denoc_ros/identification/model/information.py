@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from denoc_ros.identification.model.joint_noise import JointNoise
 from denoc_ros.types import Array
 
 Mask = NDArray[np.bool_]
@@ -19,7 +20,6 @@ TOUCHED = 0.05  # component along what is not seen that makes a parameter not id
 REACH = 100.0  # sizes that a direction may move by, where data do not tell it at all
 SMALL = 0.08  # coefficient of a combination that is left out
 EXACT = 1e-3  # sizes: what smoothing and the motion between samples leave, beside noise
-FAR = 6.0  # times its first order is a bias that is beyond the intervals
 LISTED = 12  # combinations that are written down
 
 
@@ -33,10 +33,18 @@ class Information:
         Half the 95 % interval; infinite where not identifiable.
     unseen : (p, u) array
         Orthonormal directions that the data do not tell.
+    by_scores : (p, p) array
+        What derivatives of half the cost move the estimate by, along what is told.
     """
 
     half: Array
     unseen: Array
+    by_scores: Array
+
+    def widened(self, *scores: Array) -> Information:
+        """Return the same with intervals that reach as far as scores (p,) move the estimate."""
+        more = sum((np.abs(self.by_scores @ each) for each in scores), np.zeros(len(self.half)))
+        return replace(self, half=self.half + more)
 
     @property
     def touched(self) -> Mask:
@@ -55,10 +63,9 @@ def information(
     blocks: NDArray[np.int64],
     drawn: Array | None = None,
     channels: int = 1,
-    pull: Array | None = None,
-    is_best: bool = False,
+    noise: JointNoise | None = None,
 ) -> Information:
-    """Return what whitened residuals tell.
+    """Return what whitened residuals tell, of an estimate at which the scores vanish.
 
     Parameters
     ----------
@@ -72,26 +79,24 @@ def information(
         vibrate remember it for longer than a stretch.
     channels : int
         How many rows of a stretch do not hang together.
-    pull : (p,) array, optional
-        What noise of what drives the model adds to the scores on average.
-    is_best : bool
-        The estimate is that of the greatest likelihood, whatever the residuals, which only stand
-        for white noise.
+    noise : JointNoise, optional
+        What noise of what drives the model adds to scores and information.
 
     Notes
     -----
     The covariance is H^-1 M H^-1 with H = J^T J and M the sum over stretches of g g^T, g = J_b^T
     r_b: right whatever the residuals' colour (K.-Y. Liang, S. L. Zeger, Biometrika 73, 1986). It
     is never less than that of white residuals, and has what the drawn changes do to the estimate
-    on top. The sum of all g is 0 at the greatest likelihood: what H^-1 makes of it is added to
-    the interval.
+    on top. What noise pulls the estimate by is added to the interval, as far as few draws tell it.
     """
     p = jacobian.shape[1]
+    noise = noise or JointNoise(np.zeros((1, p)), np.zeros((p, p)))
     labels, place = np.unique(blocks, return_inverse=True)
     count = len(labels)
     scores = np.zeros((count, p))
     np.add.at(scores, place, jacobian * residual[:, None])
-    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
+    normal = jacobian.T @ jacobian
+    values, vectors = np.linalg.eigh(normal)
     along = scores @ vectors
     independent = channels * count
     freedom = max(independent - p, 5)
@@ -100,38 +105,29 @@ def information(
     freedom = min(freedom, count - 1)
     meat = np.sum(along**2, axis=0) * fitted
     # colour can only take information away: never less than white residuals would leave
-    meat = np.maximum(meat, values * np.mean(residual**2))
+    square = float(np.mean(residual**2))
+    meat = np.maximum(meat, values * square)
     shifts = np.zeros((1, p)) if drawn is None else drawn @ jacobian
     meat = meat + np.mean((shifts @ vectors) ** 2, axis=0)
     quantile = float(student.ppf(0.975, freedom))
     with np.errstate(divide='ignore', invalid='ignore'):
         width = quantile * np.sqrt(meat) / values
     seen = (values > 1e-12 * max(values.max(initial=0.0), 1e-300)) & (width < UNSEEN)
-    inverse = vectors[:, seen] / values[seen]
-    spread = scores @ inverse @ vectors[:, seen].T
-    white = np.sum(inverse * vectors[:, seen], axis=1) * np.mean(residual**2)
+    told = vectors[:, seen]
+    by_scores = (told / values[seen]) @ told.T
+    spread = scores @ by_scores
+    white = np.diag(by_scores) * square
     variance = np.maximum(np.sum(spread**2, axis=0) * fitted, white)
-    variance += np.mean((shifts @ inverse @ vectors[:, seen].T) ** 2, axis=0)
-    # the estimate is beside the greatest likelihood by what the prior and the search's end leave
-    beside = 0.0 if is_best else np.abs(spread.sum(axis=0))
-    half = np.hypot(quantile * np.sqrt(variance), EXACT) + beside
-    if pull is not None:
-        half = half + _bias(np.abs((pull @ inverse) @ vectors[:, seen].T), half)
+    variance += np.mean((shifts @ by_scores) ** 2, axis=0)
+    by_pull = told @ np.linalg.solve(told.T @ (normal - noise.lost) @ told, told.T)
+    variance += np.mean((noise.left_open @ by_pull) ** 2, axis=0)
+    half = np.hypot(quantile * np.sqrt(variance), EXACT) + np.abs(by_pull @ noise.pull)
     unseen = vectors[:, ~seen]
     # however little of a parameter lies in a direction that is not told, it moves with it
     leak = np.linalg.norm(unseen * np.fmin(width[~seen], REACH), axis=1)
     half = np.hypot(half, leak)
     half[in_directions(unseen)] = np.inf
-    return Information(half, unseen)
-
-
-def _bias(first: Array, half: Array) -> Array:
-    """Return by how much estimates are off (p,) by their bias to first order and half intervals.
-
-    A bias beyond the intervals has carried the estimate to where the first order says little.
-    """
-    carried = float(np.max(first / half, initial=0.0))
-    return first * (1.0 if carried <= 1.0 else FAR)
+    return Information(half, unseen, by_scores)
 
 
 def verdict_of(half: float) -> str:

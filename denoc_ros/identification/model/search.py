@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters
 from denoc_ros.identification.model.information import Information, information
+from denoc_ros.identification.model.joint_noise import JointNoise, joint_noise
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.robust import (
     HUBER,
@@ -34,7 +35,7 @@ SETTLED = 0.03  # change of a deviation that needs no other round
 LOST = 1e6  # standard deviations that a robot which cannot be is off by
 GROWING = (0.08, 0.2, 0.45)  # parts of the runs that a flexible robot is first fitted to
 FEWEST_ROWS = 25  # of each channel in such a part
-PAIRS = 2  # of draws of the joints' noise, for what it pulls estimates by
+SETTLING = 5  # fits by simulated derivatives, weights and filters taken anew where they end
 DRAWS = 24  # of the joints' noise, for the intervals
 ROUNDING = 1e-5  # of a channel's largest value: nothing that varies less is a signal
 QUIETEST = 1e-4  # of what a sensor measures: no channel is taken to be more exact
@@ -179,7 +180,16 @@ class ModelSearch:
             if is_still or np.nanmax(np.abs(self.deviation / before - 1.0)) < SETTLED:
                 break
         self._is_exact = self._is_followed and not rough
-        return self._least_squares(theta, rows, FINE, LAST if self._is_exact else MOST)
+        if not self._is_exact:
+            return self._least_squares(theta, rows, FINE)
+        for _ in range(SETTLING):
+            before = theta
+            theta = self._least_squares(theta, rows, FINE, LAST)
+            moved = self.jacobian(theta) @ (theta - before)
+            if moved @ moved < len(theta):
+                break
+            self._reweigh(theta, rows)  # what is white at one point is not far from it
+        return theta
 
     def _is_enough(self, rows: NDArray[np.bool_]) -> bool:
         """Say whether each channel has rows for a fit of its own."""
@@ -283,47 +293,31 @@ class ModelSearch:
         whitened = self.whitened(theta)
         residual, slope = bent(whitened), bending_slope(whitened)
         jacobian = self.jacobian(theta) * slope[:, None]
-        slopes, pull = self.parameters.slopes(theta), self._pull(theta)
+        slopes, noise = self.parameters.slopes(theta), self._noise(theta)
         if still := [self.parameters.paths[k] for k in np.flatnonzero(~slopes.any(axis=1))]:
             raise IdentificationError(
                 f'{", ".join(still)}: readings must vary by more than rounding, got none that do: '
                 f'leave them out of --free'
             )
         by_numbers = np.linalg.inv(slopes) * self.parameters.scales(theta)
-        return information(
-            jacobian @ by_numbers,
+        jacobian = jacobian @ by_numbers
+        info = information(
+            jacobian,
             residual,
             self.blocks,
             self.whitening(self._by_joint_noise(theta)).T * slope,
             len(self.labels),
-            pull @ by_numbers,
+            None if noise is None else noise.by(by_numbers),
         )
+        # the estimate is beside the greatest likelihood by what prior and search's end leave
+        return info.widened(residual @ jacobian)
 
-    def _pull(self, theta: Array) -> Array:
-        """Return what noise of the joints, once more on top, adds to the scores (p,) on average.
-
-        Noise shakes the model's links and the derivatives by its numbers alike: their product has
-        a mean, which pulls the search from the truth. Noise comes in pairs of both signs: what is
-        linear in it cancels.
-        """
-        pull = np.zeros(self.parameters.size)
+    def _noise(self, theta: Array) -> JointNoise | None:
+        """Return what noise of the joints makes of scores; None where nothing follows it."""
         if not self._is_followed:
-            return pull
-        own, count = self._scores(self._simulated, theta), 2 * PAIRS
-        for k in range(count):
-            draw = np.random.default_rng(k // 2)
-            runs = [run.shaken(draw, 1.0 - 2.0 * (k % 2)) for run in self._runs]
-            shaken = SimulatedRuns(runs, self.parameters)
-            pull += (self._scores(shaken, theta) - own) / count
-            self._simulated.evaluations += shaken.evaluations
-        return pull
-
-    def _scores(self, simulated: SimulatedRuns, theta: Array) -> Array:
-        """Return the derivatives (p,) of half the cost."""
-        whitened = self.whitening(simulated.residuals(theta))
-        slopes = self.whitening(simulated.slopes(theta, range(self.parameters.size)))
-        scores: Array = (bending_slope(whitened) * bent(whitened)) @ slopes
-        return scores
+            return None
+        given = self.whitening, self._simulated, theta
+        return joint_noise(self._runs, self.parameters, *given)
 
     def shaken(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
         """Return what noise of the joints makes of each channel over some rows, rms."""
