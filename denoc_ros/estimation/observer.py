@@ -27,8 +27,7 @@ BaseAt = Callable[[float], BaseMotion | None]
 
 # A longer gap [s] is not integrated over: the observer goes on from the measurement instead.
 LONGEST_GAP = 0.25
-# Between two measurements, however far apart.
-MOST_STEPS = 250
+MOST_STEPS = 250  # between two measurements, however far apart
 
 
 class Observer:

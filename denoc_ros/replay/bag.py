@@ -21,6 +21,7 @@ from denoc_ros.errors import BagError, StateError
 from denoc_ros.estimation.base_record import BaseRecord
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
 from denoc_ros.replay.adaptation import Adapted, AdaptSettings, adapted_along
+from denoc_ros.replay.computed_messages import Message, encoded
 from denoc_ros.replay.friction import FrictionFit, FrictionFitter
 from denoc_ros.replay.measures import Agreement, Comparison, Shares
 from denoc_ros.replay.settings import PREFIX, ReplayPlan, ReplaySettings, plan_replay
@@ -28,7 +29,6 @@ from denoc_ros.replay.stream import LONGEST_GAP, Block, JointStream
 from denoc_ros.replay.traces import Traces
 from denoc_ros.types import Array
 
-Message = tuple[int, str, bytes]  # log time, topic, CDR
 Progress = Callable[[float], object]
 
 MEASURED = 'measured'
@@ -266,7 +266,7 @@ class _Work:
             self._samples += len(t)
             self._motions += int(np.count_nonzero(block.starts))
             self._duration = float(t[-1])
-            yield from _encoded(block, torques, encoders)
+            yield from encoded(block, torques, encoders)
             self._advance(block)
 
     def result(self) -> Replay:
@@ -384,22 +384,3 @@ class _Work:
             topic: JointStateMessage(*names.get(topic, (self.plan.joints, full)))
             for topic in self.topics
         }
-
-
-def _encoded(
-    block: Block, torques: Torques, encoders: dict[str, JointStateMessage]
-) -> Iterator[Message]:
-    """Yield a block's messages, row by row."""
-    motion = (block.motion.q, block.motion.qd)
-    values: dict[str, tuple[Array, ...]] = {
-        f'{PREFIX}{model}/effort': (*motion, torque) for model, torque in torques.models.items()
-    }
-    if torques.deflection is not None:
-        values[f'{PREFIX}tip_deflection'] = tuple(torques.deflection)
-    if torques.modal is not None:
-        values[f'{PREFIX}modal_state'] = tuple(torques.modal)
-    for k, (stamp_ns, log_ns) in enumerate(
-        zip(block.stamp_ns.tolist(), block.log_ns.tolist(), strict=True)
-    ):
-        for topic, encoder in encoders.items():
-            yield log_ns, topic, encoder.encode(stamp_ns, *(part[k] for part in values[topic]))

@@ -78,7 +78,7 @@ def test_they_read_the_motion_of_their_links(graph: Any, urdf: str) -> None:
     accel = graph.collect(AccelStamped, '/accel')
     # two free pendulums, which fall from here
     plant(graph, urdf, brake=False, start=[-0.9, 0.4], **{'noise.sensors': False})
-    graph.until(lambda: len(imu) > 40 and len(single_steps(modal, imu, accel)) > 20, 20.0)
+    graph.until(lambda: len(imu) > 40 and len(single_steps(modal, imu, accel)) > 20)
     robot = load_robot(urdf, gravity=GRAVITY)
     places = {name: k for k, name in enumerate(robot.sensor_names)}
     first, knock = places['tip/gyro_x'], places['knock/accel_x']
