@@ -72,7 +72,7 @@ def carry_out(
     times : (k,) array
         Evenly spaced [s]; the motion is stepped through more finely where modes are fast.
     """
-    own = falling(robot.copy())
+    own = falling(robot)
     driven = own.indices(joints)
     undriven = np.setdiff1d(np.arange(own.n), np.union1d(driven, own.base_indices))
 

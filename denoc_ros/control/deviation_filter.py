@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from denoc_ros.control.error_estimate import ErrorEstimate
 from denoc_ros.control.feedback_design import BIASES, PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
-from denoc_ros.control.read_values import chosen_values, is_rate
+from denoc_ros.control.read_values import chosen_values
 from denoc_ros.dynamics.measured_side import MeasuredStates, whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
@@ -76,7 +76,7 @@ class DeviationFilter:
         values = chosen_values(robot.tree, self._sensors)
         self._names = [value.name for value in values]
         self._places = [value.place for value in values]
-        self._rates = np.array([is_rate(value) for value in values], dtype=np.bool_)
+        self._rates = np.array([value.kind == 'gyro' for value in values], dtype=np.bool_)
         self._turning = bool(self._rates.any())
         # with gyroscopes alone, what is missing of a rate stays as a deflection
         self._brief = 0.0 if len(values) and self._rates.all() else BRIEF

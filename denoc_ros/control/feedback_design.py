@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from denoc_ros.control.deviation_model import DeviationModel, PlannedState
 from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.read_values import is_rate
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import spring_indices
 from denoc_ros.errors import SolverError
@@ -247,7 +246,7 @@ def noise_of(
     """Return the noise of measurements and the least of the forces."""
     measured = np.concatenate([
         np.full(joints, settings.position_noise), np.full(joints, settings.velocity_noise),
-        [value.noise * (TURNING if is_rate(value) else 1.0) for value in sensors],
+        [value.noise * (TURNING if value.kind == 'gyro' else 1.0) for value in sensors],
     ])  # fmt: skip
     bias = np.concatenate([np.zeros(2 * joints), [value.bias for value in sensors]])
     flexible = robot.flexible_indices

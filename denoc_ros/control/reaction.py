@@ -18,29 +18,28 @@ GAUSS = np.sqrt(3.0) / 6.0  # from the middle of a step to the points where rate
 
 
 def falling(robot: Robot) -> Robot:
-    """Return a copy that falls freely with its floating base: gravity does nothing to it.
-
-    The robot itself, if no base floats.
-    """
-    if not len(robot.base_indices):
-        return robot
+    """Return a copy; with a floating base it falls freely: gravity does nothing to it."""
     own = robot.copy()
-    own.move_base((np.zeros(6), np.append(robot.gravity, np.zeros(3))))
+    if len(own.base_indices):
+        own.move_base((np.zeros(6), np.append(own.gravity, np.zeros(3))))
     return own
 
 
 def base_gain(robot: Robot, q: Array) -> Array:
-    """Return G (k, 6, n - 6): the base's rates are G times all others', without momentum."""
+    """Return G (k, 6, n): the base's rates are G times all others', without momentum.
+
+    Its columns of the base are zero.
+    """
     base = robot.base_indices
-    rest = np.setdiff1d(np.arange(robot.n), base)
     rows = robot.inertia_matrix(q)[:, base]
-    return np.asarray(-np.linalg.solve(rows[:, :, base], rows[:, :, rest]))
+    gain: Array = np.asarray(-np.linalg.solve(rows[:, :, base], rows))
+    gain[:, :, base] = 0.0
+    return gain
 
 
 def base_change(robot: Robot, before: Array, after: Array) -> Array:
     """Return how a floating base (6,) reacts to a small change of all others, (n,) each."""
-    rest = np.setdiff1d(np.arange(robot.n), robot.base_indices)
-    return np.asarray(base_gain(robot, before[None])[0] @ (after - before)[rest])
+    return np.asarray(base_gain(robot, before[None])[0] @ (after - before))
 
 
 def reaction(
@@ -91,9 +90,7 @@ def _twists(robot: Robot, motion: Callable[[Array, int], Array], times: Array) -
     """Return the base's twist (k, 6) in its own axes: velocity, then angular velocity."""
     q, rate = np.zeros((2, len(times), robot.n))
     q[:, robot.joint_indices], rate[:, robot.joint_indices] = motion(times, 0), motion(times, 1)
-    base = robot.base_indices
-    rest = np.setdiff1d(np.arange(robot.n), base)
-    return np.asarray(np.einsum('kij,kj->ki', base_gain(robot, q), rate[:, rest]))
+    return np.asarray(np.einsum('kij,kj->ki', base_gain(robot, q), rate))
 
 
 def _bracket(first: Array, second: Array) -> Array:

@@ -17,13 +17,8 @@ def numbered_values(tree: Tree) -> list[SensorValue]:
     Sensors on beams have no bias.
     """
     beams = zip(tree.sensors, tree.beam_sensor_places, strict=True)
-    of_beams = [SensorValue(s.name, row, s.noise, 0.0, s.topic) for s, row in beams]
+    of_beams = [SensorValue(s.name, row, s.noise, 0.0, s.topic, 'beam') for s, row in beams]
     return [*of_beams, *inertial_values(tree)]
-
-
-def is_rate(value: SensorValue) -> bool:
-    """Say whether a value is an angular rate of an IMU."""
-    return '/gyro_' in value.name
 
 
 def read_sensors(tree: Tree) -> NDArray[np.intp]:
@@ -32,11 +27,10 @@ def read_sensors(tree: Tree) -> NDArray[np.intp]:
     Those with a topic and noise; of IMUs the angular rates. A specific force tells what torque
     does at once, and so mostly how wrong the model is.
     """
-    beams = len(tree.sensors)
     found = [
         place
         for place, value in enumerate(numbered_values(tree))
-        if value.topic and value.noise > 0.0 and (place < beams or is_rate(value))
+        if value.topic and value.noise > 0.0 and value.kind != 'accel'
     ]
     return np.array(found, dtype=np.intp)
 

@@ -40,8 +40,7 @@ def ringing_robot(robot: Robot, base: str) -> Robot:
 
     Of a base that floats: ``free_flying`` where thrusters hold it, else it reacts.
     """
-    own = robot.copy()
-    return held_robot(own) if base == 'free_flying' else falling(own)
+    return falling(held_robot(robot) if base == 'free_flying' else robot)
 
 
 def ringing_modes(robot: Robot, q_joints: ArrayLike, count: int | None = None) -> RingingModes:

@@ -110,8 +110,7 @@ def _reacting(robot: Robot, q: Array) -> Array:
     """Return how a floating base (6, joints) reacts to the joints at q (n,); else (0, joints)."""
     if not len(robot.base_indices):
         return np.zeros((0, len(robot.joint_indices)))
-    rest = np.setdiff1d(np.arange(robot.n), robot.base_indices)
-    return np.asarray(base_gain(robot, q[None])[0][:, np.isin(rest, robot.joint_indices)])
+    return np.asarray(base_gain(robot, q[None])[0][:, robot.joint_indices])
 
 
 def _rows(

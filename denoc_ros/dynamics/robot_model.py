@@ -210,15 +210,19 @@ class RobotModel:
 
     def copy(self: Held) -> Held:
         """Return a copy with the same payloads and base motion, and its own workspace."""
-        other = type(self).__new__(type(self))
-        other.__dict__.update(self.__dict__)
-        base = self._base
-        other._adopt(self.arrays)
+        other = self._of_arrays(self.arrays, self.tree)
         other._constants[:] = self._constants
         if other._link_side is not None and self._link_side is not None:
             other._link_side[:] = self._link_side
         other._payloads = dict(self._payloads)
-        other.move_base(base)
+        other.move_base(self._base)
+        return other
+
+    def _of_arrays(self: Held, arrays: ModelArrays, tree: Tree) -> Held:
+        """Return a robot like this one of other arrays; its payloads and base come after that."""
+        other = type(self).__new__(type(self))
+        other.__dict__.update(self.__dict__, tree=tree)
+        other._adopt(arrays)
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -247,9 +251,8 @@ class RobotModel:
             tree = with_overrides(self.tree, overrides)
             other = type(self)(tree, self.gravity, self.geometric_stiffness)
         else:  # all but the terms along the coordinates stays
-            other = type(self).__new__(type(self))
-            other.__dict__.update(self.__dict__, tree=damped)
-            other._adopt(self.arrays.with_diagonals(diagonals(self._modelled(damped))))
+            arrays = self.arrays.with_diagonals(diagonals(self._modelled(damped)))
+            other = self._of_arrays(arrays, damped)
         other._take_payloads(self)
         other.move_base(self._base)
         return other

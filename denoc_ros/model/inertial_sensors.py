@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.tree import INERTIAL_PARTS, Attachment, InertialSensor, Tree
@@ -24,6 +24,7 @@ class SensorValue(NamedTuple):
     noise: float
     bias: float  # of a constant that is not known
     topic: str
+    kind: Literal['beam', 'gyro', 'accel']
 
 
 def inertial_values(tree: Tree) -> tuple[SensorValue, ...]:
@@ -31,10 +32,13 @@ def inertial_values(tree: Tree) -> tuple[SensorValue, ...]:
     found = []
     for sensor in tree.inertial_sensors:
         for place, part in enumerate(sensor.parts, sensor.first):
-            gyro = part.startswith('gyro')
-            noise = sensor.gyro_noise if gyro else sensor.accel_noise
-            bias = sensor.gyro_bias if gyro else sensor.accel_bias
-            found.append(SensorValue(f'{sensor.name}/{part}', place, noise, bias, sensor.topic))
+            name = f'{sensor.name}/{part}'
+            if part.startswith('gyro'):
+                noise, bias = sensor.gyro_noise, sensor.gyro_bias
+                found.append(SensorValue(name, place, noise, bias, sensor.topic, 'gyro'))
+            else:
+                noise, bias = sensor.accel_noise, sensor.accel_bias
+                found.append(SensorValue(name, place, noise, bias, sensor.topic, 'accel'))
     return tuple(found)
 
 

@@ -166,10 +166,10 @@ def _commanded(plan: ReplayPlan, found: Recording) -> Array:
     first = read_joint_states(plan.source.path, plan.source.topic, None, plan.source.stamp)
     stamps = 1e-9 * (series.stamp_ns - first.stamp_ns[0])
     newest = np.searchsorted(stamps, found.t, side='right') - 1
-    names = [name for name in plan.joints if name in series.names]
+    there = newest >= 0
     effort = np.full((len(found.t), len(plan.joints)), np.nan)
-    for name in names:
-        column = series.effort[:, series.names.index(name)]
-        there = newest >= 0
-        effort[there, plan.joints.index(name)] = column[newest[there]]
+    for column, name in enumerate(plan.joints):
+        if name in series.names:
+            of_joint = series.effort[:, series.names.index(name)]
+            effort[there, column] = of_joint[newest[there]]
     return effort
