@@ -154,13 +154,14 @@ def thin(t: Array, y: Array, columns: int = PIXELS) -> tuple[Array, Array]:
     size = len(y)
     if size <= 2 * columns:
         return t, y
-    edges = np.linspace(0, size, columns + 1).astype(np.intp)
-    keep = {0, size - 1}
-    for low, high in itertools.pairwise(edges):
-        stretch = y[low:high]
-        if np.isfinite(stretch).any():
-            keep.update((int(low + np.nanargmin(stretch)), int(low + np.nanargmax(stretch))))
-    index = np.array(sorted(keep), dtype=np.intp)
+    width = -(-size // columns)
+    stretches = np.full((columns, width), np.nan)
+    stretches.flat[:size] = y
+    some = np.flatnonzero(np.isfinite(stretches).any(axis=1))
+    extremes = [
+        some * width + pick(stretches[some], axis=1) for pick in (np.nanargmin, np.nanargmax)
+    ]
+    index = np.unique(np.concatenate([[0, size - 1], *extremes]))
     return t[index], y[index]
 
 
