@@ -57,7 +57,6 @@ def replay(
     run: Run,
     effort: bool = False,
     rows: int = 301,
-    beside: Callable[[int], None] = lambda _row: None,
 ) -> int:
     """Publish the joint states in real time; return the stamp of the run's start [ns]."""
     publisher = graph.publisher(JointState, 'joint_states')
@@ -65,7 +64,6 @@ def replay(
     for row in range(rows):
         graph.until(lambda due=start + run.t[row]: time.perf_counter() >= due)
         publisher.publish(joint_state(run, row, start_ns + round(run.t[row] * 1e9), effort))
-        beside(row)
     graph.spin(0.05)
     return start_ns
 
@@ -227,37 +225,46 @@ def test_residual_of_a_sensor_is_measured_minus_predicted_and_can_be_tared(
     assert abs(residuals[-1].position[0]) < 1e-7
 
 
-@pytest.mark.parametrize(('strain', 'least', 'most'), [('fuse', 0.0, 0.1), ('ignore', 0.2, 0.5)])
+@pytest.mark.parametrize(('strain', 'least', 'most'), [('fuse', 0.0, 0.01), ('ignore', 0.2, 0.5)])
 def test_a_gauge_mends_a_model_that_is_too_soft(
     graph: Any, robot_file: Path, run: Run, strain: str, least: float, most: float
 ) -> None:
+    """Tick by tick: how late the machine takes a value in is not what is tested here."""
     soft = {'beam.link_1.y.ei': 45.0, 'sensor.root.noise': 2e-6}
-    node = add(graph, robot_file, strain=strain, parameters=soft)
-    now = graph.collect(JointState, 'predictor/tip_deflection')
-    residuals = graph.collect(JointState, 'predictor/sensor_residual')
-    gauge = graph.probe.create_publisher(Float64, '/strain/root', 10)
-    graph.until(lambda: gauge.get_subscription_count() > 0)
-    robot = dn.load_robot(robot_file, gravity=DOWN)
-    strains = robot.sensor_values(run.q)[:, 0]
-
-    def show(row: int) -> None:
-        gauge.publish(Float64(data=(strains[row] - 1e-5) / 2e-6))
-
-    start_ns = replay(graph, run, beside=show)
-    times, values = column(now, 'link_1/uy', start_ns)
-    error = gap(times, values, run, true_deflection(robot_file, run))
-    assert least < error < most
+    node = add(graph, robot_file, start=False, strain=strain, parameters=soft)
+    node.trigger_configure()
+    node.begin()
+    node._now = 0.0
+    joints = [run.coordinate_names.index(name) for name in ('joint_1', 'joint_2')]
+    strains = dn.load_robot(robot_file, gravity=DOWN).sensor_values(run.q)[:, 0]
+    bent, explained = np.zeros((2, len(run.t)))
+    for row, t in enumerate(run.t):
+        node._queue.append((t, run.q[row, joints], run.qd[row, joints], None))
+        node.sensors.queue.append((0, t, strains[row]))
+        node.tick(1 if row else 0)
+        observer = node.observer
+        bent[row] = observer.deflections.evaluate(observer.q, observer.qd)[0][1]
+        explained[row] = node._explained(node.robot, observer)[0]
+    assert least < gap(run.t, bent, run, true_deflection(robot_file, run)) < most
     # the model alone says too much, whether the gauge mends that or not
-    times, excess = column(residuals, 'root', start_ns)
-    told = np.interp(times, run.t, strains)
-    # all along the swing: values that are late on a busy machine are too large and too small
-    large = (times > 0.2) & (times < run.t[-1]) & (np.abs(told) > 0.3 * np.max(np.abs(strains)))
-    assert np.median(excess[large] / told[large]) < -0.03
-    if strain == 'fuse':
-        assert node.observer.fusion.counts[0]['accepted'] > 20
-        graph.until(lambda: 'predictor: fusion' in graph.diagnostics)
-        status = graph.diagnostics['predictor: fusion']
-        assert 'root accepted' in {pair.key for pair in status.values}
+    large = (run.t > 0.2) & (np.abs(strains) > 0.3 * np.max(np.abs(strains)))
+    assert np.median((strains - explained)[large] / strains[large]) < -0.03
+
+
+def test_values_of_a_gauge_are_fused_and_counted(graph: Any, robot_file: Path, run: Run) -> None:
+    noise = {'sensor.root.noise': 2e-6}
+    node = add(graph, robot_file, strain='fuse', parameters=noise)
+    states = graph.publisher(JointState, 'joint_states')
+    gauge = graph.publisher(Float64, '/strain/root')
+    strain = float(dn.load_robot(robot_file, gravity=DOWN).sensor_values(run.q[0])[0])
+
+    def feed() -> bool:
+        states.publish(joint_state(run, 0, time.time_ns()))
+        gauge.publish(Float64(data=(strain - 1e-5) / 2e-6))
+        return bool(node.observer.fusion.counts[0]['accepted'] > 20)
+
+    graph.until(feed)
+    graph.until(lambda: graph.value('predictor: fusion', 'root accepted') is not None)
 
 
 def test_markers_show_the_deflected_centre_lines(graph: Any, robot_file: Path, run: Run) -> None:
