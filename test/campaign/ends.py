@@ -39,7 +39,7 @@ def killed(stage: Stage) -> Outcome:
     stage.follow()
     begin = time.perf_counter()
     process = stage.processes.signal('feedforward', signal.SIGKILL)
-    process.wait(5.0)
+    process.wait(60.0)
     time.sleep(0.2)
     torques = stage.torques(begin - 0.2, time.perf_counter())
     judge_torques(outcome, torques)

@@ -62,12 +62,12 @@ def test_a_process_that_may_end_well_is_no_failure(processes: Processes) -> None
 def test_a_process_deaf_to_sigint_is_ended_all_the_same(
     processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, 'PATIENCE', ((signal.SIGINT, 0.3), (signal.SIGTERM, 5.0)))
+    monkeypatch.setattr(module, 'PATIENCE', ((signal.SIGINT, 0.3), (signal.SIGTERM, 30.0)))
     processes.start('a', ['-c', STUBBORN])
     wait_for_log(tmp_path, 'deaf')
     began = time.perf_counter()
     processes.stop('a')
-    assert 0.3 <= time.perf_counter() - began < 5.0
+    assert 0.3 <= time.perf_counter() - began < 30.0
     assert processes.cpu_seconds() == {}
 
 
@@ -89,9 +89,9 @@ def test_children_end_when_their_parent_is_killed(tmp_path: Path) -> None:
     child = int(parent.stdout.readline())
     wait_for_log(tmp_path, 'up')
     parent.kill()
-    parent.wait(10.0)
+    parent.wait(30.0)
     parent.stdout.close()
-    end = time.perf_counter() + 10.0
+    end = time.perf_counter() + 30.0
     while Path(f'/proc/{child}').exists() and not is_zombie(child):
         assert time.perf_counter() < end, 'the child outlived its parent'
         time.sleep(0.02)

@@ -135,7 +135,7 @@ def test_signals_are_honoured_while_a_node_imports(ros_domain: int, number: int)
         assert process.stdout.readline() == b'predictor: starting\n'
         process.send_signal(number)
         try:
-            assert process.wait(10.0) == 0
+            assert process.wait(60.0) == 0
         finally:
             process.kill()
         assert process.stderr.read() == b''

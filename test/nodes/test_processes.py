@@ -85,7 +85,7 @@ def test_a_signal_ends_with_the_safe_command_and_status_0(
     process.send_signal(number)
     graph.until(lambda: process.poll() is not None)
     graph.spin(0.1)
-    _, errors = process.communicate(timeout=10)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
     robot = load_robot(urdf, gravity=(0.0, -9.81, 0.0))
     q, zero = np.zeros(robot.n), np.zeros(robot.n)
@@ -99,5 +99,5 @@ def test_a_plant_ends_cleanly_on_sigterm(graph: Any, start: Any, urdf: str) -> N
     process = start('plant', f'urdf_path:={urdf}', 'update_rate:=100')
     graph.until(lambda: len(states) > 10)
     process.send_signal(signal.SIGTERM)
-    _, errors = process.communicate(timeout=10)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors

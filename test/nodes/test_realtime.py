@@ -35,7 +35,7 @@ def in_a_thread(priority: int, core: int) -> tuple[dict[str, str], int, set[int]
 
     thread = threading.Thread(target=ask)
     thread.start()
-    thread.join(5.0)
+    thread.join(60.0)
     return found[0]  # type: ignore[no-any-return]
 
 
@@ -90,19 +90,19 @@ def test_threads_of_the_transport_get_the_priority_of_the_loop_and_no_others_do(
 
     def wait(name: str) -> None:
         ctypes.CDLL(None).prctl(PR_SET_NAME, name.encode(), 0, 0, 0)
-        named.wait(5.0)
-        stop.wait(5.0)
+        named.wait(60.0)
+        stop.wait(60.0)
         found[name] = os.sched_getparam(0).sched_priority
 
     names = ('dds.udp.7410', 'dds.shm.wdog', 'numbers')
     threads = [threading.Thread(target=wait, args=(name,)) for name in names]
     for thread in threads:
         thread.start()
-    named.wait(5.0)
+    named.wait(60.0)
     said = make_transport_timely(7)['transport thread_priority']
     stop.set()
     for thread in threads:
-        thread.join(5.0)
+        thread.join(60.0)
     taken = said.startswith('taken: SCHED_FIFO 7, ')
     assert taken or said.startswith('refused: 7, ')
     assert found == {'dds.udp.7410': 7 if taken else 0, 'dds.shm.wdog': 0, 'numbers': 0}

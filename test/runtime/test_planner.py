@@ -148,7 +148,7 @@ def test_no_process_is_left_by_a_parent_that_was_killed() -> None:
         until(lambda: b'planner_process' in read_command(child))
     finally:
         parent.send_signal(signal.SIGKILL)
-        parent.wait(5.0)
+        parent.wait(60.0)
     until(lambda: not read_command(child))
 
 
