@@ -50,6 +50,8 @@ _OPTIONS = {
     'cache': True,
     'error_model': 'numpy',
     'fastmath': {'contract', 'nsz', 'reassoc'},
+    # unless it is said, numba takes it from whatever function happens to call this one first
+    'forceinline': False,
     'pipeline_class': LongLoops,
 }
 _SHORT_OPTIONS = {**_OPTIONS, 'pipeline_class': ShortLoops}
@@ -60,11 +62,12 @@ APART: dict[str, Any] = {}
 NUMBERS = types.CPointer(types.float64)
 
 # checks within one large function would take the compiler minutes
-inlined = njit(forceinline=not CHECKED, **_OPTIONS)
+_INLINED = {'forceinline': not CHECKED}
+inlined = njit(**_OPTIONS | _INLINED)
 # the same for loops over a handful of modes or axes
-short_inlined = njit(forceinline=not CHECKED, **_SHORT_OPTIONS)
+short_inlined = njit(**_SHORT_OPTIONS | _INLINED)
 # its sums are done in the order in which they are written
-ordered = njit(forceinline=not CHECKED, **{**_OPTIONS, 'fastmath': {'contract', 'nsz'}})
+ordered = njit(**_OPTIONS | _INLINED | {'fastmath': {'contract', 'nsz'}})
 # the whole of an algorithm, which more than one kernel calls
 shared = njit(**_OPTIONS)
 short_shared = njit(**_SHORT_OPTIONS)

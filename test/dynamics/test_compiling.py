@@ -18,6 +18,8 @@ from typing import Any, NoReturn
 
 import numba
 import pytest
+from numba import types
+from numba.core.caching import NullCache
 
 from denoc_ros.dynamics.robot_model import KERNELS
 from denoc_ros.kernels import (
@@ -299,3 +301,20 @@ def test_what_stands_apart_calls_nothing_apart() -> None:
     assert compiled.APART
     for dispatcher in compiled.APART.values():
         assert compiled._symbols(dispatcher) == set()
+
+
+def uncached(function: Any) -> Any:
+    """Return a function that numba keeps in no file."""
+    function._cache = NullCache()
+    return function
+
+
+@pytest.mark.skipif(CHECKED, reason='checked kernels inline nothing')
+@pytest.mark.parametrize('called', ['shared', 'short_shared', 'inlined', 'short_inlined'])
+def test_what_is_inlined_does_not_depend_on_the_caller(called: str) -> None:
+    """Numba lets a function inherit options from the caller that has it compiled."""
+    own = uncached(getattr(compiled, called)(lambda x: 2.0 * x))
+    caller = uncached(compiled.inlined(lambda x: own(x) + 1.0))
+    caller.compile((types.float64,))
+    (code,) = own.overloads.values()
+    assert code.fndesc.inline == (called in {'inlined', 'short_inlined'})
