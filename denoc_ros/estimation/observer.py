@@ -166,12 +166,8 @@ class Observer:
         if self.time - stamp > self.settings.max_age:
             self.late += 1
             return False
-        interval, before = stamp - self._stamp, (self._q, self._qd)
-        if self.springs.hidden:
-            before = self._q.copy(), self._qd.copy()
+        interval, before = stamp - self._stamp, (self._q.copy(), self._qd.copy())
         self._filter.update(q, qd, interval)
-        if self.fusion is not None:
-            self._filter.judge(interval)
         self._drive(interval)
         self._stamp = stamp
         self._fuse()

@@ -31,7 +31,7 @@ class TrackingFilter:
     mean : (joints,) array
         Acceleration that makes the change of the rates since the measurement before.
     unsteady : (joints,) array
-        Variance of the acceleration against that, of the updates that :meth:`judge` has seen.
+        Variance of the acceleration against that.
 
     Notes
     -----
@@ -70,9 +70,6 @@ class TrackingFilter:
         before = self.qd.copy()
         self._take(q, qd, interval)
         self.mean = (self.qd - before) / interval
-
-    def judge(self, interval: float) -> None:
-        """Take into `unsteady` how the last update, over an interval [s], has gone."""
         share = -math.expm1(-interval / MEMORY)
         self.unsteady += share * ((self.mean - self.qdd) ** 2 - self.unsteady)
 
