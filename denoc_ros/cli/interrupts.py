@@ -106,7 +106,9 @@ class Interrupts:
             self._hook(swallowed)
             return
         self._raised = False
-        again = threading.Timer(SOON, signal.raise_signal, (signal.SIGINT,))
+        # to the thread that waits: another one's signal would not end its wait
+        waiting = threading.get_ident()
+        again = threading.Timer(SOON, signal.pthread_kill, (waiting, signal.SIGINT))
         again.daemon = True
         again.start()
 
