@@ -14,7 +14,7 @@ import yaml
 from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
 from planar_chains import planar_chain
-from predictor_bench import ARM, DOWN, GAUGE, RATE, add, joint_state, swing
+from predictor_bench import ARM, DOWN, GAUGE, RATE, add, begun, joint_state, swing
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -113,12 +113,8 @@ def test_measurements_that_waited_are_taken_in_one_by_one(
     graph: Any, robot_file: Path, run: Run
 ) -> None:
     overrides = {'urdf_path': str(robot_file), 'gravity': list(DOWN), 'update_rate': RATE}
-    prompt, paused = (graph.add(PredictorNode, start=False, **overrides) for _ in range(2))
+    prompt, paused = (begun(graph.add(PredictorNode, start=False, **overrides)) for _ in range(2))
     joints = [run.coordinate_names.index(name) for name in ('joint_1', 'joint_2')]
-    for node in (prompt, paused):
-        node.trigger_configure()
-        node.begin()
-        node._now = 0.0
     for row in range(40):
         measurement = run.t[row], run.q[row, joints], run.qd[row, joints], None
         for node in (prompt, paused):
@@ -231,10 +227,7 @@ def test_a_gauge_mends_a_model_that_is_too_soft(
 ) -> None:
     """Tick by tick: how late the machine takes a value in is not what is tested here."""
     soft = {'beam.link_1.y.ei': 45.0, 'sensor.root.noise': 2e-6}
-    node = add(graph, robot_file, start=False, strain=strain, parameters=soft)
-    node.trigger_configure()
-    node.begin()
-    node._now = 0.0
+    node = begun(add(graph, robot_file, start=False, strain=strain, parameters=soft))
     joints = [run.coordinate_names.index(name) for name in ('joint_1', 'joint_2')]
     strains = dn.load_robot(robot_file, gravity=DOWN).sensor_values(run.q)[:, 0]
     bent, explained = np.zeros((2, len(run.t)))

@@ -14,6 +14,7 @@ from campaign import states as states_of
 from campaign.stage import stamp
 from node_robots import GRAVITY, two_links
 from node_robots import JOINTS as PAIR
+from predictor_bench import begun
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -62,10 +63,7 @@ def ticked(node: Any, run: TrackedRun, rows: range) -> None:
 
 @pytest.mark.parametrize('strain', ['ignore', 'fuse'])
 def test_the_model_in_use_carries_what_is_found(graph: Any, strain: str) -> None:
-    node = graph.add(PredictorNode, start=False, parameters=parameters(strain=strain))
-    node.trigger_configure()
-    node.begin()
-    node._now = 0.0
+    node = begun(graph.add(PredictorNode, start=False, parameters=parameters(strain=strain)))
     run = swing()
     ticked(node, run, range(len(run.t)))
     found = node.adaptation.tracker.values[0]
@@ -91,10 +89,7 @@ def test_the_model_in_use_carries_what_is_found(graph: Any, strain: str) -> None
 
 def test_a_bag_of_the_run_says_what_the_node_says(graph: Any, tmp_path: Path) -> None:
     robot = dn.load_robot(ARM, gravity=(0.0, 0.0, 0.0)).with_overrides({TOOL: KNOWN})
-    node = graph.add(PredictorNode, start=False, parameters=parameters(strain='fuse'))
-    node.trigger_configure()
-    node.begin()
-    node._now = 0.0
+    node = begun(graph.add(PredictorNode, start=False, parameters=parameters(strain='fuse')))
     run, values = swing(), []
     for k, t in enumerate(run.t.tolist()):
         node.sensors.queue.extend((place, t, x) for place, x in enumerate(run.sensors[k].tolist()))

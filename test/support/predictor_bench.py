@@ -59,3 +59,11 @@ def add(graph: Any, robot_file: Path, **parameters: Any) -> Any:
         joint_state_timeout=0.3,
         **parameters,
     )
+
+
+def begun(node: Any) -> Any:
+    """Return a node that was added with `start=False`, active: the test calls its ticks from 0."""
+    node.trigger_configure()
+    node.begin()
+    node._now = 0.0
+    return node
