@@ -49,10 +49,14 @@ def test_strain_rate_becomes_torque_within_its_limit(graph: Any, urdf: str) -> N
         strain = size * math.sin(6.0 * (time.perf_counter() - start))
         gauge.publish(Float64(data=strain / 2.0e-6))
         graph.spin(0.01)
-        return len(effort) > 100
+        return len(damped()) > 100
+
+    def damped() -> list[Any]:
+        # without a gauge's word, as while the machine stands still, there is no torque
+        return [sample.effort for sample in effort if sample.effort[0] != 0.0]
 
     graph.until(lambda: feed(1e-3))
-    torque = np.array([sample.effort for sample in effort])
+    torque = np.array(damped())
     # rates up to 6e-3 per s by 100 N m s, jumps of the gauge at late messages aside
     assert 0.1 < np.median(np.abs(torque[20:, 0])) < 1.5
     assert np.all(torque[:, 1] == 0.0)
