@@ -177,11 +177,14 @@ def load_named_robot(path: str, gravity: Sequence[float]) -> Robot:
 def attached_robot(path: Path, gravity: Sequence[float]) -> Robot | None:
     """Return the robot attached to a bag, None without one."""
     from denoc_ros.bags.reader import read_description
-    from denoc_ros.dynamics.robot import load_robot
     from denoc_ros.identification.channel import is_table
 
     text = '' if is_table(path) else read_description(path)
-    return load_robot(text, gravity=tuple(gravity)) if text else None
+    if not text:
+        return None
+    from denoc_ros.dynamics.robot import load_robot
+
+    return load_robot(text, gravity=tuple(gravity))
 
 
 def joint_values(settings: Sequence[str]) -> dict[str, float]:

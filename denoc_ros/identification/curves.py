@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from denoc_ros.identification.damped import Damped, fit_damped
 from denoc_ros.identification.modes import AmplitudeCurve
@@ -108,7 +108,7 @@ def frequency_spread(curve: AmplitudeCurve) -> float:
     weight = 1.0 / noise**2
     mean = weight @ curve.frequency / weight.sum()
     scatter = float(weight @ (curve.frequency - mean) ** 2)
-    if chi2.sf(scatter, weight.size - 1) > UNLIKELY:
+    if chdtrc(weight.size - 1, scatter) > UNLIKELY:
         return 0.0
     return float(np.sqrt(_between(curve.frequency, noise)))
 
@@ -141,6 +141,6 @@ def _change(level: Array, zetas: Array, deviation: Array) -> tuple[float, bool]:
     away = np.log(level) - weight @ np.log(level) / weight.sum()
     trend = float(weight @ (away * (zetas - mean)) / max(weight @ away**2, 1e-300))
     scatter = float(weight @ (zetas - mean) ** 2)
-    surprising = chi2.sf(scatter, zetas.size - 1) < CHANCE
+    surprising = chdtrc(zetas.size - 1, scatter) < CHANCE
     large = float(np.sqrt(np.average((zetas - mean) ** 2, weights=weight)))
     return trend, bool(surprising and large > SMALLEST_CHANGE * abs(mean))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import qr
 from scipy.optimize import least_squares
 
 from denoc_ros.types import Array
@@ -75,13 +76,17 @@ NDComplex = np.ndarray[tuple[int], np.dtype[np.complex128]]
 
 
 def columns(t: Array, poles: Array, span: float, base: bool = True) -> Array:
-    """Return the linear part's columns, shape (k, 2 m + 2); (k, 2 m) without offset and drift."""
+    """Return the linear part's columns, shape (k, 2 m + 2); (k, 2 m) without offset and drift.
+
+    Each lies in one piece (Fortran's order): LAPACK takes them as they are.
+    """
     m = len(poles)
-    out = np.empty((t.size, 2 * m + 2 * base))
+    out = np.empty((t.size, 2 * m + 2 * base), order='F')
     for k, (sigma, omega) in enumerate(poles):
         decay = np.exp(np.clip(-sigma * t, -LARGEST_EXPONENT, LARGEST_EXPONENT))
-        out[:, 2 * k] = decay * np.cos(omega * t)
-        out[:, 2 * k + 1] = decay * np.sin(omega * t)
+        angle = omega * t
+        np.multiply(decay, np.cos(angle), out=out[:, 2 * k])
+        np.multiply(decay, np.sin(angle), out=out[:, 2 * k + 1])
     if base:
         out[:, -2] = 1.0
         out[:, -1] = t / span
@@ -103,16 +108,18 @@ class _Projection:
         phi = columns(self.t, poles, self.span, self.base)
         size = np.linalg.norm(phi, axis=0)
         size[size == 0.0] = 1.0
-        basis, triangle = np.linalg.qr(phi / size)
+        basis, triangle = qr(phi / size, overwrite_a=True, mode='economic', check_finite=False)
         seen = basis.T @ self.y
         self.weights = np.linalg.lstsq(triangle, seen, rcond=1e-12)[0] / size
         self.residual = self.y - basis @ seen
-        slopes = np.empty((self.t.size, flat.size))
+        slopes = np.empty((self.t.size, flat.size), order='F')
         for k in range(len(poles)):
             a, b = self.weights[2 * k : 2 * k + 2]
-            slopes[:, 2 * k] = -self.t * (a * phi[:, 2 * k] + b * phi[:, 2 * k + 1])
-            slopes[:, 2 * k + 1] = self.t * (b * phi[:, 2 * k] - a * phi[:, 2 * k + 1])
-        self.jacobian = slopes - basis @ (basis.T @ slopes)
+            cosine, sine = phi[:, 2 * k], phi[:, 2 * k + 1]
+            np.multiply(self.t, -a * cosine - b * sine, out=slopes[:, 2 * k])
+            np.multiply(self.t, b * cosine - a * sine, out=slopes[:, 2 * k + 1])
+        slopes -= basis @ (basis.T @ slopes)
+        self.jacobian = slopes
 
     def residuals(self, flat: Array) -> Array:
         self.evaluate(flat)

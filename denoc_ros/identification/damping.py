@@ -20,7 +20,6 @@ from denoc_ros.types import Array
 FARTHEST = 0.3  # of a measured frequency: no mode of the model beyond is taken for it
 FIRST_OF_EQUALS = 1e-6  # of a share
 LOG_RATIO_BOUNDS = (np.log(1e-7), np.log(2.0))
-SCALING = 'shape functions with max |s| = 1 on the beam'
 
 
 @dataclass(frozen=True)

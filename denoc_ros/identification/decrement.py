@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.signal import find_peaks
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.peaks import find_peaks
 from denoc_ros.identification.quality import assess
 from denoc_ros.identification.records import Record
 from denoc_ros.types import Array
@@ -95,7 +95,7 @@ def log_decrement(
     cycles = (middle - middle[0]) / (2.0 * half)
     slope, deviation = _slope(cycles, np.log(heights), heights**2)
     zeta = damping_ratio(-slope)
-    spread = student.ppf(0.975, max(cycles.size - 2, 1)) * deviation / (2.0 * np.pi)
+    spread = stdtrit(max(cycles.size - 2, 1), 0.975) * deviation / (2.0 * np.pi)
     frequency = 0.5 / half / np.sqrt(1.0 - zeta**2)
     interval = np.array([zeta - spread, zeta + spread])
     return Decrement(-slope, zeta, interval, float(frequency), middle, heights, convention)
@@ -146,8 +146,8 @@ def _extremes(record: Record, frequency: float | None) -> tuple[Array, Array]:
     y = record.y - np.mean(record.y)
     prominence = PROMINENCE * max(assess(record).noise, 1e-6 * float(np.ptp(y)))
     apart = 1 if frequency is None else max(int(CLOSEST / frequency / record.step), 1)
-    signed = [(k, 1) for k in find_peaks(y, prominence=prominence, distance=apart)[0]]
-    signed += [(k, -1) for k in find_peaks(-y, prominence=prominence, distance=apart)[0]]
+    signed = [(k, 1) for k in find_peaks(y, prominence=prominence, distance=apart)]
+    signed += [(k, -1) for k in find_peaks(-y, prominence=prominence, distance=apart)]
     kept: list[tuple[int, int]] = []
     for k, side in sorted(signed):
         if kept and kept[-1][1] == side:

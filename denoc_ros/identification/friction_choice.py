@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from denoc_ros.identification.residual import independent_samples
 from denoc_ros.identification.swing_fit import MODELS, SwingFit, Terms
@@ -88,6 +88,4 @@ def _gain(small: SwingFit, large: SwingFit) -> tuple[float, float]:
     if small.rss == 0.0:
         return 1.0, 0.0
     ratio = (small.rss - large.rss) / more / max(large.rss / rest, 1e-300)
-    return float(fisher.sf(max(ratio, 0.0), more, rest)), 1.0 - float(
-        np.sqrt(large.rss / small.rss)
-    )
+    return float(fdtrc(more, rest, max(ratio, 0.0))), 1.0 - float(np.sqrt(large.rss / small.rss))

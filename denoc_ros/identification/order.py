@@ -16,6 +16,7 @@ MOST_COSINES = 12
 COST = 5.0  # of one damped cosine, in log(samples): four parameters and the search for them
 DYNAMIC_RANGE = 1e-5  # no component is looked for below this part of the largest value
 HIGHEST = 0.95  # of half the sample rate
+CONVERGED = 1e-8  # of the frequency: fits whose poles are that close are one
 MOST_TRIED = 2  # candidates, one after the other
 SLOWEST = 0.6  # cycles in the record: less is part of the drift
 DECAYS_PER_OCTAVE = 1.0
@@ -80,9 +81,11 @@ class Search:
 
 def search_cosines(search: Search) -> Damped:
     """Return the fit with the damped cosines that the record holds."""
-    fits = [_grown(search, _pruned(search, start)) for start in _starts(search)]
-    best = min(fits, key=search.criterion)
-    return _pruned(search, best)
+    nothing, start = _starts(search)
+    first, second = _grown(search, nothing), _pruned(search, start)
+    if not _same(first, second):  # what grew no further from these poles will not do so again
+        second = _grown(search, second)
+    return _pruned(search, min(first, second, key=search.criterion))
 
 
 def refined_cosines(search: Search, poles: Array) -> Damped:
@@ -90,7 +93,15 @@ def refined_cosines(search: Search, poles: Array) -> Damped:
     return _pruned(search, _grown(search, search.fit(poles)))
 
 
-def _starts(search: Search) -> list[Damped]:
+def _same(one: Damped, other: Damped) -> bool:
+    """Say whether two fits have the same poles, but for the end of their iterations."""
+    if len(one.poles) != len(other.poles):
+        return False
+    first, second = (fit.poles[np.argsort(fit.poles[:, 1])] for fit in (one, other))
+    return bool(np.all(np.abs(first - second) < CONVERGED * np.abs(second[:, 1:])))
+
+
+def _starts(search: Search) -> tuple[Damped, Damped]:
     nothing = fit_damped(search.t, search.y, np.empty((0, 2)), search.span)
     spectrum = np.abs(np.fft.rfft(even_values(search.t, nothing.residual, search.span)))
     power = np.cumsum(spectrum**2)
@@ -99,7 +110,7 @@ def _starts(search: Search) -> list[Damped]:
     poles = pencil_poles(search.t, nothing.residual, highest, 6)
     poles = poles[search.sound(poles)]
     start = search.fit(poles[np.argsort(poles[:, 0])][:6]) if len(poles) else nothing
-    return [nothing, start]
+    return nothing, start
 
 
 def _grown(search: Search, fit: Damped) -> Damped:

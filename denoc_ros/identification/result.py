@@ -7,7 +7,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -16,12 +16,15 @@ from denoc_ros.bags.digest import file_hash
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.analysis import DecayAnalysis
 from denoc_ros.identification.channel import Channel, Reading
-from denoc_ros.identification.damping import SCALING, Assigned
 from denoc_ros.identification.modes import Modes, strongest
 from denoc_ros.identification.quality import Quality
 
+if TYPE_CHECKING:
+    from denoc_ros.identification.damping import Assigned
+
 RESULT_FILE = 'result.yaml'
 TABLE_FILE = 'modes.csv'
+SCALING = 'shape functions with max |s| = 1 on the beam'
 METHOD = 'matrix pencil, then least squares of damped cosines, offset and drift; order by BIC'
 TABLE_COLUMNS = (
     'frequency_hz',

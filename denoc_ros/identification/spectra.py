@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import find_peaks
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.peaks import find_peaks
 from denoc_ros.identification.quality import Mask, sample_noise
 from denoc_ros.identification.records import Record
 from denoc_ros.types import Array
@@ -171,7 +171,7 @@ def spectrum_peaks(record: Record) -> Array:
     frequency = np.fft.rfftfreq(size, grid[1] - grid[0])
     magnitude[frequency < SLOWEST / record.duration] = 0.0
     smooth = np.convolve(magnitude, np.hanning(9) / np.hanning(9).sum(), 'same')
-    peaks = find_peaks(smooth, height=PEAK * smooth.max(), prominence=0.5 * PEAK * smooth.max())[0]
+    peaks = find_peaks(smooth, height=PEAK * smooth.max(), prominence=0.5 * PEAK * smooth.max())
     noise = sample_noise(record.y) * np.sqrt(values.size)
     strong = peaks[smooth[peaks] > CLEAR * noise]
     return np.asarray(frequency[strong[_apart(frequency[strong], smooth[strong], record)]])
@@ -320,7 +320,7 @@ def _line(x: Array, y: Array, weight: Array, window: float) -> tuple[float, floa
     freedom = max(independent - 2.0, 1.0)
     spread = weight @ rest**2 / weight.sum() * independent / freedom
     variance = spread / independent / (weight @ away**2 / weight.sum())
-    return slope, float(student.ppf(0.975, freedom) * np.sqrt(variance))
+    return slope, float(stdtrit(freedom, 0.975) * np.sqrt(variance))
 
 
 def _checked(decay: SpectralDecay, shortest: float) -> SpectralDecay:
