@@ -239,6 +239,14 @@ def _connections(path: Path, reader: Any, topics: Collection[str] | None) -> lis
     return [connection for connection in reader.connections if connection.topic in topics]
 
 
+class _CommonTypes:
+    """Types for bags that hold no definitions: built for those only, as it takes a while."""
+
+    @property
+    def fielddefs(self) -> Any:
+        return message_types().fielddefs
+
+
 @contextmanager
 def _open(path: Path) -> Iterator[Any]:
     source = require_readable(path)
@@ -247,7 +255,7 @@ def _open(path: Path) -> Iterator[Any]:
         for part in parts:
             if part.suffix == '.mcap':
                 require_small_chunks(part)
-        with AnyReader([source], default_typestore=message_types()) as reader:
+        with AnyReader([source], default_typestore=_CommonTypes()) as reader:
             yield reader
 
 
