@@ -1,9 +1,13 @@
-"""Buffers of received messages go back to the system once a message is read.
+"""Buffers of received messages go back to the system once read; lost messages come again soon.
 
 rmw_fastrtps has Fast DDS keep them: each place of a history keeps the largest message that it ever
 held, so that a node grows with the largest messages, by up to their size times the depth of each
 topic. Fast DDS also has the policy DYNAMIC, which allocates for each message what it takes and
 frees it; only a profile can ask for it.
+
+A reliable reader misses a message only when the writer's heartbeat tells it what there is: every
+3 s by default. Until then it has nothing that came after the lost one, and a node that ends does
+not know whether its last messages arrived. The same profile has a heartbeat every 0.1 s.
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ FROM_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 def release_buffers(
     environment: MutableMapping[str, str] = os.environ, middleware: str | None = None
 ) -> None:
-    """Have this process's endpoints free the memory of messages, unless the user has profiles.
+    """Have this process's endpoints use the profile, unless the user has profiles.
 
     Call it after `use_sockets`, whose profile says the same.
 

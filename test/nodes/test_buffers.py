@@ -66,6 +66,30 @@ def keep():
 sys.exit(run(keep, [], shared_memory=True))
 """
 
+# publishes, and prints whether all of it has arrived within a second, several times
+PUBLISHER = """
+import sys, time, rclpy
+from denoc_ros.errors import DenocError
+from denoc_ros.nodes.base import STATE
+from denoc_ros.nodes.process import run
+from rclpy.duration import Duration
+from std_msgs.msg import String
+
+def publish():
+    node = rclpy.create_node('publisher')
+    publisher = node.create_publisher(String, 'small', STATE)
+    while not publisher.get_subscription_count():
+        time.sleep(0.01)
+    for _ in range(5):
+        for _ in range(20):
+            publisher.publish(String(data='x'))
+        print(publisher.wait_for_all_acked(Duration(seconds=1)), flush=True)
+    node.destroy_node()
+    raise DenocError('over')
+
+sys.exit(run(publish, [], shared_memory=sys.argv[1] == 'shared'))
+"""
+
 
 @pytest.mark.parametrize(
     ('given', 'changed'),
@@ -101,6 +125,25 @@ def test_both_profiles_say_the_same_of_readers_and_writers() -> None:
 
     assert len(endpoints(BUFFERS)) == 2
     assert endpoints(LOCALHOST) == endpoints(BUFFERS)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('transport', ['sockets', 'shared'])
+def test_a_publisher_knows_within_a_second_that_its_messages_arrived(
+    graph: Any, transport: str
+) -> None:
+    """With a heartbeat every 3 s it knew this once in a while."""
+    arrived = graph.collect(String, 'small')
+    publisher = subprocess.Popen(
+        [sys.executable, '-c', PUBLISHER, transport], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        graph.until(lambda: len(arrived) == 5 * 20)
+        said, _ = publisher.communicate(timeout=60.0)
+    finally:
+        publisher.kill()
+        publisher.wait(20.0)
+    assert said.split() == ['True'] * 5
 
 
 @pytest.mark.ros
