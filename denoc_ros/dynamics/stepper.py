@@ -99,7 +99,7 @@ class Stepper:
                 robot.handle, self._armature, self._held, q, qd, given, force, out,
                 self._torque,
             )  # fmt: skip
-        self._raise_for_status(status, q, qd, out)
+        raise_step_status(robot, status, q, qd, out)
         out[self._driven] = qdd_driven
 
     def _advance(self, held: Array, q: Array, qd: Array, given: Array, tau: Array) -> None:
@@ -109,16 +109,18 @@ class Stepper:
             )
         except TypeError:
             status = MISFIT
-        self._raise_for_status(status, q, qd, tau)
+        raise_step_status(self.robot, status, q, qd, tau)
 
-    def _raise_for_status(self, status: int, *arrays: Array) -> None:
-        if status == GOOD:
-            return
-        if status == MISFIT:
-            raise StateError(
-                f'states and forces must be float64 arrays of shape ({self.robot.n},), got '
-                + ', '.join(str(np.shape(array)) for array in arrays)
-            )
-        if status == NOT_FINITE:
-            raise StateError('state, acceleration and torque must be finite, got one that is not')
-        raise_status(self.robot, status)
+
+def raise_step_status(robot: Robot, status: int, *arrays: Array) -> None:
+    """Raise what a status of a step means."""
+    if status == GOOD:
+        return
+    if status == MISFIT:
+        raise StateError(
+            f'states and forces must be float64 arrays of shape ({robot.n},), got '
+            + ', '.join(str(np.shape(array)) for array in arrays)
+        )
+    if status == NOT_FINITE:
+        raise StateError('state, acceleration and torque must be finite, got one that is not')
+    raise_status(robot, status)

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
@@ -111,23 +112,66 @@ def _half_width(cutoff: float, period: float) -> int:
     return max(DEGREE // 2 + 1, math.ceil(width))
 
 
+class LocalPolynomials:
+    """The filter of `smooth` for samples at given stamps, worked out once for many of them.
+
+    Parameters
+    ----------
+    t : (k,) array
+        Stamps [s].
+    cutoff : float
+        [Hz]
+    period : float
+        Usual time between samples [s].
+    """
+
+    def __init__(self, t: Array, cutoff: float, period: float) -> None:
+        rows, powers, self._scale = _windows(t, _half_width(cutoff, period))
+        self._first = rows[:, 0]
+        normal = np.swapaxes(powers, 1, 2)
+        found = np.linalg.solve(normal @ powers, normal)[:, :3]
+        self._weights = np.zeros((len(t), 3, powers.shape[1]))
+        self._weights[:, : found.shape[1]] = found
+
+    def __call__(self, y: Array) -> tuple[Array, Array, Array]:
+        """Return samples y (k, joints) smoothed, and their first and second derivatives."""
+        # about the first sample: large positions do not cost digits
+        origin = y[self._first]
+        rows = self._first[:, None] + np.arange(self._weights.shape[2])
+        coefficients = self._weights @ (y[rows] - origin[:, None, :])
+        return _derivatives(coefficients, origin, self._scale)
+
+
 def _local_polynomials(t: Array, y: Array, half: int) -> tuple[Array, Array, Array]:
     """Return values, first and second derivatives of polynomials fitted around each stamp."""
+    rows, powers, scale = _windows(t, half)
+    normal = np.swapaxes(powers, 1, 2)
+    # about the first sample: large positions do not cost digits
+    origin = y[rows[:, 0]]
+    samples = y[rows] - origin[:, None, :]
+    found = np.linalg.solve(normal @ powers, normal @ samples)[:, :3]
+    coefficients = np.zeros((len(t), 3, y.shape[1]))
+    coefficients[:, : found.shape[1]] = found
+    return _derivatives(coefficients, origin, scale)
+
+
+def _windows(t: Array, half: int) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return the samples around each stamp, the powers of their times in half widths, and these.
+
+    Shapes are (k, width), (k, width, degree + 1) and (k, 1) [s].
+    """
     count = len(t)
     width = min(2 * half + 1, count)
     degree = min(DEGREE, width - 1)
     first = np.clip(np.arange(count) - width // 2, 0, count - width)
     rows = first[:, None] + np.arange(width)
-    scale = 0.5 * (t[first + width - 1] - t[first])
-    powers = ((t[rows] - t[:, None]) / scale[:, None])[..., None] ** np.arange(degree + 1)
-    normal = np.swapaxes(powers, 1, 2)
-    # about the first sample: large positions do not cost digits
-    origin = y[first]
-    samples = y[rows] - origin[:, None, :]
-    found = np.linalg.solve(normal @ powers, normal @ samples)
-    coefficients = np.zeros((count, 3, y.shape[1]))
-    coefficients[:, : min(3, degree + 1)] = found[:, :3]
-    scale = scale[:, None]
+    scale = 0.5 * (t[first + width - 1] - t[first])[:, None]
+    powers = ((t[rows] - t[:, None]) / scale)[..., None] ** np.arange(degree + 1)
+    return rows, powers, scale
+
+
+def _derivatives(coefficients: Array, origin: Array, scale: Array) -> tuple[Array, Array, Array]:
+    """Return values, first and second derivatives of coefficients (k, 3, joints)."""
     return (
         coefficients[:, 0] + origin,
         coefficients[:, 1] / scale,

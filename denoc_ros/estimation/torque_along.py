@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from denoc_ros.dynamics.measured_side import WholeCoordinates
 from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.dynamics.steps_along import StepsAlong
 from denoc_ros.errors import ModelError
 from denoc_ros.estimation.base_record import BaseRecord
 from denoc_ros.estimation.joint_friction import JointFriction
@@ -116,6 +118,8 @@ class TorqueReplay:
         self._bends = len(robot.flexible_indices) > 0
         self._stepper = Stepper(robot.copy(), step)
         self._step = step
+        is_free = self._bends and base is None and not robot.constraint_names
+        self._along = StepsAlong(self._stepper.robot, step) if is_free else None
         self._q, self._qd = np.zeros((2, robot.n))
         self._last: float = np.nan
         self.whole = WholeCoordinates(robot)
@@ -308,6 +312,9 @@ class TorqueReplay:
         elapsed = np.diff(t, prepend=self._last)
         with np.errstate(invalid='ignore'):
             means, slopes = connecting_acceleration(elapsed[:, None], q_before, qd_before, q, qd)
+        if self._along is not None:
+            joints, rates = np.stack([q, qd]), np.stack([means, slopes])
+            return self._in_one_call(self._along, t, starts, elapsed, joints, rates)
         for k in range(len(t)):
             if starts[k]:
                 self._start(q[k], t[k])
@@ -317,6 +324,29 @@ class TorqueReplay:
             found[:, k] = self._q, self._qd
         self._last = float(t[-1])
         return found
+
+    def _in_one_call(
+        self, steps: StepsAlong, t: Array, starts: Flags, intervals: Array, joints: Array,
+        rates: Array,
+    ) -> Array:  # fmt: skip
+        """Return the same with one call from each start to the next.
+
+        Joints (2, k, joints) are positions and rates, `rates` mean and slope of accelerations.
+        """
+        count = len(t)
+        states, accelerations = np.zeros((2, 2, count + 1, self._robot.n))
+        states[:, 0] = self._q, self._qd
+        states[:, 1:, self._index], accelerations[:, 1:, self._index] = joints, rates
+        intervals = np.concatenate([[0.0], intervals])
+        for first, last in pairwise([-1, *np.flatnonzero(starts), count]):
+            if first >= 0:
+                self._start(joints[0, first], t[first])
+                self._q[self._index], self._qd[self._index] = joints[:, first]
+                states[:, first + 1] = self._q, self._qd
+            steps.write(states, intervals, accelerations, first + 2, last + 1)
+        self._q[:], self._qd[:] = states[:, -1]
+        self._last = float(t[-1])
+        return states[:, 1:]
 
     def _start(self, joints: Array, t: float) -> None:
         """Begin with the amplitudes in equilibrium; in free fall undeformed."""

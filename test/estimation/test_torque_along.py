@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from simulated_bags import SimulatedBag
+from truth_robots import truth_case
 
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.writer import BagWriter
@@ -144,3 +145,30 @@ def test_friction_that_drives_a_joint_is_doubtful(simulated_bag: SimulatedBag) -
     ]
     small = replace(fit, size=1e-3 * size)
     assert doubts(replace(found, friction=small)) == []
+
+
+def test_calls_for_many_rows_are_steps_one_by_one() -> None:
+    """Two blocks of a motion of one of two joints, with a new start in each."""
+    robot = truth_case(99).robot
+    draw = np.random.default_rng(8)
+    t = np.cumsum(draw.uniform(1e-3, 8e-3, 2 * ROWS))
+    q = draw.uniform(-0.2, 0.2, 1) * np.sin(np.outer(9.0 * t, [1.0]))
+    motion = SmoothedMotion(q, 9.0 * q, -81.0 * q)
+    starts = np.isin(np.arange(2 * ROWS), [0, 7, ROWS + 4])
+    found = []
+    for is_one_by_one in (False, True):
+        replay = TorqueReplay(robot, ['joint_2'], step=5e-4)
+        assert replay._along is not None
+        if is_one_by_one:
+            replay._along = None
+        blocks = []
+        for rows in (slice(0, ROWS), slice(ROWS, 2 * ROWS)):
+            part = SmoothedMotion(motion.q[rows], motion.qd[rows], motion.qdd[rows])
+            blocks.append(replay.states(t[rows], part, starts[rows]))
+        found.append(
+            [np.concatenate(each, axis=each[0].ndim - 2) for each in zip(*blocks, strict=True)]
+        )
+    for own, other in zip(*found, strict=True):
+        assert np.abs(other).max() > 1e-3
+        # sums in another order
+        np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())

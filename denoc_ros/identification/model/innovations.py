@@ -9,12 +9,13 @@ squares are the likelihood (L. Ljung, System Identification, 1999, section 7.4).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.identification.model.nearby_motion import NearbyMotion
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.time_varying import filter_gains, filter_values
 from denoc_ros.types import Array
 
 Int = NDArray[np.int64]
@@ -28,13 +29,19 @@ class LinkedRows:
 
     Attributes
     ----------
-    places : list of int arrays
-        For each stamp of the joints the rows nearest to it.
+    order : (l,) int array
+        The rows that are near a stamp, by stamps.
+    edges : (k + 1,) int array
+        Where in this order those nearest to each stamp begin, and end.
+    alone : (m - l,) int array
+        All others.
     slopes : (m, 2f) array
         Derivatives of the residuals by amplitudes and rates at that stamp.
     """
 
-    places: list[Int]
+    order: Int
+    edges: Int
+    alone: Int
     slopes: Array
 
 
@@ -60,7 +67,8 @@ def linked_rows(nearby: NearbyMotion, t: Array, row_t: Array, by_state: Array) -
     near = np.flatnonzero(np.abs(apart) <= MOST_APART * period)
     order = near[np.argsort(nearest[near], kind='stable')]
     edges = np.searchsorted(nearest[order], np.arange(len(t) + 1))
-    return LinkedRows([order[a:b] for a, b in pairwise(edges)], slopes)
+    alone = np.setdiff1d(np.arange(len(row_t)), near)
+    return LinkedRows(order, edges, alone, np.ascontiguousarray(slopes))
 
 
 class Innovations:
@@ -86,51 +94,21 @@ class Innovations:
         rate_noise: Array,
         t: Array,
     ) -> None:
-        self._nearby, self._rows, self._deviation = nearby, rows, deviation
-        self._gains: list[Array] = []
-        self._roots: list[Array] = []
         f = len(nearby.free)
         by_joints = nearby.by_joints * rate_noise
         # white noise v of a rate: with y = x - B v the model is y' = A y + A B v
         shaking = np.concatenate([by_joints, nearby.slopes[:, f:, f:] @ by_joints], axis=1)
-        spread = np.zeros((2 * f, 2 * f))
-        step = np.diff(t, prepend=t[0])
-        for k, places in enumerate(rows.places):
-            if nearby.starts[k]:
-                spread = np.zeros((2 * f, 2 * f))
-            else:
-                phi = nearby.transitions[k - 1]
-                noise = shaking[k] @ shaking[k].T * step[k]
-                spread = phi @ spread @ phi.T + noise
-            spread = self._add(places, spread)
-
-    def _add(self, places: Int, spread: Array) -> Array:
-        """Keep gain and root of the next rows; return what they leave of the spread."""
-        if not len(places):
-            self._gains.append(spread[:, :0])
-            self._roots.append(spread[:0, :0])
-            return spread
-        seen = self._rows.slopes[places]
-        shared = spread @ seen.T
-        whole = seen @ shared
-        whole.flat[:: len(places) + 1] += self._deviation[places] ** 2
-        root = np.linalg.inv(np.linalg.cholesky(whole))
-        rooted = root @ shared.T
-        self._gains.append(rooted.T @ root)
-        self._roots.append(root)
-        return np.asarray(spread - rooted.T @ rooted)
+        added = shaking @ shaking.transpose(0, 2, 1) * np.diff(t, prepend=t[0])[:, None, None]
+        ready(filter_gains, filter_values)
+        self._way = nearby.transitions, nearby.starts
+        self._linked = rows.edges, rows.order, rows.slopes
+        self._alone = rows.alone
+        self._gains, self._deviation = np.zeros(rows.slopes.shape), deviation.copy()
+        filter_gains(*self._way, added, *self._linked, self._gains, self._deviation)
 
     def whitened(self, residuals: Array) -> Array:
         """Return residuals (m,) or (m, c) in deviations of what was not foreseen of them."""
-        one = residuals.ndim == 1
-        given = residuals[:, None] if one else residuals
-        found: Array = given / self._deviation[:, None]
-        state = np.zeros((self._rows.slopes.shape[1], given.shape[1]))
-        starts, transitions = self._nearby.starts, self._nearby.transitions
-        for k, places in enumerate(self._rows.places):
-            state = np.zeros_like(state) if starts[k] else transitions[k - 1] @ state
-            if len(places):
-                missed = given[places] - self._rows.slopes[places] @ state
-                found[places] = self._roots[k] @ missed
-                state += self._gains[k] @ missed
-        return found[:, 0] if one else found
+        found = residuals.reshape(len(residuals), -1).copy()
+        found[self._alone] /= self._deviation[self._alone, None]
+        filter_values(*self._way, *self._linked, self._gains, self._deviation, found)
+        return np.asarray(found.reshape(residuals.shape))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from denoc_ros.estimation.joint_motion import SmoothedMotion, smooth
+from denoc_ros.estimation.joint_motion import LocalPolynomials, SmoothedMotion, smooth
 from denoc_ros.identification.model.robust import noise_of
 from denoc_ros.identification.model.spikes import without_spikes
 from denoc_ros.types import Array, Flags
@@ -30,6 +31,8 @@ class MeasuredMotion:
         Of the smoothing of positions and rates [Hz]; 0 where rates were not measured.
     period : float
         Usual time between samples [s].
+    smoothers : dict of float to LocalPolynomials
+        Of the stamps, by cutoff.
     """
 
     motion: SmoothedMotion
@@ -37,9 +40,10 @@ class MeasuredMotion:
     velocity_noise: Array
     cutoffs: Array
     period: float
+    smoothers: Mapping[float, LocalPolynomials]
 
-    def disturbed(self, t: Array, draw: np.random.Generator, times: float = 1.0) -> SmoothedMotion:
-        """Return the motion at the stamps t (k,) with noise of this size once more on top.
+    def disturbed(self, draw: np.random.Generator, times: float = 1.0) -> SmoothedMotion:
+        """Return the motion with noise of this size once more on top.
 
         `times` as large; -1 is the same noise with the other sign.
         """
@@ -47,7 +51,8 @@ class MeasuredMotion:
         position = times * self.position_noise * draw.standard_normal(shape)
         velocity = times * self.velocity_noise * draw.standard_normal(shape)
         measured = bool((self.cutoffs[1] > 0.0).any())
-        more = _smoothed(t, position, velocity if measured else None, self.cutoffs, self.period)
+        given = velocity if measured else None
+        more = _smoothed(position, given, self.cutoffs, self.smoothers)
         return SmoothedMotion(own.q + more.q, own.qd + more.qd, own.qdd + more.qdd)
 
 
@@ -83,20 +88,29 @@ def measured_motion(t: Array, position: Array, velocity: Array | None) -> Measur
     position = np.where(still, np.median(position, axis=0), position)
     velocity = None if velocity is None else np.where(still, 0.0, velocity)
     noise[:, still] = 0.0
-    motion = _smoothed(t, position, velocity, cutoffs, period)
-    return MeasuredMotion(motion, noise[0], noise[1], cutoffs, period)
+    smoothers = {
+        float(cutoff): LocalPolynomials(t, float(cutoff), period)
+        for cutoff in np.unique(cutoffs[cutoffs > 0.0])
+    }
+    motion = _smoothed(position, velocity, cutoffs, smoothers)
+    return MeasuredMotion(motion, noise[0], noise[1], cutoffs, period, smoothers)
 
 
 def _smoothed(
-    t: Array, position: Array, velocity: Array | None, cutoffs: Array, period: float
+    position: Array,
+    velocity: Array | None,
+    cutoffs: Array,
+    smoothers: Mapping[float, LocalPolynomials],
 ) -> SmoothedMotion:
     q, qd, qdd = (np.empty(position.shape) for _ in range(3))
-    for k in range(position.shape[1]):
-        own = smooth(t, position[:, [k]], cutoff=cutoffs[0, k], period=period)
-        q[:, k], qd[:, k], qdd[:, k] = own.q[:, 0], own.qd[:, 0], own.qdd[:, 0]
-        if velocity is not None:
-            rates = smooth(t, velocity[:, [k]], cutoff=cutoffs[1, k], period=period)
-            qd[:, k], qdd[:, k] = rates.q[:, 0], rates.qd[:, 0]
+    for cutoff, smoothed in smoothers.items():
+        own, rates = cutoffs == cutoff
+        if own.any():
+            q[:, own], slope, bend = smoothed(position[:, own])
+            if velocity is None:
+                qd[:, own], qdd[:, own] = slope, bend
+        if velocity is not None and rates.any():
+            qd[:, rates], qdd[:, rates], _ = smoothed(velocity[:, rates])
     return SmoothedMotion(q, qd, qdd)
 
 

@@ -202,21 +202,22 @@ class PreparedRun:
         ----------
         robot : Robot
         until : float
-            Part of the run that matters: what is behind it is not worked out.
+            Part of the run's time that matters: what is behind it is not worked out.
         draw : Generator, optional
             Adds noise of the size that the joints' measurement has.
         """
         replay = TorqueReplay(robot, self.recording.joints, step=self._step)
-        count = len(self.recording.t)
-        end = min(count, int(until * count) + 2 * int(self._kept[0]) + 2)
+        t = self.recording.t
+        last = int(np.searchsorted(t, t[0] + until * (t[-1] - t[0])))
+        end = min(len(t), last + 2 * int(self._kept[0]) + 2)
         measured = self._measured
-        whole = measured.motion if draw is None else measured.disturbed(self.recording.t, draw)
+        whole = measured.motion if draw is None else measured.disturbed(draw)
         return replay.states(*self._first(end, whole))
 
     def shaken(self, draw: np.random.Generator, times: float) -> PreparedRun:
         """Return the run with noise of the joints' own size once more on their motion."""
         found = copy.copy(self)
-        motion = self._measured.disturbed(self.recording.t, draw, times)
+        motion = self._measured.disturbed(draw, times)
         found._measured = dataclasses.replace(self._measured, motion=motion)
         return found
 

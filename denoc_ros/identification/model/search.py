@@ -170,7 +170,8 @@ class ModelSearch:
             self._simulated.until = part
             self._reweigh(theta, early)
             theta = self._least_squares(theta, early, COARSE)
-        self._simulated.until, self._is_exact = 1.0, False
+        self._simulated.until = 1.0 if rows.all() else float(self._part[rows].max())
+        self._is_exact = False
         self._reweigh(theta, rows)
         for _ in range(ROUNDS):
             before, last = self.deviation.copy(), theta

@@ -44,6 +44,7 @@ class Whitening:
         self._parts = [slice(int(a), int(b)) for a, b in pairwise(edges)]
         self._linked: list[tuple[PreparedRun, NearbyMotion, LinkedRows, Array]] = []
         self._filters: list[Innovations] = []
+        self._whitened: tuple[Array, Array] | None = None  # the last residuals, before and after
 
     @property
     def is_following(self) -> bool:
@@ -56,23 +57,33 @@ class Whitening:
             (run, motion, run.linked_rows(robot, settings, motion), run.rate_noise(robot))
             for run, motion in zip(self._runs, nearby, strict=False)
         ]
-        self._filters = []
+        self._filters, self._whitened = [], None
 
     def weigh(self, deviation: Array, residuals: Array) -> None:
         """Take each channel's deviation (channels,) anew; residuals (m,) show outliers."""
-        self.deviation = deviation
-        if not self._linked:
-            return
         own = deviation[self.channel]
         if self._filters:
             own = np.where(np.abs(self(residuals)) > WILD, UNHEARD * own, own)
+        self.deviation, self._whitened = deviation, None
+        if not self._linked:
+            return
         self._filters = [
             Innovations(motion, rows, own[part], noise, run.recording.t[: len(motion.starts)])
             for (run, motion, rows, noise), part in zip(self._linked, self._parts, strict=True)
         ]
 
     def __call__(self, values: Array) -> Array:
-        """Return residuals (m,), or their derivatives (m, c), in deviations."""
+        """Return residuals (m,), or their derivatives (m, c), in deviations.
+
+        Nobody writes to residuals, or to what this returns of them.
+        """
+        if values.ndim > 1:
+            return self._of(values)
+        if self._whitened is None or self._whitened[0] is not values:
+            self._whitened = values, self._of(values)
+        return self._whitened[1]
+
+    def _of(self, values: Array) -> Array:
         if not self._filters:
             own = self.deviation[self.channel]
             return np.asarray(values / (own if values.ndim == 1 else own[:, None]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -101,6 +101,29 @@ def test_what_could_not_be_foreseen_is_small_and_white(followed: Followed) -> No
     assert search.deviation[gauge] < 2.0 * noise[gauge]  # 1.3 times
     # a channel of white noise has 1: simulated residuals have 0.98
     assert abs(np.corrcoef(left[1:], left[:-1])[0, 1]) < 0.7
+
+
+def test_part_of_a_run_is_part_of_its_time(followed: Followed) -> None:
+    """Four fifths of the stamps are in the first half; nothing of that half is left out."""
+    whole = followed.run.recording
+    rows = np.flatnonzero((whole.t < 0.5 * whole.t[-1]) | (np.arange(len(whole.t)) % 4 == 0))
+    recording = replace(
+        whole, t=whole.t[rows], position=whole.position[rows], effort=whole.effort[rows],
+        velocity=None if whole.velocity is None else whole.velocity[rows],
+    )  # fmt: skip
+    robot = followed.case.robot
+    prepared = PreparedRun(recording, robot, CUTOFF, STEP)
+    states = prepared.motion(robot, 0.5)[0]
+    assert 0.75 * len(rows) < np.sum(recording.t < 0.5 * recording.t[-1]) < len(states[0])
+    assert len(states[0]) < len(rows)
+
+
+def test_residuals_are_whitened_by_the_weights_of_now(followed: Followed) -> None:
+    search = ModelSearch(followed.search._runs, followed.parameters)
+    search.deviation = np.ones(len(search.labels))
+    before = search.whitened(followed.true)
+    search.deviation = np.full(len(search.labels), 4.0)
+    np.testing.assert_array_equal(search.whitened(followed.true), before / 4.0)
 
 
 @pytest.fixture(scope='module')

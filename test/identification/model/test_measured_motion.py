@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from denoc_ros.estimation.joint_motion import LocalPolynomials, smooth
 from denoc_ros.identification.model.measured_motion import measured_motion
 
 
@@ -29,7 +31,7 @@ def test_noise_of_both_signs_cancels() -> None:
     t = 5e-3 * np.arange(100.0)
     position = 0.1 * np.sin(5.0 * t)[:, None] + 1e-4 * np.random.default_rng(6).random((100, 1))
     measured = measured_motion(t, position, None)
-    up, down = (measured.disturbed(t, np.random.default_rng(0), times) for times in (1.0, -1.0))
+    up, down = (measured.disturbed(np.random.default_rng(0), times) for times in (1.0, -1.0))
     assert np.abs(up.q - down.q).max() > 1e-6
     # sums in another order
     np.testing.assert_allclose(0.5 * (up.qdd + down.qdd), measured.motion.qdd, atol=1e-9)
@@ -42,3 +44,16 @@ def test_a_slow_joint_moves() -> None:
     position = 1e-4 * t[:, None] + 2e-6 * draw.standard_normal((400, 1))
     measured = measured_motion(t, position, None)
     assert np.abs(measured.motion.qd).max() > 5e-5
+
+
+@pytest.mark.parametrize('cutoff', [8.0, 40.0])
+def test_smoothing_that_is_kept_is_smoothing(cutoff: float) -> None:
+    """Uneven stamps, large positions, ends included."""
+    draw = np.random.default_rng(6)
+    t = 5e-3 * (np.arange(120.0) + 0.3 * draw.random(120))
+    y = 1e3 + np.sin(20.0 * t)[:, None] + 1e-2 * draw.standard_normal((120, 3))
+    wanted = smooth(t, y, cutoff=cutoff, period=5e-3)
+    found = LocalPolynomials(t, cutoff, 5e-3)(y)
+    for own, other in zip(found, (wanted.q, wanted.qd, wanted.qdd), strict=True):
+        # rounding of differences over a window
+        np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())
