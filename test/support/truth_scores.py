@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from truth_robots import TruthCase
-from truth_runs import TruthRun
+from truth_runs import RELATIVE, TruthRun
 
 from denoc_ros.identification.model.fit import IdentifiedModel, free_parameters
 from denoc_ros.identification.model.free_parameters import FreeParameters
@@ -18,6 +18,8 @@ from denoc_ros.types import Array
 NORMAL = 1.96  # standard deviations of half a 95 % interval
 UNTOLD = 0.5  # half an interval, in sizes: what the data cannot tell
 CUTOFF, STEP = 20.0, 5e-4  # as `identify_model` has them
+ROUNDED = ': readings must vary by more than rounding'
+ROUNDING = 16.0 * np.finfo(np.float64).eps  # of a reading: what is computed in another order
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,26 @@ def scored(case: TruthCase, run: TruthRun, found: IdentifiedModel) -> list[Numbe
             )
         )
     return scores
+
+
+def silent_gauges(run: TruthRun) -> set[str]:
+    """Return the gauges whose true readings, without noise, vary by rounding alone."""
+    gauges = {name: raw for name, (_, raw) in run.recording.sensors.items() if raw.ndim == 1}
+    return {
+        name
+        for name, raw in gauges.items()
+        if run.noise[name] <= RELATIVE * ROUNDING * float(np.abs(raw).max())
+    }
+
+
+def is_rightly_refused(run: TruthRun, message: str) -> bool:
+    """Say whether a refusal names nothing but gauges that show rounding alone, as they do."""
+    named, is_by_rounding, _ = message.partition(ROUNDED)
+    paths = [path.split('.') for path in named.split(', ')]
+    silent = silent_gauges(run)
+    return bool(is_by_rounding) and all(
+        len(path) == 3 and path[0] == 'sensor' and path[1] in silent for path in paths
+    )
 
 
 def true_point(case: TruthCase, parameters: FreeParameters) -> Array:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from bench.identify_truth import kind_of
+from bench.identify_truth import kind_of, totals
 from truth_robots import OFF, truth_case
-from truth_runs import truth_run
-from truth_scores import NumberScore, scored, summary
+from truth_runs import RELATIVE, TruthRun, truth_run
+from truth_scores import NumberScore, is_rightly_refused, scored, silent_gauges, summary
 
 import denoc_ros as dn
 from denoc_ros.errors import IdentificationError
@@ -82,8 +84,51 @@ def test_numbers_are_counted_by_kind() -> None:
     assert kind_of('delay.effort') == 'delay'
 
 
-def test_a_gauge_that_shows_rounding_alone_is_named() -> None:
+ROUNDED = 'sensor.{}: readings must vary by more than rounding, got none that do'
+
+
+@pytest.fixture(scope='module')
+def silent() -> TruthRun:
+    """Return a run of a robot whose link_2 never bends in z."""
+    return truth_run(truth_case(95), 1.0)
+
+
+def test_a_gauge_that_shows_rounding_alone_is_named(silent: TruthRun) -> None:
     """A matrix was singular, with a traceback."""
-    case = truth_case(95)  # link_2 never bends in z
-    with pytest.raises(IdentificationError, match=r'^sensor\.link_2_z\.offset: readings must'):
-        dn.identify_model(case.robot, truth_run(case, 1.0).recording, ['sensor.link_2_z.offset'])
+    robot, free = truth_case(95).robot, ['sensor.link_2_z.offset']
+    with pytest.raises(IdentificationError, match=r'^sensor\.link_2_z\.offset: readings') as told:
+        dn.identify_model(robot, silent.recording, free)
+    assert is_rightly_refused(silent, str(told.value))
+
+
+@pytest.mark.parametrize(
+    ('message', 'right'),
+    [
+        (ROUNDED.format('link_2_z.offset'), True),
+        (ROUNDED.format('imu_link_2.offset.gyro_x'), False),
+        (ROUNDED.format('link_2_z.offset, sensor.link_1_y.offset'), False),
+        ('sensor.link_2_z.offset: readings must be finite', False),
+        ('identify model: the robot must be able to make the recorded motion', False),
+    ],
+)
+def test_a_refusal_is_right_where_the_truth_has_its_cause(
+    silent: TruthRun, message: str, right: bool
+) -> None:
+    assert is_rightly_refused(silent, message) == right
+
+
+def test_gauges_that_show_something_are_not_silent(silent: TruthRun) -> None:
+    assert silent_gauges(silent) == {'link_2_z'}
+    for seed in (3, 99):
+        run = truth_run(truth_case(seed), 1.0)
+        assert any(raw.ndim == 1 for _, raw in run.recording.sensors.values())
+        assert silent_gauges(run) == set()
+    # a thousandth of a permille of its reading is no rounding: the refusal would be wrong
+    loud = replace(silent, noise={**silent.noise, 'link_2_z': RELATIVE * 1e-6})
+    assert not is_rightly_refused(loud, ROUNDED.format('link_2_z.offset'))
+
+
+def test_what_is_refused_rightly_has_not_failed() -> None:
+    robots = [{'seed': 1, 'error': 'none', 'is_rightly_refused': right} for right in (True, False)]
+    found = totals([*robots, {'seed': 2, 'error': 'none'}])
+    assert (found['refused'], found['failed']) == (1, 2)
