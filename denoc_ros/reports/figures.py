@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_svg import FigureCanvasSVG, RendererSVG
 from matplotlib.figure import Figure as Canvas
-from matplotlib.ticker import LogFormatterSciNotation
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 from matplotlib.transforms import Bbox
 
 from denoc_ros.reports.loop_timing import LoopMeasure
@@ -45,10 +45,12 @@ HISTOGRAM_HEIGHT = 2.0  # inches
 RESULT_HEIGHT = 2.3  # inches, of a panel on the pages of results
 POINTS = 72.0  # per inch
 PAD = 3.0  # points around all that a panel shows
-MARGINS = (42.0, 36.0, 10.0, 8.0)  # points left, below, right and above the axes, about
+MARGINS = (46.0, 33.0, 6.0, 4.0)  # points left, below, right and above the axes, about
 LAST_PERIOD = 2.0  # nominal periods a histogram shows
 SMALLEST = 1e-6  # prefix on an axis
 MOST_FITS = 3
+CLOSE = 0.8  # decades: a shorter logarithmic axis has marks of every digit
+LABELLED = (1.5, 0.3)  # decades up to which marks, and marks of every digit, have labels
 STYLE = {
     'font.family': 'sans-serif',
     'font.size': 10.0,
@@ -227,8 +229,11 @@ def _draw_histogram(axis: Axes, loop: LoopMeasure) -> str:
 
 
 def _label_powers(side: Axis) -> None:
+    low, high = side.get_view_interval()
     side.set_major_formatter(PlainPowers())
-    side.set_minor_formatter(PlainPowers(labelOnlyBase=False))
+    side.set_minor_formatter(PlainPowers(labelOnlyBase=False, minor_thresholds=LABELLED))
+    if high > 10.0**CLOSE * low:  # marks of every digit would take most of the time of drawing
+        side.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
 
 
 def _tidy(axis: Axes) -> None:
