@@ -22,6 +22,7 @@ from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.bags.series import read_joint_states
 from denoc_ros.errors import BagError, DenocError
 from denoc_ros.nodes.base import EVERY_MESSAGE
+from denoc_ros.nodes.buffers import release_buffers
 from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.nodes.messages import TrajectoryPointMessage
 from denoc_ros.nodes.sockets import use_sockets
@@ -201,6 +202,7 @@ def run(
     """
     SIGNALS.keep()
     use_sockets()
+    release_buffers()  # whose heartbeat tells when all has arrived
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     player: Player | None = None
     try:
