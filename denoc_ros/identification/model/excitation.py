@@ -32,6 +32,7 @@ from denoc_ros.identification.model.information import (
     combinations,
     in_directions,
     information,
+    left_beside_noise,
     verdict_of,
 )
 from denoc_ros.identification.model.motion_space import (
@@ -358,7 +359,8 @@ def _concluded(
     jacobian = _in_sizes(channels, space.rows(best, times))
     # residuals of 1, each row for itself: the information of white noise
     rows = len(jacobian)
-    info = information(jacobian, np.ones(rows), np.arange(rows))
+    left = left_beside_noise(parameters.is_sensor_offset)
+    info = information(jacobian, np.ones(rows), np.arange(rows), exact=left)
     zero = np.zeros(parameters.size)
     values, half = parameters.values(zero), info.half * parameters.scales(zero)
     low, high = _interval(values, half, parameters.multiplicative)

@@ -10,6 +10,7 @@ Robotics and Automation Letters 3, 2018).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
@@ -43,6 +44,7 @@ INERTIAL = (
     'inertia.ixx', 'inertia.ixy', 'inertia.ixz', 'inertia.iyy', 'inertia.iyz', 'inertia.izz',
 )  # fmt: skip
 UPPER = np.triu_indices(4)
+SENSOR_OFFSET = re.compile(r'sensor\..+\.offset(\.(gyro|accel)_[xyz])?')
 
 
 @dataclass(frozen=True)
@@ -179,6 +181,11 @@ class FreeParameters:
     def multiplicative(self) -> NDArray[np.bool_]:
         """Which reported numbers are factors of their start (p,)."""
         return np.array([n.positive for n in self.numbers] + [False] * (10 * len(self.blocks)))
+
+    @property
+    def is_sensor_offset(self) -> NDArray[np.bool_]:
+        """Which reported numbers are what a sensor shows of nothing (p,)."""
+        return np.array([SENSOR_OFFSET.fullmatch(path) is not None for path in self.paths])
 
     @property
     def moves_robot(self) -> NDArray[np.bool_]:

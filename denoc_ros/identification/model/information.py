@@ -20,6 +20,8 @@ TOUCHED = 0.05  # component along what is not seen that makes a parameter not id
 REACH = 100.0  # sizes that a direction may move by, where data do not tell it at all
 SMALL = 0.08  # coefficient of a combination that is left out
 EXACT = 1e-3  # sizes: what smoothing and the motion between samples leave, beside noise
+# the same of a sensor's offset: what they leave swings with the motion, about its mean
+EXACT_OFFSET = 1e-4
 LISTED = 12  # combinations that are written down
 
 
@@ -64,6 +66,7 @@ def information(
     drawn: Array | None = None,
     channels: int = 1,
     noise: JointNoise | None = None,
+    exact: Array | float = EXACT,
 ) -> Information:
     """Return what whitened residuals tell, of an estimate at which the scores vanish.
 
@@ -81,6 +84,8 @@ def information(
         How many rows of a stretch do not hang together.
     noise : JointNoise, optional
         What noise of what drives the model adds to scores and information.
+    exact : (p,) array or float
+        What is left of each parameter beside noise, in sizes: no interval is narrower.
 
     Notes
     -----
@@ -121,13 +126,24 @@ def information(
     variance += np.mean((shifts @ by_scores) ** 2, axis=0)
     by_pull = told @ np.linalg.solve(told.T @ (normal - noise.lost) @ told, told.T)
     variance += np.mean((noise.left_open @ by_pull) ** 2, axis=0)
-    half = np.hypot(quantile * np.sqrt(variance), EXACT) + np.abs(by_pull @ noise.pull)
+    half = np.hypot(quantile * np.sqrt(variance), exact) + np.abs(by_pull @ noise.pull)
     unseen = vectors[:, ~seen]
     # however little of a parameter lies in a direction that is not told, it moves with it
     leak = np.linalg.norm(unseen * np.fmin(width[~seen], REACH), axis=1)
     half = np.hypot(half, leak)
     half[in_directions(unseen)] = np.inf
     return Information(half, unseen, by_scores)
+
+
+def left_beside_noise(offsets: Mask) -> Array:
+    """Return what no number of samples takes away from an error (p,), in sizes.
+
+    Parameters
+    ----------
+    offsets : (p,) bool array
+        Which parameters are offsets of sensors.
+    """
+    return np.asarray(np.where(offsets, EXACT_OFFSET, EXACT))
 
 
 def verdict_of(half: float) -> str:

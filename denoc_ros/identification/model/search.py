@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters
-from denoc_ros.identification.model.information import Information, information
+from denoc_ros.identification.model.information import Information, information, left_beside_noise
 from denoc_ros.identification.model.joint_noise import JointNoise, joint_noise
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.robust import (
@@ -309,6 +309,7 @@ class ModelSearch:
             self.whitening(self._by_joint_noise(theta)).T * slope,
             len(self.labels),
             None if noise is None else noise.by(by_numbers),
+            left_beside_noise(self.parameters.is_sensor_offset),
         )
         # the estimate is beside the greatest likelihood by what prior and search's end leave
         return info.widened(residual @ jacobian)

@@ -6,13 +6,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import truth_runs
 from bench.identify_truth import kind_of, totals
 from truth_robots import OFF, truth_case
 from truth_runs import RELATIVE, TruthRun, truth_run
-from truth_scores import NumberScore, is_rightly_refused, scored, silent_gauges, summary
+from truth_scores import (
+    NumberScore,
+    is_rightly_refused,
+    scored,
+    silent_gauges,
+    summary,
+    true_point,
+)
 
 import denoc_ros as dn
 from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.model.fit import free_parameters
+from denoc_ros.identification.model.free_parameters import FreeParameters
+from denoc_ros.identification.model.information import EXACT, EXACT_OFFSET
 
 
 def blind(seed: int, trap: str) -> dict[str, NumberScore]:
@@ -132,3 +143,34 @@ def test_what_is_refused_rightly_has_not_failed() -> None:
     robots = [{'seed': 1, 'error': 'none', 'is_rightly_refused': right} for right in (True, False)]
     found = totals([*robots, {'seed': 2, 'error': 'none'}])
     assert (found['refused'], found['failed']) == (1, 2)
+
+
+@pytest.mark.parametrize('seed', [64, 71])
+def test_without_noise_offsets_of_sensors_are_within_their_least_interval(
+    monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """Gauges and an IMU: of a mean, smoothing and the motion between samples leave nothing."""
+    for name in ('POSITION', 'RATE', 'MISSTAMPED'):
+        monkeypatch.setattr(truth_runs, name, 0.0)
+    monkeypatch.setattr(truth_runs, 'RELATIVE', 1e-9)
+    monkeypatch.setattr(truth_runs, 'INERTIAL', {'gyro': 1e-9, 'accel': 1e-9})
+    case = truth_case(seed)
+    run = truth_run(case)
+    found = dn.identify_model(case.robot, run.recording, case.free)
+    parameters = free_parameters(case.robot, case.free, [run.recording])
+    truth = parameters.values(true_point(case, parameters))
+    values = np.array([found.values[path] for path in parameters.paths])
+    error = np.abs(values - truth) / parameters.scales(parameters.point(found.values))
+    offsets = parameters.is_sensor_offset
+    assert offsets.sum() in (2, 7)
+    assert error[offsets].max() < EXACT_OFFSET  # 0.3 and 0.5 of it
+    delays = np.array([path.startswith('delay.') for path in parameters.paths])
+    assert EXACT_OFFSET < error[delays].max() < EXACT  # 0.36 and 0.11 of it
+
+
+def test_offsets_of_sensors_are_neither_gains_nor_those_of_effort() -> None:
+    parameters = FreeParameters(truth_case(71).robot, ['sensor.*', 'effort.*.offset'])
+    flagged = set(np.array(parameters.paths)[parameters.is_sensor_offset])
+    assert len(flagged) == 7
+    for path in parameters.paths:
+        assert (path in flagged) == ('offset' in path and path.startswith('sensor.'))

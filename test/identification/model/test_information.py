@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from denoc_ros.identification.model.information import EXACT, information
+from denoc_ros.identification.model.information import (
+    EXACT,
+    EXACT_OFFSET,
+    information,
+    left_beside_noise,
+)
 from denoc_ros.identification.model.joint_noise import MOST, JointNoise, bounded
 from denoc_ros.types import Array
 
 ROWS, STRETCH = 600, 10
+OFFSETS = np.array([False, True])
 
 
 def line(beside: float) -> tuple[Array, Array, NDArray[np.int64]]:
@@ -34,6 +40,15 @@ def test_an_estimate_beside_the_greatest_likelihood_has_that_in_its_interval() -
     assert halves[0] == pytest.approx(np.hypot(noise, EXACT), rel=0.3)
     # stretches that all pull one way look like spread, too
     assert halves[0] + 0.019 < halves[1] < halves[0] + 0.03
+
+
+def test_no_interval_is_narrower_than_what_is_left_beside_noise() -> None:
+    """A slope and a constant that a million times as many samples tell."""
+    slope, residual, blocks = line(0.0)
+    both = 1e6 * np.hstack([slope, np.ones_like(slope)])
+    half = information(both, residual, blocks, exact=left_beside_noise(OFFSETS)).half
+    np.testing.assert_allclose(half, [EXACT, EXACT_OFFSET], rtol=1e-3)
+    np.testing.assert_allclose(information(both, residual, blocks).half, EXACT, rtol=1e-3)
 
 
 def test_what_noise_pulls_an_estimate_by_is_in_its_interval() -> None:
