@@ -163,7 +163,7 @@ def main() -> int:
     rows = [
         {key: _short(v) if key != 'kind' else v for key, v in r.items()} for r in by_kind(robots)
     ]
-    print(text_table(rows))
+    print(text_table(rows) if rows else 'no robot has numbers')
     found = totals(robots)
     good = (
         found['median_error'] <= 0.005
