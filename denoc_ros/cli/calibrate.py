@@ -120,7 +120,8 @@ def read_table(path: Path) -> tuple[list[float], list[float]]:
     ----------
     path : Path
         Two columns, reference and raw, in the order of measuring; or more with a header that
-        names these two. Separated by comma, semicolon, tab or spaces; `#` begins a comment.
+        names these two. Separated by comma, semicolon, tab or spaces; decimal commas beside
+        semicolons or tabs; `#` begins a comment.
 
     Raises
     ------
@@ -130,7 +131,7 @@ def read_table(path: Path) -> tuple[list[float], list[float]]:
     from denoc_ros.errors import ConfigError
 
     try:
-        text = path.read_text(encoding='utf-8')
+        text = path.read_text(encoding='utf-8-sig')
     except UnicodeDecodeError as error:
         raise ConfigError(str(path), [f'the table must be UTF-8 text, got: {error}']) from error
     raw: list[float] = []
@@ -159,6 +160,8 @@ def _cells(line: str) -> list[str]:
     separator = next((mark for mark in ';\t,' if mark in line), None)
     if separator is None:
         return line.split()
+    if separator != ',':
+        line = line.replace(',', '.')  # decimal commas
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
 
 

@@ -99,6 +99,10 @@ def _execute(arguments: list[str], is_process: bool) -> int:
     except BrokenPipeError:
         _discard_output()
         return 0
+    except FileExistsError as error:
+        return _complain(
+            args.verb, f'{error.filename}: output must not exist yet, got an existing one'
+        )
     except OSError as error:
         return _complain(args.verb, f'{error.filename or "file"}: {error.strerror or error}')
     return status

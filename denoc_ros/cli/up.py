@@ -149,6 +149,11 @@ def bring_up(
     progress = Progress()
     with progress.step('loading the robot (compiles the kernels: half a minute the first time)'):
         robot = load_robot(config.robot, gravity=config.gravity)
+        if config.tip and config.tip not in robot.frame_names:
+            known = ', '.join(robot.frame_names)
+            raise ConfigError(
+                str(config.path), [f'tip must be one of {known}, got {config.tip!r}']
+            )
         for overrides in (config.model, config.plant_model):
             robot.with_overrides(overrides)
         task = _task(config, robot, bag)

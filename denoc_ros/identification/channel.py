@@ -179,7 +179,8 @@ def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Array, Array]
     time = channel.time or next((name for name in columns if is_time(name)), '')
     field = channel.field or _only_one(path, 'field', [name for name in columns if name != time])
     if field not in columns:
-        raise BagError(f'{path}: field must be a column ({_shown(list(columns))}), got {field!r}')
+        listed = _shown(list(columns))
+        raise BagError(f'{path}: field must be a column of numbers ({listed}), got {field!r}')
     values = columns[field]
     time, unit, t = table_times(path, columns, channel, len(values))
     if len(t) != len(values):
@@ -214,13 +215,16 @@ def table_times(
     """
     if channel.time and channel.time not in columns:
         listed = _shown(list(columns))
-        raise BagError(f'{path}: time must be a column ({listed}), got {channel.time!r}')
+        raise BagError(
+            f'{path}: time must be a column of numbers ({listed}), got {channel.time!r}'
+        )
     time = channel.time or next((name for name in columns if is_time(name)), '')
     unit = channel.time_unit or unit_in(time)
     if channel.rate > 0.0:
         return time, unit, np.arange(rows) / channel.rate
     if time:
-        return time, unit, (columns[time] - columns[time][0]) * UNITS[unit]
+        t = columns[time]
+        return time, unit, (t - t[np.isfinite(t).argmax()]) * UNITS[unit]  # below a row of units
     raise BagError(
         f'{path}: table must have a column of times ({", ".join(TIME_NAMES)}, or the one '
         'that is named), or come with a rate, got neither'

@@ -17,7 +17,7 @@ from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.held_base import held_robot
 from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import BagError, StateError
+from denoc_ros.errors import BagError, SolverError, StateError
 from denoc_ros.estimation.base_record import BaseRecord
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
 from denoc_ros.replay.adaptation import Adapted, AdaptSettings, adapted_along
@@ -182,6 +182,17 @@ def _recorded(bag: Path) -> Iterator[Message]:
             yield log_ns, topic, raw
 
 
+def _torques(model: TorqueReplay, t: Array, block: Block) -> Torques:
+    try:
+        return model.torques(t, block.motion, block.starts)
+    except SolverError as error:
+        q, qd = (np.abs(each).max() for each in (block.motion.q, block.motion.qd))
+        raise SolverError(
+            f'joint states from {t[0]:.3f} to {t[-1]:.3f} s must be a motion that the model can '
+            f'make, got positions up to {q:.3g} (rad, m), rates up to {qd:.3g} per s: {error}'
+        ) from error
+
+
 class _Work:
     """One replay under way."""
 
@@ -261,7 +272,7 @@ class _Work:
         encoders = self._encoders()
         for block in self._stream:
             t = self._times(block)
-            torques = self._model.torques(t, block.motion, block.starts)
+            torques = _torques(self._model, t, block)
             self._judge(t, block, torques)
             self._samples += len(t)
             self._motions += int(np.count_nonzero(block.starts))
@@ -306,7 +317,7 @@ class _Work:
         samples = 0
         for block in self._stream:
             t = self._times(block)
-            torques = model.torques(t, block.motion, block.starts)
+            torques = _torques(model, t, block)
             effort = self._effort(block)
             samples += int(np.count_nonzero(np.isfinite(effort)))
             fitter.add(t, block.motion.qd, effort - model.without_friction(torques))

@@ -60,6 +60,20 @@ def test_a_table_calibrates_the_file_in_place(
     assert plain == wanted
 
 
+@pytest.mark.parametrize('separator', [';', '\t'])
+def test_a_table_of_a_spreadsheet_is_read(
+    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], separator: str
+) -> None:
+    levels = [(f'{level:.9f}', f'{(level - OFFSET) / GAIN:.9f}') for level in LEVELS]
+    rows = [separator.join(pair).replace('.', ',') for pair in (('reference', 'raw'), *levels)]
+    file = tmp_path / 'table.csv'
+    file.write_bytes('\r\n'.join(rows).encode('utf-8-sig'))
+    assert (
+        main(['calibrate', str(file), '--robot', str(robot), '--sensor', 'gauge', '--json']) == 0
+    )
+    assert json.loads(capsys.readouterr().out)['gain'] == pytest.approx(GAIN, rel=1e-5)
+
+
 def bag(folder: Path, levels: list[float]) -> Path:
     """Plateaus of 1.5 s with noise; the gauge's raw values on /strain."""
     rng = np.random.default_rng(4)
@@ -87,7 +101,7 @@ def test_plateaus_of_a_bag_calibrate_a_new_file(
     assert sensor.gain == pytest.approx(GAIN, rel=2e-3)
     assert sensor.noise == pytest.approx(2.0 * GAIN, rel=0.1)
     assert main(['calibrate', *arguments, *levels, '-o', str(new)]) == 1
-    assert 'new.urdf: File exists' in capsys.readouterr().err
+    assert 'new.urdf: output must not exist yet, got an existing one' in capsys.readouterr().err
     assert main(['calibrate', *arguments, '--levels', '1', '2']) == 3
     assert 'plateaus must be as many as levels (2), got 5' in capsys.readouterr().err
     assert main(['calibrate', *arguments]) == 1

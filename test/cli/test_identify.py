@@ -81,7 +81,7 @@ def test_exit_status_is_the_verdict(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert main(['identify', nothing, '--gain', '0', '--begin', '3', '--end', '2']) == 1
     errors = capsys.readouterr().err.splitlines()
     assert 'bag must exist' in errors[0]
-    assert "field must be a column (time, y), got 'z'" in errors[1]
+    assert "field must be a column of numbers (time, y), got 'z'" in errors[1]
     assert 'gain must not be 0' in errors[2]
     assert 'begin must be before' in errors[3]
 

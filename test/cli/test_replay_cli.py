@@ -129,10 +129,16 @@ def test_a_table_gives_what_its_bag_gives(
         (
             't,joint_1\n0,1\n1,2',
             ['--time', 'u'],
-            "time must be a column \\(t, joint_1\\), got 'u'",
+            "time must be a column of numbers \\(t, joint_1\\), got 'u'",
         ),
         ('t,joint_1\n0,1\n1,2', ['--column', 'elbow.position=t'], 'must name JOINT.position'),
         ('t,joint_1\n0,1\n1,2', ['--column', 'joint_1.position=x'], "must be one of .*got 'x'"),
+        (
+            't,joint_1,joint_2\n'
+            + ''.join(f'{k / 100},{(-20) ** (k % 3)},0\n' for k in range(99)),
+            [],
+            r'joint states from 0.000 to 0.980 s must be a motion .* positions up to \d+ ',
+        ),
         ('t,joint_1\n0,1\n1,2', ['--rate', '-1'], '--rate must be > 0 Hz, got -1'),
         (
             't,joint_1/position,a.joint_1.position\n0,1,1\n1,2,2',

@@ -132,7 +132,7 @@ def test_what_a_file_does_not_have_is_said_with_what_it_has(bag: Path, tmp_path:
         read_record(table, Channel(rate=1.0))
     with pytest.raises(BagError, match='table must have a column of times'):
         read_record(table, Channel(field='a'))
-    with pytest.raises(BagError, match=r'field must be a column \(a, b\)'):
+    with pytest.raises(BagError, match=r'field must be a column of numbers \(a, b\)'):
         read_record(table, Channel(field='c', rate=1.0))
     for name, text in (
         ('empty.csv', ''),
@@ -165,6 +165,11 @@ def row(name: str, values: NDArray[np.float64]) -> str:
         ('blanks.asc', '% made here\n' + lines('{t} {y}'), Channel(field='1', time='0')),
         ('rows.txt', row('t', T) + row('y', Y), Channel(field='y')),
         ('named.tsv', 'time_ms\ty\n' + lines('{ms}\t{y}'), Channel(field='y')),
+        (
+            'row_of_units.csv',
+            'Zeit;y\nms;mm\n' + lines('{ms:.1f};{y:.9f}').replace('.', ','),
+            Channel(field='y', time='Zeit', time_unit='ms'),
+        ),
         ('told.csv', 'time,y\n' + lines('{ms},{y}'), Channel(field='y', time_unit='ms')),
     ],
 )

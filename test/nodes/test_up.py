@@ -156,6 +156,7 @@ def is_node(pid: int, name: str) -> bool:
         ('nodes.feedforward.modell=rigid', "did you mean 'model'?"),
         ('reference.rate=[1, 2]', 'rate must be a number or 3 numbers'),
         ('beam.link_9.y.ei=1e5', 'beam.link_9.y.ei'),
+        ('tip=hand', 'canadarm.yaml: tip must be one of base, link_1, link_2, link_3'),
     ],
 )
 def test_bad_values_are_refused_before_anything_starts(
