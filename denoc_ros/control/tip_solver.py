@@ -11,7 +11,7 @@ from denoc_ros.control.block_band import BlockBand
 from denoc_ros.control.grid import REACH, differences, halfway
 from denoc_ros.control.tip_band import add_equations, add_momentum
 from denoc_ros.control.tip_problem import TipProblem
-from denoc_ros.errors import SolverError
+from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
 
 ITERATIONS = 14
@@ -21,6 +21,9 @@ SETTLED = 1e-9  # of the robot's size: equations left, and the last change of er
 STILL = 1e-11  # rad, m: a last change of all coordinates
 HOLD = 3e-3  # of the robot's size: Levenberg's term where steps go to and fro
 GAIN = 1e-3  # share of the errors that a further step must take off where they cannot vanish
+NONE_NEARBY = (
+    'no bounded motion nearby (ask for a slower motion, or one away from singular postures)'
+)
 BENDS = np.array([1.0, -2.0, 1.0])
 
 
@@ -113,24 +116,30 @@ def settle(
     floor = SETTLED * size
     q, multipliers = guess
     motion = differences(q, step)
-    value, errors = _left(problem, q, motion, multipliers, step), problem.errors(q)
+    value, errors = _values(problem, q, motion, multipliers, step)
     hold, last = 0.0, np.inf
     for iteration in range(ITERATIONS):
         report(iteration, float(np.abs(value).max(initial=0.0)))
-        changes = _newton(problem, (q, *motion, multipliers), errors, step, hold)
+        try:
+            changes = _newton(problem, (q, *motion, multipliers), errors, step, hold)
+        except StateError as error:
+            raise _diverged(problem, iteration, str(error)) from error
         if changes is None:
             raise SolverError(
                 f'shape_motion: {problem.robot.tree.name}: the equations at iteration {iteration} '
-                f'must have a solution, got a singular matrix of {len(q)} nodes'
+                f'must have a solution, got a singular matrix of {len(q)} nodes: '
+                f'{NONE_NEARBY}'
             )
         before = value, errors
         for halving in range(HALVINGS + 1):
             share = 0.5**halving
             q_new, forces = q + share * changes[0], multipliers + share * changes[1]
             motion = differences(q_new, step)
-            value, errors = _left(problem, q_new, motion, forces, step), problem.errors(q_new)
+            value, errors = _values(problem, q_new, motion, forces, step)
             if _better(value, errors, *before, floor):
                 break
+        if not (np.isfinite(value).all() and np.isfinite(errors).all()):
+            raise _diverged(problem, iteration, f'no finite forces after {HALVINGS} halvings')
         q, multipliers = q_new, forces
         worst = float(np.abs(value).max(initial=0.0))
         moved = float(np.abs(errors - before[1]).max())
@@ -147,21 +156,33 @@ def settle(
     raise SolverError(
         f'shape_motion: {problem.robot.tree.name}: the motion must settle in {ITERATIONS} '
         f'iterations, got forces without an actuator of {worst:.3g} m (or rad) over their '
-        f'stiffness and a last change of the tip of {moved:.3g} m: no bounded motion nearby '
-        '(ask for a slower motion, or one away from singular postures)'
+        f'stiffness and a last change of the tip of {moved:.3g} m: {NONE_NEARBY}'
     )
 
 
-def _left(
+def _diverged(problem: TipProblem, iteration: int, what: str) -> SolverError:
+    return SolverError(
+        f'shape_motion: {problem.robot.tree.name}: the motion must settle, got one that diverges '
+        f'at iteration {iteration} ({what}): {NONE_NEARBY}'
+    )
+
+
+def _values(
     problem: TipProblem,
     q: Array,
     motion: tuple[Array, Array],
     multipliers: Array,
     step: float,
-) -> Array:
-    """Return all equations' values: at the nodes, and a floating base's momentum between them."""
-    parts = problem.residual(q, *motion, multipliers), problem.drift(*halfway(q, step))
-    return np.concatenate([part.ravel() for part in parts])
+) -> tuple[Array, Array]:
+    """Return all equations' values and the errors; infinite ones where forces overflow.
+
+    Equations hold at the nodes, and for a floating base's momentum between them.
+    """
+    try:
+        parts = problem.residual(q, *motion, multipliers), problem.drift(*halfway(q, step))
+        return np.concatenate([part.ravel() for part in parts]), problem.errors(q)
+    except StateError:  # a step so long that the numbers are not finite
+        return np.full(1, np.inf), np.full(1, np.inf)
 
 
 def _better(value: Array, errors: Array, old: Array, old_errors: Array, floor: float) -> bool:

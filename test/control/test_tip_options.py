@@ -180,6 +180,19 @@ def test_the_straight_arm_of_the_book_does_without_noise() -> None:
     assert np.abs(plan.qdd[:, robot.joint_indices]).max() < 0.5
 
 
+def test_a_straight_arm_that_also_bends_sideways_finds_its_plan() -> None:
+    """The first steps overflow: shorter ones, or more draw to the asked joints, do not."""
+    page = (ROBOTS.parents[1] / 'docs' / 'tutorial_1_flexible_urdf.md').read_text(encoding='utf-8')
+    plain = page.split('```xml\n')[1].split('```')[0]
+    robot = dn.load_robot(dn.suggest_flexibility(plain).text, gravity=(0, 0, 0))
+    times: NDArray[np.float64] = np.linspace(0.0, 4.0, 101)
+    share = (times / 4.0)[:, None]
+    asked = share**3 * (10 - 15 * share + 6 * share**2) * [0.3, 0.2]
+    plan = dn.shape_motion(robot, times, asked)
+    assert plan.tip_error.max() < 1e-6  # at the pace that the limits of velocity allow
+    assert plan.equation_error < 1e-6
+
+
 def test_a_motion_that_does_not_end_at_rest_is_refused(canadarm: dn.Robot) -> None:
     half = TIMES <= 5.0
     with pytest.raises(dn.StateError, match=r'q_joints must end at rest, got .* of joint_1'):
