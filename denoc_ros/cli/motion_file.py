@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from denoc_ros.trajectories import Trajectory
 
 
+RESTING = 1e-3  # rad/s, m/s: as the node shaper has it
 STEP = 0.01  # s between samples of a motion that is a formula
 
 
@@ -55,6 +56,7 @@ def read_motion(
     else:
         reference = _reference(values, file)
         trajectory = trajectory_from_config(reference, named, f'{file}: reference')
+        _require_rest(reference.get('velocities'), str(file))
         times, rows = _table(trajectory, reference)
     every = np.tile(np.asarray(posture, dtype=np.float64), (len(times), 1))
     every[:, [list(joints).index(name) for name in named]] = rows
@@ -106,14 +108,27 @@ def _joint_trajectory(
     ConfigError.raise_any(where, findings)
     columns = [list(joints).index(name) for name in names]
     rows, times = np.zeros((len(points), len(joints))), np.zeros(len(points))
+    rates: list[list[float]] = []
     for k, point in enumerate(points):
         try:
             since = point['time_from_start']
             times[k] = float(since.get('sec', 0)) + 1e-9 * float(since.get('nanosec', 0))
             rows[k, columns] = point['positions']
+            rates.append([float(each) for each in point.get('velocities') or ()])
         except (KeyError, TypeError, ValueError, AttributeError):
             findings.append(
                 f'points {k} must have time_from_start (sec, nanosec) and {len(names)} positions'
             )
     ConfigError.raise_any(where, findings)
+    _require_rest(rates, where)
     return times, rows
+
+
+def _require_rest(velocities: Sequence[Sequence[float]] | None, where: str) -> None:
+    """Raise ConfigError where the first or last point of a motion moves."""
+    if velocities is None:
+        return
+    largest = float(np.abs(np.concatenate((velocities[0], velocities[-1]))).max(initial=0.0))
+    if largest > RESTING:
+        rule = f'a motion must begin and end at rest, got {largest:.3g} (rad/s, m/s) at an end'
+        raise ConfigError(where, [rule])

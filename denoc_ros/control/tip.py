@@ -46,6 +46,7 @@ DIRECTIONS = 6
 CLOSED = 1e-9  # m, rad: loops of the asked motion that are closed as they are
 POINTS = 10  # of a motion: with fewer, its rates at the ends are not known
 MOVING = 0.1  # of the largest rate: more is no rest
+STANDS = 1e-9  # rad/s, m/s: what rounding leaves of joints that stand still
 SMOOTH = 3e-3  # of the tip's distance: the same for second differences on the usual grid
 
 
@@ -159,7 +160,7 @@ def _require_rest(robot: Robot, times: Array, joints: Array) -> None:
     fastest = float(np.abs(rates).max(initial=0.0))
     for place, row in (('begin', 0), ('end', -1)):
         joint = int(np.abs(rates[row]).argmax())
-        if abs(rates[row, joint]) > MOVING * fastest:
+        if abs(rates[row, joint]) > max(MOVING * fastest, STANDS):
             raise StateError(
                 f'shape_motion: q_joints must {place} at rest, got {rates[row, joint]:.3g} rad/s '
                 f'(or m/s) of {robot.joint_names[joint]}'

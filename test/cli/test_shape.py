@@ -157,6 +157,20 @@ def test_a_joint_trajectory_message_is_a_motion() -> None:
         read_motion({'duration': 3}, Path('moveit.yaml'), joints)
 
 
+def test_a_motion_file_that_ends_in_motion_is_refused() -> None:
+    ends = [
+        {'positions': [k], 'velocities': [0.5 * k], 'time_from_start': {'sec': k}} for k in (0, 1)
+    ]
+    points = {
+        'kind': 'points', 'times': [0, 1], 'positions': [[0], [1]], 'velocities': [[0], [0.5]],
+    }  # fmt: skip
+    for values in ({'joint_names': ['a'], 'points': ends}, points):
+        with pytest.raises(ConfigError, match=r'm\.yaml: a motion must begin .* rest, got 0\.5 '):
+            read_motion(values, Path('m.yaml'), ['a'])
+    still = {**points, 'velocities': [[0], [0]]}
+    assert read_motion(still, Path('m.yaml'), ['a'])[0].tolist() == [0.0, 1.0]
+
+
 def test_the_configuration_of_a_mechanism_is_a_motion(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

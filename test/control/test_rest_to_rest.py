@@ -102,6 +102,21 @@ def test_shortest_motion_is_shorter_than_any_that_was_tried() -> None:
         rest_to_rest(robot, (0, 0), (0.5, 0.5), motion.duration / 1.05, limits)
 
 
+@pytest.mark.parametrize('way', [0.0, 1e-16])
+@pytest.mark.parametrize('method', ['tip', 'zv', 'rest_to_rest'])
+def test_a_motion_without_a_way_stands_still(method: str, way: float) -> None:
+    robot = two_links((0, -9.81, 0))
+    times = np.linspace(0.0, 1.0, 41)
+    asked = [0.3, 0.2] + way * np.sin(7.0 * times)[:, None]
+    plan = dn.shape_motion(robot, times, asked, method)
+    still = robot.static_deflection([0.3, 0.2])
+    # the tip method moves the joints by what the links sag, and settles to 1e-9 of 2 m
+    tool = robot.frame_pose('tool', plan.q)[:, :3, 3]
+    where = tool[0] if method == 'tip' else robot.frame_pose('tool', still)[:3, 3]
+    assert np.abs(tool - where).max() < 1e-8
+    assert np.abs(plan.qd).max() < 1e-4  # what the search leaves, over steps of 2 ms
+
+
 def test_what_cannot_be_is_refused() -> None:
     robot = two_links()
     with pytest.raises(SolverError, match='limits of velocity, acceleration and jerk leave no'):
