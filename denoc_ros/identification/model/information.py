@@ -18,6 +18,7 @@ UNSEEN = 0.5  # half a 95 % interval, in sizes of the parameters: a direction th
 FOUND = 0.05  # the same of one parameter that is found
 TOUCHED = 0.05  # component along what is not seen that makes a parameter not identifiable
 REACH = 100.0  # sizes that a direction may move by, where data do not tell it at all
+ROUNDED = 1e-12  # of the information of the best told direction: less of it is rounding
 SMALL = 0.08  # coefficient of a combination that is left out
 EXACT = 1e-3  # sizes: what smoothing and the motion between samples leave, beside noise
 # the same of a sensor's offset: what they leave swings with the motion, about its mean
@@ -115,9 +116,10 @@ def information(
     shifts = np.zeros((1, p)) if drawn is None else drawn @ jacobian
     meat = meat + np.mean((shifts @ vectors) ** 2, axis=0)
     quantile = float(student.ppf(0.975, freedom))
-    with np.errstate(divide='ignore', invalid='ignore'):
-        width = quantile * np.sqrt(meat) / values
-    seen = (values > 1e-12 * max(values.max(initial=0.0), 1e-300)) & (width < UNSEEN)
+    resolved = values > ROUNDED * max(values.max(initial=0.0), 1e-300)
+    width = np.full(p, REACH)
+    width[resolved] = quantile * np.sqrt(meat[resolved]) / values[resolved]
+    seen = width < UNSEEN
     told = vectors[:, seen]
     by_scores = (told / values[seen]) @ told.T
     spread = scores @ by_scores

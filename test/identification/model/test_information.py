@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from denoc_ros.identification.model.information import (
     EXACT,
     EXACT_OFFSET,
+    REACH,
     information,
     left_beside_noise,
 )
@@ -49,6 +50,22 @@ def test_no_interval_is_narrower_than_what_is_left_beside_noise() -> None:
     half = information(both, residual, blocks, exact=left_beside_noise(OFFSETS)).half
     np.testing.assert_allclose(half, [EXACT, EXACT_OFFSET], rtol=1e-3)
     np.testing.assert_allclose(information(both, residual, blocks).half, EXACT, rtol=1e-3)
+
+
+@pytest.mark.parametrize('rounding', [0.0, 1e-9, 1e-8])
+def test_a_little_of_what_is_not_told_at_all_is_in_the_interval(rounding: float) -> None:
+    """An offset that is not told moves a gain by 0.002 of its size for each of its own.
+
+    What derivatives by differences leave of an exact zero told how far the offset may be.
+    """
+    slope, residual, blocks = line(0.0)
+    share = 0.002
+    told = 1e3 * slope * [1.0, -share]
+    other = np.random.default_rng(4).standard_normal((ROWS, 1))
+    jacobian = told + 1e3 * np.linalg.norm(slope) * rounding * other * [share, 1.0]
+    half = information(jacobian, residual, blocks).half
+    assert half[0] == pytest.approx(share * REACH, rel=0.05)
+    assert np.isinf(half[1])
 
 
 def test_what_noise_pulls_an_estimate_by_is_in_its_interval() -> None:
