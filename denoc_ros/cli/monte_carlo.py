@@ -149,9 +149,10 @@ def summarize(rows: Sequence[Row], ranges: Ranges) -> dict[str, Any]:
 def _lines(summary: Mapping[str, Any]) -> list[str]:
     failures = summary['failures']
     lines = [f'{summary["output"]}: {summary["runs"]} runs, {len(failures)} failed']
-    lines += [
-        f'  {name.replace("_", " ").replace(".", " ")}: {one["mean"]:.4g} ± '
-        f'{one["deviation"]:.2g} ({one["lowest"]:.4g} … {one["highest"]:.4g})'
-        for name, one in summary['outcomes'].items()
-    ]
+    for name, one in summary['outcomes'].items():
+        group, _, whose = name.partition('.')
+        lines.append(
+            f'  {group.replace("_", " ")} {whose}: {one["mean"]:.4g} ± '
+            f'{one["deviation"]:.2g} ({one["lowest"]:.4g} … {one["highest"]:.4g})'
+        )
     return lines + [f'  run {one["key"]}: {one["failure"]}' for one in failures[:5]]

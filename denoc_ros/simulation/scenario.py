@@ -227,6 +227,10 @@ def _start(reader: ScenarioReader, robot: Robot, inputs: ScenarioInputs) -> tupl
         reader.find('start amplitudes must be zero or given where there are loops, got static')
     elif amplitudes == 'static':
         return robot.static_deflection(q[robot.joint_indices]), qd
+    elif isinstance(amplitudes, str) and amplitudes != 'zero':
+        reader.find(
+            f'start amplitudes must be zero, static or numbers by name, got {amplitudes!r}'
+        )
     elif amplitudes != 'zero':
         names = list(robot.coordinate_names)
         known = [name for name in names if name not in index]

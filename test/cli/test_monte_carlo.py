@@ -32,6 +32,8 @@ def test_runs_are_those_of_the_drawn_models_and_can_be_added_to(
     assert main([*common, '--runs', '2']) == 0
     assert main([*common, '--runs', '3']) == 0
     assert json.loads(capsys.readouterr().out.split('\n}\n')[1] + '\n}')['runs'] == 3
+    assert main([*(each for each in common if each != '--json'), '--runs', '3']) == 0
+    assert '\n  largest deflection link_1/uy: ' in capsys.readouterr().out
     files = sorted(folder.iterdir())
     assert [parquet.read_table(file).num_rows for file in files] == [2, 1]
     (row,) = parquet.read_table(files[1]).to_pylist()

@@ -168,6 +168,10 @@ def test_every_finding_is_said_at_once(arm: dn.Robot) -> None:
         ),
         ({'torque': {'kind': 'zero'}}, 'duration must be given where no reference has one'),
         ({'duration': 1, 'torque': 3}, 'torque must be a mapping, got 3'),
+        (
+            {'duration': 1, 'start': {'amplitudes': 'statc'}},
+            "start amplitudes must be zero, static or numbers by name, got 'statc'",
+        ),
     ],
 )
 def test_bad_scenario_is_refused(arm: dn.Robot, values: dict[str, Any], message: str) -> None:
