@@ -13,7 +13,7 @@ def add_parser(subparsers: Any) -> None:
         'dh', help='make a URDF with flexible links from a Denavit-Hartenberg table'
     )
     parser.add_argument('table', help='YAML file with one system, or with several by name')
-    parser.add_argument('-o', '--output', required=True, help='the URDF to write')
+    parser.add_argument('-o', '--output', required=True, help='the URDF to write, a new file')
     parser.add_argument('--system', help='name of the system, for a file with several')
     parser.add_argument(
         '--kinds',
@@ -37,11 +37,11 @@ def run(args: argparse.Namespace) -> int:
     Raises
     ------
     ConfigError
-        With every finding of the table, or if the output cannot be written.
+        With every finding of the table, or if the output exists or cannot be written.
     ModelError
         If the table's robot is not possible.
     """
-    from denoc_ros.errors import ConfigError
+    from denoc_ros.cli.new_file import write_new
     from denoc_ros.model.dh.system import load_system
     from denoc_ros.model.dh.urdf import urdf_text
     from denoc_ros.model.urdf import load_tree
@@ -49,11 +49,7 @@ def run(args: argparse.Namespace) -> int:
     system = load_system(args.table, args.system, args.kinds)
     text = urdf_text(system)
     tree = load_tree(text)
-    try:
-        Path(args.output).write_text(text, encoding='utf-8')
-    except OSError as error:
-        rule = f'the file must be writable, got: {error.strerror}'
-        raise ConfigError(args.output, [rule]) from error
+    write_new(Path(args.output), text)
     flexible = sum(body.beam is not None and body.segment == 1 for body in tree.bodies)
     print(f'{args.output}: {len(system.links)} links, {flexible} flexible')
     return 0

@@ -62,7 +62,7 @@ def add_suggestion(parser: argparse.ArgumentParser) -> None:
         '-o',
         '--output',
         metavar='FILE',
-        help='write the URDF with its beams and springs here; with --bode, the page',
+        help='write the URDF with its beams and springs here, a new file; with --bode, the page',
     )
 
 
@@ -88,6 +88,7 @@ def check_options(args: argparse.Namespace) -> None:
 
 def run_suggestion(args: argparse.Namespace, file: Path | str) -> int:
     """Propose, print and write; return 0, or 2 if no link bends enough."""
+    from denoc_ros.cli.new_file import write_new
     from denoc_ros.dynamics.robot import load_robot
     from denoc_ros.model.suggest.suggestion import suggest_flexibility
 
@@ -102,22 +103,12 @@ def run_suggestion(args: argparse.Namespace, file: Path | str) -> int:
     row = summarize_suggestion(suggestion, robot)
     proposed = bool(suggestion.springs) or any(beam.worth for beam in suggestion.beams)
     if args.output and proposed:
-        _write(Path(args.output), suggestion.text)
+        write_new(Path(args.output), suggestion.text)
         row['written'] = args.output
     print(json.dumps(row, indent=2, allow_nan=False) if args.json else _as_text(row))
     for warning in robot.tree.warnings:
         print(f'denoc check: warning: {warning}', file=sys.stderr)
     return 0 if proposed else DOUBTFUL
-
-
-def _write(file: Path, text: str) -> None:
-    from denoc_ros.errors import ConfigError
-
-    try:
-        file.write_text(text, encoding='utf-8')
-    except OSError as error:
-        rule = f'the file must be writable, got: {error.strerror}'
-        raise ConfigError(str(file), [rule]) from error
 
 
 def summarize_suggestion(suggestion: Suggestion, robot: Robot) -> Row:

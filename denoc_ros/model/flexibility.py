@@ -80,6 +80,9 @@ def read_flexibility(root: Element, findings: Findings) -> Flexibility:
     blocks = root.findall('flexibility')
     if len(blocks) > 1:
         findings.add('flexibility', f'block must occur once, got {len(blocks)}')
+    for child in root.iterchildren('{*}*'):
+        if child.tag != 'flexibility' and child.tag.lower() == 'flexibility':
+            findings.add('flexibility', f'block must be called <flexibility>, got <{child.tag}>')
     flexibility = Flexibility()
     links = {link.get('name') for link in root.findall('link')}
     for block in blocks:

@@ -37,6 +37,17 @@ def test_file_written_passes_the_check(
     assert beam['ei_y'] == pytest.approx(EI, rel=0.02)
 
 
+def test_what_was_edited_is_not_overwritten(
+    repository: Path, boom: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = repository / 'config' / 'dh' / 'canadarm.yaml'
+    before = boom.read_text(encoding='utf-8')
+    for arguments in (['check', str(boom), '--suggest'], ['dh', str(table)]):
+        assert main([*arguments, '-o', str(boom)]) == 1
+        assert f'{boom}: output must not exist yet' in capsys.readouterr().err
+    assert boom.read_text(encoding='utf-8') == before
+
+
 def test_json_has_every_link_with_its_reason(
     boom: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

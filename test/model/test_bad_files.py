@@ -94,6 +94,7 @@ PLAIN = [
 
 BLOCK = [
     ('</flexibility>', '</flexibility><flexibility/>', 'flexibility: block must occur once'),
+    ('</flexibility>', '</flexibility><Flexibility/>', 'must be called <flexibility>, got <Flex'),
     ('<flexibility>', '<flexibility on="1">', 'attribute of <flexibility> must not occur here'),
     ('<actuator', '<rotor/><actuator', "element in <flexibility> must be one of .*, got 'rotor'"),
     ('beam link="upper_arm"', 'beam link="arm"', "link must be a link of the robot, got 'arm'"),
