@@ -16,7 +16,7 @@ COUNTED = ('ticks', 'overruns_total', 'skipped_total', 'histogram_counts')
 
 @dataclass(frozen=True)
 class LoopMeasure:
-    """How evenly a node's loop ran, by its own last word on /diagnostics.
+    """How evenly a node's loop ran, by its own word on /diagnostics, over all its starts.
 
     Attributes
     ----------
@@ -97,9 +97,11 @@ def warnings(
 
 def _loop(node: str, statuses: list[dict[str, str]], before: dict[str, str] | None) -> LoopMeasure:
     last = statuses[-1]
-    counts = {key: _numbers(last[key]) for key in COUNTED}
-    # A node that was started anew counts from zero.
-    if before is not None and int(before['ticks']) <= int(statuses[0]['ticks']):
+    ticks = [int(values['ticks']) for values in statuses]
+    ends = [k for k in range(len(ticks)) if k + 1 == len(ticks) or ticks[k + 1] < ticks[k]]
+    counts = {key: np.sum([_numbers(statuses[k][key]) for k in ends], axis=0) for key in COUNTED}
+    # a node that was started anew counts from zero
+    if before is not None and int(before['ticks']) <= ticks[0]:
         counts = {key: value - _numbers(before[key]) for key, value in counts.items()}
     return LoopMeasure(
         node=node,
