@@ -34,9 +34,9 @@ def add_bode(parser: argparse.ArgumentParser) -> None:
 def run_bode(args: argparse.Namespace, robot: Robot) -> int:
     """Write the page, print its conclusion, and return the exit status."""
     from denoc_ros.cli.arguments import given_file
+    from denoc_ros.cli.new_file import write_text
     from denoc_ros.cli.postures import posture, read_postures
     from denoc_ros.dynamics.loop_response import loop_response
-    from denoc_ros.errors import ConfigError
     from denoc_ros.reports.bode import page
     from denoc_ros.reports.provenance import named_file, provenance
 
@@ -50,11 +50,7 @@ def run_bode(args: argparse.Namespace, robot: Robot) -> int:
     source = given_file(args.robot, 'robot')
     made = provenance(args.command, {'robot': named_file(source)})
     shown = page(ways, robot.tree.name, args.free, made)
-    try:
-        file.write_text(shown.html(), encoding='utf-8')
-    except OSError as error:
-        rule = f'the file must be writable, got: {error.strerror}'
-        raise ConfigError(str(file), [rule]) from error
+    write_text(file, shown.html())
     rows = [_summary(name, way) for places in ways.values() for name, way in places.items()]
     if args.json:
         print(json.dumps({'output': str(file), 'ways': rows}, indent=2, allow_nan=False))

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from denoc_ros.cli.arguments import add_gravity, given_file, named_values, number_range, require
 from denoc_ros.cli.exit_statuses import exit_status
 from denoc_ros.cli.identify_numbers import numbers_text
+from denoc_ros.cli.new_file import require_new
 from denoc_ros.cli.overrides import add_overrides, overrides_of
-from denoc_ros.errors import BagError
 from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
@@ -180,9 +180,7 @@ def _options(args: argparse.Namespace) -> dict[str, Any]:
             '--position', args.position, 'JOINT=LOW:HIGH', number_range, findings
         )
     require(findings)
-    for file in (args.output, args.trajectory, args.page):
-        if file is not None and file.exists():
-            raise BagError(f'{file}: output must not exist yet, got an existing one')
+    require_new(args.output, args.trajectory, args.page)
     return options
 
 

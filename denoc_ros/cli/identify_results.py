@@ -12,7 +12,8 @@ from typing import Any
 
 from denoc_ros.cli.exit_statuses import DOUBTFUL
 from denoc_ros.cli.identify_inputs import add_robot_options, joint_values, load_named_robot
-from denoc_ros.errors import BagError, IdentificationError
+from denoc_ros.cli.new_file import require_new
+from denoc_ros.errors import IdentificationError
 from denoc_ros.reports.text_table import text_table
 
 Document = dict[str, Any]
@@ -67,8 +68,7 @@ def run_apply(args: argparse.Namespace) -> int:
     """Write the changed description; errors are raised."""
     from denoc_ros.identification.result import read_result
 
-    if args.output.exists():
-        raise BagError(f'{args.output}: output must not exist yet, got an existing one')
+    require_new(args.output)
     results = [read_result(path) for path in args.results]
     overrides, text = changed_description(args, results)
     args.output.write_text(text, encoding='utf-8')

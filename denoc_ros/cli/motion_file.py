@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from denoc_ros.errors import ConfigError
+from denoc_ros.runtime.motion_samples import RESTING
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.trajectories import Trajectory
 
 
-RESTING = 1e-3  # rad/s, m/s: as the node shaper has it
 STEP = 0.01  # s between samples of a motion that is a formula
 
 

@@ -20,6 +20,7 @@ from denoc_ros.cli.arguments import (
     unused,
 )
 from denoc_ros.cli.exit_statuses import DOUBTFUL
+from denoc_ros.cli.new_file import require_new
 from denoc_ros.cli.overrides import add_overrides, overrides_of
 from denoc_ros.errors import BagError
 from denoc_ros.reports.run_files import EARTH, recording_name
@@ -200,8 +201,7 @@ def run(args: argparse.Namespace) -> int:
     bag = find_bag(args.bag)
     output = args.output or _default_output(args.bag, bag)
     report = args.report or unused(output.with_name(f'{recording_name(output)}.html'))
-    if not args.no_output and output.exists():
-        raise BagError(f'{output}: output must not exist yet, got an existing one')
+    require_new(None if args.no_output else output)
     robot = _robot(args, bag, read_session(args.bag))
     with _as_bag(args, bag, robot) as recorded, share_bar(quiet=args.json) as bar:
         replay = replay_bag(

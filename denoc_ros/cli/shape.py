@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import add_gravity, given_file, named_values, require
+from denoc_ros.cli.new_file import require_new
 from denoc_ros.cli.overrides import add_overrides, overrides_of
-from denoc_ros.errors import BagError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -136,9 +136,7 @@ def run(args: argparse.Namespace) -> int:
     from denoc_ros.control.shape import shape_motion
 
     require(_findings(args))
-    for file in (args.output, args.page):
-        if file is not None and file.exists():
-            raise BagError(f'{file}: output must not exist yet, got an existing one')
+    require_new(args.output, args.page)
     motion_file = given_file(args.motion, 'motion')
     values = read_yaml(motion_file)
     options = _options(args, values)

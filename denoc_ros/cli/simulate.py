@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import given_file
 from denoc_ros.cli.batch import add_worker_options
-from denoc_ros.errors import BagError, ConfigError
+from denoc_ros.cli.new_file import require_new
+from denoc_ros.errors import ConfigError
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
@@ -76,8 +77,7 @@ def run(args: argparse.Namespace) -> int:
         if args.report:
             raise ConfigError('--report', ['the page is of one run, got --vary'])
         return run_varied(args)
-    if args.output.exists():
-        raise BagError(f'{args.output}: output must not exist yet, got an existing one')
+    require_new(args.output)
     robot, scenario, description = load(args.robot, args.scenario, args.smooth)
     result = scenario.run(robot, progress=not args.json)
     session = session_of(args, robot, scenario, result)

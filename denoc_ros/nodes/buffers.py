@@ -5,9 +5,9 @@ held, so that a node grows with the largest messages, by up to their size times 
 topic. Fast DDS also has the policy DYNAMIC, which allocates for each message what it takes and
 frees it; only a profile can ask for it.
 
-A reliable reader misses a message only when the writer's heartbeat tells it what there is: every
-3 s by default. Until then it has nothing that came after the lost one, and a node that ends does
-not know whether its last messages arrived. The same profile has a heartbeat every 0.1 s.
+A reliable reader learns what it has lost from the writer's heartbeat, by default every 3 s. Until
+then it has nothing that came after the lost one, and a node that ends does not know whether its
+last messages arrived. The same profile has a heartbeat every 0.1 s.
 """
 
 from __future__ import annotations
