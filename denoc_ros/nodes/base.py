@@ -24,13 +24,14 @@ from denoc_ros.nodes.diagnostics import DiagnosticsPublisher, callback_status
 from denoc_ros.nodes.guarded_node import GuardedNode
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.messages import wait_until_delivered
+from denoc_ros.runtime.clocks import Clock as RobotClock
+from denoc_ros.runtime.clocks import SteadyClock
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.parameter_files import shared_names
 from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
 from denoc_ros.runtime.realtime import freeze_gc, make_callbacks_timely
 from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.runtime.signals import SIGNALS
-from denoc_ros.runtime.stamps import at_once
 from denoc_ros.runtime.status import Status, input_status
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -70,6 +71,8 @@ class DenocNode(GuardedNode):
     ----------
     settings : Settings
         The parameters' values now.
+    clock : denoc_ros.runtime.clocks.Clock
+        The robot's time: simulated with `use_sim_time`.
     failure : str
         Why the last transition failed; '' if it did not.
     fatal : str
@@ -117,6 +120,7 @@ class DenocNode(GuardedNode):
             self.destroy_node()
             raise
         self._declare()
+        self.clock: RobotClock = SteadyClock(self._now_ns)
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._time_jumps = self.get_clock().create_jump_callback(
             SET_BACK, post_callback=self._on_time_set_back
@@ -276,12 +280,14 @@ class DenocNode(GuardedNode):
         self.create_service(Trigger, name, on_request)
 
     def stamp_ns_at(self, moment: float) -> int:
-        """Return the time of the stamping clock [ns] at a time of the steady clock [s]."""
-        now, now_ns = at_once(self.stamp_ns)
-        return now_ns - round(1e9 * (now - moment))
+        """Return the stamp [ns] of a moment of the clock [s]."""
+        return self.clock.stamp_ns(moment)
 
     def stamp_ns(self) -> int:
         """Return now for headers [ns]: the system's time, or simulated time where in use."""
+        return self.clock.now_ns()
+
+    def _now_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds) if self._simulated() else time.time_ns()
 
     def _simulated(self) -> bool:
@@ -306,7 +312,7 @@ class DenocNode(GuardedNode):
             self.get_logger().warning(self.to_log.popleft())
         statuses = self.guard.calling('diagnostics', self.statuses)() or []
         if self.monitors:
-            statuses.append(input_status(self.monitors, time.perf_counter()))
+            statuses.append(input_status(self.monitors, self.clock.now()))
         if self.guard.failures:
             statuses.append(callback_status(self.guard))
         self._diagnostics.publish(statuses)

@@ -168,11 +168,11 @@ class FeedforwardNode(LiveFeedforward):
         """Publish the torque of one message's state, with its stamp."""
         if self.state != 'active':
             return
-        if trouble := self.base.trouble(time.perf_counter()):
+        if trouble := self.base.trouble(self.clock.now()):
             self._cause = trouble
             return
         self.torque.take(self.limiter)
-        self._move_base(time.perf_counter())
+        self._move_base(self.clock.now())
         before, self._message_time = self._message_time, stamp_ns
         elapsed = 0.0 if before is None else 1e-9 * (stamp_ns - before)
         torque = self.torque.update(q, qd, qdd, elapsed)
@@ -181,7 +181,7 @@ class FeedforwardNode(LiveFeedforward):
         self.q[:], self.qd[:] = q, qd
         if self._fresh:
             torque = torque.copy()
-            self._start_torque(time.perf_counter())
+            self._start_torque(self.clock.now())
         self._cause = 'following messages'
         self.output.send_effort(stamp_ns, self.q, self.qd, self.limiter.apply(torque))
 
@@ -196,8 +196,8 @@ class FeedforwardNode(LiveFeedforward):
 
     def begin(self) -> None:
         """Start from rest: nothing is known and nothing has left."""
-        self._tick_time = time.perf_counter()
-        self._stamp_of = StampOf(self.stamp_ns)
+        self._tick_time = self.clock.now()
+        self._stamp_of = StampOf(self.clock)
         self._last_update = -math.inf
         self._fresh = True
         self._look_due = -math.inf
@@ -225,7 +225,7 @@ class FeedforwardNode(LiveFeedforward):
             self._tick_time = self.loop.deadline
             if self.phase is not None:
                 self.loop.shift = self.phase.shift(self._tick_time)
-        now = time.perf_counter()
+        now = self.clock.now()
         self.torque.take(self.limiter)
         self._move_base(self._tick_time + self.conditions.lead)
         # the model goes on along the reference even while torque may not: so a short gap in the
@@ -346,11 +346,11 @@ class FeedforwardNode(LiveFeedforward):
             return
         self.feedback.rest()
         self._cause = 'ended'
-        end = time.perf_counter() + self.settings.number('ramp_time') + END_PATIENCE
+        end = self.clock.now() + self.settings.number('ramp_time') + END_PATIENCE
         repeats = 0
-        while repeats < FINAL_COMMANDS and time.perf_counter() < end:
+        while repeats < FINAL_COMMANDS and self.clock.now() < end:
             before = self.limiter.last.copy()
-            now = self._tick_time = time.perf_counter()
+            now = self._tick_time = self.clock.now()
             self.guarded(self._be_safe, now)
             if self._fresh:  # no posture was ever known: nothing has left, nothing will
                 return

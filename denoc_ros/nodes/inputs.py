@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from rclpy.qos import QoSProfile
 
 from denoc_ros.runtime.active_publishers import ActivePublishers
+from denoc_ros.runtime.clocks import Clock
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.safety import InputMonitor
 
@@ -88,6 +89,7 @@ class Subscriber(Protocol):
     create_subscription: Callable[..., Any]
     take_aside: Callable[[Any], None]
     drop: Callable[[Any], None]
+    clock: Clock
 
     def refuse(self, monitor: InputMonitor, error: InputError) -> None:
         """Count a bad message."""

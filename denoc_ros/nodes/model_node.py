@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -67,7 +66,7 @@ class ModelNode(DenocNode):
         except InputError as error:
             self.refuse(monitor, error)
             return
-        monitor.accept(None, time.perf_counter())
+        monitor.accept(None, self.clock.now())
         self.description = message.data
         self.ready = True
 

@@ -241,8 +241,8 @@ class PlantNode(RobotNode):
 
     def begin(self) -> None:
         """Start the clock of the drives."""
-        self._tick_time = time.perf_counter()
-        self._stamp_of = StampOf(self.stamp_ns)
+        self._tick_time = self.clock.now()
+        self._stamp_of = StampOf(self.clock)
 
     def _place(self) -> None:
         self.q[:] = self.start
@@ -317,9 +317,7 @@ class PlantNode(RobotNode):
     def _advance(self) -> None:
         """Step under the drives' effort: commands and feedback, saturated."""
         effort, tau, command = self.effort, self._tau, self._command
-        if command is None or (
-            self.command_input.age(time.perf_counter()) > self._command_timeout
-        ):
+        if command is None or (self.command_input.age(self.clock.now()) > self._command_timeout):
             effort[:] = 0.0
         else:
             effort[:] = command

@@ -27,7 +27,7 @@ class _Aside(WithoutEvents):
             enable_rosout=False,
             start_parameter_services=False,
         )
-        self.refuse = owner.refuse
+        self.refuse, self.clock = owner.refuse, owner.clock
         self.drop = self.destroy_subscription
 
     def take_aside(self, subscription: Any) -> None:

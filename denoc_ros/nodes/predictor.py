@@ -197,8 +197,8 @@ class PredictorNode(RobotNode):
         self.base.begin()
         self.observer.reset()
         self.adaptation.reset(values=False)
-        self._now = time.perf_counter()
-        self._stamp_of = StampOf(self.stamp_ns)
+        self._now = self.clock.now()
+        self._stamp_of = StampOf(self.clock)
 
     def tick(self, steps: int) -> None:
         """Take the measurements in, go on to now and publish."""
@@ -367,7 +367,7 @@ class PredictorNode(RobotNode):
             'model_failures': self._model_failures,
             'sensors_heard': int(np.count_nonzero(np.isfinite(self.sensors.values))),
         }
-        if trouble := self.base.trouble(time.perf_counter()):
+        if trouble := self.base.trouble(self.clock.now()):
             status.worsen(WARN, f'{trouble}: nothing is published')
         elif not observer.started:
             status.worsen(WARN, 'no joint_states yet')

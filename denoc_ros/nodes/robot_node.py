@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -88,7 +87,7 @@ class RobotNode(ModelNode):
             self.tick(steps)
             self._failing_since = math.inf
         except Exception as error:
-            self._on_failure(error, time.perf_counter())
+            self._on_failure(error, self.clock.now())
 
     def guarded(self, act: Callable[[float], None], now: float) -> None:
         """Do what a tick does outside of the loop; a failure counts as one of a tick."""
@@ -138,6 +137,7 @@ class RobotNode(ModelNode):
             self._turn,
             settings.integer('thread_priority'),
             settings.integer('cpu_affinity'),
+            self.clock,
         )
         self.loop.start()
 
@@ -169,7 +169,7 @@ class RobotNode(ModelNode):
         if self.tick_failures > self._tick_guard.reported:
             status.worsen(ERROR, self._tick_guard.last)
         self._tick_guard.reported = self.tick_failures
-        behind = time.perf_counter() - loop.deadline
+        behind = self.clock.now() - loop.deadline
         if loop.running and behind > STANDSTILL + 2.0 * loop.period:
             status.worsen(ERROR, f'no tick for {behind:.1f} s')
         loop_options = {f'loop {name}': what for name, what in loop.realtime_options.items()}

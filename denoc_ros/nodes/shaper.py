@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -208,7 +207,7 @@ class ShaperNode(RobotNode):
         """Start with nothing known."""
         with self._lock:
             self._cancel()
-        self._stamp_of = StampOf(self.stamp_ns)
+        self._stamp_of = StampOf(self.clock)
 
     def tick(self, steps: int) -> None:
         """Publish a streamed motion's shaped sample for now."""
@@ -253,7 +252,7 @@ class ShaperNode(RobotNode):
         """Publish a plan, once and whole, to begin early enough for its preaction."""
         took = float(answer.header['took'])
         self._solve_last, self._solve_max = took, max(self._solve_max, took)
-        now, now_ns = time.perf_counter(), self.stamp_ns()
+        now, now_ns = self.clock.now(), self.stamp_ns()
         margin = round(1e9 * self.settings.number('start_margin'))
         arrays = answer.arrays
         wanted = motion.message.stamp_ns + round(1e9 * arrays['t'][0])
@@ -287,7 +286,7 @@ class ShaperNode(RobotNode):
             return
         self._said['passed on'] += 1
         self.to_log.append(f'passed on as it came: {why}')
-        now, now_ns = time.perf_counter(), self.stamp_ns()
+        now, now_ns = self.clock.now(), self.stamp_ns()
         stamp_ns = motion.message.stamp_ns
         begin_ns = max(stamp_ns, now_ns) if stamp_ns else 0
         message = unshaped_message(self.joints, motion.message, begin_ns, motion.named)
@@ -360,7 +359,7 @@ class ShaperNode(RobotNode):
             return found
         status = Status('shaper')
         status.values = {
-            'doing': self._doing(time.perf_counter()),
+            'doing': self._doing(self.clock.now()),
             'method': self.settings.text('method'),
             'joints': ' '.join(self.joints),
             **self._said,

@@ -68,7 +68,9 @@ class ViewerNode(ModelNode):
                 self.get_fully_qualified_name(),
                 [f"parameter 'state_topics' must name topics different from all, got {topics}"],
             )
-        self.snapshots = LiveSnapshots(robot, posture, states, *others, settings.number('timeout'))
+        self.snapshots = LiveSnapshots(
+            robot, posture, states, *others, settings.number('timeout'), self.clock.now
+        )
         self.page = self._serve()
         if robot.tree.loops:
             posture = robot.assemble(posture)
@@ -147,7 +149,7 @@ class ViewerNode(ModelNode):
                 continue
             if not self.inputs.is_open:
                 self._listen(now)
-            self._stopped.wait(self._try_to_draw(now))
+            self._stopped.wait(self._try_to_draw())
 
     def _listen(self, now: float) -> None:
         self.snapshots.forget()
@@ -155,15 +157,15 @@ class ViewerNode(ModelNode):
         self.pace.begin(now)
         self._used = time.process_time()
 
-    def _try_to_draw(self, now: float) -> float:
+    def _try_to_draw(self) -> float:
         """Draw; a failure is counted, and drawing goes on. Return as `_draw`."""
         try:
-            return self._draw(now)
+            return self._draw()
         except Exception as error:
             self.guard.note('drawing', error)
             return LOOK_PERIOD
 
-    def _draw(self, now: float) -> float:
+    def _draw(self) -> float:
         """Draw the newest; return how long to wait [s]."""
         assert self.page is not None
         if self._reset_wanted:
@@ -171,6 +173,7 @@ class ViewerNode(ModelNode):
             self.inputs.forget()
             self.snapshots.forget()
         self.inputs.take()
+        now = self.clock.now()
         snapshot = self.snapshots.newest(now)
         if snapshot is not None:
             self.page.show(snapshot)

@@ -34,6 +34,8 @@ class LiveSnapshots:
         Topics of commanded torque and of sensor residuals; '' for none.
     timeout : float
         s after which a topic's last word counts no more.
+    clock : callable, optional
+        The robot's time [s].
 
     Attributes
     ----------
@@ -49,11 +51,13 @@ class LiveSnapshots:
         torque: str = '',
         residual: str = '',
         timeout: float = 0.5,
+        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self.source = ''
         self._robot = robot
         self._timeout = timeout
-        self._start = time.perf_counter()
+        self._clock = clock
+        self._start = clock()
         self._states = {topic: LiveState(robot, posture) for topic in states}
         self._values = {topic: NamedValues() for topic in (torque, residual) if topic}
         self._torque, self._residual = torque, residual
@@ -70,16 +74,16 @@ class LiveSnapshots:
     def take(self, topic: str, raw: bytes, admit: Callable[[int], None]) -> None:
         """Take a message; InputError where it is refused."""
         (self._states.get(topic) or self._values[topic]).read(raw, admit)
-        self._heard[topic] = time.perf_counter()
+        self._heard[topic] = self._clock()
 
     def forget(self) -> None:
         """Discard all messages, and restart the time."""
         self._heard.clear()
-        self._start = time.perf_counter()
+        self._start = self._clock()
         self.source = ''
 
     def newest(self, now: float) -> Snapshot | None:
-        """Return the snapshot to draw at `now` [s, steady clock], None where nothing is fresh."""
+        """Return the snapshot to draw at `now` [s of the clock], None where nothing is fresh."""
         fresh = [topic for topic in self._states if self._is_fresh(topic, now)]
         self.source = fresh[0] if fresh else ''
         if not fresh:

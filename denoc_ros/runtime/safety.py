@@ -1,6 +1,6 @@
 """Safety against bad input and late input.
 
-All times are seconds of the steady clock (`time.perf_counter`); stamps are nanoseconds of the
+All times are seconds of the robot's clock; stamps are nanoseconds of the
 messages' own clock and only ever compared with each other.
 """
 

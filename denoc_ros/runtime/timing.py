@@ -1,4 +1,4 @@
-"""The real-time loop: its own thread on an absolute deadline of the steady clock."""
+"""The real-time loop: its own thread on an absolute deadline of the robot's clock."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.runtime.clocks import Clock, SteadyClock
 from denoc_ros.runtime.realtime import make_thread_timely
 
 WINDOW = 1 << 15  # ticks kept between two readings of the statistics
@@ -58,11 +59,13 @@ class RealtimeLoop:
         Called with the number of periods to advance.
     priority, core : int
         SCHED_FIFO priority (0: none) and core (-1: any) of the thread.
+    clock : Clock, optional
+        The clock of the deadlines; default the steady clock.
 
     Attributes
     ----------
     deadline : float
-        The moment [s] of `time.perf_counter` that the tick at hand is for.
+        The moment of the clock [s] that the tick at hand is for.
     shift : float
         How much later than a period after this deadline the next one is [s]; a tick sets it for
         the next period only.
@@ -71,10 +74,16 @@ class RealtimeLoop:
     """
 
     def __init__(
-        self, rate: float, tick: Callable[[int], None], priority: int = 0, core: int = -1
+        self,
+        rate: float,
+        tick: Callable[[int], None],
+        priority: int = 0,
+        core: int = -1,
+        clock: Clock | None = None,
     ) -> None:
         self.period = 1.0 / rate
-        self.deadline = time.perf_counter()
+        self._clock = SteadyClock() if clock is None else clock
+        self.deadline = self._clock.now()
         self.shift = 0.0
         self.realtime_options: dict[str, str] = {}
         self.failure: BaseException | None = None
@@ -118,14 +127,15 @@ class RealtimeLoop:
             self.failure = error
 
     def _loop(self) -> None:
-        now, sleep, tick, period = time.perf_counter, time.sleep, self._tick, self.period
+        clock, now, tick, period = self._clock, time.perf_counter, self._tick, self.period
         start, late, spent = self._start, self._late, self._spent
-        deadline = now() + period
+        deadline = clock.first(period)
         while self._running:
-            wait = deadline - now()
-            if wait > 0.0:
-                sleep(wait)
-            began = now()
+            began = clock.wait(deadline)
+            if began is None:
+                deadline = clock.first(period)
+                continue
+            start_wall = now()
             behind = began - deadline
             missed = int(behind / period) if behind > period else 0
             deadline += period * missed
@@ -134,10 +144,10 @@ class RealtimeLoop:
             slot = self._count % WINDOW
             start[slot] = began
             late[slot] = behind
-            spent[slot] = now() - began
+            spent[slot] = now() - start_wall
             self._count += 1
             self._skipped += missed
-            deadline += period + self.shift
+            deadline = clock.after(deadline, period) + self.shift
             self.shift = 0.0
 
     def record(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -146,7 +156,7 @@ class RealtimeLoop:
         Returns
         -------
         start, late : (ticks,) arrays
-            [s] of `time.perf_counter`, and [s] against the deadline: a tick later than a period
+            [s] of the clock, and [s] against the deadline: a tick later than a period
             has passed that many whole periods over.
         """
         count = self._count

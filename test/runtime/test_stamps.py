@@ -9,11 +9,12 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from denoc_ros.bags.joint_state import JointStateMessage
+from denoc_ros.runtime.clocks import SteadyClock
 from denoc_ros.runtime.stamps import StampOf
 
 
 def test_moment_gets_the_stamp_that_the_clock_showed_then() -> None:
-    stamp_of = StampOf(time.time_ns)
+    stamp_of = StampOf(SteadyClock())
     before, moment, after = time.time_ns(), time.perf_counter(), time.time_ns()
     time.sleep(0.01)
     # the readings may each be off by the time this process was stopped between them
@@ -21,7 +22,7 @@ def test_moment_gets_the_stamp_that_the_clock_showed_then() -> None:
 
 
 def test_stamps_go_back_only_with_a_clock_that_was_set_back() -> None:
-    stamp_of = StampOf(time.time_ns)
+    stamp_of = StampOf(SteadyClock())
     now = time.perf_counter()
     first = stamp_of(now)
     assert stamp_of(now - 0.5) == first
@@ -39,7 +40,7 @@ def test_pause_between_two_readings_does_not_shift_the_stamp() -> None:
         return value
 
     moment, wanted = time.perf_counter(), time.time_ns()
-    assert abs(StampOf(slow_once)(moment) - wanted) < 20_000_000
+    assert abs(StampOf(SteadyClock(slow_once))(moment) - wanted) < 20_000_000
     assert len(calls) > 1
 
 
