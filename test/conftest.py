@@ -110,14 +110,6 @@ def repository() -> Path:
 
 
 @pytest.fixture(scope='session')
-def shared(repository: Path) -> Path:
-    """Folder of the shared cases and reference data, beside the checkout."""
-    folder = repository.parent / 'shared'
-    assert folder.is_dir(), f'shared data must be beside the repository, got no {folder.name}/'
-    return folder
-
-
-@pytest.fixture(scope='session')
 def simulated_bag(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> SimulatedBag:
     """Two flexible links, simulated once for all tests that read the run back."""
     return make_simulated_bag(repository, tmp_path_factory.mktemp('simulated'))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from data_files import PANDA_BAG, UR10_BAG
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -20,8 +21,6 @@ from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
-UR10 = 'ur10_inverse_dynamics_solver_bagfiles_ur10_exciting_trajectory.db3'
-FRANKA = 'franka_inria_inverse_dynamics_solver_bagfiles_panda_exciting_trajectory.db3'
 # each example overwrites the file of the one before
 FUZZ = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -45,21 +44,19 @@ def small_bag(tmp_path: Path) -> Path:
     return tmp_path / 'small'
 
 
-@pytest.mark.parametrize(('name', 'count', 'joints'), [(UR10, 3441, 6), (FRANKA, 727, 7)])
-def test_bare_db3_of_a_real_robot_is_read(
-    shared_bags: Path, name: str, count: int, joints: int
-) -> None:
-    assert bag_topics(shared_bags / name) == {'/joint_states': JOINT_STATE}
-    series = read_joint_states(shared_bags / name)
+@pytest.mark.parametrize(('bag', 'count', 'joints'), [(UR10_BAG, 3441, 6), (PANDA_BAG, 727, 7)])
+def test_bare_db3_of_a_real_robot_is_read(bag: Path, count: int, joints: int) -> None:
+    assert bag_topics(bag) == {'/joint_states': JOINT_STATE}
+    series = read_joint_states(bag)
     assert series.position.shape == series.effort.shape == (count, joints)
     assert np.isfinite([series.position, series.velocity, series.effort]).all()
     assert (np.diff(series.t) > 0).all()
-    by_log_time = read_joint_states(shared_bags / name, stamp='log')
+    by_log_time = read_joint_states(bag, stamp='log')
     np.testing.assert_array_equal(series.stamp_ns, by_log_time.stamp_ns)
 
 
-def test_folder_with_one_db3_and_no_metadata_is_read(tmp_path: Path, shared_bags: Path) -> None:
-    shutil.copy(shared_bags / FRANKA, tmp_path / 'a.db3')
+def test_folder_with_one_db3_and_no_metadata_is_read(tmp_path: Path) -> None:
+    shutil.copy(PANDA_BAG, tmp_path / 'a.db3')
     assert len(list(read_bag(tmp_path))) == 727
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from data_files import SERVO_SWING
 from page_look import require_one_look
 
 from denoc_ros.cli.main import main
@@ -119,9 +120,17 @@ def test_apply_says_how_doubtful_modes_are_taken(
     assert 'got 1 doubtful: --doubtful takes them' in capsys.readouterr().err
 
 
-def test_page_of_a_swing_that_says_little_is_written(shared: Path, tmp_path: Path) -> None:
-    swing = str(shared / 'data/servo_pendulum/lift_and_drop.json')
-    joint = ['identify', 'joint', swing, '--field', 'position', '--begin', '3', '--json']
+def test_page_of_a_swing_that_says_little_is_written(tmp_path: Path) -> None:
+    joint = [
+        'identify',
+        'joint',
+        str(SERVO_SWING),
+        '--field',
+        'position',
+        '--begin',
+        '3',
+        '--json',
+    ]
     # the last swings before it stops
     assert main([*joint, '-o', str(tmp_path)]) == 2
     assert 'explains the swing about as well' in (tmp_path / 'report.html').read_text()

@@ -1,4 +1,4 @@
-"""The book's chapter 8: the printed numbers that can be had, from `cases/book_systems.yaml`."""
+"""The book's chapter 8: the printed numbers that can be had."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from data_files import DATA
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.identification.damping import assign_damping
@@ -21,9 +22,8 @@ GRAVITY = (0.0, -9.81, 0.0)
 
 
 @pytest.fixture(scope='module')
-def experiments(shared: Path) -> dict[str, Any]:
-    text = (shared / 'cases' / 'book_systems.yaml').read_text()
-    return dict(yaml.safe_load(text)['experiments'])
+def experiments() -> dict[str, Any]:
+    return dict(yaml.safe_load((DATA / 'book_experiments.yaml').read_text()))
 
 
 def load(repository: Path, name: str, gravity: tuple[float, float, float] = GRAVITY) -> Robot:

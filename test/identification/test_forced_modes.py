@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from data_files import FLEXIBLE_ARM
 from scipy.io import loadmat
 from scipy.signal import cont2discrete, lfilter
 
@@ -90,8 +89,8 @@ def test_other_stamps_and_a_resting_input_are_refused() -> None:
         fit_forced(Record(torque.t, np.zeros(torque.t.size)), response)
 
 
-def test_flexible_arm_has_two_strong_modes(shared: Path) -> None:
-    table = loadmat(shared / 'data/daisy/robot_arm_dat.mat')['robot_arm_dat']
+def test_flexible_arm_has_two_strong_modes() -> None:
+    table = loadmat(FLEXIBLE_ARM)['robot_arm_dat']
     # the rate is not stated: the stamps count samples
     t = np.arange(len(table), dtype=float)
     found = fit_forced(Record(t, table[:, 0]), Record(t, table[:, 1]))

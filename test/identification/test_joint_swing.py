@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
+from data_files import SERVO_SWING
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
@@ -103,17 +103,17 @@ def test_coulomb_and_quadratic_terms_are_found_without_a_viscous_one() -> None:
     assert fit.quadratic == pytest.approx(0.004, rel=0.02)
 
 
-def servo_swing(shared: Path, begin: float) -> tuple[Record, float]:
+def servo_swing(begin: float) -> tuple[Record, float]:
     """Free swing of the real servo pendulum from a time on [s], and gravity's torque [N m]."""
-    raw = json.loads((shared / 'data/servo_pendulum/lift_and_drop.json').read_text())
+    raw = json.loads(SERVO_SWING.read_text())
     free = [entry for entry in raw['entries'] if entry['timestamp'] >= begin]
     t, y = (np.array([entry[name] for entry in free]) for name in ('timestamp', 'position'))
     return Record(t, y), raw['mass'] * 9.81 * raw['length']
 
 
 @pytest.mark.parametrize('begin', [2.3, 2.8, 3.0])
-def test_terms_are_told_from_zero_or_left_out(shared: Path, begin: float) -> None:
-    record, torque = servo_swing(shared, begin)
+def test_terms_are_told_from_zero_or_left_out(begin: float) -> None:
+    record, torque = servo_swing(begin)
     fit = fit_joint(record, gravity_torque=torque)
     for name in fit.terms:
         low, high = fit.interval[name]
@@ -125,16 +125,16 @@ def test_terms_are_told_from_zero_or_left_out(shared: Path, begin: float) -> Non
                 assert model.residual <= smaller.residual * (1.0 + 1e-12)
 
 
-def test_sets_of_terms_that_explain_as_much_are_doubted(shared: Path) -> None:
-    record, torque = servo_swing(shared, 3.0)
+def test_sets_of_terms_that_explain_as_much_are_doubted() -> None:
+    record, torque = servo_swing(3.0)
     fit = fit_joint(record, gravity_torque=torque)
     # half a swing before it stops: viscous and quadratic friction take about the same off it
     assert fit.verdict == 'doubtful'
     assert any('explains the swing about as well' in reason for reason in fit.reasons)
 
 
-def test_servo_pendulum_has_viscous_and_coulomb_friction(shared: Path) -> None:
-    raw = json.loads((shared / 'data/servo_pendulum/lift_and_drop.json').read_text())
+def test_servo_pendulum_has_viscous_and_coulomb_friction() -> None:
+    raw = json.loads(SERVO_SWING.read_text())
     free = [entry for entry in raw['entries'] if not entry['torque_enable']]
     record = Record(
         np.array([entry['timestamp'] for entry in free]),

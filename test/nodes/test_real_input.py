@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio
 import pytest
+from data_files import UR10_BAG
 from sensor_msgs.msg import JointState
 
 from denoc_ros.bags.reader import read_bag
@@ -19,7 +20,6 @@ from denoc_ros.nodes.player import read_motion
 pytestmark = pytest.mark.ros
 
 ROOT = Path(__file__).resolve().parents[2]
-BAG = 'ur10_inverse_dynamics_solver_bagfiles_ur10_exciting_trajectory.db3'
 URDF = ROOT / 'config' / 'robots' / 'ur10.urdf'
 SPEED = 4.0  # times real time; every message must come through all the same
 
@@ -38,7 +38,6 @@ def rnea(joints: tuple[str, ...], q: Any, qd: Any, qdd: Any) -> Any:
 
 
 def test_every_recorded_message_gets_the_torque_of_rnea(graph: Any) -> None:
-    bag = ROOT.parent / 'shared' / 'data' / 'ros2_bags' / BAG
     graph.add(
         FeedforwardNode,
         urdf_path=str(URDF),
@@ -48,14 +47,16 @@ def test_every_recorded_message_gets_the_torque_of_rnea(graph: Any) -> None:
     )
     answers = graph.collect(JointState, '/feedforward/effort')
     options = ['--speed', str(SPEED), '--listeners', 'feedforward']
-    player = subprocess.Popen([sys.executable, '-m', 'denoc_ros.cli.player', str(bag), *options])
+    player = subprocess.Popen(
+        [sys.executable, '-m', 'denoc_ros.cli.player', str(UR10_BAG), *options]
+    )
     try:
         graph.until(lambda: player.poll() is not None, 60.0)
         graph.spin(0.5)
     finally:
         player.kill()
         player.wait(60.0)
-    motion = read_motion(bag)
+    motion = read_motion(UR10_BAG)
     stamps = np.array([m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in answers])
     # none missing, none twice: the stamps are the recorded ones, moved by one constant
     np.testing.assert_array_equal(stamps - stamps[0], motion.stamp_ns - motion.stamp_ns[0])
@@ -67,9 +68,8 @@ def test_every_recorded_message_gets_the_torque_of_rnea(graph: Any) -> None:
 
 
 def test_accelerations_are_the_derivative_of_the_recorded_velocities() -> None:
-    bag = ROOT.parent / 'shared' / 'data' / 'ros2_bags' / BAG
-    motion = read_motion(bag)
-    assert len(motion.stamp_ns) == sum(1 for _ in read_bag(bag))
+    motion = read_motion(UR10_BAG)
+    assert len(motion.stamp_ns) == sum(1 for _ in read_bag(UR10_BAG))
     t = (motion.stamp_ns - motion.stamp_ns[0]) * 1e-9
     # a cubic spline's integral over a step is Simpson's with the rate midway from its own data:
     # the mean of two end accelerations differs from it by the third derivative only

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from data_files import PANDA_BAG, UR10_BAG
 from numpy.typing import NDArray
 from simulated_bags import SimulatedBag
 
@@ -29,12 +30,10 @@ from denoc_ros.replay.stream import Block, JointStream, Source, Values
 from denoc_ros.replay.summary import summarize
 
 Array = NDArray[np.float64]
-UR10 = 'ur10_inverse_dynamics_solver_bagfiles_ur10_exciting_trajectory.db3'
-PANDA = 'franka_inria_inverse_dynamics_solver_bagfiles_panda_exciting_trajectory.db3'
 ROW_FIELDS = ('stamp_ns', 'log_ns', 'effort', 'starts')
-REAL: dict[str, tuple[str, dict[str, str], int, list[str]]] = {
-    'ur10_robot': (UR10, {}, 6, []),
-    'panda': (PANDA, {'fer_': 'panda_'}, 7, ['panda_finger_joint1']),
+REAL: dict[str, tuple[Path, dict[str, str], int, list[str]]] = {
+    'ur10_robot': (UR10_BAG, {}, 6, []),
+    'panda': (PANDA_BAG, {'fer_': 'panda_'}, 7, ['panda_finger_joint1']),
 }
 
 
@@ -272,10 +271,10 @@ def example(stem: str) -> Path:
 
 
 @pytest.mark.parametrize('stem', REAL)
-def test_torque_along_a_real_bag_equals_pinocchio_s(stem: str, shared: Path) -> None:
-    name, rename, count, held = REAL[stem]
+def test_torque_along_a_real_bag_equals_pinocchio_s(stem: str) -> None:
+    bag, rename, count, held = REAL[stem]
     urdf, robot = example(stem), load_robot(example(stem))
-    plan = plan_replay(shared / 'data/ros2_bags' / name, robot, ReplaySettings(rename=rename))
+    plan = plan_replay(bag, robot, ReplaySettings(rename=rename))
     assert len(plan.joints) == count
     block = collected(JointStream(plan.source, 'filter', 20.0))
     model = TorqueReplay(robot, plan.joints)
@@ -299,10 +298,9 @@ def test_torque_along_a_real_bag_equals_pinocchio_s(stem: str, shared: Path) -> 
         np.testing.assert_allclose(ours[k], theirs, rtol=0, atol=1e-9)
 
 
-def test_friction_explains_what_the_ur10_s_model_leaves(shared: Path) -> None:
+def test_friction_explains_what_the_ur10_s_model_leaves() -> None:
     robot = load_robot(example('ur10_robot'))
-    bag = shared / 'data/ros2_bags' / UR10
-    found = replay_bag(bag, robot, None, ReplaySettings(fit_friction=True))
+    found = replay_bag(UR10_BAG, robot, None, ReplaySettings(fit_friction=True))
     assert found.friction is not None
     # docs/replay.md has the numbers; here: it is friction, with the signs that friction has
     assert (found.friction.explained > 0.9).all()
@@ -313,9 +311,7 @@ def test_friction_explains_what_the_ur10_s_model_leaves(shared: Path) -> None:
 # ---- what cannot be replayed
 
 
-def test_what_is_no_bag_of_the_robot_says_so(
-    simulated_bag: SimulatedBag, tmp_path: Path, shared: Path
-) -> None:
+def test_what_is_no_bag_of_the_robot_says_so(simulated_bag: SimulatedBag, tmp_path: Path) -> None:
     robot = simulated_bag.robot
 
     def refused(path: Path, match: str, **settings: object) -> None:
@@ -330,7 +326,7 @@ def test_what_is_no_bag_of_the_robot_says_so(
     )
     refused(simulated_bag.path, 'on /other, got', topic='/other')
     refused(simulated_bag.path, 'effort must come from a topic', effort='/plant/effort')
-    refused(shared / 'data/ros2_bags' / UR10, r'among those of two_link \(joint_1, joint_2\)')
+    refused(UR10_BAG, r'among those of two_link \(joint_1, joint_2\)')
     refused(simulated_bag.path, 'cutoff must be > 0 Hz', cutoff=0.0)
     refused(simulated_bag.path, 'derivative must be one of', derivative='guess')
     refused(simulated_bag.path, 'stamp must be header or log', stamp='now')
@@ -348,11 +344,11 @@ def test_what_is_no_bag_of_the_robot_says_so(
 @pytest.mark.parametrize('share', [0.3, 0.7, 0.999])
 @pytest.mark.parametrize('kind', ['mcap', 'db3'])
 def test_a_truncated_bag_leaves_no_half_replay(
-    simulated_bag: SimulatedBag, shared: Path, tmp_path: Path, kind: str, share: float
+    simulated_bag: SimulatedBag, tmp_path: Path, kind: str, share: float
 ) -> None:
     whole, robot = simulated_bag.path, simulated_bag.robot
     if kind == 'db3':
-        whole, robot = shared / 'data/ros2_bags' / UR10, load_robot(example('ur10_robot'))
+        whole, robot = UR10_BAG, load_robot(example('ur10_robot'))
     content = whole.read_bytes()
     cut = tmp_path / f'cut.{kind}'
     cut.write_bytes(content[: int(share * len(content))])

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import mujoco_arm
 import numpy as np
 import pytest
+from data_files import DATA
 from numpy.typing import NDArray
 from spring_oracle import elastic_robot
 
 import denoc_ros as dn
 
 Array = NDArray[np.float64]
-REFERENCE = Path(__file__).resolve().parent.parent / 'data' / 'mujoco_elastic_arm.csv'
+REFERENCE = DATA / 'mujoco_elastic_arm.csv'
 
 
 def driven(robot: dn.Robot, times: Array, until: float = 2.0) -> Array:

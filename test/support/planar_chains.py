@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
+from data_files import DATA
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-
-REFERENCE = Path(__file__).resolve().parents[3] / 'shared' / 'reference'
 
 
 @dataclass(frozen=True)
@@ -66,6 +64,6 @@ def planar_chain(
 
 def reference(name: str) -> dict[str, Array]:
     """The columns of one reference solution."""
-    table = np.genfromtxt(REFERENCE / f'{name}.csv', delimiter=',', names=True)
+    table = np.genfromtxt(DATA / 'reference' / f'{name}.csv', delimiter=',', names=True)
     assert table.dtype.names is not None
     return {column: np.asarray(table[column]) for column in table.dtype.names}

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from data_files import DATA
 from launch_files import arguments as launch_arguments
 from launch_stand_in import flat
 from pages import Snippet
@@ -26,7 +27,7 @@ from denoc_ros.simulation.scenario import KEYS as SCENARIO_KEYS
 
 ROOT = Path(__file__).resolve().parents[2]
 OTHERS = {'source', 'rosdep', 'colcon', 'git', 'touch', 'sudo', '.', 'cd', 'apt', 'apt-get'}
-CONTROLLERS = ROOT / 'test' / 'data' / 'ros2_controllers_jazzy.yaml'
+CONTROLLERS = DATA / 'ros2_controllers_jazzy.yaml'
 
 
 def run_command(words: list[str], snippet: Snippet) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from data_files import SERVO_SWING, UR10_BAG, rig_run
 
 import denoc_ros as dn
 from denoc_ros.identification.channel import Channel
@@ -18,7 +19,6 @@ from denoc_ros.identification.model.sources import RecordingSettings, read_sourc
 from denoc_ros.types import Array
 
 ROBOTS = Path(__file__).resolve().parents[3] / 'config' / 'robots'
-UR10 = 'ur10_inverse_dynamics_solver_bagfiles_ur10_exciting_trajectory.db3'
 FILTER = SensorFilter(12.566, 0.9)
 RIG = RecordingSettings(
     columns={
@@ -68,12 +68,9 @@ def off_by(robot: dn.Robot, run: dn.Recording, delays: dict[str, float]) -> Arra
 
 
 @pytest.mark.parametrize('name', ['30deg_run01', '0deg_run02'])
-def test_the_rig_s_identified_model_predicts_runs_that_it_did_not_see(
-    shared: Path, name: str
-) -> None:
+def test_the_rig_s_identified_model_predicts_runs_that_it_did_not_see(name: str) -> None:
     rig = dn.load_robot(ROBOTS / 'two_flexible_links.urdf', gravity=(0, 0, 0))
-    path = shared / 'data' / 'two_flexible_links' / f'lqg_step_{name}.mat'
-    run = read_source(path, rig, RIG)
+    run = read_source(rig_run(name), rig, RIG)
     before = off_by(rig, run, {})
     after = off_by(rig.with_overrides(IDENTIFIED), run, DELAYS)
     # 11.7 to 5.1 % and 16.1 to 6.3 % of the peak, both links together
@@ -81,7 +78,7 @@ def test_the_rig_s_identified_model_predicts_runs_that_it_did_not_see(
     assert (after < before).all()
 
 
-def swing(shared: Path, end: float = 4.4) -> tuple[dn.Robot, dn.Recording]:
+def swing(end: float = 4.4) -> tuple[dn.Robot, dn.Recording]:
     """Return the pendulum with its mass at 0.12 m, and its swing after the motor went off."""
     robot = dn.load_robot(PENDULUM)
     robot = robot.with_overrides({'payload.arm.mass': 1.13, 'payload.arm.com': [0.0, 0.0, -0.12]})
@@ -89,20 +86,19 @@ def swing(shared: Path, end: float = 4.4) -> tuple[dn.Robot, dn.Recording]:
     settings = RecordingSettings(
         columns=columns, times=Channel(time='timestamp'), begin=2.05, end=end
     )
-    path = shared / 'data' / 'servo_pendulum' / 'lift_and_drop.json'
-    return robot, read_source(path, robot, settings)
+    return robot, read_source(SERVO_SWING, robot, settings)
 
 
 FRICTION = ['joint.servo.damping', 'joint.servo.friction']
 
 
-def test_the_pendulum_s_mass_is_in_its_interval_once_the_rotor_is_known(shared: Path) -> None:
-    robot, first = swing(shared, 3.0)
+def test_the_pendulum_s_mass_is_in_its_interval_once_the_rotor_is_known() -> None:
+    robot, first = swing(3.0)
     rotor = 'joint.servo.armature'
     early = dn.identify_model(robot, first, [*FRICTION, rotor], cutoff=8.0, held_out=0.0)
     assert early.verdict[rotor] == 'found'
     light = {rotor: early.values[rotor], 'payload.arm.mass': 0.9}
-    _, whole = swing(shared)
+    _, whole = swing()
     found = dn.identify_model(
         robot.with_overrides(light),
         whole,
@@ -117,19 +113,19 @@ def test_the_pendulum_s_mass_is_in_its_interval_once_the_rotor_is_known(shared: 
     assert low < 0.0698 < high  # of the free swing, by `denoc identify joint`
 
 
-def test_a_swing_alone_tells_neither_mass_nor_lever_nor_rotor(shared: Path) -> None:
-    robot, run = swing(shared)
+def test_a_swing_alone_tells_neither_mass_nor_lever_nor_rotor() -> None:
+    robot, run = swing()
     free = [*FRICTION, 'payload.arm.mass', 'payload.arm.com.z', 'joint.servo.armature']
     found = dn.identify_model(robot, run, free, cutoff=8.0, held_out=0.0)
     assert set(found.verdict.values()) == {'not identifiable'}
     assert found.combinations
 
 
-def test_bodies_of_the_ur10_explain_what_friction_leaves(shared: Path) -> None:
+def test_bodies_of_the_ur10_explain_what_friction_leaves() -> None:
     listed = files('example-robot-data') or []
     urdf = next(Path(str(f.locate())) for f in listed if f.name == 'ur10_robot.urdf')
     robot = dn.load_robot(urdf)
-    run = read_source(shared / 'data' / 'ros2_bags' / UR10, robot, RecordingSettings(end=16.0))
+    run = read_source(UR10_BAG, robot, RecordingSettings(end=16.0))
     rows = slice(None, None, 2)  # 62 a second are enough for torque below 10 Hz
     thin = replace(
         run,
@@ -163,10 +159,10 @@ def test_bodies_of_the_ur10_explain_what_friction_leaves(shared: Path) -> None:
     ],
 )
 def test_the_pendulum_s_length_is_found_with_its_mass_and_its_mass_with_its_length(
-    shared: Path, free: str, start: dict[str, float | list[float]], known: float
+    free: str, start: dict[str, float | list[float]], known: float
 ) -> None:
     """From 17 to 20 % off; the rotor as the first second of the swing gives it."""
-    robot, run = swing(shared)
+    robot, run = swing()
     guess = robot.with_overrides({'joint.servo.armature': 0.0091, **start})
     found = dn.identify_model(guess, run, [*FRICTION, free], cutoff=8.0, held_out=0.0)
     low, high = found.interval[free]
@@ -175,8 +171,8 @@ def test_the_pendulum_s_length_is_found_with_its_mass_and_its_mass_with_its_leng
     assert found.values[free] == pytest.approx(known, rel=0.03)  # 0.1 to 0.7 % off
 
 
-def test_mass_and_length_together_are_told_apart_by_no_swing(shared: Path) -> None:
-    robot, run = swing(shared)
+def test_mass_and_length_together_are_told_apart_by_no_swing() -> None:
+    robot, run = swing()
     guess = robot.with_overrides({'joint.servo.armature': 0.0091, 'payload.arm.mass': 0.9})
     both = ['payload.arm.mass', 'payload.arm.com.z']
     found = dn.identify_model(guess, run, [*FRICTION, *both], cutoff=8.0, held_out=0.0)
