@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     LOG.info('loading the compiler')
     from denoc_ros.dynamics.robot import load_robot
     from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
-    from denoc_ros.kernels import cache_folder
+    from denoc_ros.kernels.cache import cache_folder
     from denoc_ros.kernels.compiled import ready
     from denoc_ros.kernels.correction import take_values
     from denoc_ros.kernels.runge_kutta import explicit_steps

@@ -1,61 +1,209 @@
-"""The cache of compiled kernels: by their names, wherever the package is installed."""
+"""The cache of compiled kernels: its folder, and its files with their checksums."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+import logging
+import os
+import pickle
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
+from llvmlite.binding import get_host_cpu_name
 from numba.core import caching
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
 
+from denoc_ros.kernels import CHECKED
+from denoc_ros.kernels.private_folder import (
+    NotPrivateError,
+    is_writable_by_others,
+    private_folder,
+)
+
+LOG = logging.getLogger('denoc_ros')
 HERE = Path(__file__).resolve().parent
+# what these say changes no compiled code
+WITHOUT_KERNELS = ('__init__.py', 'cache.py', 'compiling.py', 'private_folder.py')
+SUFFIX = '.kernel'  # of a file: a checksum and machine code as numba serializes it
+CHECKSUM = hashlib.sha256
 
 
-class KernelLocator(caching._CacheLocator):  # type: ignore[misc]
-    """Tells numba to keep the kernels of this package in one folder, whatever their files' path.
+@cache
+def cache_folder() -> Path | None:
+    """Return the folder that holds the compiled kernels of this very source, None for no cache.
 
-    Numba itself keeps them by the path and the age of their source: each installation of the same
-    version would compile them again. The folder's name has a digest of all of the source, so what
-    is in it is never stale.
+    It is the first of `NUMBA_CACHE_DIR`, the user's cache and the temporary folder in which nobody
+    else can write. If somebody else holds all of them, it is one in the temporary folder under a
+    name of its own, which later processes find again.
+    """
+    objections = []
+    for folder in _candidates():
+        try:
+            folder = private_folder(folder)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except NotPrivateError as error:
+            objections.append(str(error))
+            continue
+        except OSError:  # a home that does not exist, a disk that is full
+            continue
+        if objections:
+            LOG.warning('compiled kernels go to %s: %s', folder, objections[0])
+        return folder
+    why = f': {objections[0]}' if objections else ''
+    LOG.warning('compiled kernels are not kept, each start compiles them again%s', why)
+    return None
+
+
+def _candidates() -> Iterator[Path]:
+    """Yield folders that may hold the kernels, the preferred one first."""
+    name = f'{"checked" if CHECKED else "kernels"}-{_digest()}'
+    named = os.environ.get('NUMBA_CACHE_DIR')
+    if named:
+        yield Path(named) / name
+    with suppress(RuntimeError):  # a user without a home
+        yield Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache', 'denoc_ros', name)
+    temporary = Path(tempfile.gettempdir())
+    user = f'denoc_ros-{os.geteuid()}'
+    yield temporary / user / name
+    for own in sorted(temporary.glob(f'{user}-*')):
+        yield own / name
+    with suppress(OSError):
+        fresh = Path(tempfile.mkdtemp(prefix=f'{user}-'))
+        yield fresh / name
+        fresh.rmdir()  # refused, as all the others
+
+
+def _digest() -> str:
+    """Return a digest of the kernels' source, of compiler, interpreter and processor."""
+    key = numba.__version__, sys.implementation.cache_tag, get_host_cpu_name()
+    digest = hashlib.sha256(repr(key).encode())
+    for path in sorted(HERE.glob('*.py')):
+        if path.name not in WITHOUT_KERNELS:
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+class KernelCache(caching.Cache):  # type: ignore[misc]
+    """Keeps the machine code of one function: a file for each of its signatures.
+
+    Numba itself has an index beside them, keeps both by the path and age of the source, so that
+    each installation compiles again, and runs whatever bytes a damaged file has.
+
+    Parameters
+    ----------
+    function : function
+        The Python function that is compiled.
+    folder : Path
+        A folder in which nobody else can write; its name tells the source.
     """
 
-    def __init__(self, line: int) -> None:
-        self._line = line
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        self._py_func = function
+        self._folder = folder
+        self._name = _file_name(function)
+        self.enable()
 
-    def get_cache_path(self) -> str:
-        """Return the folder."""
-        return str(numba.config.CACHE_DIR)
+    @property
+    def cache_path(self) -> str:
+        """The folder."""
+        return str(self._folder)
 
-    def get_source_stamp(self) -> str:
-        """Return the same for all: another source has another folder."""
-        return ''
-
-    def get_disambiguator(self) -> str:
-        """Return what tells functions of the same name in one file apart."""
-        return str(self._line)
-
-    @classmethod
-    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> KernelLocator | None:
-        """Return the locator of a kernel of this package, None for other functions."""
-        if Path(py_file).resolve().parent != HERE:
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return compiled code, None if there is none or what there is has been damaged."""
+        target_context.refresh()
+        if not self._enabled:
             return None
-        locator = cls(py_func.__code__.co_firstlineno)
+        content = _read(self._file(sig, target_context.codegen()))
+        if content is None:
+            return None
+        return CompileResult._rebuild(target_context, *pickle.loads(content))
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep compiled code; a folder that is full or gone costs time, at the next start."""
+        if not self._enabled or data.library.has_dynamic_globals:
+            return
         try:
-            locator.ensure_cache_path()
-        except OSError:
-            return None
-        return locator
+            private_folder(self._folder)
+            _write(self._file(sig, data.codegen), dumps(data._reduce()))
+        except OSError as error:
+            _say_not_kept(str(error))
+
+    def flush(self) -> None:
+        """Remove what is kept."""
+        for file in self._folder.glob(f'{self._name}.*{SUFFIX}'):
+            file.unlink(missing_ok=True)
+
+    def _file(self, sig: Any, codegen: Any) -> Path:
+        """Return the file for a signature, a processor and the bytecode of the function."""
+        key = CHECKSUM(repr(self._index_key(sig, codegen)).encode()).hexdigest()[:16]
+        return self._folder / f'{self._name}.{key}{SUFFIX}'
 
 
-def keep_by_name() -> None:
-    """Let numba ask the locator of this package first."""
-    caching.CacheImpl._locator_classes.insert(0, KernelLocator)
+def keep(dispatcher: Any) -> Any:
+    """Give a function of this package its place in the cache, if there is one; return it."""
+    folder = cache_folder()
+    function = dispatcher.py_func
+    if folder is not None and Path(function.__code__.co_filename).resolve().parent == HERE:
+        dispatcher._cache = KernelCache(function, folder)
+    return dispatcher
 
 
 def is_kept(dispatcher: Any) -> bool:
     """Say whether a kernel has been compiled before, by this version on this machine."""
-    function = dispatcher.py_func
+    folder = cache_folder()
+    if folder is None:
+        return False
+    files = folder.glob(f'{_file_name(dispatcher.py_func)}.*{SUFFIX}')
+    return any(_read(file) is not None for file in files)
+
+
+def _file_name(function: Any) -> str:
+    """Return how the names of a function's files begin."""
     module = function.__module__.rpartition('.')[2]
-    pattern = f'{module}.{function.__qualname__}-{function.__code__.co_firstlineno}.*.nbi'
-    return any(Path(numba.config.CACHE_DIR).glob(pattern))
+    name = function.__qualname__.replace('<', '').replace('>', '')
+    return f'{module}.{name}-{function.__code__.co_firstlineno}'
+
+
+def _read(file: Path) -> bytes | None:
+    """Return the content of a file after its checksum, None unless it is ours and whole."""
+    try:
+        with file.open('rb') as opened:
+            about = os.fstat(opened.fileno())
+            content = opened.read()
+    except OSError:
+        return None
+    if about.st_uid != os.geteuid() or is_writable_by_others(about):
+        return None
+    size = CHECKSUM().digest_size
+    return content[size:] if content[:size] == _checksum(file, content[size:]) else None
+
+
+def _write(file: Path, content: bytes) -> None:
+    """Write a file in one go: who reads it meanwhile finds the old one, or none."""
+    handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=file.name)
+    try:
+        with os.fdopen(handle, 'wb') as opened:
+            opened.write(_checksum(file, content) + content)
+        os.replace(temporary, file)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(temporary)
+        raise
+
+
+def _checksum(file: Path, content: bytes) -> bytes:
+    """Return the checksum of a file's name and content: one with another's name is not whole."""
+    return CHECKSUM(file.name.encode() + b'\0' + content).digest()
+
+
+@cache
+def _say_not_kept(why: str) -> None:
+    LOG.warning('a compiled kernel is not kept: %s', why)

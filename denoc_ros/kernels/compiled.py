@@ -12,10 +12,8 @@ from numba import njit, types
 from numba.core.compiler import Compiler
 
 from denoc_ros.kernels import CHECKED
-from denoc_ros.kernels.cache import keep_by_name
+from denoc_ros.kernels.cache import keep
 from denoc_ros.kernels.compiling import compile_in_turn
-
-keep_by_name()
 
 
 class LongLoops(Compiler):  # type: ignore[misc]
@@ -47,7 +45,6 @@ class ShortLoops(LongLoops):
 
 _OPTIONS = {
     'boundscheck': CHECKED or None,
-    'cache': True,
     'error_model': 'numpy',
     'fastmath': {'contract', 'nsz', 'reassoc'},
     # unless it is said, numba takes it from whatever function happens to call this one first
@@ -61,18 +58,25 @@ DECLARED: dict[Any, Any] = {}
 APART: dict[str, Any] = {}
 NUMBERS = types.CPointer(types.float64)
 
+
+def _njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return numba's decorator with options, for functions that are kept once compiled."""
+    compiler = njit(**options)
+    return lambda function: keep(compiler(function))
+
+
 # checks within one large function would take the compiler minutes
 _INLINED = {'forceinline': not CHECKED}
-inlined = njit(**_OPTIONS | _INLINED)
+inlined = _njit(**_OPTIONS | _INLINED)
 # the same for loops over a handful of modes or axes
-short_inlined = njit(**_SHORT_OPTIONS | _INLINED)
+short_inlined = _njit(**_SHORT_OPTIONS | _INLINED)
 # its sums are done in the order in which they are written
-ordered = njit(**_OPTIONS | _INLINED | {'fastmath': {'contract', 'nsz'}})
+ordered = _njit(**_OPTIONS | _INLINED | {'fastmath': {'contract', 'nsz'}})
 # the whole of an algorithm, which more than one kernel calls
-shared = njit(**_OPTIONS)
-short_shared = njit(**_SHORT_OPTIONS)
+shared = _njit(**_OPTIONS)
+short_shared = _njit(**_SHORT_OPTIONS)
 # the same, compiled within each kernel that calls it: by itself it would be compiled once more
-merged = shared if CHECKED else njit(inline='always', **_OPTIONS)
+merged = shared if CHECKED else _njit(inline='always', **_OPTIONS)
 
 
 def kernel(signature: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -81,12 +85,12 @@ def kernel(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     It keeps the interpreter's lock: giving it up and taking it back would cost a control loop more
     than a call takes.
     """
-    return _declared(signature, njit(**_OPTIONS))
+    return _declared(signature, _njit(**_OPTIONS))
 
 
 def rows_kernel(signature: str) -> Callable[[Callable[..., Any]], Any]:
     """Declare a function over many states, which lets other threads run meanwhile."""
-    return _declared(signature, njit(nogil=True, **_OPTIONS))
+    return _declared(signature, _njit(nogil=True, **_OPTIONS))
 
 
 def apart(signature: Any, short_loops: bool = False) -> Callable[[Callable[..., Any]], Any]:
@@ -97,7 +101,7 @@ def apart(signature: Any, short_loops: bool = False) -> Callable[[Callable[..., 
     """
 
     def declare(function: Callable[..., Any]) -> Any:
-        dispatcher = njit(**_SHORT_OPTIONS if short_loops else _OPTIONS)(function)
+        dispatcher = _njit(**_SHORT_OPTIONS if short_loops else _OPTIONS)(function)
         if CHECKED:  # its pointers know the numbers of their elements, and its errors are raised
             return dispatcher
         DECLARED[dispatcher] = signature

@@ -14,9 +14,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import numba
-
-from denoc_ros.kernels.cache import is_kept
+from denoc_ros.kernels.cache import cache_folder, is_kept
 
 LOG = logging.getLogger('denoc_ros')
 THREAD = 'compiling'  # name of the thread that compiles
@@ -117,11 +115,12 @@ def at_work() -> bool:
 
 def _lock_file(dispatcher: Any) -> Path | None:
     """Return the file that is locked by who compiles a kernel, and all with it; None: no cache."""
-    if not numba.config.CACHE_DIR:  # numba looks for places of its own
+    folder = cache_folder()
+    if folder is None:
         return None
     function = dispatcher.py_func
     name = f'{function.__module__.rpartition(".")[2]}.{function.__qualname__}.lock'
-    return Path(numba.config.CACHE_DIR, name)
+    return folder / name
 
 
 def _touched(lock: Path | None) -> float:

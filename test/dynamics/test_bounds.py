@@ -13,7 +13,8 @@ from strategies import random_state, seeded_robot
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.workspace import Workspace
-from denoc_ros.kernels import CHECKED, cache_folder, handle
+from denoc_ros.kernels import CHECKED, handle
+from denoc_ros.kernels.cache import cache_folder
 from denoc_ros.kernels.layout import BEAM_WORK, COORDINATE, WORK
 
 checked = pytest.mark.skipif(not CHECKED, reason='in the mode that checks offsets')
@@ -95,4 +96,6 @@ def test_dynamics_stay_within_their_arrays() -> None:
 
 def test_each_mode_has_a_cache_of_its_own() -> None:
     prefix = 'checked-' if CHECKED else 'kernels-'
-    assert cache_folder().name.startswith(prefix)
+    folder = cache_folder()
+    assert folder is not None
+    assert folder.name.startswith(prefix)

@@ -25,7 +25,6 @@ from denoc_ros.dynamics.robot_model import KERNELS
 from denoc_ros.kernels import (
     CHECKED,
     articulated,
-    cache_folder,
     closing,
     compiled,
     compiling,
@@ -33,15 +32,14 @@ from denoc_ros.kernels import (
     inverse,
     step,
 )
-from denoc_ros.kernels.cache import KernelLocator, is_kept
+from denoc_ros.kernels.cache import cache_folder, is_kept
 from denoc_ros.kernels.compiled import LongLoops, ShortLoops
 
 # three kernels that take a while, and are kept by a file as numba keeps them
 SLOW = """
 import logging, sys, time
-from pathlib import Path
 from types import SimpleNamespace
-import numba
+from denoc_ros.kernels.cache import SUFFIX, _write, cache_folder
 from denoc_ros.kernels.compiling import compile_in_turn
 
 logging.basicConfig(level=logging.INFO, format='%(message)s', stream=sys.stdout)
@@ -50,13 +48,13 @@ class Slow:
     def __init__(self, name):
         code = SimpleNamespace(co_firstlineno=1)
         self.py_func = SimpleNamespace(__module__='a.slow', __qualname__=name, __code__=code)
-        self.kept = Path(numba.config.CACHE_DIR, f'slow.{name}-1.py.nbi')
+        self.kept = cache_folder() / f'slow.{name}-1.key{SUFFIX}'
 
     def compile(self, signature):
         if not self.kept.exists():
             print('compiles', self.py_func.__qualname__, flush=True)
             time.sleep(1.0)
-            self.kept.touch()
+            _write(self.kept, b'')
 
 print('begins', flush=True)
 sys.stdin.readline()
@@ -105,6 +103,18 @@ class Quick:
         self.compiled.append(signature)
 
 
+@pytest.fixture
+def kernel_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Return an empty cache folder that this process uses instead of its own."""
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path))
+    cache_folder.cache_clear()
+    folder = cache_folder()
+    assert folder is not None
+    assert folder.parent == tmp_path
+    yield folder
+    cache_folder.cache_clear()
+
+
 @contextmanager
 def claimed_elsewhere(folder: Path) -> Iterator[Path]:
     """Hold the claim of a quick kernel as another process does; yield its lock."""
@@ -115,12 +125,11 @@ def claimed_elsewhere(folder: Path) -> Iterator[Path]:
 
 
 def test_a_claim_of_a_process_that_stands_still_holds_nobody_for_long(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kernel_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
     monkeypatch.setattr(compiling, 'PATIENCE', 0.2)
     kernel = Quick()
-    with claimed_elsewhere(tmp_path):
+    with claimed_elsewhere(kernel_folder):
         begin = time.monotonic()
         compiling.compile_in_turn([[(kernel, 'f(i)')]])
     assert set(kernel.compiled) == {'f(i)'}
@@ -128,12 +137,11 @@ def test_a_claim_of_a_process_that_stands_still_holds_nobody_for_long(
 
 
 def test_a_claim_of_a_process_at_work_is_kept_however_long_it_takes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kernel_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
     monkeypatch.setattr(compiling, 'PATIENCE', 2.0)  # a loaded machine may pause the signs
     kernel = Quick()
-    with claimed_elsewhere(tmp_path) as lock:
+    with claimed_elsewhere(kernel_folder) as lock:
         waiting = threading.Thread(
             target=compiling.compile_in_turn, args=([[(kernel, 'f(i)')]],), daemon=True
         )
@@ -146,8 +154,8 @@ def test_a_claim_of_a_process_at_work_is_kept_however_long_it_takes(
     assert set(kernel.compiled) == {'f(i)'}
 
 
-def test_who_compiles_touches_the_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    lock = tmp_path / 'quick.one.lock'
+def test_who_compiles_touches_the_lock(kernel_folder: Path) -> None:
+    lock = kernel_folder / 'quick.one.lock'
     seen: list[bool] = []
 
     class Long(Quick):
@@ -157,14 +165,12 @@ def test_who_compiles_touches_the_lock(tmp_path: Path, monkeypatch: pytest.Monke
                 wait_until(lambda: lock.stat().st_mtime > 1.0)
             seen.append(True)
 
-    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
     compiling.compile_in_turn([[(Long(), 'f(i)')]])
     assert seen
 
 
-def test_an_interrupt_does_not_wait_for_the_kernel_that_is_being_compiled(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures('kernel_folder')
+def test_an_interrupt_does_not_wait_for_the_kernel_that_is_being_compiled() -> None:
     begun, goes_on = threading.Event(), threading.Event()
 
     class Endless(Quick):
@@ -176,7 +182,6 @@ def test_an_interrupt_does_not_wait_for_the_kernel_that_is_being_compiled(
         begun.wait(60.0)
         os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
     threading.Thread(target=interrupt).start()
     with pytest.raises(KeyboardInterrupt):
         compiling.compile_in_turn([[(Endless(), 'f(i)')]])
@@ -204,22 +209,22 @@ def test_a_command_is_interrupted_while_it_compiles(tmp_path: Path) -> None:
             assert process.stderr.readline() == 'denoc: loading the compiler\n'
             assert process.stderr.readline().startswith('denoc: compiling')
             # within the first kernel: what it calls is compiled before it
-            wait_until(lambda: any(tmp_path.rglob('*.nbi')))
+            wait_until(lambda: any(tmp_path.rglob('*.kernel')))
             process.send_signal(signal.SIGINT)
             assert process.wait(60.0) == 130
         finally:
             process.kill()
         assert process.stderr.read() == 'denoc warmup: interrupted\n'
-    assert not any(tmp_path.rglob('inverse.inverse_dynamics-*.nbi'))  # it did not wait for it
+    assert not any(tmp_path.rglob('inverse.inverse_dynamics-*.kernel'))  # it did not wait for it
 
 
+@pytest.mark.usefixtures('kernel_folder')
 def test_a_file_system_without_locks_keeps_nobody_from_compiling(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def refuse(*_: Any) -> NoReturn:
         raise OSError(errno.ENOLCK, 'No locks available')
 
-    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
     monkeypatch.setattr(fcntl, 'flock', refuse)
     kernel = Quick()
     compiling.compile_in_turn([[(kernel, 'f(i)')]])
@@ -229,11 +234,9 @@ def test_a_file_system_without_locks_keeps_nobody_from_compiling(
 def test_kernels_are_kept_by_name_wherever_the_package_is() -> None:
     kernel = inverse.inverse_dynamics
     file = kernel.py_func.__code__.co_filename
-    locator = KernelLocator.from_function(kernel.py_func, file)
-    assert locator is not None
-    assert str(Path(file).parent) not in locator.get_cache_path()
-    assert KernelLocator.from_function(kernel.py_func, __file__) is None
-    assert kernel._cache.cache_path == locator.get_cache_path()
+    assert str(Path(file).parent) not in kernel._cache.cache_path
+    assert kernel._cache.cache_path == str(cache_folder())
+    assert isinstance(compiled.shared(doubled)._cache, NullCache)  # a function of this file
 
 
 def test_what_has_been_compiled_is_known() -> None:
@@ -241,17 +244,6 @@ def test_what_has_been_compiled_is_known() -> None:
 
     ready(inverse.inverse_dynamics)
     assert is_kept(inverse.inverse_dynamics)
-
-
-def test_compiled_code_of_somebody_else_is_not_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
-    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'theirs'))
-    monkeypatch.setattr('tempfile.tempdir', str(tmp_path / 'temporary'))
-    assert cache_folder().is_relative_to(tmp_path / 'theirs')
-    monkeypatch.setattr('denoc_ros.kernels._is_ours', lambda folder: 'theirs' not in folder.parts)
-    assert cache_folder().is_relative_to(tmp_path / 'temporary')
 
 
 def doubled(a: Any) -> None:

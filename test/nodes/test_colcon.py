@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -13,10 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from numba.core.caching import _CacheLocator
 
 from denoc_ros.cli.config import NODES
-from denoc_ros.kernels import cache_folder
 
 pytestmark = pytest.mark.ros
 
@@ -58,9 +55,8 @@ def search_path() -> str:
 
 
 @pytest.fixture(scope='module')
-def overlay(workspace: Path, repository: Path) -> dict[str, str]:
+def overlay(workspace: Path) -> dict[str, str]:
     """Return the environment after `. install/setup.sh`."""
-    carry_kernel_cache(repository, workspace)
     listed = subprocess.run(
         ['/bin/sh', '-c', '. install/setup.sh && env -0'],
         cwd=workspace,
@@ -72,20 +68,6 @@ def overlay(workspace: Path, repository: Path) -> dict[str, str]:
         check=True,
     )
     return dict(entry.split('=', 1) for entry in listed.stdout.split('\0') if entry)
-
-
-def carry_kernel_cache(repository: Path, workspace: Path) -> None:
-    """Let the installed kernels, the same files of the same time, use what is compiled already."""
-    kernels = repository / 'denoc_ros' / 'kernels'
-    (installed,) = (workspace / 'install').rglob('site-packages/denoc_ros/kernels')
-    for source in kernels.glob('*.py'):
-        shutil.copystat(source, installed / source.name)
-    compiled, wanted = (
-        cache_folder() / _CacheLocator.get_suitable_cache_subpath(str(folder / '__init__.py'))
-        for folder in (kernels, installed)
-    )
-    if compiled.is_dir():
-        shutil.copytree(compiled, wanted, dirs_exist_ok=True)
 
 
 def executable(workspace: Path, name: str) -> Path:
