@@ -33,6 +33,9 @@ CLUSTER = ['distributed>=2024.8', 'pyarrow>=15']
 # the page in the browser, and films
 VIEWER = ['viser>=1.0', 'imageio-ffmpeg>=0.5']
 
+# what exported models are compared with
+MUJOCO = ['mujoco>=3.17']
+
 # linear models for python-control's tools
 CONTROL = ['control>=0.10']
 
@@ -73,9 +76,11 @@ setup(
         'viewer': VIEWER,
         'cluster': CLUSTER,
         'control': CONTROL,
+        'mujoco': MUJOCO,
         'test': [
             *CLUSTER,
             *CONTROL,
+            *MUJOCO,
             *VIEWER,
             'pytest>=8',
             'pytest-xdist>=3.5',

@@ -27,6 +27,7 @@ VERBS = (
     'calibrate',
     'recover',
     'dh',
+    'export',
     'stability',
     'warmup',
     'bench',

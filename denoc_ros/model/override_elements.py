@@ -40,7 +40,7 @@ def set_attribute(
     element: Element, attribute: str, path: str, value: Value | Array, findings: Findings
 ) -> None:
     """Set an attribute to the value of a path, unless it is neither number nor text."""
-    if attribute == 'modes' and isinstance(value, float) and value.is_integer():
+    if attribute in ('modes', 'segments') and isinstance(value, float) and value.is_integer():
         value = int(value)  # parameters of nodes are doubles
     text = as_text(value)
     if text is None:

@@ -1,6 +1,6 @@
 """Change single numbers of a robot by dotted paths.
 
-`beam.<link>.<y|z>.<ei|modes|damping_ratio|damping>`,
+`beam.<link>.<shape|segments>`, `beam.<link>.<y|z>.<ei|modes|damping_ratio|damping>`,
 `beam.<link>.torsion.<gj|polar_inertia|modes|damping_ratio|damping>`,
 `joint.<name>.<damping|friction|armature>`, of an elastic joint
 `joint.<name>.<stiffness|spring_damping|stiffness3|backlash>`,
@@ -39,6 +39,7 @@ from denoc_ros.types import Array
 Given = TypeVar('Given')
 
 FAMILIES = ('beam', 'joint', 'payload', 'sensor', 'damping')
+WHOLE_BEAM_FIELDS = ('shape', 'segments')
 BEAM_FIELDS = {
     'y': ('ei', 'modes', *DAMPING),
     'z': ('ei', 'modes', *DAMPING),
@@ -247,6 +248,11 @@ def _override_beam(
     root: Element, path: str, rest: str, value: Value | Array, findings: Findings
 ) -> None:
     for beam in root.iterfind('flexibility/beam'):
+        for field in WHOLE_BEAM_FIELDS:
+            if rest == f'{beam.get("link")}.{field}':
+                set_attribute(beam, field, path, value, findings)
+                _fit_to_segments(beam, field)
+                return
         for part in beam.findall('bending') + beam.findall('torsion'):
             name = part.get('direction', 'torsion')
             for field in BEAM_FIELDS.get(name, ()):
@@ -258,6 +264,16 @@ def _override_beam(
     unknown_path(path, _known_beams(root), findings)
 
 
+def _fit_to_segments(beam: Element, field: str) -> None:
+    """Drop the shape and further modes' damping ratios of a beam that is divided now."""
+    if field != 'segments' or beam.get('segments') == '1':
+        return
+    beam.attrib.pop('shape', None)
+    for part in beam.findall('bending') + beam.findall('torsion'):
+        if len(ratios := part.get('damping_ratio', '').split()) > 1:
+            part.set('damping_ratio', ratios[0])
+
+
 def _known_beams(root: Element) -> list[str]:
     known = []
     for beam in root.iterfind('flexibility/beam'):
@@ -265,6 +281,7 @@ def _known_beams(root: Element) -> list[str]:
             name = part.get('direction', 'torsion')
             fields = '|'.join(BEAM_FIELDS.get(name, ()))
             known.append(f'beam.{beam.get("link")}.{name}.<{fields}>')
+        known.append(f'beam.{beam.get("link")}.<{"|".join(WHOLE_BEAM_FIELDS)}>')
     return known
 
 

@@ -183,6 +183,7 @@ def make_sensor(element: SensorElement, body: int, beam: Beam) -> Sensor:
         element.component,
         min(element.station, beam.whole_length),
         element.direction,
+        element.surface,
     )
 
 

@@ -194,6 +194,7 @@ class Sensor:
     component: str  # moment | shear for a load cell, else ''
     station: float = 0.0  # m, on the link's whole beam
     direction: str = ''  # y | z
+    surface: float = 0.0  # m, of a strain gauge
 
 
 INERTIAL_PARTS = {

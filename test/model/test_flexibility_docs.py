@@ -87,11 +87,13 @@ def test_the_dotted_paths_of_the_reference_work() -> None:
     odd: dict[str, float | str] = {
         'polar_inertia': 1e-4,
         'modes': 2,
+        'shape': 'craig-bampton',
+        'segments': 2,
         'com': '0 0 0',
         'inertia': '1 0 0 1 0 1',
     }
     paths = [path.replace('\\|', '|') for path in re.findall(r'\| `([a-z]+\.<[^`]*)`', TEXT)]
-    assert len(paths) == 8
+    assert len(paths) == 9
     robot = EXAMPLE.replace('<actuator', f'{IMU}<actuator', 1)
     for path in paths:
         stem, fields = path.rsplit('.', 1)

@@ -282,3 +282,33 @@ def test_an_edited_description_is_checked(arm_text: str) -> None:
         edited_description(arm_text, {'payload.upper_arm.mass': 1.0})
     with pytest.raises(ModelError, match='damping_ratio'):
         edited_description(arm_text, {'beam.upper_arm.y.damping_ratio': -0.1})
+
+
+def test_a_divided_beam_keeps_the_damping_of_its_first_mode(arm_text: str) -> None:
+    arm_text = arm_text.replace('damping_ratio="0.005"', 'damping_ratio="0.005 0.009"')
+    assert '0.005 0.009' in arm_text
+    divided = beam_of(with_overrides(arm_text, {'beam.upper_arm.segments': 3}), 'upper_arm')
+    said = arm_text.replace('<beam link="upper_arm"', '<beam link="upper_arm" segments="3"')
+    said = said.replace('damping_ratio="0.005 0.008"', 'damping_ratio="0.005"')
+    said = said.replace('damping_ratio="0.005 0.009"', 'damping_ratio="0.005"')
+    written = beam_of(load_tree(said), 'upper_arm')
+    assert divided.segments == written.segments == 3
+    for part in ('y', 'z', 'torsion'):
+        one, other = getattr(divided, part), getattr(written, part)
+        np.testing.assert_array_equal(one.damping, other.damping)
+
+
+def test_another_shape_is_that_of_the_attribute(arm_text: str) -> None:
+    tree = with_overrides(arm_text, {'beam.upper_arm.shape': 'craig-bampton'})
+    said = load_tree(
+        arm_text.replace('<beam link="upper_arm"', '<beam link="upper_arm" shape="craig-bampton"')
+    )
+    one, other = beam_of(tree, 'upper_arm').y, beam_of(said, 'upper_arm').y
+    assert one is not None
+    assert other is not None
+    np.testing.assert_array_equal(one.modal_stiffness, other.modal_stiffness)
+
+
+def test_a_shape_that_is_none_is_refused(arm_text: str) -> None:
+    with pytest.raises(ModelError, match='shape must be one of'):
+        with_overrides(arm_text, {'beam.upper_arm.shape': 'round'})

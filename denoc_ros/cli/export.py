@@ -1,0 +1,140 @@
+"""`denoc export mjcf ROBOT -o ARM.xml`: the robot as another simulator's model."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from denoc_ros.cli.arguments import add_gravity, given_file
+from denoc_ros.cli.overrides import add_overrides, overrides_of
+from denoc_ros.cli.postures import add_postures, posture, read_postures
+from denoc_ros.reports.text_table import text_table
+
+if TYPE_CHECKING:
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.simulation.mujoco_chain import Comparison
+
+FINER = 8  # segments per beam of the model that ours is compared with
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        'export',
+        help="write a robot as MuJoCo's model, each beam a chain of rods on sprung hinges",
+        description="Write a robot as MuJoCo's model: each beam becomes a chain of rigid rods on "
+        'sprung hinges, which has nothing of the shape functions. What MJCF cannot hold is '
+        'refused by name.',
+    )
+    parser.add_argument('format', choices=('mjcf',), help='mjcf: an XML file of MuJoCo')
+    parser.add_argument('robot', help='the URDF file')
+    parser.add_argument(
+        '-o', '--output', type=Path, required=True, help='the file to write, a new file'
+    )
+    parser.add_argument(
+        '--segments', metavar='N', type=int, default=16,
+        help='hinges per beam and deformation; default: 16',
+    )  # fmt: skip
+    add_gravity(parser)
+    add_overrides(parser)
+    parser.add_argument(
+        '--verify',
+        action='store_true',
+        help="compare natural frequencies and sag with MuJoCo's, joints held; needs mujoco",
+    )
+    add_postures(parser)
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb and return the exit status; errors are raised."""
+    from denoc_ros.cli.new_file import require_new, write_new
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.model.mjcf import mjcf
+    from denoc_ros.model.overrides import with_overrides
+
+    require_new(args.output)
+    file = given_file(args.robot, 'robot')
+    tree = with_overrides(file, overrides_of(args.set, args.payload))
+    robot = Robot(tree, gravity=tuple(args.gravity))
+    made = mjcf(tree, robot.gravity, args.segments, file.parent)
+    summary: dict[str, Any] = {'output': str(args.output), 'notes': list(made.notes)}
+    if args.verify:
+        summary['verified'] = _verify(robot, made.text, args.at)
+    write_new(args.output, made.text)
+    if args.json:
+        print(json.dumps(summary, indent=2))
+        return 0
+    print(f'{args.output}: {len(robot.joint_names)} joints, {args.segments} hinges per beam')
+    for found in summary.get('verified', ()):
+        _print(found)
+    for note in made.notes:
+        print(f'denoc export: note: {note}', file=sys.stderr)
+    return 0
+
+
+def _verify(robot: Robot, text: str, at: Any) -> list[dict[str, Any]]:
+    """Return frequencies and sags at each posture, ready for JSON."""
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.model.overrides import with_overrides
+    from denoc_ros.simulation.mujoco_chain import compare
+
+    if len(robot.base_indices):
+        robot = Robot(robot.tree, gravity=(0.0, 0.0, 0.0))
+    finer = Robot(with_overrides(robot.tree, _finer(robot)), gravity=tuple(robot.gravity))
+    postures = read_postures(robot, at) or [posture(robot, [0.0] * len(robot.joint_names))]
+    found = []
+    for each in postures:
+        joints = each.q[robot.joint_indices].tolist()
+        fine = compare(finer, text, posture(finer, joints).q)
+        found.append(_rows(each.name, compare(robot, text, each.q), fine))
+    return found
+
+
+def _finer(robot: Robot) -> dict[str, Any]:
+    """Return overrides that divide every undivided beam."""
+    from denoc_ros.model.segments import whole_beams
+
+    divided: dict[str, Any] = {}
+    for whole in whole_beams(robot.tree):
+        if whole.segments == 1:
+            divided[f'beam.{whole.link}.segments'] = FINER
+    return divided
+
+
+def _rows(name: str, own: Comparison, fine: Comparison) -> dict[str, Any]:
+    frequencies = [
+        {
+            'model_hz': float(ours),
+            'segments_hz': float(converged),
+            'mujoco_hz': float(theirs),
+            'model_percent': 100.0 * (float(ours) / float(theirs) - 1.0),
+            'segments_percent': 100.0 * (float(converged) / float(theirs) - 1.0),
+        }
+        for ours, converged, theirs in zip(own.ours, fine.ours, own.mujoco, strict=False)
+    ]
+    sags = [
+        {
+            'link': sag.link,
+            'model_m': [float(value) for value in sag.ours],
+            'mujoco_m': [float(value) for value in sag.mujoco],
+            'model_percent': 100.0 * sag.difference,
+            'segments_percent': 100.0 * finer.difference,
+        }
+        for sag, finer in zip(own.sags, fine.sags, strict=True)
+    ]
+    return {'at': name, 'natural_frequencies': frequencies, 'sag': sags}
+
+
+def _print(found: dict[str, Any]) -> None:
+    at = found['at']
+    said = f'our model, the same with {FINER} segments per beam, and MuJoCo'
+    if found['natural_frequencies']:
+        table = text_table(found['natural_frequencies'])
+        print(f'\nnatural frequencies, joints held at ({at}): {said}\n{table}')
+        print(f'\nsag of the tips there\n{text_table(found["sag"])}')
+    else:
+        print(f'\nno beam bends: nothing vibrates with the joints held at ({at})')
