@@ -203,7 +203,7 @@ def wait_for(writer: BackgroundWriter, condition: Callable[[WriterStatus], bool]
     """Wait until a condition holds of the status; return how long that took [s]."""
     begin = time.monotonic()
     while not condition(writer.status()):
-        assert time.monotonic() < begin + 10.0
+        assert time.monotonic() < begin + 60.0
         time.sleep(0.005)
     return time.monotonic() - begin
 

@@ -155,8 +155,8 @@ def test_signals_are_honoured_while_a_node_compiles(
             assert line, 'the node must say that it compiles'
         process.send_signal(signal.SIGTERM)
         began = time.monotonic()
-        assert process.wait(30.0) == 0
-        assert time.monotonic() - began < 10.0  # a second on a machine that does nothing else
+        assert process.wait(60.0) == 0
+        assert time.monotonic() - began < 20.0  # a second on a machine that does nothing else
         assert process.stderr is not None
         assert process.stderr.read() == ''
 
@@ -178,12 +178,12 @@ def test_a_player_ends_as_it_is_told(graph: Any, tmp_path: Path, numbers: list[i
     bag = tmp_path / 'bag'
     write_motion(bag)
     states = graph.collect(JointState, '/joint_states')
-    command = [sys.executable, '-m', 'denoc_ros.cli.player', str(bag), '--speed', '0.02']  # 50 s
+    command = [sys.executable, '-m', 'denoc_ros.cli.player', str(bag), '--speed', '0.005']  # 200 s
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         graph.until(lambda: len(states) > 1, timeout=60.0)
         for number in numbers:
             process.send_signal(number)
             time.sleep(0.05)
-        assert process.wait(20.0) == 0
+        assert process.wait(60.0) == 0
         assert process.stderr is not None
         assert process.stderr.read() == ''

@@ -88,7 +88,7 @@ def test_values_are_fused_and_the_gyros_biases_found(graph: Any, urdf: str) -> N
         to_accel.publish(accel(stamp, shown[6:]))
         return all(count['accepted'] > 100 for count in fusion.counts)
 
-    graph.until(send, 30.0)
+    graph.until(send)
     # one value leaves 0.01 rad/s, a hundred a tenth of that: half a bias is far from both
     np.testing.assert_allclose(fusion.biases[:3], BIAS, atol=0.5 * np.abs(BIAS).min())
     np.testing.assert_allclose(node.observer.q, q, atol=0.02)

@@ -84,7 +84,7 @@ def test_a_signal_ends_with_the_safe_command_and_status_0(
     graph.until(carried)
     process.send_signal(number)
     graph.until(lambda: process.poll() is not None)
-    graph.spin(0.1)
+    graph.spin(0.3)  # let what is under way arrive
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
     robot = load_robot(urdf, gravity=(0.0, -9.81, 0.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -22,12 +24,19 @@ from denoc_ros.errors import BagError
 pytestmark = pytest.mark.ros
 
 FLUSH_PERIOD = 0.2
-DELIVERY = 0.1  # s that a loaded machine may take from publishing to the recorder
+DELIVERY = 0.1  # s from publishing to the recorder, where no thread waits for a processor
 RATE = 1000.0
+PATIENCE = 60.0  # s for what takes a second on a machine that does nothing else
 
 
 class Stream:
-    """Publishes numbered joint states from a thread and remembers when."""
+    """Publishes numbered joint states from a thread and remembers when.
+
+    Attributes
+    ----------
+    times : list of float
+        [s] of each message.
+    """
 
     def __init__(self, publisher: Any) -> None:
         self.times: list[float] = []
@@ -45,10 +54,20 @@ class Stream:
             self.times.append(time.perf_counter())
             time.sleep(max(0.0, start + len(self.times) / RATE - time.perf_counter()))
 
+    def wait_for_all(self) -> None:
+        """End the thread; wait until all that was published has come to the recorder's process."""
+        self.stop()
+        assert self._publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
+
+    @property
+    def longest_wait(self) -> float:
+        """The longest time [s] that this thread waited for a processor, beyond its period."""
+        return max(b - a for a, b in itertools.pairwise(self.times)) - 1.0 / RATE
+
     def stop(self) -> None:
         """End the thread."""
         self._running = False
-        self._thread.join(5.0)
+        self._thread.join(PATIENCE)
 
 
 @pytest.fixture
@@ -76,15 +95,18 @@ def test_killed_recorder_loses_at_most_the_flush_period(
     stream = stream_for(graph, 1.5)
     killed = time.perf_counter()
     recorder.kill()
-    recorder.wait(60.0)
+    recorder.wait(PATIENCE)
     stream.stop()
     with pytest.raises(BagError, match='denoc recover'):
         list(read_bag(tmp_path / 'run'))
     result = recover(tmp_path / 'run')
     numbers = [item.message.header.stamp.nanosec for item in read_bag(result.path)]
-    due = sum(moment < killed - FLUSH_PERIOD - DELIVERY for moment in stream.times)
+    # the recorder has two threads that may wait as long as the one of this test
+    latest = killed - FLUSH_PERIOD - DELIVERY - 2.0 * stream.longest_wait
+    due = sum(moment < latest for moment in stream.times)
     assert numbers == list(range(len(numbers)))
-    assert len(numbers) >= due > 500
+    assert len(numbers) >= due
+    assert len(numbers) > 100
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -92,10 +114,9 @@ def test_told_to_end_it_leaves_a_whole_bag(
     graph: Any, recorder: subprocess.Popen[str], tmp_path: Path, number: signal.Signals
 ) -> None:
     stream = stream_for(graph, 0.5)
-    stream.stop()
-    time.sleep(DELIVERY)
+    stream.wait_for_all()
     recorder.send_signal(number)
-    _, said = recorder.communicate(timeout=60.0)
+    _, said = recorder.communicate(timeout=PATIENCE)
     assert recorder.returncode == 0
     numbers = [item.message.header.stamp.nanosec for item in read_bag(tmp_path / 'run')]
     assert numbers == list(range(len(stream.times)))
@@ -105,7 +126,7 @@ def test_told_to_end_it_leaves_a_whole_bag(
 def test_existing_output_is_one_message_and_status_1(graph: Any, tmp_path: Path) -> None:
     command = [sys.executable, '-m', 'denoc_ros.nodes.recorder', '--ros-args']
     done = subprocess.run(
-        [*command, '-p', f'output:={tmp_path}'], capture_output=True, text=True, timeout=60
+        [*command, '-p', f'output:={tmp_path}'], capture_output=True, text=True, timeout=PATIENCE
     )
     assert done.returncode == 1
     assert 'must not exist yet' in done.stderr
@@ -142,9 +163,9 @@ def test_an_interpreter_that_is_held_for_good_ends_the_process(graph: Any, tmp_p
     command = [sys.executable, '-c', LOCKED, '--ros-args', '-p', f'output:={tmp_path / "run"}']
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         client = graph.probe.create_client(Trigger, '/recorder/mark')
-        assert client.wait_for_service(20.0)
+        graph.until(client.service_is_ready)
         client.call_async(Trigger.Request())
-        assert process.wait(20.0) == 1
+        assert process.wait(PATIENCE) == 1
         assert process.stderr is not None
         assert 'Timeout' in process.stderr.read()
     assert recover(tmp_path / 'run').damaged_chunks == 0
@@ -156,12 +177,12 @@ def test_a_hanging_executor_leaves_a_whole_bag(graph: Any, tmp_path: Path) -> No
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         stream = stream_for(graph, 1.0)
         client = graph.probe.create_client(Trigger, '/recorder/mark')
-        assert client.wait_for_service(10.0)
-        due = sum(moment < time.perf_counter() - DELIVERY for moment in stream.times)
+        graph.until(client.service_is_ready)
+        stream.wait_for_all()
+        due = len(stream.times)
+        graph.until(lambda: graph.value('recorder: recording', 'written') == str(due))
         client.call_async(Trigger.Request())
-        assert process.wait(20.0) == 1
-        stream.stop()
+        assert process.wait(PATIENCE) == 1
         assert process.stderr is not None
         assert 'executor must turn within 1.5 s' in process.stderr.read()
-    # on a busy machine a thread sends less often than it should
-    assert len(list(read_bag(tmp_path / 'run'))) >= due > 100
+    assert len(list(read_bag(tmp_path / 'run'))) == due

@@ -75,7 +75,7 @@ def test_a_tick_moves_the_deadlines_of_its_loop() -> None:
 
     loop = RealtimeLoop(1.0 / period, tick)
     loop.start()
-    end = time.perf_counter() + 10.0
+    end = time.perf_counter() + 60.0
     while len(deadlines) < 8:
         assert time.perf_counter() < end
         time.sleep(0.005)

@@ -54,7 +54,7 @@ def motion() -> dict[str, np.ndarray]:
     }
 
 
-def until(condition: Callable[[], object], timeout: float = 20.0) -> None:
+def until(condition: Callable[[], object], timeout: float = 60.0) -> None:
     end = time.perf_counter() + timeout
     while not condition():
         assert time.perf_counter() < end, 'the condition did not come about in time'

@@ -39,5 +39,5 @@ def test_a_process_that_was_stopped_does_not_count_as_hung(
             it.send_signal(signal.SIGSTOP)
             time.sleep(1.7)  # more than the patience, less than twice
             it.send_signal(signal.SIGCONT)
-        assert it.wait(20.0) == status
+        assert it.wait(60.0) == status
         assert it.stdout.read() == said
