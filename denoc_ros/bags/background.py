@@ -149,6 +149,12 @@ class BackgroundWriter:
         self._queue.append((topic, stamp_ns, raw, publish_ns))
         return True
 
+    @property
+    def share_queued(self) -> float:
+        """Share of the queue that waits for the disk."""
+        waiting = (self._bytes_put - self._bytes_taken) / self._queue_bytes
+        return max(len(self._queue) / self._queue_size, waiting)
+
     def _refusal(self, size: int) -> str:
         """Return why the queue does not take a message of so many bytes, '' where it does."""
         if self._failure or self._stopping.is_set():

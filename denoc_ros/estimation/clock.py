@@ -45,7 +45,7 @@ class StampClock:
             self._shared = 0.0 <= wall - stamp <= SAME_CLOCK
             self._offset, self._arrival = arrival - stamp, arrival
         if self._shared:
-            return min(arrival, stamp + (arrival - wall))
+            return min(arrival, arrival - (wall - stamp))
         self._offset += DRIFT * (arrival - self._arrival)
         self._offset = min(self._offset, arrival - stamp)
         self._arrival = arrival

@@ -13,26 +13,26 @@ from typing import Any
 import numpy as np
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
-from rclpy.clock import Clock, ClockType, JumpThreshold
-from rclpy.duration import Duration
+from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from denoc_ros.errors import DenocError
+from denoc_ros.nodes.clock_input import ClockInput
 from denoc_ros.nodes.diagnostics import DiagnosticsPublisher, callback_status
 from denoc_ros.nodes.guarded_node import GuardedNode
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.messages import wait_until_delivered
 from denoc_ros.runtime.clocks import Clock as RobotClock
-from denoc_ros.runtime.clocks import SteadyClock
+from denoc_ros.runtime.clocks import SimulatedClock, SteadyClock
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.parameter_files import shared_names
 from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
 from denoc_ros.runtime.realtime import freeze_gc, make_callbacks_timely
 from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.runtime.signals import SIGNALS
-from denoc_ros.runtime.status import Status, input_status
+from denoc_ros.runtime.status import Status, clock_status, input_status
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -42,11 +42,10 @@ EVERY_MESSAGE = QoSProfile(depth=10000, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-SET_BACK = JumpThreshold(
-    min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
-)
+POLL_PERIOD = 0.02  # s of wall time between looks at a clock that no loop waits for
 # parameters that rclpy itself declares
-FOREIGN = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+SIMULATED = 'use_sim_time'
+FOREIGN = (SIMULATED, 'start_type_description_service', 'qos_overrides.')
 
 
 class DenocNode(GuardedNode):
@@ -87,6 +86,7 @@ class DenocNode(GuardedNode):
         What was asked of the system to be on time: `taken: …`, `refused: …` or `off`.
     """
 
+    clock_depth = 1  # messages of /clock that wait
     prioritized: Callable[[int], dict[str, str]] = staticmethod(make_callbacks_timely)
 
     def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
@@ -120,11 +120,9 @@ class DenocNode(GuardedNode):
             self.destroy_node()
             raise
         self._declare()
-        self.clock: RobotClock = SteadyClock(self._now_ns)
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._time_jumps = self.get_clock().create_jump_callback(
-            SET_BACK, post_callback=self._on_time_set_back
-        )
+        self.clock_input: ClockInput | None = None
+        self.clock = self.make_clock()
         self._diagnostics = DiagnosticsPublisher(self)
         self.create_timer(1.0, self._every_second, clock=self.steady_clock)
 
@@ -201,6 +199,10 @@ class DenocNode(GuardedNode):
         if self._showing:
             return SetParametersResult(successful=True)
         given = {p.name: p.value for p in parameters if not p.name.startswith(FOREIGN)}
+        used = self.get_parameter(SIMULATED).value
+        if any(p.name == SIMULATED and p.value != used for p in parameters):
+            reason = f"parameter '{SIMULATED}' must be given when the node starts, got it later"
+            return SetParametersResult(successful=False, reason=reason)
         try:
             changes = self.plain(self.table.changes(self.settings, given))
             if changes:
@@ -287,19 +289,34 @@ class DenocNode(GuardedNode):
         """Return now for headers [ns]: the system's time, or simulated time where in use."""
         return self.clock.now_ns()
 
-    def _now_ns(self) -> int:
-        return int(self.get_clock().now().nanoseconds) if self._simulated() else time.time_ns()
+    # ---- time
 
-    def _simulated(self) -> bool:
-        return bool(self._time_source.ros_time_is_active)
+    def make_clock(self) -> RobotClock:
+        """Return the robot's time: of /clock where `use_sim_time` is true."""
+        if not self.get_parameter(SIMULATED).value:
+            return SteadyClock()
+        self.clock_input = ClockInput(self, self.clock_depth)
+        self.create_timer(POLL_PERIOD, self.follow_clock, clock=self.steady_clock)
+        return SimulatedClock(self.clock_input.receive, self._on_new_time, self.on_standing)
 
-    def _on_time_set_back(self, jump: Any) -> None:
-        """Take what comes next as it is stamped: simulated time begins anew."""
-        if jump.delta.nanoseconds < 0:
-            for monitor in self.monitors:
-                monitor.forget_stamp()
-            back = -1e-9 * jump.delta.nanoseconds
-            self.to_log.append(f'simulated time went back by {back:.3f} s: older stamps are taken')
+    def follow_clock(self) -> None:
+        """Look at the time, where no loop does."""
+        if isinstance(self.clock, SimulatedClock):
+            self.clock.poll()
+
+    def on_standing(self) -> None:
+        """Do what is to be done while a loop waits for a clock that stands."""
+
+    def _on_new_time(self, by: float) -> None:
+        """Begin anew: simulated time was set by so many seconds."""
+        way = 'back' if by < 0.0 else 'ahead'
+        self.to_log.append(f'simulated time was set {way} by {abs(by):.3f} s: all begins anew')
+        for monitor in self.monitors:
+            monitor.reset()
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget what belongs to a time that is no more."""
 
     # ---- diagnostics
 
@@ -311,6 +328,9 @@ class DenocNode(GuardedNode):
         while self.to_log:
             self.get_logger().warning(self.to_log.popleft())
         statuses = self.guard.calling('diagnostics', self.statuses)() or []
+        if self.clock_input is not None and isinstance(self.clock, SimulatedClock):
+            silence = time.perf_counter() - self.clock.heard
+            statuses.append(clock_status(self.clock, silence, self.clock_input.publishers))
         if self.monitors:
             statuses.append(input_status(self.monitors, self.clock.now()))
         if self.guard.failures:

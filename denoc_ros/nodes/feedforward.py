@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -28,7 +27,7 @@ from denoc_ros.runtime.following import STALE_JOINTS
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.live_torque import LiveTorque
 from denoc_ros.runtime.motion_bounds import motion_bounds
-from denoc_ros.runtime.phase_lock import PhaseLock
+from denoc_ros.runtime.phase_lock import PLACE, PhaseLock
 from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
 from denoc_ros.runtime.safety import InputMonitor, SafeCommand, TorqueLimiter, torque_limits
 from denoc_ros.runtime.stamps import StampOf
@@ -87,10 +86,13 @@ class FeedforwardNode(LiveFeedforward):
             self.robot.joint_names,
             self.bounds,
         )
-        self.torque = LiveTorque(self._build(self.robot, settings), not self.by_message)
+        self.torque = LiveTorque(self._build(self.robot, settings), self.in_hurry)
         self._has_loops = bool(self.robot.tree.loops)
         synchronous = settings.flag('sync_to_joint_states') and not self.by_message
-        self.phase = PhaseLock(self.period) if synchronous else None
+        simulated = self.clock.is_simulated
+        self.phase = PhaseLock(self.period) if synchronous and not simulated else None
+        # simulated ticks are at the joint states' stamps, not half a period after them
+        self._ahead = PLACE * self.period if synchronous and simulated else 0.0
         self._joint_clock = StampClock()
         self._cause = 'waiting'
         self._message_time: int | None = None
@@ -217,12 +219,13 @@ class FeedforwardNode(LiveFeedforward):
             self._message_time = None
             self.begin()
         else:
+            self.feedback.search()
             super().activate()
 
     def tick(self, steps: int) -> None:
         """Publish the torque for now: along the reference, else the safe command."""
         if self.loop is not None:
-            self._tick_time = self.loop.deadline
+            self._tick_time = self.loop.deadline + self._ahead
             if self.phase is not None:
                 self.loop.shift = self.phase.shift(self._tick_time)
         now = self.clock.now()
@@ -253,6 +256,29 @@ class FeedforwardNode(LiveFeedforward):
         if cause and self._cause == 'following':
             self._takeovers += 1
         self._cause = cause or 'following'
+        if self.clock.is_simulated:
+            self._watch()
+
+    def on_standing(self) -> None:
+        """Look after the gains as well."""
+        self._watch()
+        super().on_standing()
+
+    def restart(self) -> None:
+        """Forget the reference too: it belongs to a time that is no more."""
+        self.follower.clear()
+        self._message_time = None
+        super().restart()
+
+    @property
+    def holds_time(self) -> bool:
+        """Whether gains of the feedback are in work."""
+        return self.feedback.busy
+
+    @property
+    def sent(self) -> int:
+        """How many commands have left."""
+        return self.output.sent
 
     def _plan(self) -> tuple[TorqueFeedforward, Array, float, float]:
         """Return what the feedback has to know of this tick's plan beside its torque."""
@@ -338,9 +364,8 @@ class FeedforwardNode(LiveFeedforward):
             self._publish(self.limiter.apply(self.limiter.last))
         return not self._fresh
 
-    def deactivate(self) -> None:
-        """Stop the loop, go to the safe command, then say it again."""
-        super().deactivate()
+    def come_to_rest(self) -> None:
+        """Go to the safe command, then say it again."""
         self.feedback.stop()
         if self.by_message:
             return
@@ -356,7 +381,9 @@ class FeedforwardNode(LiveFeedforward):
                 return
             changed = np.abs(self.limiter.last - before).max() > 1e-9
             repeats = 0 if changed or not self.safe.settled(now) else repeats + 1
-            time.sleep(max(self.period, FINAL_SPACING) if repeats else self.period)
+            self._tell_progress()
+            if not self.clock.sleep(max(self.period, FINAL_SPACING) if repeats else self.period):
+                repeats = FINAL_COMMANDS  # time stands: nothing more will change
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -9,18 +9,24 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile
+from trajectory_msgs.msg import JointTrajectory
 
+from denoc_ros.bags.cdr import CdrError, CdrReader
 from denoc_ros.runtime.active_publishers import ActivePublishers
 from denoc_ros.runtime.clocks import Clock
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.safety import InputMonitor
+from denoc_ros.runtime.trajectory_messages import point_stamp_ns
 
 HELD = 4  # heavy messages that wait; more of them in so short a time are a flood
 TAKE_TIME = 2e-3  # s of a processor for the messages of one take; then the newest only
 AWAY = 0.01  # s since the last take after which the process is taken to have stood still
 HEAVY_TIME = 0.01  # s at a time for heavy messages, or one of them
 HEAVY_SHARE = 0.25  # of the time, so that services and timers are served in a flood
-# raw message, and when it arrived on the steady clock [s]
+# ns that a stamp of the simulated clock may be before, or ahead of, the clock when it comes
+SAME_CLOCK = 1_000_000_000
+EVEN = 1000  # ns by which intervals of a regular input differ
+# raw message, and when it arrived on the robot's clock [s]
 Handler = Callable[[bytes, float], None]
 
 
@@ -83,6 +89,25 @@ def _taken(subscription: Any, depth: int) -> Iterator[tuple[bytes, Any]]:
         yield taken
 
 
+def stamp_reader(message_type: type) -> Callable[[bytes], int]:
+    """Return what reads from which simulated time on a message counts [ns]; 0: at once.
+
+    A streamed point counts from the first tick after its stamp: a tick at its stamp may be over
+    when it comes. A whole motion has its start in it.
+    """
+    if message_type is JointTrajectory:
+        return point_stamp_ns
+    fields = list(message_type.get_fields_and_field_types())  # type: ignore[attr-defined]
+    return _header_stamp_ns if fields[0] == 'header' else lambda _raw: 0
+
+
+def _header_stamp_ns(raw: bytes) -> int:
+    try:
+        return CdrReader(raw).stamp_ns()
+    except CdrError:  # who handles it will say so
+        return 0
+
+
 class Subscriber(Protocol):
     """What makes the subscription, and hears of what is refused."""
 
@@ -100,6 +125,10 @@ class Input:
 
     What would take a loop too long waits, with what comes after it, for `take_heavy` in another
     thread.
+
+    In simulated time, which has no hurry, nothing is too long. There a message counts from its
+    stamp on: one for later waits, and the moment it is handled with is that of its stamp. A
+    regular input's next message is `missing` when a tick at its time begins before it has come.
 
     Parameters
     ----------
@@ -119,6 +148,10 @@ class Input:
     monitor : InputMonitor
         As given.
     subscription : rclpy Subscription
+    missing : bool
+        Whether a message is due at the moment at hand that has not come.
+    number : int or None
+        Of the newest message, as its publisher counts; None before the first.
     longest : float
         Bytes; what is longer and not heavy is refused before anything of it is read.
     """
@@ -154,6 +187,11 @@ class Input:
         self._publishers = self.subscription.handle.get_publisher_count
         self._publishing = 0  # publishers after the last take
         self._active_publishers = ActivePublishers(monitor.max_publishers)
+        self.number: int | None = None
+        self._stamp_ns = stamp_reader(message_type)
+        # from when they count [ns], whether that is by their stamps, and who sends
+        self._later: deque[tuple[int, bool, bytes, int]] = deque()
+        self._interval = self._last_ns = self._expected_ns = 0
 
     def take(self) -> None:
         """Handle all that has arrived since the last call, at most what the queue holds."""
@@ -167,9 +205,16 @@ class Input:
         publishers = self._publishers()
         publishing, self._publishing = max(publishers, self._publishing), publishers
         if not waiting:
+            self._give_due()
             return
         numbers = [info['publication_sequence_number'] for _, info in waiting]
         sending = self._active_publishers.count(publishing, numbers, self._last_take)
+        self.number = numbers[-1]
+        if self._node.clock.is_simulated:
+            for raw, _ in waiting:
+                self._queue(raw, sending)
+            self._give_due()
+            return
         begin = time.thread_time() if len(waiting) > 2 else math.inf
         moments = arrivals([info for _, info in waiting], before)
         for place, ((raw, _), came) in enumerate(zip(waiting, moments, strict=True), 1):
@@ -180,9 +225,44 @@ class Input:
             else:
                 self._give(raw, came, sending)
 
+    def _queue(self, raw: bytes, sending: int) -> None:
+        """Let a message wait for the simulated time from which it counts."""
+        clock = self._node.clock
+        stamp_ns, now_ns = self._stamp_ns(raw), clock.now_ns()
+        oldest, newest = now_ns - SAME_CLOCK, clock.shown_ns + SAME_CLOCK
+        stamped = stamp_ns > 0 and oldest <= stamp_ns <= newest
+        self._later.append((stamp_ns if stamped else now_ns, stamped, raw, sending))
+        if not stamped:
+            return
+        interval, self._last_ns = stamp_ns - self._last_ns, stamp_ns
+        even = abs(interval - self._interval) <= EVEN
+        self._interval = interval
+        self._expected_ns = stamp_ns + interval if even and interval > 0 else 0
+
+    @property
+    def missing(self) -> bool:
+        """Whether a regular input's message is due that has not come."""
+        return 0 < self._expected_ns <= self._node.clock.now_ns() + EVEN
+
+    def expect_nothing(self) -> None:
+        """Wait for no message: it may have been lost, or nobody sends any more."""
+        self._expected_ns = 0
+
+    def forget(self) -> None:
+        """Drop what waits: simulated time begins anew."""
+        self._later.clear()
+        self._interval = self._last_ns = self._expected_ns = 0
+
+    def _give_due(self) -> None:
+        """Handle what counts by now."""
+        later, clock = self._later, self._node.clock
+        while later and later[0][0] <= clock.now_ns():
+            due_ns, stamped, raw, sending = later.popleft()
+            self._give(raw, clock.moment(due_ns) if stamped else clock.now(), sending)
+
     def _on_message(self, raw: bytes) -> None:
         """Handle a message that the executor brings, without its number."""
-        publishing, now = self._publishers(), time.perf_counter()
+        publishing, now = self._publishers(), self._node.clock.now()
         if publishing <= self.monitor.max_publishers:
             if self._numbered is not None:
                 self._node.drop(self._numbered)
@@ -191,7 +271,7 @@ class Input:
         elif self._numbered is None:
             self._numbered = self._subscribed()
             self._node.take_aside(self._numbered)
-            self._active_publishers.begin(now)
+            self._active_publishers.begin(time.perf_counter())
             self._give(raw, now, publishing)
         else:
             self._take(self._numbered)

@@ -62,7 +62,7 @@ class LiveFeedforward(RobotNode):
         self.add_trigger_service('~/reload_model', self._reload)
         self.feedback = TorqueFeedback(self)
         if self.settings.text('feedback.state') != 'off':
-            self.create_timer(WATCH_PERIOD, self._watch, clock=self.steady_clock)
+            self.create_timer(WATCH_PERIOD, self._watch_beside, clock=self.steady_clock)
 
     # ---- what depends on the model
 
@@ -100,13 +100,23 @@ class LiveFeedforward(RobotNode):
             return None
         return self.floating.robot(settings.family(*FAMILIES))
 
+    @property
+    def in_hurry(self) -> bool:
+        """Whether a loop in real time waits for the model."""
+        return not (self.by_message or self.clock.is_simulated)
+
     def _build(self, robot: Robot, settings: Settings) -> TorqueFeedforward:
         posture = self.posture(robot, settings)
-        return torque_feedforward(robot, self.joints, settings, posture, not self.by_message)
+        return torque_feedforward(robot, self.joints, settings, posture, self.in_hurry)
 
     def _build_feedback(self, robot: Robot, settings: Settings, limits: Array) -> None:
         posture = self.posture(robot, settings)
         self.feedback.build(robot, self.joints, settings, limits, posture)
+
+    def _watch_beside(self) -> None:
+        """Watch, unless the ticks of simulated time do: then they wait for the gains."""
+        if not self.clock.is_simulated:
+            self._watch()
 
     def _watch(self) -> None:
         """Let the feedback see what is coming."""

@@ -29,10 +29,7 @@ STAMP = struct.Struct('<iI')
 
 def template(message: object, markers: Sequence[float]) -> tuple[bytearray, list[int]]:
     """Return a message's bytes and where each marker value stands in them."""
-    kind = type(message)
-    name = f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
-    # rosbags refuses a message with the uninitialised bytes that serialize_message leaves behind
-    raw = bytearray(exact_cdr(name, serialize_message(message)))
+    raw = bytearray(exact_bytes(message))
     offsets = []
     start = 4
     for marker in markers:
@@ -40,6 +37,14 @@ def template(message: object, markers: Sequence[float]) -> tuple[bytearray, list
         offsets.append(start)
         start += 8
     return raw, offsets
+
+
+def exact_bytes(message: object) -> bytes:
+    """Return a message's bytes, without the uninitialised ones that rclpy appends."""
+    kind = type(message)
+    name = f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
+    # rosbags refuses a message with them
+    return exact_cdr(name, serialize_message(message))
 
 
 class _Prebuilt:

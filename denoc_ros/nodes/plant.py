@@ -31,6 +31,8 @@ from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_outputs import SensorOutputs
+from denoc_ros.nodes.time_source import TimeSource
+from denoc_ros.runtime.clocks import Clock as RobotClock
 from denoc_ros.runtime.conversions import CommandReader
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.parameters import Settings, Value
@@ -60,12 +62,24 @@ class PlantNode(RobotNode):
     """Simulates the robot under the commanded effort and publishes its sensors' values."""
 
     def __init__(self, **options: Any) -> None:
+        self.source: TimeSource | None = None
         super().__init__('plant', TABLE, **options)
         self._connected = False
+        self.add_trigger_service('~/reset', self._reset)
         self._commands: deque[tuple[float, Array]] = deque(maxlen=COMMANDS)
         self._command: Array | None = None
         self._description_out = self.create_publisher(String, 'robot_description', LATCHED)
-        self.add_trigger_service('~/reset', self._reset)
+
+    def make_clock(self) -> RobotClock:
+        """Return the plant's own time, unless it moves by that of others."""
+        settings, partners = self.settings, self.settings.texts('lockstep.partners')
+        if settings.text('clock') == 'none':
+            return super().make_clock()
+        if settings.text('clock') == 'lockstep' and not partners:
+            rule = "parameter 'lockstep.partners' must name nodes where 'clock' is lockstep"
+            raise ConfigError(self.get_fully_qualified_name(), [f'{rule}, got none'])
+        self.source = TimeSource(self, self.on_standing)
+        return self.source.clock
 
     # ---- configure
 
@@ -193,6 +207,8 @@ class PlantNode(RobotNode):
         self.command_input = self.listen_in_loop(
             Float64MultiArray, self.settings.text('command'), self._on_command, depth=COMMANDS
         )
+        if self.source is not None:
+            self.source.commands = self._inputs[-1]
         if self._has_feedback:
             self.reference_input = self.listen_in_loop(
                 JointTrajectory, 'reference', self._on_reference, has_many_points
@@ -232,6 +248,8 @@ class PlantNode(RobotNode):
 
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
         """Build a changed model beside the loop; it moves on by that from the next tick."""
+        if self.source is not None:
+            self.source.update(settings)
         if self.state in ('active', 'inactive') and any(map(is_override, changes)):
             robot = self.changed_robot(settings)
             self.require_coordinates(robot)
@@ -243,6 +261,12 @@ class PlantNode(RobotNode):
         """Start the clock of the drives."""
         self._tick_time = self.clock.now()
         self._stamp_of = StampOf(self.clock)
+
+    def activate(self) -> None:
+        """Tell the time, then start the loop."""
+        if self.source is not None:
+            self.source.clock.tell()
+        super().activate()
 
     def _place(self) -> None:
         self.q[:] = self.start
@@ -261,21 +285,23 @@ class PlantNode(RobotNode):
         if self._reset_wanted:
             self._reset_wanted = False
             self._place()
+        end = self._tick_time + steps * self.stepper.step
         if self.loop is not None:
-            self._tick_time = self.loop.deadline - steps * self.stepper.step
-        lost = steps - self._catch_up(steps)
-        self._lost_steps += lost
-        self._tick_time += self.stepper.step * lost
+            end = self.loop.deadline
+        self._lost_steps += steps - self._catch_up(steps, end)
+        self._tick_time = end
         # the state is that of the deadline, however late the machine let the tick begin
         self._publish(self._stamp_of(self._tick_time))
+        if self.source is not None:
+            self.source.clock.tell()
 
-    def _catch_up(self, steps: int) -> int:
-        """Take steps; return how many there was time for."""
+    def _catch_up(self, steps: int, end: float) -> int:
+        """Take steps up to a time [s]; return how many there was time for."""
         begin = time.thread_time() if steps > CATCH_UP else math.inf
         for taken in range(steps):
             if taken >= CATCH_UP and time.thread_time() - begin > CATCH_UP_TIME:
                 return taken
-            self._tick_time += self.stepper.step
+            self._tick_time = end - (steps - 1 - taken) * self.stepper.step
             self._step()
         return steps
 
@@ -374,7 +400,10 @@ class PlantNode(RobotNode):
         status.values = {'lost_steps': self._lost_steps, 'braked': braked}
         if self._lost_steps:
             status.worsen(WARN, f'simulated time is {self._lost_steps} steps behind')
-        return [*found, status]
+        if self.source is None:
+            return [*found, status]
+        self.fatal = self.fatal or self.source.trouble
+        return [*found, status, self.source.status()]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -189,6 +189,11 @@ class PredictorNode(RobotNode):
 
     # ---- loop
 
+    def activate(self) -> None:
+        """Listen to the sensors that are there, start the loop."""
+        self.sensors.search()
+        super().activate()
+
     def begin(self) -> None:
         """Start anew from the next measurement."""
         self._queue.clear()
@@ -202,7 +207,10 @@ class PredictorNode(RobotNode):
 
     def tick(self, steps: int) -> None:
         """Take the measurements in, go on to now and publish."""
-        self._now += steps * self.observer.settings.step
+        if self.loop is not None:
+            self._now = self.loop.deadline
+        else:
+            self._now += steps * self.observer.settings.step
         observer = self._swap()
         if self.base.trouble(self._now):  # without the base's motion there is no estimate
             self._queue.clear()
@@ -227,7 +235,7 @@ class PredictorNode(RobotNode):
     def _measure(self, observer: Observer, steps: int) -> None:
         """Take measurements in, for the time that has passed at most; the rest waits."""
         adaptation, measured = self.adaptation, self.by_torque and not self.by_command
-        backlog = len(self._queue) > 1
+        backlog = len(self._queue) > 1 and not self.clock.is_simulated
         end = time.thread_time() + min(steps, MOST_STEPS) * self.period if backlog else math.inf
         while self._queue:
             taken, q, qd, effort = self._queue.popleft()
@@ -274,6 +282,11 @@ class PredictorNode(RobotNode):
         if not self.follower.given or self.follower.finished(now):
             return False
         return self.follower.age(now) <= self.settings.number('reference_timeout')
+
+    def restart(self) -> None:
+        """Forget the reference too: it belongs to a time that is no more."""
+        self.follower.clear()
+        super().restart()
 
     def _swap(self) -> Observer:
         """Take over a changed model between two ticks."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -23,6 +24,7 @@ from denoc_ros.errors import BagError
 from denoc_ros.nodes.base import LATCHED, DenocNode
 from denoc_ros.nodes.inputs import arrived
 from denoc_ros.nodes.process import leave, run
+from denoc_ros.nodes.progress import Progress
 from denoc_ros.runtime.active_publishers import Gaps
 from denoc_ros.runtime.realtime import make_process_timely
 from denoc_ros.runtime.recorder_parameters import TABLE
@@ -35,6 +37,7 @@ QUEUE_DEPTH = 5000
 TAKE_PERIOD = 0.005
 LOOK_PERIOD = 0.05  # s between looks at the graph: what is published before one is not recorded
 LOOKS_PER_CHECK = 20  # looks between checks of the offered QoS
+AHEAD = 0.1  # s of simulated time that the queues hold of what has not been taken yet
 TRANSPORT = 'transport'  # lost before the recorder had them
 STALL_PERIODS = 5.0  # flush periods without progress of the writing thread that make a stall
 
@@ -52,11 +55,13 @@ class Recorded:
 class Recorder(DenocNode):
     """Records while active; `~/start`, `~/stop`, `~/split`, `~/mark` act within that."""
 
+    clock_depth = QUEUE_DEPTH
     prioritized = staticmethod(make_process_timely)
 
     def __init__(self, **options: Any) -> None:
         super().__init__('recorder', TABLE, **options)
         self.writer: BackgroundWriter | None = None
+        self.progress = Progress(self) if self.clock.is_simulated else None
         self.description = ''
         self._topics: dict[str, Recorded] = {}
         self._refused: set[str] = set()
@@ -88,6 +93,7 @@ class Recorder(DenocNode):
         """Finish the bag."""
         if self.writer is not None:
             self.stop()
+        self._tell_progress(math.inf)
 
     # ---- services
 
@@ -254,8 +260,8 @@ class Recorder(DenocNode):
         """Put what has arrived since the last call into the bag, topics in the order of time."""
         writer = self.writer
         if writer is None:
+            self._tell_progress(math.inf)
             return
-        now_ns, simulated = self.stamp_ns(), self._simulated()
         taken = []
         for topic, recorded in self._topics.items():
             waiting = list(arrived(recorded.subscription, QUEUE_DEPTH))
@@ -263,13 +269,26 @@ class Recorder(DenocNode):
             for raw, received_ns, sent_ns, number in waiting:
                 if missed := recorded.gaps.missed(number, publishers):
                     self._missed[topic] += missed
-                log_ns = now_ns if simulated or not received_ns else received_ns
-                taken.append((log_ns, topic, raw, sent_ns))
-        taken.sort(key=itemgetter(0))
-        for log_ns, topic, raw, sent_ns in taken:
+                taken.append((received_ns, topic, raw, sent_ns))
+        self.follow_clock()  # the times that these were sent at
+        now_ns, clock = self.stamp_ns(), self.clock_input
+        timed = []
+        for received_ns, topic, raw, sent_ns in taken:
+            if clock is not None:
+                received_ns = sent_ns = clock.time_of(sent_ns)
+            log_ns = received_ns or now_ns
+            timed.append((log_ns, topic, raw, sent_ns or log_ns))
+        timed.sort(key=itemgetter(0))
+        for log_ns, topic, raw, sent_ns in timed:
             # a bag has no time before 1970, which a publisher's clock or /clock may tell
-            sent_ns = log_ns if simulated or not sent_ns else sent_ns
             writer.put(topic, max(log_ns, 0), raw, max(sent_ns, 0))
+        if writer.share_queued < 0.5:
+            self._tell_progress(self.clock.now() + AHEAD)
+
+    def _tell_progress(self, until: float) -> None:
+        """Tell who makes the time how far it may go before the queues are taken again."""
+        if self.progress is not None:
+            self.progress.tell(until)
 
     # ---- diagnostics
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +12,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from denoc_ros.nodes.guarding import Guard
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.model_node import ModelNode
+from denoc_ros.nodes.progress import Progress
 from denoc_ros.runtime.conversions import LONGEST
 from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.realtime import lock_memory
@@ -21,7 +23,10 @@ from denoc_ros.runtime.timing import RealtimeLoop
 # what a flood at 10 kHz brings between two ticks at 1 kHz, and some more
 WITHIN_A_TICK = 16  # messages
 STANDSTILL = 0.5  # s without a tick that are an error
+SHORT = 1e-4  # s between looks for a message that is due
 PATIENCE = 1.0  # s of failing ticks that nothing can be done about
+WITHIN_A_MESSAGE = 1000  # messages between two ticks that one message of /clock may pass over
+OVERDUE = 0.5  # s of wall time that a tick waits for a message that is due
 ASIDE_PERIOD = 0.02  # s between looks at what the loop does not take
 
 
@@ -46,6 +51,8 @@ class RobotNode(ModelNode):
         self._inputs: list[Input] = []
         self._tick_guard = Guard(self.to_log.append)
         self._failing_since = math.inf
+        self._overdue = 0
+        self.progress = Progress(self) if self.clock.is_simulated else None
 
     # ---- inputs
 
@@ -63,6 +70,8 @@ class RobotNode(ModelNode):
         """
         if not self._inputs:
             self.create_timer(ASIDE_PERIOD, self._take_aside, clock=self.steady_clock)
+        if self.clock.is_simulated:
+            depth = max(depth, WITHIN_A_MESSAGE)
         qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
         added = self.subscribe(message_type, topic, handle, qos, is_heavy)
         added.longest = LONGEST
@@ -74,9 +83,22 @@ class RobotNode(ModelNode):
         for each in self._inputs:
             each.take()
 
+    def _await_inputs(self) -> None:
+        """Wait for messages of simulated time that are due: what leaves depends on no lateness."""
+        end = time.perf_counter() + OVERDUE
+        while missing := [each for each in self._inputs if each.missing]:
+            if time.perf_counter() > end:
+                for each in missing:
+                    each.expect_nothing()
+                    self._overdue += 1
+                return
+            time.sleep(SHORT)
+            for each in missing:
+                each.take()
+
     def _take_aside(self) -> None:
         """Process the messages that the loop deferred, or all of them while there is no loop."""
-        if self.loop is None or not self.loop.running:
+        if not self._loop_runs:
             self._take_inputs()
         for each in self._inputs:
             each.take_heavy()
@@ -84,10 +106,57 @@ class RobotNode(ModelNode):
     def _turn(self, steps: int) -> None:
         try:
             self._take_inputs()
+            if self.progress is not None:
+                self._await_inputs()
             self.tick(steps)
             self._failing_since = math.inf
         except Exception as error:
             self._on_failure(error, self.clock.now())
+        if self.progress is not None:
+            self._tell_progress()
+
+    # ---- simulated time
+
+    @property
+    def _loop_runs(self) -> bool:
+        return self.loop is not None and self.loop.running
+
+    @property
+    def holds_time(self) -> bool:
+        """Whether work in another process belongs to the tick at hand."""
+        return False
+
+    def follow_clock(self) -> None:
+        """Look at the time, where no loop does."""
+        if not self._loop_runs:
+            super().follow_clock()
+
+    def on_standing(self) -> None:
+        """Take what has come, and tell anew how far the node is, while time stands."""
+        try:
+            self._take_inputs()
+        except Exception as error:
+            self._on_failure(error, self.clock.now())
+        self._tell_progress()
+
+    def _tell_progress(self) -> None:
+        """Tell who makes the time up to when all that leaves has left."""
+        if self.progress is not None:
+            now, following = self.clock.now(), self.clock.first(self.period)
+            held = self.holds_time or following == math.inf
+            self.progress.tell(now if held else following, self.sent)
+
+    @property
+    def sent(self) -> int:
+        """How many commands have left."""
+        return 0
+
+    def restart(self) -> None:
+        """Begin anew: time was set."""
+        for each in self._inputs:
+            each.forget()
+        if self.state == 'active':
+            self.begin()
 
     def guarded(self, act: Callable[[float], None], now: float) -> None:
         """Do what a tick does outside of the loop; a failure counts as one of a tick."""
@@ -118,7 +187,10 @@ class RobotNode(ModelNode):
         return False
 
     def begin(self) -> None:
-        """Do what is to be done just before the loop starts."""
+        """Do what is to be done just before the loop starts, or when time begins anew."""
+
+    def come_to_rest(self) -> None:
+        """Do what is to be done when the loop has stopped."""
 
     # ---- loop
 
@@ -131,6 +203,8 @@ class RobotNode(ModelNode):
         """Start the loop."""
         self._take_aside()
         self.begin()
+        if self.progress is not None:
+            self.progress.tell(0.0, self.sent)  # time may not go on before the first tick
         settings = self.settings
         self.loop = RealtimeLoop(
             settings.number('update_rate'),
@@ -142,9 +216,12 @@ class RobotNode(ModelNode):
         self.loop.start()
 
     def deactivate(self) -> None:
-        """Stop the loop."""
+        """Stop the loop and what it moved; time need not wait for the node any more."""
         if self.loop is not None:
             self.loop.stop()
+        self.come_to_rest()
+        if self.progress is not None:
+            self.progress.tell(math.inf, self.sent)
 
     @property
     def period(self) -> float:
@@ -166,6 +243,8 @@ class RobotNode(ModelNode):
             status.worsen(ERROR, self.fatal)
         status.values['state'] = self.state
         status.values['failures'] = self.tick_failures
+        if self.progress is not None:
+            status.values['overdue_messages'] = self._overdue
         if self.tick_failures > self._tick_guard.reported:
             status.worsen(ERROR, self._tick_guard.last)
         self._tick_guard.reported = self.tick_failures

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Sequence
 from typing import Any
@@ -63,7 +64,8 @@ class ShaperNode(RobotNode):
         self.add_trigger_service('~/reset', self._reset)
         self.add_trigger_service('~/reload_model', self._reload)
         self.create_timer(LOOK_PERIOD, self._look, clock=self.steady_clock)
-        self.create_timer(RETUNE_PERIOD, self._retune, clock=self.steady_clock)
+        if not self.clock.is_simulated:  # else in the tick
+            self.create_timer(RETUNE_PERIOD, self._retune, clock=self.steady_clock)
         self._moving_until = 0.0  # s of the steady clock
         self._known: Array | None = None  # (joints,) where the last motion ends
         self._said = {'planned': 0, 'refused': 0, 'passed on': 0, 'streams': 0}
@@ -208,11 +210,15 @@ class ShaperNode(RobotNode):
         with self._lock:
             self._cancel()
         self._stamp_of = StampOf(self.clock)
+        self._retune_due = -math.inf
 
     def tick(self, steps: int) -> None:
         """Publish a streamed motion's shaped sample for now."""
         assert self.loop is not None
         now = self.loop.deadline
+        if self.clock.is_simulated and now >= self._retune_due:
+            self._retune_due = now + RETUNE_PERIOD
+            self._retune()
         row = self.stream.tick(now, steps)
         if row is None:
             return
@@ -221,6 +227,11 @@ class ShaperNode(RobotNode):
         point.positions[:], point.velocities[:], point.accelerations[:] = row
         point.stamp(self._stamp_of(now))
         self._reference.publish(point.bytes())
+
+    @property
+    def holds_time(self) -> bool:
+        """Whether a plan is in work: it belongs to the time at which it was asked for."""
+        return self.planning.busy
 
     def rescue(self) -> bool:
         """End a stream that fails: nothing more leaves."""

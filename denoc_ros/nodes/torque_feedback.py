@@ -77,6 +77,16 @@ class TorqueFeedback:
         """Do beside the loop what it needs; see :meth:`LiveStateFeedback.watch`."""
         self.state.watch(follower, position)
 
+    @property
+    def busy(self) -> bool:
+        """Whether gains are in work."""
+        return self.state.wanted and self.state.busy
+
+    def search(self) -> None:
+        """Listen to the sensors that have appeared."""
+        if self._sensors is not None:
+            self._sensors.search()
+
     def begin(self) -> None:
         """Start anew."""
         self._plan = None

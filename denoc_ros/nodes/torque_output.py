@@ -25,11 +25,17 @@ class TorqueOutput:
         Whether effort is an answer to each input, of which none may be lost.
     with_point : bool
         Whether `~/joint_trajectory` is published.
+
+    Attributes
+    ----------
+    sent : int
+        How many commands have left.
     """
 
     def __init__(
         self, node: DenocNode, joints: Sequence[str], every_message: bool, with_point: bool
     ) -> None:
+        self.sent = 0
         self._effort = JointStateMessage(joints, ('position', 'velocity', 'effort'))
         self._commands = CommandMessage(joints)
         self._point = TrajectoryPointMessage(joints) if with_point else None
@@ -47,6 +53,7 @@ class TorqueOutput:
         """Publish the torque (n,) that goes with a desired state, on all topics."""
         self._commands.values[:] = torque
         self._commands_out.publish(self._commands.bytes())
+        self.sent += 1
         self.send_effort(stamp_ns, q, qd, torque)
         point = self._point
         if point is not None and self._point_out is not None:

@@ -172,6 +172,7 @@ class ViewerNode(ModelNode):
             self._reset_wanted = False
             self.inputs.forget()
             self.snapshots.forget()
+        self.follow_clock()
         self.inputs.take()
         now = self.clock.now()
         snapshot = self.snapshots.newest(now)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -52,6 +53,7 @@ class LiveStateFeedback:
         self._name = name
         self._model: FeedbackModel | None = None
         self._worker = GainWorker()
+        self._using = threading.Lock()  # the worker: by whoever builds, or watches
         self._now: StateFeedback | None = None
         self._waiting: tuple[WantedGains, StateFeedback | None] | None = None
         self._stamps = StampClock()
@@ -99,12 +101,13 @@ class LiveStateFeedback:
             _description(robot, settings),
         )  # fmt: skip
         known = self._worker.task  # the model of a node that runs is tried where the node is
-        try:
-            self._worker.ask(model, position if known is None else known.position)
-        except StateError:
-            if self._model is None:
-                self._worker.close()
-            raise
+        with self._using:
+            try:
+                self._worker.ask(model, position if known is None else known.position)
+            except StateError:
+                if self._model is None:
+                    self._worker.close()
+                raise
         self._model, self._unread = model, unread_values(robot.tree)
 
     def _require(self, settings: Settings) -> None:
@@ -127,6 +130,11 @@ class LiveStateFeedback:
         ConfigError.raise_any(self._name, findings)
 
     @property
+    def busy(self) -> bool:
+        """Whether gains are in work that a tick has not taken yet."""
+        return self._worker.busy
+
+    @property
     def designs(self) -> int:
         """How often gains were designed, refusals included."""
         return self._worker.designs
@@ -147,9 +155,15 @@ class LiveStateFeedback:
         position : (joints,) array
             Where the joints are wanted, or stand.
         """
-        model, worker = self._model, self._worker
-        if model is None:
+        if self._model is None or not self._using.acquire(blocking=False):
             return
+        try:
+            self._watch(self._model, follower, position)
+        finally:
+            self._using.release()
+
+    def _watch(self, model: FeedbackModel, follower: ReferenceFollower, position: Array) -> None:
+        worker = self._worker
         worker.look()
         if model.has_rates != self._has_rates:
             model = self._model = replace(model, has_rates=self._has_rates)

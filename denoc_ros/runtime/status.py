@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from denoc_ros.runtime.clocks import SimulatedClock
 from denoc_ros.runtime.realtime import refusals
 from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.runtime.timing import HISTOGRAM_EDGES, LoopStatistics
 
+SILENT_CLOCK = 5.0  # s of wall time without a message of /clock
 # DiagnosticStatus.level is bytes
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
 
@@ -44,6 +46,32 @@ def input_status(monitors: Sequence[InputMonitor], now: float) -> Status:
         if refused > monitor.rejected_reported:
             status.worsen(WARN, f'rejected: {monitor.last_message}')
         monitor.rejected_reported = refused
+    return status
+
+
+def clock_status(clock: SimulatedClock, silence: float, publishers: int) -> Status:
+    """Return the simulated time; warns of one that nobody tells, or more than one.
+
+    Parameters
+    ----------
+    clock : SimulatedClock
+    silence : float
+        s of wall time since the last message, or since the node waits for one.
+    publishers : int
+        How many publish /clock.
+    """
+    status = Status('clock', message='simulated time')
+    status.values = {
+        'time_s': 1e-9 * clock.shown_ns if clock.begun else 'never',
+        'silence_s': silence,
+        'publishers': publishers,
+    }
+    if not clock.begun or silence > SILENT_CLOCK:
+        state = f'time stands at {1e-9 * clock.shown_ns:.3f} s' if clock.begun else 'time waits'
+        there = f'/clock has {publishers} publisher{"s" * (publishers != 1)}'
+        status.worsen(WARN, f'nothing on /clock for {silence:.1f} s: {state}; {there}')
+    if publishers > 1:
+        status.worsen(WARN, f'/clock must have one publisher, got {publishers}')
     return status
 
 
