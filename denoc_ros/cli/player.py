@@ -40,8 +40,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--topic', default='/joint_states')
     parser.add_argument('--speed', type=speed, default=1.0, help='> 0; 1 for real time')
     parser.add_argument('--listeners', nargs='*', default=[], help='nodes to wait for')
+    parser.add_argument(
+        '--clock',
+        action='store_true',
+        help='play all topics that nobody publishes, and /clock by the recorded stamps; '
+        'each step waits for the listeners',
+    )
     options = parser.parse_args(player.own_arguments(given))
-    return player.run(options.bag, options.topic, options.speed, options.listeners, given)
+    return player.run(
+        options.bag, options.topic, options.speed, options.listeners, given, options.clock
+    )
 
 
 if __name__ == '__main__':

@@ -78,8 +78,19 @@ class PlantNode(RobotNode):
         if settings.text('clock') == 'lockstep' and not partners:
             rule = "parameter 'lockstep.partners' must name nodes where 'clock' is lockstep"
             raise ConfigError(self.get_fully_qualified_name(), [f'{rule}, got none'])
-        self.source = TimeSource(self, self.on_standing)
+        if settings.text('clock') == 'publish':
+            partners = []
+        self.source = TimeSource(
+            self, partners, settings.number('lockstep.timeout'), self.on_standing
+        )
+        self._set_pace(settings)
         return self.source.clock
+
+    def _set_pace(self, settings: Settings) -> None:
+        """Take how fast its own time goes, and where it stands."""
+        if self.source is not None:
+            self.source.clock.factor = settings.number('real_time_factor')
+            self.source.clock.pause_at = settings.number('pause_at')
 
     # ---- configure
 
@@ -248,8 +259,7 @@ class PlantNode(RobotNode):
 
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
         """Build a changed model beside the loop; it moves on by that from the next tick."""
-        if self.source is not None:
-            self.source.update(settings)
+        self._set_pace(settings)
         if self.state in ('active', 'inactive') and any(map(is_override, changes)):
             robot = self.changed_robot(settings)
             self.require_coordinates(robot)

@@ -1,12 +1,19 @@
-"""The player: a bag's joint states in real time, as measurement and as streamed reference."""
+"""The player: a bag's joint states in real time, as measurement and as streamed reference.
+
+With a clock it plays all that was recorded and nobody else publishes, as it is, by the recorded
+time.
+"""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -19,19 +26,26 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.bags.joint_state import JointStateMessage
+from denoc_ros.bags.reader import bag_contents, read_raw
 from denoc_ros.bags.series import read_joint_states
 from denoc_ros.errors import BagError, DenocError
-from denoc_ros.nodes.base import EVERY_MESSAGE
+from denoc_ros.nodes.base import EVERY_MESSAGE, LATCHED
 from denoc_ros.nodes.buffers import release_buffers
 from denoc_ros.nodes.graph import leave_graph
+from denoc_ros.nodes.inputs import stamp_reader
 from denoc_ros.nodes.messages import TrajectoryPointMessage
+from denoc_ros.nodes.recorder import message_class
 from denoc_ros.nodes.sockets import use_sockets
+from denoc_ros.nodes.time_source import TimeSource
 from denoc_ros.nodes.without_events import WithoutEvents
 from denoc_ros.runtime.signals import SIGNALS, Interrupted
 from denoc_ros.types import Array
 
 LOOK = Duration(seconds=0.2)
 DISCOVERY_TIMEOUT = 20.0  # s to wait for those who are to listen
+ANSWER_TIMEOUT = 10.0  # s of wall time that a listener may be silent
+LATEST = 1_000_000_000  # ns after its stamp that a message was recorded
+OF_THE_MACHINE = ('/clock', '/diagnostics', '/rosout', '/parameter_events')
 
 
 @dataclass(frozen=True)
@@ -183,13 +197,142 @@ class Player(WithoutEvents):
         return sorted(missing)
 
 
+class ClockPlayer(WithoutEvents):
+    """Publishes a bag's messages as they are, and `/clock` by the recorded stamps.
+
+    Messages with a stamp are out before the clock shows it. Those without count from when they
+    were recorded: they follow when the listeners have answered the time before. So a recording
+    made in lockstep gives in listeners what the run gave.
+
+    Parameters
+    ----------
+    bag : path
+    topic : str
+        Of the joint states, whose stamps are the times that the clock shows.
+    speed : float
+        Of the clock over wall time, at most.
+    listeners : sequence of str
+        Nodes that each step waits for, all with `use_sim_time`.
+
+    Raises
+    ------
+    BagError
+        The bag cannot be read, or has fewer than two joint states.
+    """
+
+    def __init__(
+        self, bag: Path, topic: str, speed: float = 1.0, listeners: Sequence[str] = ()
+    ) -> None:
+        super().__init__('player')
+        self._bag, self._topic, self._listeners = bag, topic, listeners
+        first = [log_ns for _, _, log_ns, _ in islice(self._in_order([topic]), 2)]
+        if len(first) < 2:
+            raise BagError(f'{bag}: {topic} must have at least 2 messages, got {len(first)}')
+        start_ns = max(0, 2 * first[0] - first[1])
+        self.source = TimeSource(self, listeners, ANSWER_TIMEOUT, start_ns=start_ns)
+        self.source.clock.factor = speed
+        self._publishers: dict[str, Any] = {}
+
+    def take_aside(self, subscription: Any) -> None:
+        """Do nothing: no executor serves the player."""
+
+    def play(self) -> None:
+        """Publish all messages, each at its time.
+
+        Raises
+        ------
+        BagError
+            A listener does not answer.
+        """
+        self._publishers = self._missing_publishers()
+        self._wait_for_listeners()
+        now_ns, told = -1, True
+        for is_late, topic, due_ns, raw in self._in_order(self._publishers):
+            if (is_late or due_ns > now_ns) and not told:
+                self.source.clock.tell()
+                told = True
+            if is_late:
+                self._settle()
+            elif topic == self._topic and due_ns > now_ns:
+                now_ns, told = due_ns, False
+                self._go_on(self.source.clock.moment(due_ns))
+            self._publishers[topic].publish(raw)
+        self.source.clock.tell()
+        self._settle()
+
+    def _in_order(self, topics: Collection[str]) -> Iterator[tuple[bool, str, int, bytes]]:
+        """Yield whether a message follows the clock, its topic, time [ns] and bytes, by time."""
+        readers: dict[str, Callable[[bytes], int]] = {}
+        waiting: list[tuple[int, bool, int, str, bytes]] = []
+        for count, (topic, kind, log_ns, raw) in enumerate(read_raw(self._bag, topics)):
+            if topic not in readers:
+                readers[topic] = stamp_reader(message_class(kind))
+            stamp_ns = readers[topic](raw)
+            is_late = not 0 <= log_ns - stamp_ns <= LATEST
+            heappush(
+                waiting,
+                (log_ns if is_late else stamp_ns, is_late, count, topic, bytes(raw)),
+            )
+            while waiting[0][0] < log_ns - LATEST:
+                due_ns, is_late, _, topic, raw = heappop(waiting)
+                yield is_late, topic, due_ns, raw
+        while waiting:
+            due_ns, is_late, _, topic, raw = heappop(waiting)
+            yield is_late, topic, due_ns, raw
+
+    def _missing_publishers(self) -> dict[str, Any]:
+        """Return publishers of the topics that nobody publishes."""
+        time.sleep(LOOK.nanoseconds * 1e-9)  # those who are there make themselves known
+        found = {}
+        for recorded in bag_contents(self._bag).topics:
+            if recorded.name in OF_THE_MACHINE or self.count_publishers(recorded.name):
+                continue
+            latched = any(profile.durability == LATCHED.durability for profile in recorded.qos)
+            qos = LATCHED if latched else EVERY_MESSAGE
+            found[recorded.name] = self.create_publisher(
+                message_class(recorded.type), recorded.name, qos
+            )
+        if self._topic not in found:
+            raise BagError(f'{self._topic} must have no publisher but the player, got another')
+        return found
+
+    def _wait_for_listeners(self) -> None:
+        """Wait until all listeners have answered the time before the first message."""
+        end = time.perf_counter() + DISCOVERY_TIMEOUT
+        now_ns = self.source.clock.now_ns()
+        while not self.source.may_leave(now_ns):
+            if time.perf_counter() > end:
+                names = ', '.join(self.source.awaited())
+                raise BagError(f'player: {names} must listen to /clock and answer, got no answer')
+            self.source.clock.tell()
+
+    def _settle(self) -> None:
+        """Wait until the listeners have answered the present moment."""
+        while not self.source.may_leave(self.source.clock.now_ns()):
+            self._require_answers()
+
+    def _go_on(self, moment: float) -> None:
+        """Wait until time may be at a moment [s]."""
+        while self.source.clock.wait(moment) is None:
+            self._require_answers()
+
+    def _require_answers(self) -> None:
+        if self.source.trouble:
+            raise BagError(f'player: {self.source.trouble}')
+
+
 def own_arguments(given: Sequence[str]) -> list[str]:
     """Return the words of a command line that are not for ROS."""
     return list(remove_ros_args(given))
 
 
 def run(
-    bag: Path, topic: str, speed: float, listeners: Sequence[str], arguments: Sequence[str]
+    bag: Path,
+    topic: str,
+    speed: float,
+    listeners: Sequence[str],
+    arguments: Sequence[str],
+    clock: bool = False,
 ) -> int:
     """Play a bag until it is over or a signal comes; return the exit status.
 
@@ -199,14 +342,20 @@ def run(
         As of :func:`read_motion`, :class:`Player` and its `play`.
     arguments : sequence of str
         Command line, whose part for ROS counts.
+    clock : bool
+        Whether all is played, with the time: :class:`ClockPlayer`.
     """
     SIGNALS.keep()
     use_sockets()
     release_buffers()  # whose heartbeat tells when all has arrived
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
-    player: Player | None = None
+    player: Player | ClockPlayer | None = None
     try:
         with SIGNALS.interrupting():
+            if clock:
+                player = ClockPlayer(bag, topic, speed, listeners)
+                player.play()
+                return 0
             player = Player(read_motion(bag, topic), speed)
             player.play(listeners)
     except DenocError as error:

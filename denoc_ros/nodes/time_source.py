@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -19,7 +20,6 @@ from denoc_ros.nodes.messages import STAMP, exact_bytes
 from denoc_ros.nodes.progress import PROGRESS, VALUES
 from denoc_ros.nodes.progress import TOPIC as PROGRESS_TOPIC
 from denoc_ros.runtime.clocks import SourceClock
-from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.status import ERROR, WARN, Status
 
 LOOK = 0.02  # s of wall time at most for one look for answers
@@ -129,10 +129,16 @@ class TimeSource:
 
     Parameters
     ----------
-    node : DenocNode
-        Its parameters `clock`, `real_time_factor`, `pause_at` and `lockstep.*` say how.
+    node : Node
+        It publishes and listens.
+    partners : sequence of str
+        Nodes that each step waits for; none: it waits for nobody.
+    patience : float
+        s of wall time that a partner may take to say a word, once it has said one.
     standing : callable
         Called now and then while time stands.
+    start_ns : int
+        Where time begins [ns].
 
     Attributes
     ----------
@@ -143,27 +149,24 @@ class TimeSource:
         Why the run must end, '' while it may go on.
     """
 
-    def __init__(self, node: Any, standing: Callable[[], None]) -> None:
-        settings = node.settings
+    def __init__(
+        self,
+        node: Any,
+        partners: Sequence[str] = (),
+        patience: float = math.inf,
+        standing: Callable[[], None] = lambda: None,
+        start_ns: int = 0,
+    ) -> None:
         self._ros_clock = node.get_clock() if release_clock(node) else None
         qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
         self._publisher = node.create_publisher(Clock, TOPIC, qos)
         self._message = bytearray(exact_bytes(Clock(clock=TimeMessage())))
-        self._lockstep: Lockstep | None = None
-        if settings.text('clock') == 'lockstep':
-            names, patience = settings.texts('lockstep.partners'), 'lockstep.timeout'
-            self._lockstep = Lockstep(node, names, settings.number(patience))
-        self.clock = SourceClock(self._tell, self._may_leave, standing)
+        self._lockstep = Lockstep(node, partners, patience) if partners else None
+        self.clock = SourceClock(self._tell, self.may_leave, standing, start_ns)
         self.commands: Input | None = None
         self.trouble = ''
         self._lost = self._lost_told = 0
-        self._reported = time.perf_counter(), 0
-        self.update(settings)
-
-    def update(self, settings: Settings) -> None:
-        """Take live parameters."""
-        self.clock.factor = settings.number('real_time_factor')
-        self.clock.pause_at = settings.number('pause_at')
+        self._reported = time.perf_counter(), start_ns
 
     def _tell(self, now_ns: int) -> None:
         STAMP.pack_into(self._message, 4, *stamp_fields(now_ns))
@@ -171,7 +174,7 @@ class TimeSource:
         if self._ros_clock is not None:
             self._ros_clock.set_ros_time_override(Time(nanoseconds=now_ns, clock_type=ROS_TIME))
 
-    def _may_leave(self, now_ns: int) -> bool:
+    def may_leave(self, now_ns: int) -> bool:
         """Say whether the partners have answered a time [ns]; may wait a moment."""
         lockstep = self._lockstep
         if lockstep is None:
@@ -200,12 +203,16 @@ class TimeSource:
             commands.take()
         return True
 
+    def awaited(self) -> list[str]:
+        """Return the partners that have not answered the present moment."""
+        lockstep = self._lockstep
+        return [] if lockstep is None else [each.name for each in lockstep.awaited()]
+
     def status(self) -> Status:
         """Return the time, how fast it goes, and whom it waits for."""
         wall, now_ns = time.perf_counter(), self.clock.now_ns()
         (before, before_ns), self._reported = self._reported, (wall, now_ns)
-        awaited = [] if self._lockstep is None else self._lockstep.awaited()
-        names = ', '.join(each.name for each in awaited)
+        names = ', '.join(self.awaited())
         status = Status('clock', message='paused' if self.clock.paused else 'going')
         status.values = {
             'time_s': 1e-9 * now_ns,
@@ -215,7 +222,7 @@ class TimeSource:
             'lost_commands': self._lost,
         }
         if self._lockstep is not None and not self.clock.paused:
-            new = [each.name for each in awaited if each.until_ns is None]
+            new = [each.name for each in self._lockstep.awaited() if each.until_ns is None]
             if new:
                 status.worsen(WARN, f'waits for the first word of {", ".join(new)}')
             elif names and self._lockstep.waited > SLOW:

@@ -292,7 +292,7 @@ class SimulatedClock(_StampedTime):
 
 
 class SourceClock(_StampedTime):
-    """Time that a simulation makes: it begins at 0 and goes on step by step.
+    """Time that a simulation, or a recording, makes: it goes on step by step.
 
     Parameters
     ----------
@@ -302,6 +302,8 @@ class SourceClock(_StampedTime):
         Says whether all that belongs to a time [ns] has been done by others; may wait a moment.
     standing : callable
         Called about every 20 ms of wall time while time stands.
+    start_ns : int
+        Where it begins [ns].
 
     Attributes
     ----------
@@ -318,12 +320,13 @@ class SourceClock(_StampedTime):
         tell: Callable[[int], None],
         may_leave: Callable[[int], bool] = lambda _now_ns: True,
         standing: Callable[[], None] = lambda: None,
+        start_ns: int = 0,
     ) -> None:
         super().__init__()
         self._tell, self._may_leave, self._standing = tell, may_leave, standing
         self.factor, self.pause_at, self.paused = 1.0, math.inf, False
         self._due = self._told = -math.inf  # s of the steady clock
-        self._begin(0)
+        self._begin(start_ns)
 
     def tell(self) -> None:
         """Tell others the moment at hand: what belongs to it has been published."""
