@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -119,7 +119,7 @@ def require_same(runs: dict[str, dict[int, list[float]]]) -> None:
 
 
 @pytest.fixture
-def simulation(graph: Any) -> Iterator[Simulation]:
+def simulation(graph: Any) -> Simulation:
     """Return a simulator whose time stands at the start."""
     return Simulation(graph)
 
