@@ -65,6 +65,34 @@ def check_parameters(config: SessionConfig, names: list[str]) -> None:
     ConfigError.raise_any(str(config.path), list(findings))
 
 
+def changed_parameters(name: str, now: Parameters, wanted: Parameters) -> Parameters | None:
+    """Return what to set in a running node so that it has other parameters.
+
+    Parameters
+    ----------
+    name : str
+        The node.
+    now, wanted : mapping
+        What it was given, what it shall have; a parameter that is not there has its default.
+
+    Returns
+    -------
+    mapping or None
+        None: one of them can be given at the start only, so the node must be started anew.
+    """
+    changed: Parameters = {}
+    for key in (*wanted, *(key for key in now if key not in wanted)):
+        row = node_table(name).row(key)
+        default = None if row is None else row.default
+        value = wanted.get(key, default)
+        if value == now.get(key, default):
+            continue
+        if row is None or not row.live or value is None:
+            return None
+        changed[key] = value
+    return changed
+
+
 def write_parameters(file: Path, parameters: Parameters) -> None:
     """Write a params file for `--params-file`."""
     text = yaml.safe_dump({'/**': {'ros__parameters': parameters}}, sort_keys=True)

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from denoc_ros.errors import DenocError
 
@@ -19,10 +20,32 @@ LAST_LINES = 12  # of a dead process's output that the error shows
 PATIENCE = ((signal.SIGINT, 30.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 DOMAINS = range(1, 101)  # above 101 the ports would meet the ephemeral ones
 PR_SET_PDEATHSIG = 1
+STOPPED_STATES = 'Tt'  # of /proc: by a signal, by a debugger
 
 
 class ProcessError(DenocError):
     """A process of the session ended when it should not have."""
+
+
+class Activity(NamedTuple):
+    """What a process does.
+
+    Attributes
+    ----------
+    stopped : bool
+        By SIGSTOP or a debugger.
+    runs : bool
+        Whether a thread runs or wants a processor; otherwise all wait for something.
+    cpu : float
+        Processor time that it has used [s].
+    delay : float
+        How long its threads have waited for a processor, all together [s].
+    """
+
+    stopped: bool
+    runs: bool
+    cpu: float
+    delay: float = 0.0
 
 
 class Processes:
@@ -81,6 +104,7 @@ class Processes:
                 return
             with suppress(ProcessLookupError):
                 process.send_signal(number)
+                process.send_signal(signal.SIGCONT)  # a stopped one could not end in order
             with suppress(subprocess.TimeoutExpired):
                 process.wait(patience)
 
@@ -89,16 +113,15 @@ class Processes:
         for name in [*order, *self._running]:
             self.stop(name)
 
+    def activity(self, name: str) -> Activity | None:
+        """Return what a process does, None for one that has ended."""
+        process = self._running.get(name)
+        return None if process is None else activity(process.pid)
+
     def cpu_seconds(self) -> dict[str, float]:
         """Return the processor time each has used so far [s]."""
-        tick = os.sysconf('SC_CLK_TCK')
-        used = {}
-        for name, process in self._running.items():
-            with suppress(OSError):
-                text = Path(f'/proc/{process.pid}/stat').read_text()
-                fields = text.rpartition(')')[2].split()
-                used[name] = (int(fields[11]) + int(fields[12])) / tick
-        return used
+        found = {name: activity(process.pid) for name, process in self._running.items()}
+        return {name: each.cpu for name, each in found.items() if each is not None}
 
     def _log(self, name: str) -> Path:
         return self._logs / f'{name}.log'
@@ -106,6 +129,33 @@ class Processes:
     def _words(self, name: str) -> str:
         lines = self._log(name).read_text(errors='replace').splitlines()
         return '\n'.join(f'  {line}' for line in lines[-LAST_LINES:])
+
+
+def activity(pid: int) -> Activity | None:
+    """Return what a process does, from /proc; None where there is none."""
+    process = Path(f'/proc/{pid}')
+    try:
+        threads = list((process / 'task').iterdir())
+        runs = any(_stat(thread)[0] == 'R' for thread in threads)
+        fields = _stat(process)
+        delay = sum(_delay(thread) for thread in threads)
+    except (OSError, IndexError):  # it has just ended
+        return None
+    cpu = (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+    return Activity(fields[0] in STOPPED_STATES, runs, cpu, delay)
+
+
+def _delay(thread: Path) -> float:
+    """Return how long a thread has waited for a processor [s]; 0 where the kernel counts none."""
+    try:
+        return 1e-9 * int((thread / 'schedstat').read_text().split()[1])
+    except FileNotFoundError:
+        return 0.0
+
+
+def _stat(folder: Path) -> list[str]:
+    """Return the fields of a process or thread behind its name: its state is the first."""
+    return (folder / 'stat').read_text().rpartition(')')[2].split()
 
 
 def free_domain() -> int:

@@ -27,6 +27,12 @@ def share_bar(quiet: bool) -> Any:
     )
 
 
+def seconds(duration: float) -> str:
+    """Return a duration [s] in words: `8 s`, `2 min 5 s`."""
+    minutes, rest = divmod(round(duration), 60)
+    return f'{minutes} min {rest} s' if minutes else f'{rest} s'
+
+
 class Progress:
     """Says what goes on; the bars stay away where stderr is no terminal."""
 
@@ -35,10 +41,11 @@ class Progress:
         tqdm.write(text, file=sys.stderr)
 
     @contextmanager
-    def step(self, what: str) -> Iterator[None]:
-        """Say what is being done, and how long it took."""
+    def step(self, what: str, expected: float = 0.0) -> Iterator[None]:
+        """Say what is being done, how long it should take [s; 0: untold], and how long it took."""
         began = time.perf_counter()
-        print(f'{what} ... ', end='', file=sys.stderr, flush=True)
+        told = f' (about {seconds(expected)})' if expected else ''
+        print(f'{what}{told} ... ', end='', file=sys.stderr, flush=True)
         try:
             yield
         except BaseException:

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from denoc_ros.cli.config import Parameters, Phase, SessionConfig
-from denoc_ros.cli.node_parameters import node_parameters, node_table, write_parameters
+from denoc_ros.cli.health import Health
+from denoc_ros.cli.node_parameters import (
+    changed_parameters,
+    node_parameters,
+    write_parameters,
+)
 from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.session_file import SessionFile
 from denoc_ros.cli.shaped_phases import motion_of
 from denoc_ros.runtime.following import NO_JOINTS, STALE_JOINTS
 
@@ -20,10 +26,10 @@ if TYPE_CHECKING:
     from denoc_ros.nodes.session_client import SessionClient
     from denoc_ros.trajectories import Trajectory
 
-START_TIMEOUT = 120.0  # s until active: a cold kernel cache compiles on a slow machine
+START_TIMEOUT = 300.0  # s until active: a slow and busy machine loads nodes for a minute
+STARTING = 10.0  # s that nodes take on a machine which is neither slow nor busy
 LEAD = 0.6  # s from publishing a reference to its start
 SETTLING = 0.1  # s until what was asked for has come about
-LONGEST_SILENCE = 10.0  # s without diagnostics after which a node counts as stuck
 TAIL = 0.2  # s a phase goes on behind its reference
 STOP_ORDER = ('player', 'viewer', 'shaper', 'feedforward', 'predictor', 'plant', 'recorder')
 START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward', 'shaper', 'viewer')
@@ -78,8 +84,8 @@ class Session:
         What runs, with which parameters.
     task : Task
         What is done.
-    folder : Path
-        The run's directory; it has `parameters/`, the recorder makes `bag/`.
+    file : SessionFile
+        Where phases are noted. Its folder has `parameters/`; the recorder makes `bag/`.
     processes : Processes
         Starts and ends the nodes.
     client : SessionClient
@@ -92,101 +98,116 @@ class Session:
         self,
         config: SessionConfig,
         task: Task,
-        folder: Path,
+        file: SessionFile,
         processes: Processes,
         client: SessionClient,
         progress: Progress,
     ) -> None:
         self._config = config
         self._task = task
-        self._folder = folder
+        self._file = file
+        self._folder = file.folder
+        self._health = Health(processes, client)
+        client.add_watch(self._health.check)
         self._processes = processes
         self._client = client
         self._progress = progress
         self._names = session_nodes(config, task.bag)
         self._parameters: dict[str, Parameters] = {}
+        self._began = 0.0
+        self._cpu_before: dict[str, float] = {}
 
-    def run(self) -> dict[str, float]:
-        """Start the nodes, run the phases, end the nodes whatever happens.
+    def run(self) -> None:
+        """Start the nodes and run the phases; `end` must follow, whatever happens.
+
+        Raises
+        ------
+        DenocError
+            A node fails; what was recorded until then is good.
+        """
+        self._start(self._names, self._config.phases[0])
+        self._await_hearing()
+        self._began, self._cpu_before = time.perf_counter(), self._processes.cpu_seconds()
+        for phase in self._config.phases:
+            if self._adapt(phase):
+                self._await_hearing()
+            self._run_phase(phase)
+
+    def end(self) -> dict[str, float]:
+        """End the nodes in order.
 
         Returns
         -------
         dict
-            Share of a core that each node took during the phases.
+            Share of a core that each has taken since the first phase began.
         """
-        try:
-            for name in self._names:
-                self._start(name, self._config.phases[0])
-            self._await_hearing()
-            began, before = time.perf_counter(), self._processes.cpu_seconds()
-            for phase in self._config.phases:
-                if self._adapt(phase):
-                    self._await_hearing()
-                self._run_phase(phase)
-            elapsed = time.perf_counter() - began
-            after = self._processes.cpu_seconds()
-            return {name: (after[name] - before.get(name, 0.0)) / elapsed for name in after}
-        finally:
-            self._processes.stop_all(STOP_ORDER)
+        elapsed, after = time.perf_counter() - self._began, self._processes.cpu_seconds()
+        self._processes.stop_all(STOP_ORDER)
+        if not self._began:
+            return {}
+        return {name: (after[name] - self._cpu_before.get(name, 0.0)) / elapsed for name in after}
 
-    def _start(self, name: str, phase: Phase) -> None:
-        began = time.perf_counter()
-        self._parameters[name] = self._wanted(name, phase)
-        file = self._folder / 'parameters' / f'{name}.yaml'
-        write_parameters(file, self._parameters[name])
-        arguments = ['--ros-args', '--params-file', str(file)]
-        self._client.forget(name)
-        self._processes.start(name, ['-m', f'denoc_ros.nodes.{name}', *arguments])
-        self._client.wait_active(name, START_TIMEOUT)
-        self._progress.say(f'{name}: active after {time.perf_counter() - began:.1f} s')
-        page = self._client.diagnostics(f'{name}: page')
-        for line in (f'open {page["address"]}', page['']) if page else ():
-            self._progress.say(line)
+    def _start(self, names: Sequence[str], phase: Phase) -> None:
+        """Start nodes side by side and wait until all are active."""
+        with self._progress.step(f'starting {", ".join(names)}', STARTING):
+            for name in names:
+                self._parameters[name] = self._wanted(name, phase)
+                file = self._folder / 'parameters' / f'{name}.yaml'
+                write_parameters(file, self._parameters[name])
+                arguments = ['--ros-args', '--params-file', str(file)]
+                self._client.forget(name)
+                self._processes.start(name, ['-m', f'denoc_ros.nodes.{name}', *arguments])
+                self._health.watch(name)
+            for name in names:
+                self._client.wait_active(name, START_TIMEOUT)
+        for name in names:
+            page = self._client.diagnostics(f'{name}: page')
+            for line in (f'open {page["address"]}', page['']) if page else ():
+                self._progress.say(line)
 
     def _adapt(self, phase: Phase) -> bool:
         """Give the nodes the phase's parameters: live ones are set, others need a new start.
 
         Returns whether a node was started.
         """
-        started = False
+        anew = []
         for name in self._names:
             wanted, now = self._wanted(name, phase), self._parameters[name]
-            if wanted == now:
-                continue
-            changed = {key: value for key, value in wanted.items() if now.get(key) != value}
-            if set(wanted) == set(now) and self._all_live(name, changed):
+            changed = changed_parameters(name, now, wanted)
+            if changed is None:
+                anew.append(name)
+            elif changed:
                 self._client.set_parameters(name, changed)
                 self._parameters[name] = wanted
-            else:
-                self._processes.stop(name)
-                self._start(name, phase)
-                started = True
-        return started
+        for name in anew:
+            self._health.forget(name)
+            self._processes.stop(name)
+        if anew:
+            self._start(anew, phase)
+        return bool(anew)
 
     def _await_hearing(self) -> None:
         """Wait until the feedforward hears the plant: it has to discover one that was started."""
         if self._task.bag is not None or not {'feedforward', 'plant'} <= set(self._names):
             return
-        client, began = self._client, time.perf_counter()
+        client, before = self._client, self._client.reports('feedforward')
 
         def hears() -> bool:
-            fresh = client.silence('feedforward') < time.perf_counter() - began
+            fresh = client.reports('feedforward') > before
             return fresh and client.diagnostics('feedforward: torque').get('', '') not in DEAF
 
         if not client.until(hears, HEARING):
             self._progress.say(f'feedforward: no joint_states of the plant within {HEARING:g} s')
 
-    def _all_live(self, name: str, changed: Mapping[str, Any]) -> bool:
-        rows = [node_table(name).row(key) for key in changed]
-        return all(row is not None and row.live for row in rows)
-
     def _run_phase(self, phase: Phase) -> None:
-        self._client.begin_phase(phase.name)
+        self._file.begin_phase(phase.name, self._client.begin_phase(phase.name))
         if self._task.bag is not None:
             self._play(self._task.bag, phase)
         else:
             self._follow(phase)
-        self._client.end_phase()
+        while self._health.stands():  # a phase is finished by nodes that go on
+            self._client.wait(0.1)
+        self._file.end_phase(self._client.end_phase())
 
     def _follow(self, phase: Phase) -> None:
         lead = self._prepare(phase)
@@ -195,7 +216,7 @@ class Session:
             while (elapsed := time.perf_counter() - start) < self._task.duration:
                 show(max(elapsed, 0.0))
                 self._client.wait(0.1)
-                self._check_silence()
+                self._health.check(moves=True)
             show(self._task.duration)
         if self._task.trajectory is not None:
             self._wait_while('moving')
@@ -252,7 +273,7 @@ class Session:
                     f'inputs: {said}'
                 )
             client.wait(0.05)
-            self._check_silence()
+            self._health.check(moves=True)
         if now['planned'] == before['planned']:
             self._progress.say(f'shaper: {client.diagnostics(SHAPER)[""]}')
 
@@ -260,7 +281,7 @@ class Session:
         """Wait until the shaper says that it does something else."""
         while self._client.diagnostics(SHAPER).get('doing') == doing:
             self._client.wait(0.1)
-            self._check_silence()
+            self._health.check(moves=True)
 
     @property
     def _shaping(self) -> float:
@@ -271,16 +292,6 @@ class Session:
         """How long the feedforward needs before a motion until its feedback acts [s]."""
         state = self._wanted('feedforward', phase).get('feedback.state', 'off')
         return 0.0 if state == 'off' else ENGAGING
-
-    def _check_silence(self) -> None:
-        # the viewer has the lowest priority: a run goes on without it
-        for name in set(self._names) - {'viewer'}:
-            silence = self._client.silence(name)
-            if silence > LONGEST_SILENCE:
-                raise ProcessError(
-                    f'{name}: node must report on /diagnostics once a second, '
-                    f'got {silence:.0f} s of silence'
-                )
 
     def _listeners(self) -> list[str]:
         """Return the nodes that must not miss a reference, or the motion it is made of."""
@@ -299,7 +310,7 @@ class Session:
             while self._processes.running('player'):
                 show(time.perf_counter() - start)
                 self._client.wait(0.1)
-                self._check_silence()
+                self._health.check(moves=True)
         self._client.wait(TAIL)
 
     def _wanted(self, name: str, phase: Phase) -> Parameters:

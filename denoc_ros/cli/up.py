@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import json
 import os
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,6 +31,25 @@ NO_ROS = (
 )
 
 TAKEN = 'the directory must not exist yet, got {}'
+
+
+@dataclasses.dataclass(frozen=True)
+class SessionRun:
+    """A session that has run.
+
+    Attributes
+    ----------
+    folder : Path
+        Its directory.
+    summary : dict
+        As in its summary.json; without a recording just what it was.
+    error : exception or None
+        Why it ended before its end.
+    """
+
+    folder: Path
+    summary: dict[str, Any]
+    error: BaseException | None = None
 
 
 def add_parser(subparsers: Any) -> None:
@@ -76,13 +96,18 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
+    from denoc_ros.cli.conclusion import print_summary
+
     with Interrupts(args.is_process) as interrupts:
         config = _configured(args)
-        folder, summary = bring_up(config, args.input, args.output, args.command, interrupts)
+        run_of = bring_up(config, args.input, args.output, args.command, interrupts)
     if args.json:
-        print(json.dumps(summary, indent=2, allow_nan=False))
+        print(json.dumps(run_of.summary, indent=2, allow_nan=False))
     else:
-        _print_summary(summary, folder)
+        print_summary(run_of.summary, run_of.folder)
+    if run_of.error is not None:
+        sys.stdout.flush()
+        raise run_of.error
     return 0
 
 
@@ -108,8 +133,11 @@ def bring_up(
     output: Path | None = None,
     command: str = '',
     interrupts: Interrupts | None = None,
-) -> tuple[Path, dict[str, Any]]:
+) -> SessionRun:
     """Run a session from start to report.
+
+    Once its nodes are started it always comes to a report: that of a session which cannot go on
+    has the cause as its headline.
 
     Parameters
     ----------
@@ -126,20 +154,20 @@ def bring_up(
 
     Returns
     -------
-    folder : Path
-        The run's directory.
-    summary : dict
-        As in its summary.json; without a recording just what it was.
+    SessionRun
+        Where it is, its numbers, and why it ended early if it did.
 
     Raises
     ------
     DenocError
-        For a bad configuration or robot, or a node that fails.
+        For a bad configuration or robot.
     """
+    from denoc_ros.cli.conclusion import conclude
     from denoc_ros.cli.node_parameters import check_parameters
     from denoc_ros.cli.processes import Processes, free_domain
     from denoc_ros.cli.progress import Progress
     from denoc_ros.cli.session import Session, session_nodes
+    from denoc_ros.cli.session_file import SessionFile
     from denoc_ros.dynamics.robot import load_robot
 
     _require_ros()
@@ -169,12 +197,25 @@ def bring_up(
         'FASTDDS_BUILTIN_TRANSPORTS': os.environ.get('FASTDDS_BUILTIN_TRANSPORTS', 'DEFAULT'),
     }
     os.environ.update(environment)
-    _write_session(folder, config, environment, command)
+    (folder / 'configuration.yaml').write_bytes(config.path.read_bytes())
+    file = SessionFile(folder, _session_values(config, environment, command))
     processes = Processes(folder / 'logs', environment)
-    with _client(config, task, processes, interrupts or Interrupts()) as client:
-        session = Session(config, task, folder, processes, client, progress)
-        shares = session.run()
-    return folder, _conclude(config, folder, shares, progress)
+    interrupts = interrupts or Interrupts()
+    error: BaseException | None = None
+    shares: dict[str, float] = {}
+    try:
+        with _client(config, task, processes, interrupts) as client:
+            session = Session(config, task, file, processes, client, progress)
+            try:
+                session.run()
+            finally:
+                with interrupts.held():
+                    shares = session.end()
+    except (Exception, KeyboardInterrupt) as caught:
+        error = caught
+    return SessionRun(
+        folder, conclude(folder, file, error, shares, config.record, progress), error
+    )
 
 
 @contextmanager
@@ -293,12 +334,13 @@ def _require_ros() -> None:
         raise DenocError(NO_ROS.format(error)) from error
 
 
-def _write_session(
-    folder: Path, config: SessionConfig, environment: dict[str, str], command: str
-) -> None:
+def _session_values(
+    config: SessionConfig, environment: dict[str, str], command: str
+) -> dict[str, Any]:
+    """Return what session.json says of a session before it begins."""
     from denoc_ros.reports.versions import versions
 
-    session = {
+    return {
         'name': config.path.stem,
         'configuration': str(config.path),
         'robot': str(config.robot),
@@ -308,30 +350,3 @@ def _write_session(
         'command': command,
         'versions': versions(),
     }
-    (folder / 'session.json').write_text(json.dumps(session, indent=2))
-    (folder / 'configuration.yaml').write_bytes(config.path.read_bytes())
-
-
-def _conclude(
-    config: SessionConfig, folder: Path, shares: dict[str, float], progress: Progress
-) -> dict[str, Any]:
-    """Write summary.json and, where there is a recording, the report; return the summary."""
-    from denoc_ros.cli.report import write_report
-
-    summary: dict[str, Any] = {'phases': {}, 'loops': {}}
-    if config.record:
-        with progress.step('writing the report'):
-            summary = write_report(folder, folder / 'report.html')
-    summary = {'run': str(folder), **summary, 'processor_share': shares}
-    (folder / 'summary.json').write_text(json.dumps(summary, indent=2, allow_nan=False))
-    return summary
-
-
-def _print_summary(summary: dict[str, Any], folder: Path) -> None:
-    from denoc_ros.reports.summary import summary_lines
-
-    for line in summary_lines(summary):
-        print(line)
-    report = folder / 'report.html'
-    print(f'run     {folder}')
-    print(f'report  {report}' if report.is_file() else 'report  none: nothing was recorded')

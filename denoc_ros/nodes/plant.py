@@ -258,9 +258,10 @@ class PlantNode(RobotNode):
         return 'back at the start'
 
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
-        """Build a changed model beside the loop; it moves on by that from the next tick."""
+        """Build a changed model or start beside the loop, which takes it with its next tick."""
         self._set_pace(settings)
-        if self.state in ('active', 'inactive') and any(map(is_override, changes)):
+        changed = 'start' in changes or any(map(is_override, changes))
+        if changed and self.state in ('active', 'inactive'):
             robot = self.changed_robot(settings)
             self.require_coordinates(robot)
             self._pending = self._build(robot, settings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -13,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters
 from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -22,15 +24,19 @@ from denoc_ros.errors import DenocError
 from denoc_ros.nodes.base import COMMAND, LATCHED
 from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.nodes.without_events import WithoutEvents
+from denoc_ros.runtime.status import ERROR, OK
 from denoc_ros.trajectories import Trajectory
 
+MARKS = QoSProfile(  # none of a session's is lost, however busy a recorder is
+    depth=1000, reliability=LATCHED.reliability, durability=LATCHED.durability
+)
 ASKED_TOPIC = '/up/asked'  # the motion that a reference was shaped from
 REFERENCE_STEP = 0.05  # s; the quintics between such points are exact to 1e-9 rad
 LARGEST_MESSAGE = 60_000  # bytes: a best-effort message should fit one datagram
 DISCOVERY = 0.5  # s in which those who are there already make themselves known
 # s until a request is sent again: one that comes before the server has found the client is lost
 RETRY = 1.0
-PATIENCE = 10.0  # s that a service may take to answer
+PATIENCE = 30.0  # s that a service may take to answer on a loaded machine
 
 
 class NodeError(DenocError):
@@ -59,10 +65,11 @@ class SessionClient:
         watch: Callable[[], None] = lambda: None,
         topic: str = 'reference',
     ) -> None:
-        self._watch = watch
+        self._watches = [watch]
         self._running = True
         self._statuses: dict[str, dict[str, str]] = {}
-        self._heard: dict[str, float] = {}
+        self._levels: dict[str, bytes] = {}
+        self._reports: Counter[str] = Counter()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self._node = WithoutEvents('up', use_global_arguments=False)
         self._executor = EventsExecutor()
@@ -82,7 +89,7 @@ class SessionClient:
         self._asked = (
             node.create_publisher(JointTrajectory, ASKED_TOPIC, COMMAND) if topic else None
         )
-        self._phase = node.create_publisher(String, '/up/phase', LATCHED)
+        self._phase = node.create_publisher(String, '/up/phase', MARKS)
         self._executor.add_node(node)
         self._thread.start()
         if not self.until(lambda: bool(node.count_publishers('robot_description')), DISCOVERY):
@@ -107,6 +114,10 @@ class SessionClient:
         self._executor.shutdown()
         leave_graph()
 
+    def add_watch(self, watch: Callable[[], None]) -> None:
+        """Have another function called during every wait."""
+        self._watches.append(watch)
+
     def diagnostics(self, status: str) -> Mapping[str, str]:
         """Return the last values of a diagnostic status such as `feedforward: loop`.
 
@@ -122,21 +133,25 @@ class SessionClient:
         """Wait for a condition, at most `timeout` [s]; return whether it came about."""
         end = time.perf_counter() + timeout
         while not condition():
-            self._watch()
+            for watch in self._watches:
+                watch()
             left = end - time.perf_counter()
             if left <= 0.0:
                 return False
             time.sleep(min(0.02, left))
         return True
 
-    def silence(self, name: str) -> float:
-        """Return for how long [s] a node has said nothing on /diagnostics, 0 if it never did."""
-        heard = self._heard.get(name)
-        return 0.0 if heard is None else time.perf_counter() - heard
+    def failure(self, status: str) -> str:
+        """Return the message of a diagnostic status that is an error, '' if it is none."""
+        return self._statuses[status][''] if self._levels.get(status, OK) >= ERROR else ''
+
+    def reports(self, name: str) -> int:
+        """Return how often a node has spoken on /diagnostics since it was started."""
+        return self._reports[name]
 
     def forget(self, name: str) -> None:
         """Forget what a node said: it is about to be started anew."""
-        self._heard.pop(name, None)
+        self._reports.pop(name, None)
         for status in [status for status in self._statuses if status.startswith(f'{name}: ')]:
             del self._statuses[status]
 
@@ -185,13 +200,17 @@ class SessionClient:
         if refused:
             raise NodeError(f'{name}: parameters must be accepted, got: {"; ".join(refused)}')
 
-    def begin_phase(self, name: str) -> None:
-        """Tell everybody, the recorder above all, that a phase begins."""
-        self._phase.publish(String(data=name))
+    def begin_phase(self, name: str) -> int:
+        """Tell everybody, the recorder above all, that a phase begins; return when [ns]."""
+        return self._mark(name)
 
-    def end_phase(self) -> None:
-        """Tell everybody that the phase is over."""
-        self._phase.publish(String(data=''))
+    def end_phase(self) -> int:
+        """Tell everybody that the phase is over; return when [ns]."""
+        return self._mark('')
+
+    def _mark(self, text: str) -> int:
+        self._phase.publish(String(data=text))
+        return time.time_ns()
 
     def publish_reference(
         self, trajectory: Trajectory, joints: list[str], lead: float, listeners: int
@@ -244,9 +263,10 @@ class SessionClient:
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
-            self._heard[status.hardware_id] = time.perf_counter()
             values = {pair.key: pair.value for pair in status.values}
             self._statuses[status.name] = {'': status.message, **values}
+            self._levels[status.name] = status.level
+        self._reports.update({status.hardware_id for status in message.status})
 
 
 def reference_message(trajectory: Trajectory, joints: list[str], start_ns: int) -> JointTrajectory:

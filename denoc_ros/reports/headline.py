@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from denoc_ros.reports.loop_timing import LoopMeasure
 from denoc_ros.reports.measures import PhaseMeasures, deflection_error, peak, rms
 from denoc_ros.reports.pages import Card, Tone, Verdict, engineering
-from denoc_ros.reports.sections import Units
+from denoc_ros.reports.recording import UNFINISHED
+from denoc_ros.reports.sections import Units, without_folders
 
 WRONG = 20.0  # % of its peak from which on a predicted deflection is no good
 UNSEEN = 1e-4  # m or rad: an error that is less does not matter, whatever it is a share of
@@ -50,8 +51,14 @@ def verdict(
     warned: Mapping[str, tuple[int, str]],
     duration: float,
     units: Units,
+    failure: str = '',
 ) -> Verdict:
-    """Return a recorded run in one sentence; warnings and bad predictions make it doubtful."""
+    """Return a recorded run in one sentence; warnings and bad predictions make it doubtful.
+
+    The failure that has ended a session goes before everything else: it makes the run bad.
+    """
+    if failure:
+        return failed(phases, failure, units)
     found = said(phases, units)
     # late ticks have a card of their own
     spoke = [name for name in sorted(warned) if not name.endswith(': loop')]
@@ -60,6 +67,19 @@ def verdict(
     text = '; '.join(found) or f'{duration:.4g} s are recorded'
     tone: Tone = 'doubtful' if spoke or _wrong(phases) else 'good'
     return Verdict(f'{text[0].upper()}{text[1:]}.', tone)
+
+
+def failed(phases: Sequence[PhaseMeasures], failure: str, units: Units) -> Verdict:
+    """Return why a session ended before its end, and what its finished phases show."""
+    finished = [phase for phase in phases if not phase.name.endswith(UNFINISHED)]
+    cut = [phase.name.removesuffix(UNFINISHED).strip() for phase in phases[len(finished) :]]
+    where = f' in phase “{cut[0]}”' if cut else ''
+    text = f'The session ended{where} before its end: {without_folders(failure.splitlines()[0])}.'
+    if found := said(finished, units):
+        text += f' Until then: {"; ".join(found)}.'
+    elif not finished:
+        text += ' No phase was finished.'
+    return Verdict(text, 'bad')
 
 
 def said(phases: Sequence[PhaseMeasures], units: Units) -> list[str]:

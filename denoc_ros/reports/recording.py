@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from denoc_ros.bags.topics import find_topic
 from denoc_ros.errors import BagError
 from denoc_ros.types import Array
 
+UNFINISHED = '(unfinished)'  # behind the name of a phase that has no end
 PHASE_TOPIC = '/up/phase'
 ASKED_TOPICS = ('up/asked', 'shaper/input')  # what a shaped reference was shaped from
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
@@ -90,6 +91,9 @@ class RecordedTopics:
     ----------
     path : Path
         What `denoc_ros.bags.reader.read_bag` reads.
+    phases : sequence of mapping
+        `name`, `begin_ns` and `end_ns` (None: unfinished) of each phase, as a session notes them
+        by the clock of the recording; empty: the marks in the bag tell.
 
     Attributes
     ----------
@@ -110,7 +114,7 @@ class RecordedTopics:
         When it cannot be read, or has no JointState.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, phases: Sequence[Mapping[str, Any]] = ()) -> None:
         self.path = path
         self.topics = bag_topics(path)
         self.counts = dict.fromkeys(self.topics, 0)
@@ -123,7 +127,7 @@ class RecordedTopics:
                 f'got topics {", ".join(sorted(self.topics)) or "(none)"}'
             )
         self.origin_ns = int(min(starts))
-        self.phases = tuple(self._intervals())
+        self.phases = tuple(map(self._interval, phases)) or tuple(self._intervals())
 
     def _read(self) -> dict[str, JointSeries]:
         columns: dict[str, JointStateColumns] = {}
@@ -193,6 +197,14 @@ class RecordedTopics:
 
     def _seconds(self, stamp_ns: int) -> float:
         return (stamp_ns - self.origin_ns) * 1e-9
+
+    def _interval(self, phase: Mapping[str, Any]) -> Interval:
+        """Return a phase as its session noted it; an unfinished one says so by its name."""
+        end = phase['end_ns']
+        begin = self._seconds(phase['begin_ns'])
+        if end is None:
+            return Interval(f'{phase["name"]} {UNFINISHED}', begin, np.inf)
+        return Interval(phase['name'], begin, self._seconds(end))
 
     def _intervals(self) -> Iterator[Interval]:
         """Yield the phases: each message names what begins then, '' that a phase has ended."""

@@ -13,7 +13,7 @@ from typing import Any
 from denoc_ros.bags.reader import read_description
 from denoc_ros.bags.series import Diagnostic
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.errors import ConfigError, DenocError
+from denoc_ros.errors import BagError, ConfigError, DenocError
 from denoc_ros.reports import energy_balance, headline, sections, tip
 from denoc_ros.reports.loop_timing import LoopMeasure, loop_measures, warnings
 from denoc_ros.reports.measures import PhaseMeasures, measure, summarize
@@ -110,7 +110,12 @@ def _session_of(robot: Robot) -> dict[str, Any]:
 def _of_path(run_path: Path, command: str) -> Report:
     bag = find_bag(run_path)
     session = read_session(run_path)
-    recording = RecordedTopics(bag)
+    try:
+        recording = RecordedTopics(bag, session.get('phases', ()))
+    except BagError as error:
+        if 'failure' not in session:
+            raise
+        return _unrecorded(session, str(error), command)
     robot, notes = _robot(recording, session)
     tip = session.get('tip') or (list(robot.tree.frames)[-1] if robot else '')
     phases = measure(recording, robot, tip)
@@ -130,9 +135,27 @@ def _of_path(run_path: Path, command: str) -> Report:
         'messages': recording.counts,
         'recorder': _latest(statuses).get('recorder: recording', {}),
         **({'simulated': simulated.summary()} if simulated else {}),
+        **({'failure': session['failure']} if 'failure' in session else {}),
     }
     found = _Found(recording, session, robot, phases, loops, warned, statuses, simulated)
     return Report(_page(found, command), summary, notes)
+
+
+def _unrecorded(session: Mapping[str, Any], why: str, command: str) -> Report:
+    """Return the page of a session that failed before anything was recorded."""
+    failure = session['failure']
+    page = ReportPage(
+        title=session.get('name', ''),
+        subtitle='nothing recorded',
+        verdict=headline.failed((), failure, sections.Units.of(None)),
+        cards=(),
+        sections=[sections.failure(failure)],
+        provenance=provenance(
+            command, {'command of the run': session.get('command', '')}, session.get('versions')
+        ),
+    )
+    numbers = {'phases': {}, 'loops': {}, 'failure': failure}
+    return Report(page, numbers, (f'nothing is shown of the run: {why}',))
 
 
 def _robot(
@@ -170,8 +193,6 @@ class _Found:
 
 
 def _page(found: _Found, command: str) -> ReportPage:
-    from denoc_ros.reports.pages import ReportPage
-
     phases, duration = found.phases, found.recording.duration
     units = sections.Units.of(found.robot.tree if found.robot else None)
     simulated = found.simulated
@@ -180,12 +201,15 @@ def _page(found: _Found, command: str) -> ReportPage:
         subtitle=' · '.join(_subtitle(found)),
         verdict=energy_balance.verdict(simulated, headline.said(phases, units))
         if simulated
-        else headline.verdict(phases, found.warned, duration, units),
+        else headline.verdict(
+            phases, found.warned, duration, units, found.session.get('failure', '')
+        ),
         cards=[
             *(energy_balance.cards(simulated) if simulated else ()),
             *headline.cards(phases, found.loops, units),
         ],
         sections=[
+            sections.failure(found.session.get('failure', '')),
             moments(found.recording.path, found.robot),
             tip.section(phases),
             sections.tracking(phases, units),

@@ -13,9 +13,9 @@ FORMATS = ('.mcap', '.db3', '.csv', '.tsv', '.txt', '.dat', '.mat', '.json')
 BAG_FOLDER = 'bag'
 SESSION_FILE = 'session.json'
 SESSION_KINDS: dict[str, type] = {
-    **dict.fromkeys(('kind', 'name', 'robot', 'tip', 'command', 'scenario'), str),
+    **dict.fromkeys(('kind', 'name', 'robot', 'tip', 'command', 'scenario', 'failure'), str),
     **dict.fromkeys(('model', 'versions'), dict),
-    'gravity': list,
+    **dict.fromkeys(('gravity', 'phases'), list),
     'geometric_stiffness': bool,
 }
 SIMULATED = 'simulate'  # kind of a session

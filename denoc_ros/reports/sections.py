@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from denoc_ros.reports.measures import Deflection
     from denoc_ros.reports.recording import RecordedTopics, Series
 
+FOLDERS = re.compile(r'(?<![\w.:/])/(?:[^\s/:\'"]+/)+')
 HIDDEN_KEYS = ('histogram_edges', 'histogram_counts')
 
 
@@ -51,6 +53,29 @@ class Units:
     def effort(self, joint: str) -> str:
         """Return that of its force or torque."""
         return 'N' if joint in self.prismatic else 'N m'
+
+
+def failure(text: str) -> PageSection | None:
+    """Return the section on why a session ended before its end, None where it did not.
+
+    Parameters
+    ----------
+    text : str
+        The cause, and below it the last words of the process that failed; '' if nothing failed.
+    """
+    if not text:
+        return None
+    cause, *words = without_folders(text).splitlines()
+    return PageSection(
+        'Why the session ended',
+        f'{cause}. All that was recorded until then is below; logs/ has the output of each node.',
+        tables=[PageTable(['last words'], [[line.strip()] for line in words])] if words else [],
+    )
+
+
+def without_folders(text: str) -> str:
+    """Return a text with files by their names only: a page tells nobody's folders."""
+    return FOLDERS.sub('', text)
 
 
 def tracking(phases: Sequence[PhaseMeasures], units: Units) -> PageSection | None:

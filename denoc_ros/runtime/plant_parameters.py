@@ -46,7 +46,14 @@ TABLE = ParameterTable(
             True,
             ("saturate the drives at the URDF's effort limits"),
         ),
-        Parameter('start', Kind.DOUBLES, [], 'joint positions at the start; empty: 0', 'rad, m'),
+        Parameter(
+            'start',
+            Kind.DOUBLES,
+            [],
+            'joint positions at the start; empty: 0; `~/reset` goes there',
+            'rad, m',
+            live=True,
+        ),
         Parameter(
             'start_deflection',
             Kind.STRING,

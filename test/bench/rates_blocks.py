@@ -24,6 +24,7 @@ from denoc_ros.cli.config import SessionConfig
 from denoc_ros.cli.processes import Processes
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session import STOP_ORDER, Session, Task
+from denoc_ros.cli.session_file import SessionFile
 from denoc_ros.cli.up import new_folder
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
@@ -94,16 +95,16 @@ class WatchedDriver(SessionClient):
 
     window: Window
 
-    def begin_phase(self, name: str) -> None:
+    def begin_phase(self, name: str) -> int:
         """Begin, when every process has found the last one."""
         self.wait(SETTLING)
         self.window = Window()
-        super().begin_phase(name)
+        return super().begin_phase(name)
 
-    def end_phase(self) -> None:
+    def end_phase(self) -> int:
         """End."""
         self.window.end()
-        super().end_phase()
+        return super().end_phase()
 
 
 class Window:
@@ -271,8 +272,12 @@ class Bench:
             text = self._config.robot.read_text()
             driver = WatchedDriver(text, True, processes.check)
             with driver:
-                session = Session(self._config, self._task, folder, processes, driver, Progress())
-                shares = session.run()
+                file = SessionFile(folder, {})
+                session = Session(self._config, self._task, file, processes, driver, Progress())
+                try:
+                    session.run()
+                finally:
+                    shares = session.end()
             window = driver.window
         journals = {name: read(folder / f'{name}.npz') for name in NODES}
         recording = read_recording(next((folder / 'bag').glob('*.mcap')))

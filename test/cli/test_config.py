@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from denoc_ros.cli.config import KEYS, NODES, flatten, load_config
-from denoc_ros.cli.node_parameters import check_parameters
+from denoc_ros.cli.node_parameters import changed_parameters, check_parameters
 from denoc_ros.errors import ConfigError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -150,3 +150,17 @@ def test_a_configuration_is_checked_without_ros() -> None:
         'assert not ros, ros'
     )
     subprocess.run([sys.executable, '-c', script], check=True, timeout=120)
+
+
+def test_live_parameters_need_no_new_start() -> None:
+    now = {'update_rate': 500.0, 'model': 'rigid', 'payload.tool.mass': 1.0}
+    assert changed_parameters('feedforward', now, now) == {}
+    # without a value a parameter goes back to its default
+    assert changed_parameters('feedforward', now, {**now, 'model': 'flexible'}) == {
+        'model': 'flexible'
+    }
+    without = {key: value for key, value in now.items() if key != 'model'}
+    assert changed_parameters('feedforward', now, without) == {'model': 'flexible'}
+    assert changed_parameters('feedforward', now, {**now, 'update_rate': 250.0}) is None
+    no_payload = {key: value for key, value in now.items() if key != 'payload.tool.mass'}
+    assert changed_parameters('feedforward', now, no_payload) is None

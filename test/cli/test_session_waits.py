@@ -13,6 +13,7 @@ from denoc_ros.cli.config import load_config
 from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session import Session, Task
+from denoc_ros.cli.session_file import SessionFile
 from denoc_ros.simulation.reference import trajectory_from_config
 
 if TYPE_CHECKING:
@@ -69,15 +70,22 @@ class Client:
         self.published = self._clock.now
         return 0
 
-    def end_phase(self) -> None:
-        self.ended = self._clock.now
+    def begin_phase(self, _: str) -> int:
+        return 0
 
-    def silence(self, _: str) -> float:
-        return 0.0
+    def end_phase(self) -> int:
+        self.ended = self._clock.now
+        return 0
+
+    def reports(self, _: str) -> int:
+        return round(10.0 * self._clock.now)
+
+    def failure(self, _: str) -> str:
+        return ''
 
     def ignore(self, *_: Any) -> None: ...
 
-    begin_phase = forget = wait_active = trigger = ignore
+    add_watch = forget = wait_active = trigger = ignore
 
 
 class NoProcesses:
@@ -89,6 +97,8 @@ class NoProcesses:
 
     def cpu_seconds(self) -> dict[str, float]:
         return {}
+
+    def activity(self, _: str) -> None: ...
 
 
 @pytest.fixture
@@ -105,7 +115,8 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Client
         client = Client(clock, tell)
         processes = cast(Processes, NoProcesses())
         given = cast('SessionClient', client)
-        Session(config, task, tmp_path, processes, given, Progress()).run()
+        notes = SessionFile(tmp_path, {})
+        Session(config, task, notes, processes, given, Progress()).run()
         return client
 
     return done

@@ -176,3 +176,9 @@ def test_the_tip_is_judged_by_what_was_asked_for_and_after_the_stop(tmp_path: Pa
     assert numbers['tip_error_moving']['max'] < 1e-4
     reach = float(np.linalg.norm(robot.frame_pose('tool', asked[-1])[:3, 3]))
     assert numbers['tip_error_after_stop']['max'] == pytest.approx(swing * reach, rel=0.01)
+    # the bag may lack every mark: the session knows its phases too
+    noted = {'name': 'noted', 'begin_ns': START_NS, 'end_ns': START_NS + round(4.4e9)}
+    (same,) = measure(RecordedTopics(tmp_path / 'bag', [noted]), robot, 'tool')
+    assert summarize((same,))['noted']['tip_error_moving'] == numbers['tip_error_moving']
+    cut = RecordedTopics(tmp_path / 'bag', [{**noted, 'end_ns': None}])
+    assert [interval.name for interval in cut.phases] == ['noted (unfinished)']

@@ -270,6 +270,20 @@ def test_reset_goes_back_to_the_start_and_brakes(graph: Any, plant: Any) -> None
     graph.until(lambda: abs(states[-1].position[0] - 0.5) < 1e-12)
 
 
+def test_a_new_start_is_where_the_next_reset_goes(graph: Any, plant: Any) -> None:
+    states = graph.collect(JointState, '/joint_states')
+    node = plant(start=[0.5, 0.0])
+    graph.until(lambda: states and abs(states[-1].position[0] - 0.5) < 1e-12)
+    (result,) = node.set_parameters([Parameter('start', value=[0.1, -0.2])])
+    assert result.successful, result.reason
+    (refused,) = node.set_parameters([Parameter('start', value=[0.1])])
+    assert "'start' must have 2 elements, got 1" in refused.reason
+    graph.until(lambda: node._pending is None)
+    assert abs(states[-1].position[0] - 0.5) < 1e-12
+    node._reset()
+    graph.until(lambda: np.allclose(states[-1].position, [0.1, -0.2], rtol=0, atol=1e-12))
+
+
 def test_robot_description_is_latched(graph: Any, plant: Any, urdf: str) -> None:
     plant()
     got: list[Any] = []

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from denoc_ros.bags.series import Diagnostic
-from denoc_ros.reports import headline, tip
+from denoc_ros.reports import headline, sections, tip
 from denoc_ros.reports.loop_timing import warnings
 from denoc_ros.reports.measures import Deflection, PhaseMeasures, summarize
 from denoc_ros.reports.recording import Series
@@ -53,6 +53,21 @@ def test_a_deflection_that_is_predicted_badly_makes_a_run_doubtful(
     assert found.tone == tone
     with pytest.raises(ValueError, match=text):
         raise ValueError(found.text)
+
+
+def test_the_failure_of_a_session_is_its_headline() -> None:
+    phases = [phase('first', BENT), phase('second (unfinished)', 0.2 * BENT)]
+    cause = 'plant: process must keep running, got exit status 1\n  /home/me/arm.urdf: bad'
+    found = headline.verdict(phases, {}, 15.0, Units(), cause)
+    assert found.tone == 'bad'
+    assert found.text.startswith('The session ended in phase “second” before its end: plant: proc')
+    # the unfinished phase says nothing of how well deflection is predicted
+    assert 'Until then' in found.text
+    assert 'wrong' not in found.text
+    told = sections.failure(cause)
+    assert told is not None
+    assert told.tables[0].rows == [['arm.urdf: bad']]
+    assert sections.failure('') is None
 
 
 def test_an_error_that_nobody_sees_is_no_bad_prediction() -> None:

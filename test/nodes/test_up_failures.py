@@ -1,0 +1,67 @@
+"""Sessions that cannot go on: their bag is closed, their report is written, the cause on top."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from bench.rates_blocks import domain
+from campaign.session_failures import spoil
+from node_robots import two_links
+
+pytestmark = pytest.mark.ros
+
+CASES = [
+    ('plant', 'killed', 1),
+    ('recorder', 'killed', 1),
+    ('feedforward', 'stopped', 0),
+]
+UNBUILDABLE = 'reference: {kind: sine, amplitude: 0.2, frequency: 0.5, duration: 2}\n'
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / 'arm.urdf').write_text(two_links())
+    return tmp_path
+
+
+@pytest.fixture
+def environment() -> Iterator[dict[str, str]]:
+    with domain() as environment:
+        yield environment
+
+
+@pytest.mark.parametrize('case', CASES, ids=lambda case: ' '.join(map(str, case)))
+def test_a_failure_in_a_phase_leaves_a_report_of_what_came_before(
+    folder: Path, environment: dict[str, str], case: tuple[str, str, int]
+) -> None:
+    assert spoil(folder, 'run', environment, case) == ''
+
+
+def test_a_node_that_does_not_start_leaves_a_report_of_why(
+    folder: Path, environment: dict[str, str]
+) -> None:
+    (folder / 'session.yaml').write_text(
+        f'robot: arm.urdf\n{UNBUILDABLE}nodes: {{feedforward: {{effort_limits: [1, 2, 3]}}}}\n'
+    )
+    run = folder / 'run'
+    command = [sys.executable, '-m', 'denoc_ros.cli.main', 'up', str(folder / 'session.yaml')]
+    done = subprocess.run(
+        [*command, '--output', str(run)],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=240.0,
+        check=False,
+    )
+    assert done.returncode == 1, done.stderr
+    assert 'denoc up: feedforward: process must keep running, got exit status 1' in done.stderr
+    page = (run / 'report.html').read_text()
+    assert 'The session ended before its end: feedforward: process must keep running' in page
+    assert 'effort_limits' in page  # its last words
+    assert signal.SIGKILL.name not in done.stderr
