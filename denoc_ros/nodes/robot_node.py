@@ -212,7 +212,9 @@ class RobotNode(ModelNode):
             settings.integer('thread_priority'),
             settings.integer('cpu_affinity'),
             self.clock,
+            self.to_log.append,
         )
+        self.loop.load.threshold = settings.number('diagnostics.threshold.load')
         self.loop.start()
 
     def deactivate(self) -> None:
@@ -233,9 +235,10 @@ class RobotNode(ModelNode):
         loop = self.loop
         if loop is None:
             return [Status('loop', message=self.state)]
+        loop.load.threshold = self.settings.number('diagnostics.threshold.load')
         status = loop_status(
             loop.statistics(),
-            loop.period,
+            loop.load,
             self.settings.number('diagnostics.threshold.late_share'),
         )
         if loop.failure is not None:

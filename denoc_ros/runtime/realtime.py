@@ -129,13 +129,16 @@ def _affinity(core: int) -> str:
 
 
 def _priority(priority: int) -> str:
-    if priority <= 0:
-        return OFF
+    return schedule_thread(priority) if priority > 0 else OFF
+
+
+def schedule_thread(priority: int) -> str:
+    """Give the calling thread a SCHED_FIFO priority, 0: make it ordinary; return as above."""
     try:
         _schedule(0, priority)
     except OSError as error:
         return f'{REFUSED}: {priority}, {error.strerror}'
-    return f'taken: SCHED_FIFO {priority}'
+    return f'taken: SCHED_FIFO {priority}' if priority > 0 else 'taken: SCHED_OTHER'
 
 
 def _threads_priority(priority: int, prefix: str = '') -> str:
@@ -158,6 +161,7 @@ def _threads_priority(priority: int, prefix: str = '') -> str:
 
 
 def _schedule(thread: int, priority: int) -> None:
-    """Run a thread under SCHED_FIFO; threads that it starts from here on stay ordinary."""
-    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    """Run a thread under SCHED_FIFO, 0: ordinarily; threads that it starts stay ordinary."""
+    # once set, only who may set priorities can take the reset off again
+    policy = (os.SCHED_FIFO if priority > 0 else os.SCHED_OTHER) | os.SCHED_RESET_ON_FORK
     os.sched_setscheduler(thread, policy, os.sched_param(priority))

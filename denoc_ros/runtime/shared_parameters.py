@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from denoc_ros.runtime.base_messages import SOURCES
+from denoc_ros.runtime.load import SHARE
 from denoc_ros.runtime.parameters import Kind, Parameter
 
 EXTRA_JOINTS = Parameter(
@@ -91,6 +92,17 @@ def loop_parameters() -> tuple[Parameter, ...]:
             '',
             -1,
             1023,
+        ),
+        Parameter(
+            'diagnostics.threshold.load',
+            Kind.DOUBLE,
+            SHARE,
+            'share of a core, and share of a period in which half of the ticks end, above which '
+            'the loop warns and gives up its priority until the machine carries it again',
+            '',
+            0.05,
+            1.0,
+            live=True,
         ),
         Parameter(
             'diagnostics.threshold.late_share',

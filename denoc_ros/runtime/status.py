@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from denoc_ros.runtime.clocks import SimulatedClock
+from denoc_ros.runtime.load import LoopLoad
 from denoc_ros.runtime.realtime import refusals
 from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.runtime.timing import HISTOGRAM_EDGES, LoopStatistics
@@ -75,16 +76,18 @@ def clock_status(clock: SimulatedClock, silence: float, publishers: int) -> Stat
     return status
 
 
-def loop_status(statistics: LoopStatistics, period: float, late_share: float) -> Status:
-    """Return the loop's timing; warns above a share of late ticks."""
+def loop_status(statistics: LoopStatistics, load: LoopLoad, late_share: float) -> Status:
+    """Return the loop's timing; warns of overload, and above a share of late ticks."""
     values: dict[str, object] = {
         'rate_hz': statistics.rate,
-        'nominal_rate_hz': 1.0 / period,
+        'nominal_rate_hz': 1.0 / load.period,
         'period_p50_us': 1e6 * statistics.period_p50,
         'period_p99_us': 1e6 * statistics.period_p99,
         'period_max_us': 1e6 * statistics.period_max,
         'tick_p50_us': 1e6 * statistics.tick_p50,
         'tick_p99_us': 1e6 * statistics.tick_p99,
+        'load': load.share,
+        'response_p50_us': 1e6 * load.response,
         'ticks': statistics.ticks_total,
         'overruns': statistics.late,
         'overruns_total': statistics.late_total,
@@ -93,6 +96,8 @@ def loop_status(statistics: LoopStatistics, period: float, late_share: float) ->
         'histogram_counts': ' '.join(str(count) for count in statistics.histogram),
     }
     status = Status('loop', values=values)
+    if finding := load.finding:
+        status.worsen(WARN, finding)
     if statistics.late_share > late_share:
         status.worsen(
             WARN,

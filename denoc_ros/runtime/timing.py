@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.runtime.clocks import Clock, SteadyClock
+from denoc_ros.runtime.load import LoopLoad
 from denoc_ros.runtime.realtime import make_thread_timely
 
 WINDOW = 1 << 15  # ticks kept between two readings of the statistics
@@ -61,9 +62,13 @@ class RealtimeLoop:
         SCHED_FIFO priority (0: none) and core (-1: any) of the thread.
     clock : Clock, optional
         The clock of the deadlines; default the steady clock.
+    tell : callable, optional
+        Takes a sentence when the machine does not carry the loop, and when it does again.
 
     Attributes
     ----------
+    load : LoopLoad
+        What the loop takes; in simulated time, which waits for it, nothing is judged.
     deadline : float
         The moment of the clock [s] that the tick at hand is for.
     shift : float
@@ -80,8 +85,10 @@ class RealtimeLoop:
         priority: int = 0,
         core: int = -1,
         clock: Clock | None = None,
+        tell: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.period = 1.0 / rate
+        self.load = LoopLoad(self.period, priority, tell)
         self._clock = SteadyClock() if clock is None else clock
         self.deadline = self._clock.now()
         self.shift = 0.0
@@ -129,6 +136,9 @@ class RealtimeLoop:
     def _loop(self) -> None:
         clock, now, tick, period = self._clock, time.perf_counter, self._tick, self.period
         start, late, spent = self._start, self._late, self._spent
+        load, seen = self.load, self._count
+        if not clock.is_simulated:
+            load.begin()
         deadline = clock.first(period)
         while self._running:
             began = clock.wait(deadline)
@@ -136,6 +146,10 @@ class RealtimeLoop:
                 deadline = clock.first(period)
                 continue
             start_wall = now()
+            if start_wall >= load.due:
+                slots = np.arange(max(seen, self._count - WINDOW), self._count) % WINDOW
+                load.look(start_wall, late[slots], spent[slots])
+                seen = self._count
             behind = began - deadline
             missed = int(behind / period) if behind > period else 0
             deadline += period * missed
