@@ -199,10 +199,14 @@ class SplineTrajectory(Trajectory):
             qdd = _knot_accelerations(times, q, qd)
         self._times: list[float] = times.tolist()
         self._pieces = _quintics(times, q, qd, qdd)
-        self._powers = np.zeros((3, 6))
-        self._powers[0, 0] = self._powers[1, 1] = 1.0
-        self._powers[2, 2] = 2.0
-        self._result = np.zeros((3, self.n))
+        rates = np.zeros_like(self._pieces)
+        rates[:, :-1] = self._pieces[:, 1:] * np.arange(1.0, 6.0)[:, None]
+        bends = np.zeros_like(rates)
+        bends[:, :-1] = rates[:, 1:] * np.arange(1.0, 6.0)[:, None]
+        # position, velocity and acceleration by the powers of the time: one product for all
+        self._motion = np.concatenate((self._pieces, rates, bends), axis=2)
+        self._powers = np.ones(6)
+        self._result = np.zeros(3 * self.n)
 
     def knots(self) -> tuple[Array, Array, Array, Array]:
         """Return times (k,) and position, velocity, acceleration (k, n) of the same spline."""
@@ -221,16 +225,13 @@ class SplineTrajectory(Trajectory):
     def _inside(self, t: float, q: Array, qd: Array, qdd: Array) -> None:
         piece = min(bisect_right(self._times, t), len(self._times) - 1) - 1
         s = t - self._times[piece]
-        s2, s3 = s * s, s * s * s
-        s4 = s2 * s2
-        powers, result = self._powers, self._result
-        powers[0, 1:] = (s, s2, s3, s4, s4 * s)
-        powers[1, 2:] = (2.0 * s, 3.0 * s2, 4.0 * s3, 5.0 * s4)
-        powers[2, 3:] = (6.0 * s, 12.0 * s2, 20.0 * s3)
-        np.dot(powers, self._pieces[piece], out=result)
-        q[:] = result[0]
-        qd[:] = result[1]
-        qdd[:] = result[2]
+        s2 = s * s
+        n, result = self.n, self._result
+        self._powers[1:] = (s, s2, s2 * s, s2 * s2, s2 * s2 * s)
+        np.dot(self._powers, self._motion[piece], out=result)
+        q[:] = result[:n]
+        qd[:] = result[n : 2 * n]
+        qdd[:] = result[2 * n :]
 
 
 def _quintics(times: Array, q: Array, qd: Array, qdd: Array) -> Array:

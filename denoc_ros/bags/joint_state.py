@@ -79,6 +79,12 @@ class JointStateLayout:
             and all(raw[at : at + 4] == number for at, number in self.counts)
         )
 
+    @property
+    def fixed(self) -> list[tuple[int, int]]:
+        """First byte, and the one after the last, of parts that are the same in all messages."""
+        counts = [(at, at + len(number)) for at, number in self.counts]
+        return [(0, 2), (_HEAD, _HEAD + len(self.head)), *counts]
+
     def stamp_ns(self, raw: bytes) -> int:
         """Return the header's stamp of a message that fits [ns]."""
         seconds, nanoseconds = _STAMPS[self.order].unpack_from(raw, ENCAPSULATION)

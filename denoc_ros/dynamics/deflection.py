@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from denoc_ros.dynamics.segmented_section import SegmentedSection
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.tip_deflection import tip_deflections
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.types import Array
 
@@ -45,6 +47,7 @@ class TipDeflections:
         # first the rows of what is linear, then those of the shortening
         self._rows = np.zeros((6 * count + n, n))
         self._owner = np.zeros((count, n))  # -1/2 at a link's own amplitudes
+        ready(tip_deflections)
         self._composed: list[tuple[slice, SegmentedSection, slice]] = []
         linear, shortening = self._rows[: 6 * count], self._rows[6 * count :]
         for index, link in enumerate(self.links):
@@ -75,11 +78,7 @@ class TipDeflections:
         """
         size = len(self.names)
         position, rate = (np.empty(size), np.empty(size)) if out is None else out
-        both, moving = self._rows.dot(q), self._rows.dot(qd)
-        position[:], rate[:] = both[:size], moving[:size]
-        drawn = both[size:]
-        position[::6] = self._owner.dot(drawn * q)
-        rate[::6] = self._owner.dot(2.0 * drawn * qd)
+        tip_deflections(self._rows, self._owner, q, qd, position, rate)
         for part, tip, own in self._composed:
             position[part], rate[part] = tip.motion(q[own], qd[own])
         return position, rate

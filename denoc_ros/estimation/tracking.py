@@ -7,6 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from denoc_ros.errors import StateError
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.handle import GOOD
+from denoc_ros.kernels.joint_tracking import ROWS, track_joints
 from denoc_ros.types import Array
 
 # Of the deviation of the joints' accelerations [s].
@@ -42,7 +46,9 @@ class TrackingFilter:
 
     def __init__(self, joints: int, cutoff: float) -> None:
         self._rate = 2.0 * math.pi * cutoff
-        self.q, self.qd, self.qdd, self.mean, self.unsteady = np.zeros((5, joints))
+        ready(track_joints)
+        self._state = np.zeros((ROWS, joints))
+        self.q, self.qd, self.qdd, self.mean, self.unsteady = self._state
 
     def reset(self, q: Array, qd: Array | None = None) -> None:
         """Start at positions and rates (joints,); no rates: at rest."""
@@ -66,27 +72,24 @@ class TrackingFilter:
             Measured rates.
         interval : float
             Time since the measurement before this one [s], > 0.
-        """
-        before = self.qd.copy()
-        self._take(q, qd, interval)
-        self.mean = (self.qd - before) / interval
-        share = -math.expm1(-interval / MEMORY)
-        self.unsteady += share * ((self.mean - self.qdd) ** 2 - self.unsteady)
 
-    def _take(self, q: Array, qd: Array | None, interval: float) -> None:
-        self.q += interval * self.qd + (0.5 * interval * interval) * self.qdd
-        self.qd += interval * self.qdd
-        pole = math.exp(-self._rate * interval)
-        error = q - self.q
-        if qd is not None:
-            error_rate = qd - self.qd
-            self.q += (1.0 - pole) * error
-            self.qd += (1.0 - pole * pole) * error_rate
-            self.qdd += ((1.0 - pole) ** 2 / interval) * error_rate
-            return
-        self.q += (1.0 - pole**3) * error
-        self.qd += (1.5 * (1.0 - pole) ** 2 * (1.0 + pole) / interval) * error
-        self.qdd += ((1.0 - pole) ** 3 / interval**2) * error
+        Raises
+        ------
+        StateError
+            The measurement is not of as many joints.
+        """
+        pole, share = math.exp(-self._rate * interval), -math.expm1(-interval / MEMORY)
+        rates = q if qd is None else qd
+        try:
+            status = track_joints(self._state, q, rates, qd is not None, interval, pole, share)
+        except TypeError:  # no contiguous, writable rows of doubles
+            q, rates = np.array(q, dtype=np.float64), np.array(rates, dtype=np.float64)
+            status = track_joints(self._state, q, rates, qd is not None, interval, pole, share)
+        if status != GOOD:
+            raise StateError(
+                f'measured joints must be {len(self.q)}, got arrays of shape {q.shape} and '
+                f'{rates.shape}'
+            )
 
 
 def connecting_acceleration(

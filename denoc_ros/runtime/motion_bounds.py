@@ -39,6 +39,11 @@ class MotionBounds:
         Largest position of any joint [rad or m].
     factor : float
         How many times a velocity limit a rate may be.
+
+    Attributes
+    ----------
+    table : (4, joints) array
+        Least and largest position, least and largest velocity.
     """
 
     def __init__(
@@ -65,6 +70,9 @@ class MotionBounds:
             rates,
             [-rate for rate in rates],
         )
+        # the same for kernels: rows LOWER, UPPER, BACKWARDS, FORWARDS of message_values
+        lower, upper, rates, backwards = self._bounds
+        self.table: Array = np.array((lower, upper, backwards, rates), dtype=np.float64)
 
     def require(self, position: Array, velocity: Array | None = None) -> None:
         """Refuse a state (n,), (n,) beyond the bounds.

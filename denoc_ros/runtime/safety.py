@@ -15,6 +15,8 @@ from operator import le
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.torque_limits import limit_torque
 from denoc_ros.runtime.conversions import LARGEST_EFFORT
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.parameters import Settings
@@ -143,7 +145,7 @@ class TorqueLimiter:
         self.last: Array = np.zeros(n)
         self.clamped = np.zeros(n, dtype=np.int64)
         self.non_finite = 0
-        self._new, self._least, self._most = np.zeros((3, n))
+        ready(limit_torque)
         self.take_limits(limits)
 
     def take_limits(self, limits: Array) -> None:
@@ -152,23 +154,12 @@ class TorqueLimiter:
         if not (new >= 0.0).all():
             raise ValueError(f'effort limits must be >= 0 N m or N, got {new.tolist()}')
         self.limits = new
-        self._lower: Array = -new
 
     def apply(self, torque: Array) -> Array:
         """Return what may leave (n,), the same array each time."""
-        if not is_torque(torque):
+        last, clamped = self.last, self.clamped
+        if not limit_torque(torque, self.limits, self.max_delta, LARGEST_EFFORT, last, clamped):
             self.non_finite += 1
-            torque = self.last
-        new, last = self._new, self.last
-        np.minimum(torque, self.limits, out=new)
-        np.maximum(new, self._lower, out=new)
-        if self.max_delta < math.inf:
-            np.subtract(last, self.max_delta, out=self._least)
-            np.add(last, self.max_delta, out=self._most)
-            np.maximum(new, self._least, out=new)
-            np.minimum(new, self._most, out=new)
-        self.clamped += new != torque
-        last[:] = new
         return last
 
     def reset(self, torque: Array | float = 0.0) -> None:
@@ -181,7 +172,7 @@ class TorqueLimiter:
             self.non_finite += 1
             return
         np.minimum(values, self.limits, out=self.last)
-        np.maximum(self.last, self._lower, out=self.last)
+        np.maximum(self.last, -self.limits, out=self.last)
 
 
 def is_torque(values: Array) -> bool:
