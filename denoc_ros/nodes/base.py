@@ -382,9 +382,9 @@ class DenocNode(GuardedNode):
         """Activate; then give the threads their priority."""
         result = self._transition(self.activate)
         if self.owns_process and 'thread_priority' in self.settings:
-            self.realtime_options.update(
-                self.prioritized(self.settings.integer('thread_priority'))
-            )
+            # simulated time waits for everybody: as fast as it goes, a priority would take it all
+            priority = 0 if self.clock.is_simulated else self.settings.integer('thread_priority')
+            self.realtime_options.update(self.prioritized(priority))
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

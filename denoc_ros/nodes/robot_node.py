@@ -209,7 +209,7 @@ class RobotNode(ModelNode):
         self.loop = RealtimeLoop(
             settings.number('update_rate'),
             self._turn,
-            settings.integer('thread_priority'),
+            0 if self.clock.is_simulated else settings.integer('thread_priority'),
             settings.integer('cpu_affinity'),
             self.clock,
             self.to_log.append,
