@@ -18,7 +18,7 @@ from packaging.utils import NormalizedName, canonicalize_name
 
 from denoc_ros.cli.config import NODES
 
-BUILD_TIMEOUT = 120.0
+BUILD_TIMEOUT = 300.0  # s for what takes ten on a machine that does nothing else
 EXTRAS = ('ros', 'viewer', 'test')
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from child_processes import child
 from ros_domains import claimed_domain
 
 from denoc_ros.cli import processes as module
@@ -80,20 +81,16 @@ def test_children_end_when_their_parent_is_killed(tmp_path: Path) -> None:
         f'p = Processes(Path(sys.argv[1]), {{}}); p.start("a", ["-c", {sleeper!r}]); '
         'print(p._running["a"].pid, flush=True); time.sleep(300)'
     )
-    parent = subprocess.Popen(
+    with child(
         [sys.executable, '-c', code, str(tmp_path)],
         stdout=subprocess.PIPE,
-        text=True,
         preexec_fn=deafen,  # as a shell does with what it starts in the background
-    )
-    assert parent.stdout is not None
-    child = int(parent.stdout.readline())
-    wait_for_log(tmp_path, 'up')
-    parent.kill()
-    parent.wait(PATIENCE)
-    parent.stdout.close()
+    ) as parent:
+        assert parent.stdout is not None
+        started = int(parent.stdout.readline())
+        wait_for_log(tmp_path, 'up')
     end = time.perf_counter() + PATIENCE
-    while Path(f'/proc/{child}').exists() and not is_zombie(child):
+    while Path(f'/proc/{started}').exists() and not is_zombie(started):
         assert time.perf_counter() < end, 'the child outlived its parent'
         time.sleep(0.02)
 

@@ -11,13 +11,14 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NoReturn
 
 import numba
 import pytest
+from child_processes import child
 from numba import types
 from numba.core.caching import NullCache
 
@@ -65,24 +66,20 @@ print('has all', flush=True)
 
 def test_processes_beside_each_other_share_the_work(tmp_path: Path) -> None:
     environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}
-    processes = [
-        subprocess.Popen(
-            [sys.executable, '-c', SLOW],
-            env=environment,
-            text=True,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-        )
-        for _ in range(2)
-    ]
-    for process in processes:
-        assert process.stdout is not None
-        assert process.stdout.readline() == 'begins\n'
-    for process in processes:
-        assert process.stdin is not None
-        process.stdin.write('\n')
-        process.stdin.flush()
-    said = [process.communicate(timeout=60)[0].splitlines() for process in processes]
+    streams = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE}
+    with ExitStack() as running:
+        processes = [
+            running.enter_context(child([sys.executable, '-c', SLOW], env=environment, **streams))
+            for _ in range(2)
+        ]
+        for process in processes:
+            assert process.stdout is not None
+            assert process.stdout.readline() == 'begins\n'
+        for process in processes:
+            assert process.stdin is not None
+            process.stdin.write('\n')
+            process.stdin.flush()
+        said = [process.communicate(timeout=60)[0].splitlines() for process in processes]
     done = [line for lines in said for line in lines if line.startswith('compiles')]
     assert sorted(done) == ['compiles one', 'compiles two', 'compiles with one']
     ours = [[line for line in lines if line.startswith('compiles')] for lines in said]
@@ -201,19 +198,16 @@ def wait_until(true: Callable[[], bool]) -> None:
 def test_a_command_is_interrupted_while_it_compiles(tmp_path: Path) -> None:
     command = [sys.executable, '-m', 'denoc_ros.cli.main', 'warmup']
     environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    with child(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment
     ) as process:
         assert process.stderr is not None
-        try:
-            assert process.stderr.readline() == 'denoc: loading the compiler\n'
-            assert process.stderr.readline().startswith('denoc: compiling')
-            # within the first kernel: what it calls is compiled before it
-            wait_until(lambda: any(tmp_path.rglob('*.kernel')))
-            process.send_signal(signal.SIGINT)
-            assert process.wait(60.0) == 130
-        finally:
-            process.kill()
+        assert process.stderr.readline() == 'denoc: loading the compiler\n'
+        assert process.stderr.readline().startswith('denoc: compiling')
+        # within the first kernel: what it calls is compiled before it
+        wait_until(lambda: any(tmp_path.rglob('*.kernel')))
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60.0) == 130
         assert process.stderr.read() == 'denoc warmup: interrupted\n'
     assert not any(tmp_path.rglob('inverse.inverse_dynamics-*.kernel'))  # it did not wait for it
 

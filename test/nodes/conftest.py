@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-PATIENCE = 60.0  # s for what takes a second on a machine that does nothing else
+PATIENCE = 120.0  # s for what takes a second on a machine that does nothing else
 
 
 class Graph:

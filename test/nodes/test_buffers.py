@@ -9,6 +9,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from child_processes import child
 from rclpy.duration import Duration
 from std_msgs.msg import String
 
@@ -134,15 +135,10 @@ def test_a_publisher_knows_within_a_second_that_its_messages_arrived(
 ) -> None:
     """With a heartbeat every 3 s it knew this once in a while."""
     arrived = graph.collect(String, 'small')
-    publisher = subprocess.Popen(
-        [sys.executable, '-c', PUBLISHER, transport], stdout=subprocess.PIPE, text=True
-    )
-    try:
+    command = [sys.executable, '-c', PUBLISHER, transport]
+    with child(command, stdout=subprocess.PIPE) as publisher:
         graph.until(lambda: len(arrived) == 5 * 20)
         said, _ = publisher.communicate(timeout=60.0)
-    finally:
-        publisher.kill()
-        publisher.wait(20.0)
     assert said.split() == ['True'] * 5
 
 
@@ -150,33 +146,24 @@ def test_a_publisher_knows_within_a_second_that_its_messages_arrived(
 @pytest.mark.parametrize('transport', ['sockets', 'shared'])
 def test_memory_of_large_messages_is_given_back(graph: Any, transport: str) -> None:
     """Each place of the history kept the largest message it ever held: 10 MB here."""
-    listener = subprocess.Popen(
-        [sys.executable, '-c', LISTENER, transport],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    said = listener.stdout
-    assert said is not None
 
     def heap_after(size: int) -> int:
         """Return the listener's heap [bytes] once it has read messages of so many bytes."""
         for _ in range(MESSAGES):
             publisher.publish(String(data='x' * size))
         assert publisher.wait_for_all_acked(Duration(seconds=60))
+        assert listener.stdout is not None
         print('read', file=listener.stdin, flush=True)
-        count, heap = map(int, said.readline().split())
+        count, heap = map(int, listener.stdout.readline().split())
         assert count == MESSAGES
         return heap
 
-    try:
+    command = [sys.executable, '-c', LISTENER, transport]
+    with child(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as listener:
         publisher = graph.publisher(String, 'large', MESSAGES)
         before = heap_after(10)
         assert heap_after(SIZE) - before < 0.2 * MESSAGES * SIZE  # what else came meanwhile
         listener.communicate(timeout=60.0)
-    finally:
-        listener.kill()
-        listener.wait(20.0)
     assert listener.returncode == 1  # DenocError: it went through the end of a node
 
 

@@ -23,7 +23,7 @@ from denoc_ros.nodes.predictor import PredictorNode
 pytestmark = pytest.mark.ros
 SHARED = {'gravity': [0.0, 0.0, -9.81], 'update_rate': 200.0}
 START = [0.3, -0.5]
-LONG = 60.0  # s, for a machine that is busy with others
+LONG = 300.0  # s, for a machine that is busy with others
 
 
 @pytest.mark.parametrize('side', ['motor', 'link'])

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from child_processes import child
 from sensor_msgs.msg import JointState
 
 from denoc_ros.bags.writer import BagWriter
@@ -129,16 +130,13 @@ def test_a_publisher_that_cannot_be_made_is_one_clear_end(ros_domain: int, urdf:
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_are_honoured_while_a_node_imports(ros_domain: int, number: int) -> None:
     command = [sys.executable, '-m', 'denoc_ros.nodes.predictor']
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with child(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stderr is not None
-        assert process.stdout.readline() == b'predictor: starting\n'
+        assert process.stdout.readline() == 'predictor: starting\n'
         process.send_signal(number)
-        try:
-            assert process.wait(60.0) == 0
-        finally:
-            process.kill()
-        assert process.stderr.read() == b''
+        assert process.wait(60.0) == 0
+        assert process.stderr.read() == ''
 
 
 def test_signals_are_honoured_while_a_node_compiles(
@@ -147,8 +145,8 @@ def test_signals_are_honoured_while_a_node_compiles(
     command = [sys.executable, '-m', 'denoc_ros.nodes.plant', '--ros-args']
     command += ['-p', f'urdf_path:={urdf}']
     environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path / 'cache')}
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    with child(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment
     ) as process:
         assert process.stdout is not None
         while 'compiling' not in (line := process.stdout.readline()):
@@ -179,7 +177,7 @@ def test_a_player_ends_as_it_is_told(graph: Any, tmp_path: Path, numbers: list[i
     write_motion(bag)
     states = graph.collect(JointState, '/joint_states')
     command = [sys.executable, '-m', 'denoc_ros.cli.player', str(bag), '--speed', '0.005']  # 200 s
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with child(command, stderr=subprocess.PIPE) as process:
         graph.until(lambda: len(states) > 1, timeout=60.0)
         for number in numbers:
             process.send_signal(number)

@@ -21,7 +21,7 @@ from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 LIMITS = np.full(3, 5000.0)
 JOINTS = ('joint_1', 'joint_2', 'joint_3')
 SECOND = 1_000_000_000
-LONG = 60.0  # s for a design, on a machine that is busy with others
+LONG = 300.0  # s for a design, on a machine that is busy with others
 
 
 def settings(**changes: Any) -> Settings:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from child_processes import child
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -75,9 +76,8 @@ def recorder(graph: Any, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, '-m', 'denoc_ros.nodes.recorder', '--ros-args']
     command += ['-p', f'output:={tmp_path / "run"}', '-p', f'flush_period:={FLUSH_PERIOD}']
     command += ['-p', 'topics:=[/joint_states]']
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with child(command, stderr=subprocess.PIPE) as process:
         yield process
-        process.kill()
 
 
 def stream_for(graph: Any, duration: float) -> Stream:
@@ -161,7 +161,7 @@ sys.exit(run(Locked, sys.argv, patience=1.0))
 
 def test_an_interpreter_that_is_held_for_good_ends_the_process(graph: Any, tmp_path: Path) -> None:
     command = [sys.executable, '-c', LOCKED, '--ros-args', '-p', f'output:={tmp_path / "run"}']
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with child(command, stderr=subprocess.PIPE) as process:
         client = graph.probe.create_client(Trigger, '/recorder/mark')
         graph.until(client.service_is_ready)
         client.call_async(Trigger.Request())
@@ -174,7 +174,7 @@ def test_an_interpreter_that_is_held_for_good_ends_the_process(graph: Any, tmp_p
 def test_a_hanging_executor_leaves_a_whole_bag(graph: Any, tmp_path: Path) -> None:
     command = [sys.executable, '-c', HANGING, '--ros-args', '-p', f'output:={tmp_path / "run"}']
     command += ['-p', 'topics:=[/joint_states]']
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with child(command, stderr=subprocess.PIPE) as process:
         stream = stream_for(graph, 1.0)
         client = graph.probe.create_client(Trigger, '/recorder/mark')
         graph.until(client.service_is_ready)

@@ -37,7 +37,7 @@ def shaped(graph: Any, node: ShaperNode, names: list[str], t: Any, q: Any) -> An
         point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(1e9 * when), 10**9)
         message.points.append(point)
     sender.publish(message)
-    graph.until(lambda: out or node.input.rejected['not_shaped'], 60.0)
+    graph.until(lambda: out or node.input.rejected['not_shaped'])
     (plan,) = out or pytest.fail(str(node.input.last_message))
     assert list(plan.joint_names) == names
     since = [point.time_from_start for point in plan.points]

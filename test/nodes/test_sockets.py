@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from child_processes import child
 
 from denoc_ros.nodes import sockets
 from denoc_ros.nodes.sockets import LOCALHOST, ONLY, PROFILES, RANGE, TRANSPORTS, use_sockets
@@ -73,12 +74,10 @@ def test_other_middleware_and_a_profile_in_the_folder_stay(
 @pytest.mark.ros
 def test_a_sender_without_shared_memory_is_heard_by_a_listener_with(ros_domain: int) -> None:
     """Stopped and killed listeners with shared memory: `python -m bench.neighbours`."""
-    sender = subprocess.Popen([sys.executable, '-c', SENDER], stdout=subprocess.PIPE, text=True)
-    try:
+    with child([sys.executable, '-c', SENDER], stdout=subprocess.PIPE) as sender:
         listener = [sys.executable, '-c', LISTENER]
         heard = subprocess.run(listener, capture_output=True, text=True, timeout=60.0, check=True)
         assert heard.stdout == 'heard\n'
-    finally:
         sender.kill()
         said, _ = sender.communicate(timeout=60.0)
     assert said == 'False\n'

@@ -29,7 +29,7 @@ COMMON = {'urdf_path': str(CANADARM), 'gravity': [0.0, 0.0, 0.0], 'update_rate':
 START = [0.2, 0.7, 0.5]
 AWAY = 2e-5  # rad
 GAUGES = ['link_1_y_root', 'link_1_y_middle', 'link_2_y_root', 'link_2_y_middle']
-LONG = 60.0  # s, for a machine that is busy with others
+LONG = 300.0  # s, for a machine that is busy with others
 
 
 def trajectory(*points: tuple[float, list[float]]) -> JointTrajectory:

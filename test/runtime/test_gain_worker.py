@@ -27,7 +27,7 @@ pytestmark = pytest.mark.ros  # as it waits for processes
 
 ARM = Path(__file__).parents[2] / 'config/robots/canadarm_gauges.urdf'
 HERE = np.array([0.2, 0.7, 0.5])
-LONG = 60.0  # s, for a machine that is busy with others
+LONG = 300.0  # s, for a machine that is busy with others
 
 
 def arm() -> FeedbackModel:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from child_processes import child
 
 from denoc_ros.control.jobs import LONGEST_HEADER, read_message, write_message
 from denoc_ros.control.planner_process import Planning, serve
@@ -40,7 +41,7 @@ from denoc_ros.runtime.planner import Planner
 planner = Planner()
 planner.start()
 print(planner.pid, flush=True)
-time.sleep(60.0)
+time.sleep(300.0)
 """
 
 
@@ -139,17 +140,11 @@ def test_process_answers_and_ends_with_its_input() -> None:
 
 
 def test_no_process_is_left_by_a_parent_that_was_killed() -> None:
-    parent = subprocess.Popen(
-        [sys.executable, '-c', PARENT], stdout=subprocess.PIPE, text=True, bufsize=1
-    )
-    try:
+    with child([sys.executable, '-c', PARENT], stdout=subprocess.PIPE) as parent:
         assert parent.stdout is not None
-        child = int(parent.stdout.readline())
-        until(lambda: b'planner_process' in read_command(child))
-    finally:
-        parent.send_signal(signal.SIGKILL)
-        parent.wait(60.0)
-    until(lambda: not read_command(child))
+        planner = int(parent.stdout.readline())
+        until(lambda: b'planner_process' in read_command(planner))
+    until(lambda: not read_command(planner))
 
 
 def read_command(pid: int) -> bytes:

@@ -8,6 +8,7 @@ import sys
 import time
 
 import pytest
+from child_processes import child
 
 # an executor that turns, or hangs, for a while
 CODE = """
@@ -30,9 +31,7 @@ def test_a_process_that_was_stopped_does_not_count_as_hung(
     does: str, status: int, said: str
 ) -> None:
     command = [sys.executable, '-c', CODE, does]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as it:
+    with child(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as it:
         assert it.stdout is not None
         assert it.stdout.readline() == 'begun\n'
         if does == 'turns':
