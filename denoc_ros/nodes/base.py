@@ -324,9 +324,13 @@ class DenocNode(GuardedNode):
         """Return the node's own statuses for /diagnostics."""
         return []
 
-    def _every_second(self) -> None:
+    def log_waiting(self) -> None:
+        """Log what a loop has left to be logged."""
         while self.to_log:
             self.get_logger().warning(self.to_log.popleft())
+
+    def _every_second(self) -> None:
+        self.log_waiting()
         statuses = self.guard.calling('diagnostics', self.statuses)() or []
         if self.clock_input is not None and isinstance(self.clock, SimulatedClock):
             silence = time.perf_counter() - self.clock.heard

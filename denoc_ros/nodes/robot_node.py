@@ -14,6 +14,7 @@ from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.model_node import ModelNode
 from denoc_ros.nodes.progress import Progress
 from denoc_ros.runtime.conversions import LONGEST
+from denoc_ros.runtime.load import SharedCores
 from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.realtime import lock_memory
 from denoc_ros.runtime.safety import InputMonitor
@@ -27,6 +28,7 @@ SHORT = 1e-4  # s between looks for a message that is due
 PATIENCE = 1.0  # s of failing ticks that nothing can be done about
 WITHIN_A_MESSAGE = 1000  # messages between two ticks that one message of /clock may pass over
 OVERDUE = 0.5  # s of wall time that a tick waits for a message that is due
+CORES_PERIOD = 0.5  # s between looks at how full the cores are
 ASIDE_PERIOD = 0.02  # s between looks at what the loop does not take
 
 
@@ -53,6 +55,9 @@ class RobotNode(ModelNode):
         self._failing_since = math.inf
         self._overdue = 0
         self.progress = Progress(self) if self.clock.is_simulated else None
+        self._cores = SharedCores()
+        if not self.clock.is_simulated and self.settings.integer('thread_priority') > 0:
+            self.create_timer(CORES_PERIOD, self._watch_cores, clock=self.steady_clock)
 
     # ---- inputs
 
@@ -216,6 +221,12 @@ class RobotNode(ModelNode):
         )
         self.loop.load.threshold = settings.number('diagnostics.threshold.load')
         self.loop.start()
+
+    def _watch_cores(self) -> None:
+        """Let the loop know when it and other real-time threads fill their cores together."""
+        if self._loop_runs and self.loop is not None:
+            self.loop.load.crowd(self._cores.realtime_share())
+            self.log_waiting()
 
     def deactivate(self) -> None:
         """Stop the loop and what it moved; time need not wait for the node any more."""

@@ -2,14 +2,17 @@
 
 Under SCHED_FIFO a loop that its core cannot carry takes the processor from everything else. So it
 looks at itself four times a second. While it is overloaded it runs as an ordinary thread; after a
-rest it takes its priority back, and after a longer one if that was too early.
+rest it takes its priority back, and after a longer one if that was too early. The same holds where
+several loops fill their cores together, of which each alone takes little.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -21,6 +24,9 @@ FEWEST = 20  # ticks of a window
 FIRST_REST, LONGEST_REST = 2.0, 64.0  # s as an ordinary thread
 HOLDS = 1.0  # s without overload after which the machine counts as carrying the loop again
 SHARE = 0.7  # of a core
+FULL = 0.9  # share of their time that cores are busy which may leave somebody without
+SAMPLE = 0.05  # s over which the real-time threads of full cores are looked at
+REALTIME = (os.SCHED_FIFO, os.SCHED_RR)
 
 
 class LoopLoad:
@@ -65,6 +71,7 @@ class LoopLoad:
         self._window = max(WINDOW, FEWEST * period)
         self._begin = self._spent = 0.0
         self._rest = FIRST_REST
+        self._crowd = 0.0
         self._back, self._good_since = -math.inf, math.inf
 
     def begin(self) -> None:
@@ -87,9 +94,14 @@ class LoopLoad:
         self.response = float(np.median(late % self.period + spent))
         self._start_window(now)
         too_much = self.share > self.threshold
-        if too_much or self.response > self.threshold * self.period:
+        crowd, self._crowd = self._crowd, 0.0
+        if too_much:
+            needed = used / len(late)
+        else:
+            needed = max(self.response, crowd * self.period)
+        if needed > self.threshold * self.period:
             news = not self.cause
-            self.cause = self._cause(used / len(late) if too_much else self.response)
+            self.cause = self._cause(needed, crowd)
             if not self.has_yielded:
                 self._yield(now)
             if news:
@@ -105,13 +117,18 @@ class LoopLoad:
     def _start_window(self, now: float) -> None:
         self._begin, self._spent, self.due = now, time.thread_time(), now + self._window
 
-    def _cause(self, needed: float) -> str:
+    def crowd(self, share: float) -> None:
+        """Hear, from any thread, what share of their cores all real-time threads took together."""
+        self._crowd = share
+
+    def _cause(self, needed: float, crowd: float) -> str:
         """Return what a loop does of which a tick needs so long [s]."""
+        together = f', all real-time threads {100.0 * crowd:.0f} % of theirs' if crowd else ''
         return (
-            f'the loop took {100.0 * self.share:.0f} % of its core, and half of the ticks ended '
-            f'later than {100.0 * self.response / self.period:.0f} % of a period: update_rate '
-            f'must be at most {_rounded(self.threshold / needed):g} Hz on this machine, '
-            f'got {1.0 / self.period:g}'
+            f'the loop took {100.0 * self.share:.0f} % of its core{together}, and half of the '
+            f'ticks ended later than {100.0 * self.response / self.period:.0f} % of a period: '
+            f'update_rate must be at most {_rounded(self.threshold / needed):g} Hz on this '
+            f'machine, got {1.0 / self.period:g}'
         )
 
     def _yield(self, now: float) -> None:
@@ -140,3 +157,53 @@ def _rounded(rate: float) -> float:
     """Return a rate [Hz] rounded down to two digits."""
     digit = 10.0 ** math.floor(math.log10(rate) - 1.0)
     return math.floor(rate / digit) * digit
+
+
+class SharedCores:
+    """The cores that this process may run on, and how much real-time threads take of them."""
+
+    def __init__(self) -> None:
+        self._cores = os.sched_getaffinity(0)
+        self._names = {f'cpu{core}' for core in self._cores}
+        self._before = self._times()
+
+    def realtime_share(self) -> float:
+        """Return the share that all real-time threads took of these cores together.
+
+        0 while the cores were busy for less than `FULL` of the time since the last call: to look
+        at every thread of the machine takes milliseconds.
+        """
+        before, self._before = self._before, self._times()
+        busy, whole = (now - then for now, then in zip(self._before, before, strict=True))
+        if whole <= 0.0 or busy < FULL * whole:
+            return 0.0
+        begin, first = time.perf_counter(), self._runtimes()
+        time.sleep(SAMPLE)
+        elapsed, second = time.perf_counter() - begin, self._runtimes()
+        taken = sum(second[thread] - first[thread] for thread in first.keys() & second.keys())
+        return 1e-9 * taken / (elapsed * len(self._cores))
+
+    def _times(self) -> tuple[float, float]:
+        """Return how long these cores have been busy, and the time in all [ticks]."""
+        busy = whole = 0.0
+        for line in Path('/proc/stat').read_text(encoding='ascii').splitlines():
+            name, _, rest = line.partition(' ')
+            if name in self._names:
+                numbers = list(map(int, rest.split()[:8]))
+                whole += sum(numbers)
+                busy += sum(numbers) - numbers[3] - numbers[4]  # idle, and waiting for a disk
+        return busy, whole
+
+    def _runtimes(self) -> dict[int, int]:
+        """Return how long each real-time thread that may run on these cores has run [ns]."""
+        found = {}
+        for folder in Path('/proc').glob('[0-9]*/task/*'):
+            thread = int(folder.name)
+            try:
+                policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
+                if policy in REALTIME and os.sched_getaffinity(thread) & self._cores:
+                    text = (folder / 'schedstat').read_text(encoding='ascii')
+                    found[thread] = int(text.split()[0])
+            except OSError:  # it has ended, or is not ours to look at
+                continue
+        return found

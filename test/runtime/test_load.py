@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import re
+import threading
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -11,7 +13,15 @@ import numpy as np
 import pytest
 
 from denoc_ros.runtime import load as module
-from denoc_ros.runtime.load import FIRST_REST, HOLDS, LONGEST_REST, WINDOW, LoopLoad
+from denoc_ros.runtime.load import (
+    FIRST_REST,
+    HOLDS,
+    LONGEST_REST,
+    WINDOW,
+    LoopLoad,
+    SharedCores,
+)
+from denoc_ros.runtime.realtime import schedule_thread
 from denoc_ros.runtime.timing import RealtimeLoop
 
 PERIOD = 1e-3
@@ -84,6 +94,47 @@ def test_a_loop_that_waits_for_others_yields_as_well(machine: Machine) -> None:
     assert machine.yielded
     assert '0.3' not in machine.said[0][1]
     assert '30 % of its core' in machine.said[0][1]
+
+
+def test_loops_that_fill_their_core_together_yield_though_each_takes_little(
+    machine: Machine,
+) -> None:
+    machine.load.crowd(0.9)
+    machine.run(WINDOW, tick=0.3 * PERIOD)
+    assert machine.yielded
+    (found,) = re.findall(r'at most (\d+) Hz', machine.said[0][1])
+    assert 0.6 < 0.9 * float(found) * PERIOD <= 0.7
+    assert 'all real-time threads 90 % of theirs' in machine.said[0][1]
+
+
+def test_real_time_threads_count_where_cores_are_full(monkeypatch: pytest.MonkeyPatch) -> None:
+    cores, ran = SharedCores(), itertools.count(0, 30_000_000)  # ns: 30 ms of 50 ms
+    times = iter([(95.0, 100.0), (140.0, 200.0)])
+    monkeypatch.setattr(cores, '_before', (0.0, 0.0))
+    monkeypatch.setattr(cores, '_times', lambda: next(times))
+    monkeypatch.setattr(cores, '_runtimes', lambda: {7: next(ran), 8: 5})
+    share = cores.realtime_share()  # busy for 95 % of the time
+    assert 0.0 < share * len(cores._cores) <= 0.6 + 1e-9
+    assert cores.realtime_share() == 0.0  # for 45 %
+
+
+def test_a_real_time_thread_is_found_by_its_policy() -> None:
+    cores, found = SharedCores(), threading.Event()
+    policies: list[str] = []
+    end = threading.Event()
+
+    def run() -> None:
+        policies.append(schedule_thread(1))
+        found.set()
+        end.wait(10.0)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    found.wait(10.0)
+    listed = thread.native_id in cores._runtimes()
+    end.set()
+    thread.join()
+    assert listed == policies[0].startswith('taken')
 
 
 def test_deadlines_that_were_passed_over_do_not_count_as_waiting(machine: Machine) -> None:
