@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from functools import lru_cache
 from typing import NoReturn
 
 import numpy as np
@@ -12,6 +13,7 @@ from denoc_ros.types import Array
 
 ENCAPSULATION = 4  # bytes before the payload; alignment counts from its end
 MOST_SECONDS = (1 << 31) - 1  # that a stamp can say
+_STAMP = struct.Struct('<iI')
 _INTEGERS = {
     1: ('<', struct.Struct('<I'), struct.Struct('<i')),
     0: ('>', struct.Struct('>I'), struct.Struct('>i')),
@@ -35,6 +37,12 @@ def stamp_fields(stamp_ns: int) -> tuple[int, int]:
     """
     seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
     return min(max(seconds, -MOST_SECONDS), MOST_SECONDS), nanoseconds
+
+
+@lru_cache(maxsize=8)
+def stamp_bytes(stamp_ns: int) -> bytes:
+    """Return a stamp [ns] as little-endian bytes; the messages of a tick have the same one."""
+    return _STAMP.pack(*stamp_fields(stamp_ns))
 
 
 class CdrReader:

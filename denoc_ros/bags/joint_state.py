@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.bags.cdr import ENCAPSULATION, CdrReader, aligned, stamp_fields
+from denoc_ros.bags.cdr import ENCAPSULATION, CdrReader, aligned, stamp_bytes
 from denoc_ros.bags.definitions import encode
 from denoc_ros.types import Array
 
@@ -21,7 +21,6 @@ JOINT_STATE = 'sensor_msgs/msg/JointState'
 FIELDS = ('position', 'velocity', 'effort')
 _HEAD = 12  # encapsulation and stamp: what follows is the same in all messages of a publisher
 _STAMPS = {'<': struct.Struct('<iI'), '>': struct.Struct('>iI')}
-_STAMP = _STAMPS['<']
 _EMPTY = np.empty(0)
 
 
@@ -157,7 +156,7 @@ class JointStateMessage:
 
     def stamp(self, stamp_ns: int) -> None:
         """Write the header's stamp [ns]."""
-        _STAMP.pack_into(self._raw, ENCAPSULATION, *stamp_fields(stamp_ns))
+        self._raw[ENCAPSULATION:_HEAD] = stamp_bytes(stamp_ns)
 
     def encode(self, stamp_ns: int, *values: Array) -> bytes:
         """Return the CDR of a message.

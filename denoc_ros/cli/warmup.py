@@ -49,12 +49,20 @@ def run(args: argparse.Namespace) -> int:
     from denoc_ros.kernels.correction import take_values
     from denoc_ros.kernels.joint_tracking import track_joints
     from denoc_ros.kernels.message_values import take_joint_state
+    from denoc_ros.kernels.quaternion import write_quaternion
     from denoc_ros.kernels.runge_kutta import explicit_steps
     from denoc_ros.kernels.tip_deflection import tip_deflections
     from denoc_ros.kernels.torque_limits import limit_torque
 
     began = time.perf_counter()
-    of_nodes = take_values, take_joint_state, track_joints, tip_deflections, limit_torque
+    of_nodes = (
+        take_values,
+        take_joint_state,
+        track_joints,
+        tip_deflections,
+        limit_torque,
+        write_quaternion,
+    )
     if args.robot is None:
         ready(*KERNELS, *CONSTRAINT_KERNELS, explicit_steps, *of_nodes)
     else:

@@ -335,19 +335,25 @@ class Observer:
         steps = min(most, max(1, math.ceil(duration / self.settings.step - 1e-6)))
         step = duration / steps
         self._stepper.step = step
+        moves, fuses = self.base is not None, self.fusion is not None
         for index in range(steps):
-            if self.base is not None:
-                self._stepper.robot.move_base(self.base(begin + (index + 0.5) * step))
-            self._load(q, qd, 0.5 * step)
+            if moves:
+                self._move_base(begin + (index + 0.5) * step)
+            if fuses:
+                self._load(q, qd, 0.5 * step)
             if acceleration is None:
                 self._stepper.free(q, qd, self._tau)
             else:
                 given = self.motion.given_accelerations(acceleration((index + 0.5) * step))
                 self._stepper.driven(q, qd, given, self._tau)
-            if follow is not None:
+            if fuses and follow is not None:
                 follow((index + 1) * step)
         if self._floating.floats:
             self._floating.wrap(q, qd)
+
+    def _move_base(self, time: float) -> None:
+        assert self.base is not None
+        self._stepper.robot.move_base(self.base(time))
 
     def _follow(self, gone: float) -> None:
         """Let the fusion know the state so long after the last measurement."""

@@ -19,7 +19,7 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from denoc_ros.bags.cdr import stamp_fields
+from denoc_ros.bags.cdr import stamp_bytes
 from denoc_ros.bags.definitions import exact_cdr
 from denoc_ros.types import Array
 
@@ -54,7 +54,7 @@ class _Prebuilt:
 
     def stamp(self, stamp_ns: int) -> None:
         """Write the header's stamp [ns]."""
-        STAMP.pack_into(self._raw, 4, *stamp_fields(stamp_ns))
+        self._raw[4:12] = stamp_bytes(stamp_ns)
 
     def bytes(self) -> bytes:
         """Return the message, ready for `Publisher.publish`."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +13,8 @@ from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.parameter_tracker import ParameterTracker
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.quaternion import write_quaternion
 from denoc_ros.nodes.base import STATE, DenocNode
 from denoc_ros.nodes.messages import PoseMessage, listeners
 from denoc_ros.nodes.sensor_inputs import SensorInputs
@@ -45,6 +46,8 @@ class PredictorOutputs:
         self._ahead = JointStateMessage(names, MOTION)
         self._modal = JointStateMessage(coordinates, MOTION)
         self._pose = PoseMessage(base_frame)
+        self._turned = self._pose.values[3:]
+        ready(write_quaternion)
         self._residual = JointStateMessage((), ('position',))
         self._heard: tuple[str, ...] = ()
         self._parameters = JointStateMessage((), ('position', 'effort'))
@@ -92,7 +95,7 @@ class PredictorOutputs:
     def send_pose(self, stamp_ns: int, pose: Array) -> None:
         """Publish the pose (4, 4) of the deflected end effector."""
         self._pose.values[:3] = pose[:3, 3]
-        self._pose.values[3:] = quaternion(pose[:3, :3])
+        write_quaternion(pose, self._turned)
         self._send('tip_pose', self._pose, stamp_ns)
 
     def send_residual(self, stamp_ns: int, sensors: SensorInputs, predicted: Array) -> None:
@@ -122,19 +125,7 @@ class PredictorOutputs:
 
 
 def quaternion(rotation: Array) -> Array:
-    """Return the unit quaternion x, y, z, w (w >= 0 or the first other > 0) of a rotation (3, 3).
-
-    Notes
-    -----
-    The column of largest norm of 4 q q^T, which never divides by a small number.
-    """
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    outer = (
-        (1.0 + a - e - i, b + d, c + g, h - f),
-        (b + d, 1.0 - a + e - i, f + h, c - g),
-        (c + g, f + h, 1.0 - a - e + i, d - b),
-        (h - f, c - g, d - b, 1.0 + a + e + i),
-    )
-    column = outer[max(range(4), key=lambda k: outer[k][k])]
-    norm = math.copysign(math.hypot(*column), column[3] or 1.0)
-    return np.array([x / norm for x in column])
+    """Return the quaternion x, y, z, w of a rotation (3, 3): w >= 0, or the first other > 0."""
+    found = np.empty(4)
+    write_quaternion(np.ascontiguousarray(rotation, dtype=np.float64), found)
+    return found

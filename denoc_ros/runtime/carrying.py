@@ -8,8 +8,8 @@ import numpy as np
 
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.runtime.conversions import is_torque
 from denoc_ros.runtime.rate_limiter import Backoff
-from denoc_ros.runtime.safety import is_torque
 from denoc_ros.types import Array
 
 SHARE = 0.1  # of a processor that postures without a torque may cost

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import repeat
+from operator import le
 from typing import NoReturn
 
 import numpy as np
@@ -222,6 +224,12 @@ def joint_names(raw: bytes) -> tuple[str, ...]:
     return read_names(MessageReader(raw))
 
 
+def is_torque(values: Array) -> bool:
+    """Say whether all values (n,) are finite and no larger than any robot's [N m or N]."""
+    # NaN is no less than anything
+    return all(map(le, map(abs, values.tolist()), repeat(LARGEST_EFFORT)))
+
+
 def require_effort(what: str, values: Array) -> None:
     """Refuse efforts (n,) [N m or N] that no robot has."""
     largest = max(map(abs, values.tolist()), default=0.0)
@@ -261,8 +269,9 @@ class CommandReader:
         if not (self._known and raw.startswith(self._known) and len(raw) == self._length):
             self._learn(raw)
         values = np.frombuffer(raw, self._kind, len(self._map), self._start)
-        require_finite('data', values)
-        require_effort('data', values)
+        if not is_torque(values):
+            require_finite('data', values)
+            require_effort('data', values)
         result = np.zeros(len(self.joints))
         result[self._map] = values
         self.values = result

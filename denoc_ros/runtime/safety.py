@@ -9,15 +9,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from itertools import repeat
-from operator import le
 
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.torque_limits import limit_torque
-from denoc_ros.runtime.conversions import LARGEST_EFFORT
+from denoc_ros.runtime.conversions import LARGEST_EFFORT, is_torque
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.types import Array
@@ -173,12 +171,6 @@ class TorqueLimiter:
             return
         np.minimum(values, self.limits, out=self.last)
         np.maximum(self.last, -self.limits, out=self.last)
-
-
-def is_torque(values: Array) -> bool:
-    """Say whether all values (n,) are finite and no larger than any robot's [N m or N]."""
-    # NaN is no less than anything
-    return all(map(le, map(abs, values.tolist()), repeat(LARGEST_EFFORT)))
 
 
 class SafeCommand:
