@@ -97,8 +97,9 @@ def loop_parameters() -> tuple[Parameter, ...]:
             'diagnostics.threshold.load',
             Kind.DOUBLE,
             SHARE,
-            'share of a core, and share of a period in which half of the ticks end, above which '
-            'the loop warns and gives up its priority until the machine carries it again',
+            'share of a core that the loop takes, of a period after which half of its ticks end, '
+            'or of the cores that all real-time threads fill: above it the loop warns, and gives '
+            'up its priority until the machine carries it again',
             '',
             0.05,
             1.0,
