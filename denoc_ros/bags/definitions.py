@@ -102,9 +102,14 @@ def decode(types: Any, type_name: str, raw: bytes) -> tuple[Any, int]:
 
 
 def exact_cdr(type_name: str, raw: bytes) -> bytes:
-    """Return what rclpy's `serialize_message` gave without the bytes it appends."""
+    """Return what rclpy's `serialize_message` gave, with nothing in it that means nothing.
+
+    The bytes that it appends are left out, and those between fields are zero: it leaves them as
+    they were in memory, and two runs would differ.
+    """
     require_type(type_name)
-    return raw[: decode(message_types(), type_name, raw)[1]]
+    message, _ = decode(message_types(), type_name, raw)
+    return bytes(message_types().serialize_cdr(message, type_name))
 
 
 def require_type(type_name: str) -> None:

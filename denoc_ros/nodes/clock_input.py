@@ -55,13 +55,35 @@ class ClockInput:
 
     def __init__(self, node: Any, depth: int = 1) -> None:
         release_clock(node)
-        qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._subscription = node.create_subscription(Clock, TOPIC, _never, qos, raw=True)
-        node.take_aside(self._subscription)
-        self._waits = WaitSet(node.context, [self._subscription])
+        self._node = node
         self._clock, self._depth, self._guard = node.get_clock(), depth, node.guard
+        self._reliability = ReliabilityPolicy.BEST_EFFORT  # suits every publisher
+        self._subscribe()
         self._sent: list[int] = []
         self._told: list[int] = []
+
+    def _subscribe(self) -> None:
+        qos = QoSProfile(depth=self._depth, reliability=self._reliability)
+        self._subscription = self._node.create_subscription(Clock, TOPIC, _never, qos, raw=True)
+        self._node.take_aside(self._subscription)
+        self._waits = WaitSet(self._node.context, [self._subscription])
+
+    def miss_nothing(self) -> None:
+        """Subscribe as reliable where all who publish are; no thread may be waiting."""
+        offers = self._node.get_publishers_info_by_topic(TOPIC)
+        reliable = [each.qos_profile.reliability == ReliabilityPolicy.RELIABLE for each in offers]
+        wanted = ReliabilityPolicy.BEST_EFFORT
+        if offers and all(reliable):
+            wanted = ReliabilityPolicy.RELIABLE
+        if offers and wanted != self._reliability:
+            self._reliability = wanted
+            self._node.drop(self._subscription)
+            self._subscribe()
+
+    @property
+    def last_sent_ns(self) -> int:
+        """When the newest message that is kept was sent [ns, system's clock]; 0: there is none."""
+        return self._sent[-1] if self._sent else 0
 
     @property
     def publishers(self) -> int:
@@ -78,10 +100,10 @@ class ClockInput:
             self._clock.set_ros_time_override(Time(nanoseconds=newest, clock_type=ROS_TIME))
         return newest
 
-    def time_of(self, sent_ns: int) -> int:
-        """Return what /clock had told [ns] when a message was sent [ns, system's clock], or 0."""
+    def time_of(self, sent_ns: int) -> int | None:
+        """Return what /clock had told [ns] when a message was sent [ns, system's clock]."""
         place = bisect_right(self._sent, sent_ns)
-        return self._told[place - 1] if place else 0
+        return self._told[place - 1] if place else None
 
     def _take(self) -> int | None:
         newest = None

@@ -44,7 +44,7 @@ from denoc_ros.types import Array
 LOOK = Duration(seconds=0.2)
 DISCOVERY_TIMEOUT = 20.0  # s to wait for those who are to listen
 ANSWER_TIMEOUT = 10.0  # s of wall time that a listener may be silent
-LATEST = 1_000_000_000  # ns after its stamp that a message was recorded
+LATEST = 1_000_000_000  # ns between a message's stamp and its recording
 OF_THE_MACHINE = ('/clock', '/diagnostics', '/rosout', '/parameter_events')
 
 
@@ -231,7 +231,7 @@ class ClockPlayer(WithoutEvents):
         start_ns = max(0, 2 * first[0] - first[1])
         self.source = TimeSource(self, listeners, ANSWER_TIMEOUT, start_ns=start_ns)
         self.source.clock.factor = speed
-        self._publishers: dict[str, Any] = {}
+        self._played: dict[str, Any] = {}
 
     def take_aside(self, subscription: Any) -> None:
         """Do nothing: no executor serves the player."""
@@ -244,10 +244,11 @@ class ClockPlayer(WithoutEvents):
         BagError
             A listener does not answer.
         """
-        self._publishers = self._missing_publishers()
         self._wait_for_listeners()
+        self._played = self._missing_publishers()
+        self._wait_for_subscribers()
         now_ns, told = -1, True
-        for is_late, topic, due_ns, raw in self._in_order(self._publishers):
+        for is_late, topic, due_ns, raw in self._in_order(self._played):
             if (is_late or due_ns > now_ns) and not told:
                 self.source.clock.tell()
                 told = True
@@ -256,7 +257,7 @@ class ClockPlayer(WithoutEvents):
             elif topic == self._topic and due_ns > now_ns:
                 now_ns, told = due_ns, False
                 self._go_on(self.source.clock.moment(due_ns))
-            self._publishers[topic].publish(raw)
+            self._played[topic].publish(raw)
         self.source.clock.tell()
         self._settle()
 
@@ -268,7 +269,7 @@ class ClockPlayer(WithoutEvents):
             if topic not in readers:
                 readers[topic] = stamp_reader(message_class(kind))
             stamp_ns = readers[topic](raw)
-            is_late = not 0 <= log_ns - stamp_ns <= LATEST
+            is_late = stamp_ns == 0 or abs(log_ns - stamp_ns) > LATEST
             heappush(
                 waiting,
                 (log_ns if is_late else stamp_ns, is_late, count, topic, bytes(raw)),
@@ -305,6 +306,16 @@ class ClockPlayer(WithoutEvents):
                 names = ', '.join(self.source.awaited())
                 raise BagError(f'player: {names} must listen to /clock and answer, got no answer')
             self.source.clock.tell()
+
+    def _wait_for_subscribers(self) -> None:
+        """Wait until all who subscribe are connected: before that a message would be lost."""
+        end = time.perf_counter() + DISCOVERY_TIMEOUT
+        time.sleep(LOOK.nanoseconds * 1e-9)
+        for topic, publisher in self._played.items():
+            while publisher.get_subscription_count() < self.count_subscribers(topic):
+                if time.perf_counter() > end:
+                    raise BagError(f'player: who subscribes to {topic} must be connected in time')
+                time.sleep(0.01)
 
     def _settle(self) -> None:
         """Wait until the listeners have answered the present moment."""

@@ -147,7 +147,8 @@ class PredictorNode(RobotNode):
         self.create_timer(SEARCH_PERIOD, self._search, clock=self.steady_clock)
         if rate := self.settings.number('marker_rate'):
             self._markers = self.create_publisher(MarkerArray, '~/markers', STATE)
-            self.create_timer(1.0 / rate, self._draw, clock=self.steady_clock)
+            if not self.clock.is_simulated:  # else in the tick
+                self.create_timer(1.0 / rate, self._draw, clock=self.steady_clock)
 
     def cleanup(self) -> None:
         """Take the publishers down; the next configure makes them for its robot."""
@@ -204,6 +205,8 @@ class PredictorNode(RobotNode):
         self.adaptation.reset(values=False)
         self._now = self.clock.now()
         self._stamp_of = StampOf(self.clock)
+        rate = self.settings.number('marker_rate')
+        self._draw_period, self._draw_due = (1.0 / rate, -math.inf) if rate else (0.0, math.inf)
 
     def tick(self, steps: int) -> None:
         """Take the measurements in, go on to now and publish."""
@@ -227,6 +230,9 @@ class PredictorNode(RobotNode):
             observer.tick(self._now)
             if observer.started and not observer.stale:
                 self._publish(observer)
+            if self.clock.is_simulated and self._now >= self._draw_due:
+                self._draw_due = self._now + self._draw_period
+                self._draw()
         except (StateError, SolverError):
             # the estimate has left all bounds: better none than that
             self._model_failures += 1

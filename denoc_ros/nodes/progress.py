@@ -11,14 +11,14 @@ from std_msgs.msg import MultiArrayDimension, UInt64MultiArray
 
 from denoc_ros.nodes.messages import exact_bytes, listeners
 
-TOPIC = 'time'
+TOPIC = '_time'  # hidden, as it is of the machine: recorders leave it out
 PROGRESS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 VALUES = struct.Struct('<QQ')  # the last bytes of a message
 FOREVER = (1 << 64) - 1
 
 
 class Progress:
-    """Publishes `~/time` of a node in simulated time, for who waits for it.
+    """Publishes `~/_time` of a node in simulated time, for who waits for it.
 
     The message (UInt64MultiArray) has two numbers: the time [ns] before which nothing more will
     leave the node, which is that of its next tick; and how many commands it has sent.

@@ -22,6 +22,8 @@ from denoc_ros.bags.metadata import Qos
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 from denoc_ros.nodes.base import LATCHED, DenocNode
+from denoc_ros.nodes.clock_input import TOPIC as CLOCK
+from denoc_ros.nodes.clock_input import ClockInput
 from denoc_ros.nodes.inputs import arrived
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.progress import Progress
@@ -37,9 +39,14 @@ QUEUE_DEPTH = 5000
 TAKE_PERIOD = 0.005
 LOOK_PERIOD = 0.05  # s between looks at the graph: what is published before one is not recorded
 LOOKS_PER_CHECK = 20  # looks between checks of the offered QoS
-AHEAD = 0.1  # s of simulated time that the queues hold of what has not been taken yet
+LONGEST_HELD = 500_000_000  # ns of wall time that a message waits for the next of the clock
+AHEAD = 0.05  # s of simulated time that the queues hold of what has not been taken yet
 TRANSPORT = 'transport'  # lost before the recorder had them
 STALL_PERIODS = 5.0  # flush periods without progress of the writing thread that make a stall
+
+
+# log time [ns], topic, message, when it was sent [ns]
+Taken = tuple[int, str, bytes, int]
 
 
 @dataclass
@@ -64,6 +71,8 @@ class Recorder(DenocNode):
         self.progress = Progress(self) if self.clock.is_simulated else None
         self.description = ''
         self._topics: dict[str, Recorded] = {}
+        self._held: list[Taken] = []
+        self._last_clock = b''
         self._refused: set[str] = set()
         self._missed: Counter[str] = Counter()
         self._looks = 0
@@ -140,7 +149,7 @@ class Recorder(DenocNode):
     def stop(self) -> str:
         """Finish the bag; return what is in it."""
         writer = self._recording()
-        self._take()
+        self._take(last=True)
         self.writer = None
         for recorded in self._topics.values():
             self.drop(recorded.subscription)
@@ -212,6 +221,8 @@ class Recorder(DenocNode):
             return
         self._tell_files(self.writer.status())
         check = self._looks % LOOKS_PER_CHECK == 0
+        if check and self.clock_input is not None:
+            self.clock_input.miss_nothing()
         self._looks += 1
         for topic, types in self.get_topic_names_and_types():
             if topic in self._topics:
@@ -256,7 +267,7 @@ class Recorder(DenocNode):
         self.take_aside(subscription)
         self._topics[topic] = Recorded(name, qos, subscription)
 
-    def _take(self) -> None:
+    def _take(self, last: bool = False) -> None:
         """Put what has arrived since the last call into the bag, topics in the order of time."""
         writer = self.writer
         if writer is None:
@@ -270,20 +281,38 @@ class Recorder(DenocNode):
                 if missed := recorded.gaps.missed(number, publishers):
                     self._missed[topic] += missed
                 taken.append((received_ns, topic, raw, sent_ns))
-        self.follow_clock()  # the times that these were sent at
-        now_ns, clock = self.stamp_ns(), self.clock_input
-        timed = []
-        for received_ns, topic, raw, sent_ns in taken:
-            if clock is not None:
-                received_ns = sent_ns = clock.time_of(sent_ns)
-            log_ns = received_ns or now_ns
-            timed.append((log_ns, topic, raw, sent_ns or log_ns))
-        timed.sort(key=itemgetter(0))
-        for log_ns, topic, raw, sent_ns in timed:
+        if self.clock_input is not None:
+            taken = self._in_simulated_time(self.clock_input, taken, last)
+        else:
+            now_ns = self.stamp_ns()
+            taken = [(log or now_ns, topic, raw, sent or log) for log, topic, raw, sent in taken]
+        taken.sort(key=itemgetter(0))
+        for log_ns, topic, raw, sent_ns in taken:
             # a bag has no time before 1970, which a publisher's clock or /clock may tell
-            writer.put(topic, max(log_ns, 0), raw, max(sent_ns, 0))
+            writer.put(topic, max(log_ns, 0), raw, max(sent_ns or log_ns, 0))
         if writer.share_queued < 0.5:
             self._tell_progress(self.clock.now() + AHEAD)
+
+    def _in_simulated_time(self, clock: ClockInput, taken: list[Taken], last: bool) -> list[Taken]:
+        """Return messages with the times that /clock showed when they were sent.
+
+        Those that were sent after the newest message of the clock wait, unless they are the last:
+        the next may have come between. A clock that repeats itself is left out.
+        """
+        self.follow_clock()
+        known_ns, old_ns = clock.last_sent_ns, time.time_ns() - LONGEST_HELD
+        held, self._held = [*self._held, *taken], []
+        found = []
+        for message in held:
+            _, topic, raw, sent_ns = message
+            if sent_ns > max(old_ns, known_ns) and not last:
+                self._held.append(message)
+            elif topic != CLOCK or raw != self._last_clock:
+                shown_ns = clock.time_of(sent_ns)
+                log_ns = self.stamp_ns() if shown_ns is None else shown_ns
+                found.append((log_ns, topic, raw, log_ns))
+                self._last_clock = raw if topic == CLOCK else self._last_clock
+        return found
 
     def _tell_progress(self, until: float) -> None:
         """Tell who makes the time how far it may go before the queues are taken again."""

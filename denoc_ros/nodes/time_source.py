@@ -14,6 +14,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import UInt64MultiArray
 
 from denoc_ros.bags.cdr import stamp_fields
+from denoc_ros.nodes.base import EVERY_MESSAGE
 from denoc_ros.nodes.clock_input import ROS_TIME, TOPIC, WaitSet, release_clock
 from denoc_ros.nodes.inputs import Input, arrived
 from denoc_ros.nodes.messages import STAMP, exact_bytes
@@ -123,7 +124,7 @@ class Lockstep:
 class TimeSource:
     """The time that a node makes for others.
 
-    Before each step it waits, in lockstep, until each partner has told on `<partner>/time` that
+    Before each step it waits, in lockstep, until each partner has told on `<partner>/_time` that
     all has left which belongs to the present moment, and until the commands that they have counted
     have come: the middleware keeps no order between topics.
 
@@ -158,8 +159,7 @@ class TimeSource:
         start_ns: int = 0,
     ) -> None:
         self._ros_clock = node.get_clock() if release_clock(node) else None
-        qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-        self._publisher = node.create_publisher(Clock, TOPIC, qos)
+        self._publisher = node.create_publisher(Clock, TOPIC, EVERY_MESSAGE)
         self._message = bytearray(exact_bytes(Clock(clock=TimeMessage())))
         self._lockstep = Lockstep(node, partners, patience) if partners else None
         self.clock = SourceClock(self._tell, self.may_leave, standing, start_ns)

@@ -42,7 +42,9 @@ class TorqueOutput:
         effort_qos = EVERY_MESSAGE if every_message else STATE
         self._effort_out = node.create_publisher(JointState, '~/effort', effort_qos)
         self._effort_listeners = listeners(self._effort_out)
-        self._commands_out = node.create_publisher(Float64MultiArray, '~/commands', COMMAND)
+        # in simulated time none may be lost; in real time an old one is worth nothing
+        command_qos = EVERY_MESSAGE if node.clock.is_simulated else COMMAND
+        self._commands_out = node.create_publisher(Float64MultiArray, '~/commands', command_qos)
         self._point_out = (
             node.create_publisher(JointTrajectory, '~/joint_trajectory', COMMAND)
             if with_point
