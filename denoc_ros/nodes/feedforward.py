@@ -198,16 +198,21 @@ class FeedforwardNode(LiveFeedforward):
 
     def begin(self) -> None:
         """Start from rest: nothing is known and nothing has left."""
+        self._fresh = True
+        self.limiter.reset()
+        self.carrying.forget()
+        self.begin_time()
+
+    def begin_time(self) -> None:
+        """Forget all moments; what has left stays what the next torque may differ from."""
         self._tick_time = self.clock.now()
         self._stamp_of = StampOf(self.clock)
         self._last_update = -math.inf
-        self._fresh = True
         self._look_due = -math.inf
         self._joint_clock.reset()
         if self.phase is not None:
             self.phase.forget()
-        self.limiter.reset()
-        self.carrying.forget()
+        self.carrying.hurry()
         self.safe.end()
         self.base.begin()
         self.torque.source.reset()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from std_srvs.srv import SetBool
@@ -112,6 +113,12 @@ class LiveFeedforward(RobotNode):
     def _build_feedback(self, robot: Robot, settings: Settings, limits: Array) -> None:
         posture = self.posture(robot, settings)
         self.feedback.build(robot, self.joints, settings, limits, posture)
+
+    def follow_clock(self) -> None:
+        """Look at the time; who answers messages does not hold it."""
+        super().follow_clock()
+        if self.by_message and self.progress is not None and self.state == 'active':
+            self.progress.tell(math.inf)
 
     def _watch_beside(self) -> None:
         """Watch, unless the ticks of simulated time do: then they wait for the gains."""

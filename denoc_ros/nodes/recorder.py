@@ -271,7 +271,8 @@ class Recorder(DenocNode):
         """Put what has arrived since the last call into the bag, topics in the order of time."""
         writer = self.writer
         if writer is None:
-            self._tell_progress(math.inf)
+            if self.state == 'active':  # and stopped
+                self._tell_progress(math.inf)
             return
         taken = []
         for topic, recorded in self._topics.items():

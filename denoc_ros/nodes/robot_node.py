@@ -161,7 +161,7 @@ class RobotNode(ModelNode):
         for each in self._inputs:
             each.forget()
         if self.state == 'active':
-            self.begin()
+            self.begin_time()
 
     def guarded(self, act: Callable[[float], None], now: float) -> None:
         """Do what a tick does outside of the loop; a failure counts as one of a tick."""
@@ -192,7 +192,11 @@ class RobotNode(ModelNode):
         return False
 
     def begin(self) -> None:
-        """Do what is to be done just before the loop starts, or when time begins anew."""
+        """Do what is to be done just before the loop starts."""
+
+    def begin_time(self) -> None:
+        """Do what is to be done when simulated time begins anew."""
+        self.begin()
 
     def come_to_rest(self) -> None:
         """Do what is to be done when the loop has stopped."""

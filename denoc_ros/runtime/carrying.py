@@ -48,6 +48,10 @@ class CarryingTorque:
         self.found = False
         self.failure = ''
 
+    def hurry(self) -> None:
+        """Look at the next posture at once: time has begun anew."""
+        self._backoff.reset()
+
     def update(self, source: TorqueFeedforward, posture: Array, now: float) -> str:
         """Find the torque of a posture (n,) at steady `now` [s].
 

@@ -67,6 +67,10 @@ class Backoff:
         self._share, self._longest = share, longest
         self._due = -math.inf
 
+    def reset(self) -> None:
+        """Let the next attempt be at once."""
+        self._due = -math.inf
+
     def due(self, now: float) -> bool:
         """Say whether it may be tried again at `now` [s]."""
         return now >= self._due
