@@ -97,6 +97,7 @@ class Scene:
     sensors: Mapping[str, str] = field(default_factory=lambda: SENSORS)  # topics and their types
     more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # parameters, by node
     first: tuple[dict[str, Any], ...] = ()  # attacks before those that are drawn
+    factor: float = 0.0  # simulated time over wall time; 0: by real time
 
     @property
     def adapts(self) -> bool:
@@ -150,6 +151,8 @@ class Scene:
             },
             'shaper': {**robot, 'update_rate': SLOW_RATE},
         }[node]  # fmt: skip
+        if self.factor:
+            usual['use_sim_time'] = True
         return {**usual, **self.more.get(node, {})}
 
 
@@ -190,6 +193,17 @@ SCENES = {
             sensors={'/strain': 'sensor_msgs/msg/JointState'},
             more=FED_BACK,
             first=FEEDBACK_CASES,
+        ),
+        Scene(
+            'simulated',
+            two_links,
+            tuple(JOINTS),
+            (0.4, -0.7),
+            (0.1, 0.2),
+            (60.0, 40.0),
+            4.0,
+            first=({'do': 'clock', 'node': 'feedforward', 'seed': 1, 'count': 50},),
+            factor=1.0,
         ),
         Scene(
             'payload',

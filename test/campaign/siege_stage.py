@@ -35,11 +35,13 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.cli.node_parameters import write_parameters
+from denoc_ros.nodes.session_client import time_message
 from denoc_ros.runtime.realtime import make_thread_timely
 
 FEED = 100.0  # Hz of joint states
@@ -50,6 +52,7 @@ ANSWER = 60.0  # s within which a request is answered, on a busy machine
 RECOVERY = 60.0  # s within which all is as before an attack
 PATIENCE = 400.0  # s for a process to come up: a busy machine may take minutes to compile kernels
 FRESH = 0.5  # s
+SIMULATION_START = 1000 * 1_000_000_000  # ns
 RELAYED = '/siege/commands'  # what left as torque, said to the plant by the stage
 GET_STATE = GetState.Request()
 OUTPUTS = {'predictor': '/predictor/modal_state', 'plant': '/plant/true_modal_state'}
@@ -106,6 +109,7 @@ class SiegeStage:
         if scene.adapts:
             self._listen_to_estimates()
         self._running = True
+        self._begin_ns = time.time_ns()
         self.executor = EventsExecutor()
         self.executor.add_node(self.node)
         self._threads = [
@@ -125,13 +129,19 @@ class SiegeStage:
                 self._publishers[topic] = self.node.create_publisher(kind, topic, qos)
             return self._publishers[topic]
 
+    def now_ns(self) -> int:
+        """Return the time of the robot [ns]: of the scene's simulation, if it is one."""
+        if not self.scene.factor:
+            return time.time_ns()
+        return SIMULATION_START + round(self.scene.factor * (time.time_ns() - self._begin_ns))
+
     def state(self) -> JointState:
         """Return what a good robot says now."""
         if self.swing is not None:
-            return self.swing.state(time.time_ns())
+            return self.swing.state(self.now_ns())
         names, positions = list(self.scene.joints), list(self.scene.posture)
         message = JointState(name=names, position=positions, effort=[0.0] * len(names))
-        stamp(message, time.time_ns())
+        stamp(message, self.now_ns())
         return message
 
     def trajectory(self, seconds: float = 0.001) -> JointTrajectory:
@@ -152,8 +162,10 @@ class SiegeStage:
             if not self.instead:
                 self.states.publish(self.state())
                 self.fed += 1
-                for message in self.gauges.messages(time.time_ns()):
+                for message in self.gauges.messages(self.now_ns()):
                     self._publishers['/strain'].publish(message)
+            if self.scene.factor:
+                self.publisher('/clock', Clock).publish(Clock(clock=time_message(self.now_ns())))
             count += 1
             time.sleep(max(0.0, start + count / FEED - time.perf_counter()))
 
