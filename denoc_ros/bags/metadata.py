@@ -10,6 +10,9 @@ from pathlib import Path
 
 import yaml
 
+from denoc_ros.errors import ConfigError
+from denoc_ros.yaml_text import read_yaml_file
+
 METADATA_NAME = 'metadata.yaml'
 # the newest version that Humble writes: later ones only add keys that nothing here needs
 _VERSION = 5
@@ -116,10 +119,10 @@ def write_metadata(folder: Path, text: str) -> None:
 def named_files(folder: Path) -> set[str]:
     """Return the names of the files that metadata.yaml names; none where it cannot be read."""
     try:
-        content = yaml.safe_load((folder / METADATA_NAME).read_text(encoding='utf-8'))
+        content = read_yaml_file(folder / METADATA_NAME)
         paths = content['rosbag2_bagfile_information']['relative_file_paths']
         return {Path(path).name for path in paths}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
+    except (ConfigError, KeyError, TypeError):
         return set()
 
 

@@ -9,13 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from denoc_ros.cli.path_settings import apply_setting
-from denoc_ros.cli.yaml_text import load_yaml
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.mapping_reader import MappingReader, are_numbers, is_number
 from denoc_ros.model.overrides import FAMILIES
+from denoc_ros.yaml_text import read_yaml_file
 
 NODES = ('plant', 'feedforward', 'predictor', 'recorder', 'viewer', 'shaper')
 WHEN_ASKED = ('viewer', 'shaper')  # started only where the file has them
@@ -135,10 +133,7 @@ def load_config(path: str | os.PathLike[str], settings: Sequence[str] = ()) -> S
 
 def read_yaml(file: Path) -> dict[str, Any]:
     """Return a YAML file's mapping; ConfigError with the line of the error."""
-    try:
-        value = load_yaml(file.read_text(encoding='utf-8'))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(str(file), [f'the text must be YAML, got {_one_line(error)}']) from error
+    value = read_yaml_file(file)
     if not isinstance(value, dict):
         raise ConfigError(str(file), [f'the file must be a mapping, got {_kind(value)}'])
     return value
@@ -319,10 +314,6 @@ def _split(flat: Parameters, heads: Sequence[str]) -> tuple[Parameters, Paramete
     """Return the entries whose path starts with one of the heads, and the rest."""
     inside = {path: value for path, value in flat.items() if path.split('.')[0] in heads}
     return inside, {path: value for path, value in flat.items() if path not in inside}
-
-
-def _one_line(error: Exception) -> str:
-    return ' '.join(str(error).split())
 
 
 def _kind(value: Any) -> str:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import yaml
-
-from denoc_ros.cli.yaml_text import load_yaml
 from denoc_ros.model.overrides import FAMILIES
+from denoc_ros.yaml_text import YamlError, load_yaml
 
 
 def parse_setting(setting: str, findings: list[str]) -> tuple[list[str], Any] | None:
@@ -20,8 +18,9 @@ def parse_setting(setting: str, findings: list[str]) -> tuple[list[str], Any] | 
         return None
     try:
         return names, load_yaml(text)
-    except yaml.YAMLError:
-        return names, text
+    except YamlError as error:
+        findings.append(f'--set {path}: {error}')
+        return None
 
 
 def apply_setting(raw: dict[str, Any], setting: str, findings: list[str]) -> None:

@@ -13,7 +13,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import yaml
+from denoc_ros.errors import ConfigError
+from denoc_ros.yaml_text import read_yaml_file
 
 VALUES = 'ros__parameters'
 WILD = ('*', '**')
@@ -61,9 +62,8 @@ def _sections(file: str) -> Iterator[tuple[list[str], list[str]]]:
 
     A file that cannot be read has none: rclpy has said what is wrong with it.
     """
-    with suppress(OSError, UnicodeDecodeError, yaml.YAMLError):
-        found = yaml.safe_load(Path(file).read_text(encoding='utf-8'))
-        yield from _below([], found)
+    with suppress(ConfigError):
+        yield from _below([], read_yaml_file(Path(file)))
 
 
 def _below(path: list[str], found: Any) -> Iterator[tuple[list[str], list[str]]]:

@@ -20,10 +20,10 @@ from pages import Snippet
 from denoc_ros.cli.config import NODES, find_file, load_config
 from denoc_ros.cli.main import build_parser, main
 from denoc_ros.cli.scenario_runs import prepare
-from denoc_ros.cli.yaml_text import load_yaml
 from denoc_ros.model.dh.system import load_system
 from denoc_ros.model.urdf import load_tree
 from denoc_ros.simulation.scenario import KEYS as SCENARIO_KEYS
+from denoc_ros.yaml_text import load_yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 OTHERS = {'source', 'rosdep', 'colcon', 'git', 'touch', 'sudo', '.', 'cd', 'apt', 'apt-get'}

@@ -17,8 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.dh.links import CHAIN_KEYS, DHLink, section_rigidity
 from denoc_ros.model.dh.mechanism import (
@@ -35,6 +33,7 @@ from denoc_ros.model.dh.table import Table
 from denoc_ros.model.findings import Findings
 from denoc_ros.model.flexibility import MOST_MODES
 from denoc_ros.model.shapes import SHAPES
+from denoc_ros.yaml_text import read_yaml_file
 
 SYSTEM_KEYS = frozenset(
     ('planar', 'section', 'modes', 'shape', 'kinds', 'damping_ratio', 'limits')
@@ -95,13 +94,7 @@ def load_system(
         With every finding of the table.
     """
     where = os.fspath(path)
-    try:
-        content = yaml.safe_load(Path(where).read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ConfigError(where, [f'the file must be readable, got: {error.strerror}']) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        flat = ' '.join(str(error).split())
-        raise ConfigError(where, [f'the file must be YAML, got: {flat}']) from error
+    content = read_yaml_file(Path(where))
     if not isinstance(content, dict):
         raise ConfigError(where, [f'the file must hold a mapping, got {type(content).__name__}'])
     if system is None:

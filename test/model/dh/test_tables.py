@@ -281,8 +281,8 @@ def test_all_findings_of_a_table_come_at_once() -> None:
     ('text', 'message'),
     [
         ('[1, 2]', 'the file must hold a mapping, got list'),
-        ('a: [1', 'the file must be YAML, got: '),
-        ('!!python/object:os.system {}', 'the file must be YAML, got: '),
+        ('a: [1', 'the text must be YAML, got '),
+        ('!!python/object:os.system {}', 'the text must be YAML, got '),
     ],
 )
 def test_a_bad_yaml_file_is_refused(text: str, message: str, tmp_path: Path) -> None:
