@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from mcap.reader import make_reader
-from rosbags.highlevel import AnyReader
 from rosbags.interfaces import MessageDefinitionFormat
 
 from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.ending import MAGIC
 from denoc_ros.bags.metadata import METADATA_NAME, Qos, named_files
-from denoc_ros.bags.storage import require_small_chunks
+from denoc_ros.bags.rosbags_bounds import AnyReader
+from denoc_ros.bags.storage import require_bounded_chunks
 from denoc_ros.errors import BagError
 
 Stamp = Literal['header', 'log']
@@ -126,7 +126,7 @@ def read_raw(
         chosen = _connections(Path(path), reader, topics)
         if not chosen:
             return
-        for connection, log_ns, raw in reader.messages(chosen):
+        for connection, log_ns, raw in _raw_messages(path, reader, chosen):
             yield connection.topic, connection.msgtype, log_ns, raw
 
 
@@ -191,12 +191,29 @@ def _messages(path: Path, topics: Collection[str] | None, stamp: Stamp) -> Itera
         chosen = _connections(path, reader, topics)
         if not chosen:
             return
-        for connection, log_ns, raw in reader.messages(chosen):
+        for connection, log_ns, raw in _raw_messages(path, reader, chosen):
             message, _ = decode(reader.typestore, connection.msgtype, raw)
             stamp_ns = (header_stamp_ns(message) if stamp == 'header' else 0) or log_ns
             yield BagMessage(
                 connection.topic, connection.msgtype, stamp_ns, log_ns, bytes(raw), message
             )
+
+
+def _raw_messages(
+    path: str | Path, reader: Any, chosen: list[Any]
+) -> Iterator[tuple[Any, int, bytes]]:
+    """Yield (connection, log time [ns], CDR bytes); a database may hold anything else."""
+    for connection, log_ns, raw in reader.messages(chosen):
+        if not isinstance(raw, bytes):
+            raise BagError(
+                f'{path}: {connection.topic}: message must be bytes, got {type(raw).__name__}'
+            )
+        if not isinstance(log_ns, int):
+            raise BagError(
+                f'{path}: {connection.topic}: time of a message must be a whole number of ns, '
+                f'got {log_ns!r}'
+            )
+        yield connection, log_ns, raw
 
 
 def header_stamp_ns(message: Any) -> int:
@@ -254,8 +271,12 @@ def _open(path: Path) -> Iterator[Any]:
     with only_bag_errors(path):
         for part in parts:
             if part.suffix == '.mcap':
-                require_small_chunks(part)
+                require_bounded_chunks(part)
         with AnyReader([source], default_typestore=_CommonTypes()) as reader:
+            for one in reader.connections:
+                if not (isinstance(one.topic, str) and isinstance(one.msgtype, str)):
+                    rule = f'name and type of a topic must be text, got {one.topic!r}'
+                    raise BagError(f'{path}: {rule}, {one.msgtype!r}')
             yield reader
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Iterator
 from contextlib import suppress
@@ -9,12 +10,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import IO
 
-import zstandard
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
+from denoc_ros.bags.decompression import decompressed, require_bounded
 from denoc_ros.bags.ending import McapIndex, read_layout
 from denoc_ros.bags.loss import MOVED, Identity, cut
 from denoc_ros.bags.metadata import FileContents, Topic
@@ -26,7 +27,6 @@ COMPRESSIONS = {
     'zstd': CompressionType.ZSTD,
 }
 _CHUNK_SIZE = 1 << 20
-LARGEST_CHUNK = 1 << 28  # bytes when opened: writers make chunks of a MiB or a few
 
 
 def library_name() -> str:
@@ -188,41 +188,23 @@ class McapFile:
         return True
 
 
-def opened_size(compression: str, start: bytes, claimed: int) -> int:
-    """Return how much memory [bytes] a chunk takes when opened.
-
-    Parameters
-    ----------
-    compression : str
-        As the chunk says.
-    start : bytes
-        The first bytes of its compressed content; zstd says there what it will give.
-    claimed : int
-        What the chunk itself says.
-    """
-    if compression != 'zstd':
-        return claimed
-    return max(claimed, int(zstandard.get_frame_parameters(start).content_size))
-
-
-def require_small_chunks(path: Path) -> None:
-    """Refuse a file with a chunk that would fill the memory, however small it is on the disk.
+def require_bounded_chunks(path: Path) -> None:
+    """Refuse a file with chunks that would fill the memory, however small they are on the disk.
 
     Raises
     ------
     BagError
-        With its size.
+        With the size.
     """
     with path.open('rb') as stream:
         summary = make_reader(stream).get_summary()
-        for index in summary.chunk_indexes if summary is not None else ():
-            # opcode and length, times, size and checksum, compression, length of the content
-            stream.seek(index.chunk_start_offset + 9 + 28 + 4 + len(index.compression) + 8)
-            size = opened_size(index.compression, stream.read(18), index.uncompressed_size)
-            if size > LARGEST_CHUNK:
-                raise BagError(
-                    f'{path}: chunk must hold at most {LARGEST_CHUNK} bytes, got {size}'
-                )
+    chunks = summary.chunk_indexes if summary is not None else ()
+    try:
+        require_bounded(
+            (one.message_start_time, one.message_end_time, one.uncompressed_size) for one in chunks
+        )
+    except ValueError as error:
+        raise BagError(f'{path}: {error}') from error
 
 
 class CompleteRecords:
@@ -268,10 +250,9 @@ class CompleteRecords:
 
     def _opened(self, chunk: Chunk) -> list[McapRecord]:
         try:
-            size = opened_size(chunk.compression, chunk.data[:18], chunk.uncompressed_size)
-            if size > LARGEST_CHUNK:
-                raise ValueError(size)
-            return list(breakup_chunk(chunk, validate_crc=True))
+            content = decompressed(chunk.data, chunk.compression, chunk.uncompressed_size)
+            opened = dataclasses.replace(chunk, compression='', data=content)
+            return list(breakup_chunk(opened, validate_crc=True))
         except Exception:
             self.damaged_chunks += 1
             return []

@@ -12,10 +12,10 @@ import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.reader import Summary, make_reader
 from mcap.records import Chunk, ChunkIndex
-from mcap.stream_reader import get_chunk_data_stream
 
+from denoc_ros.bags.decompression import decompressed
 from denoc_ros.bags.reader import mcap_files, only_bag_errors, read_raw, require_readable
-from denoc_ros.bags.storage import require_small_chunks
+from denoc_ros.bags.storage import require_bounded_chunks
 from denoc_ros.errors import BagError
 from denoc_ros.types import Stamps
 
@@ -104,7 +104,7 @@ class _Picker:
 
 def _begin(part: Path) -> int | None:
     """Return when a file's messages begin [ns], None where no index leads to all of them."""
-    require_small_chunks(part)
+    require_bounded_chunks(part)
     with part.open('rb') as stream:
         summary = make_reader(stream).get_summary()
     if summary is None or summary.statistics is None:
@@ -165,8 +165,8 @@ def _message_indexes(
 def _content(stream: IO[bytes], index: ChunkIndex) -> bytes:
     """Return a chunk's records, opened."""
     stream.seek(index.chunk_start_offset + _RECORD.size)
-    opened, size = get_chunk_data_stream(Chunk.read(ReadDataStream(stream)))
-    return bytes(opened.read(size))
+    chunk = Chunk.read(ReadDataStream(stream))
+    return decompressed(chunk.data, chunk.compression, chunk.uncompressed_size)
 
 
 def _message(content: bytes, place: int, channel: int) -> bytes:
