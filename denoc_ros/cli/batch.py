@@ -6,12 +6,13 @@ import argparse
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.cli.interrupts import deferred_interrupts, is_made_by_interrupt
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.runtime.realtime import SINGLE_THREADED
 
@@ -202,6 +203,8 @@ def _guarded(task: Task, keyed: tuple[str, Any]) -> Row:
     except (DenocError, OSError) as error:
         return {KEY: key, FAILURE: str(error)}
     except Exception as error:
+        if is_made_by_interrupt(error):
+            raise
         return {KEY: key, FAILURE: f'{type(error).__name__}: {error}'}
 
 
@@ -235,17 +238,19 @@ def _client(workers: WorkerConfig, tasks: int) -> Iterator[Any]:
         with closing(client):
             yield client
         return
-    with (
-        _required('dask').config.set(LEAN),
-        distributed.LocalCluster(
-            n_workers=min(workers.count, tasks),
-            threads_per_worker=1,
-            dashboard_address=None,
-            silence_logs=logging.ERROR,
-            env=SINGLE_THREADED,
-        ) as cluster,
-        closing(distributed.Client(cluster)) as client,
-    ):
+    with _required('dask').config.set(LEAN), ExitStack() as stack:
+        # Ctrl-C is for this process, which ends the others in order
+        with deferred_interrupts():
+            cluster = stack.enter_context(
+                distributed.LocalCluster(
+                    n_workers=min(workers.count, tasks),
+                    threads_per_worker=1,
+                    dashboard_address=None,
+                    silence_logs=logging.ERROR,
+                    env=SINGLE_THREADED,
+                )
+            )
+            client = stack.enter_context(closing(distributed.Client(cluster)))
         yield client
 
 

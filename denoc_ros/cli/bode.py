@@ -34,9 +34,9 @@ def add_bode(parser: argparse.ArgumentParser) -> None:
 def run_bode(args: argparse.Namespace, robot: Robot) -> int:
     """Write the page, print its conclusion, and return the exit status."""
     from denoc_ros.cli.arguments import given_file
-    from denoc_ros.cli.new_file import write_text
     from denoc_ros.cli.postures import posture, read_postures
     from denoc_ros.dynamics.loop_response import loop_response
+    from denoc_ros.output_files import write_text
     from denoc_ros.reports.bode import page
     from denoc_ros.reports.provenance import named_file, provenance
 

@@ -41,10 +41,10 @@ def run(args: argparse.Namespace) -> int:
     ModelError
         If the table's robot is not possible.
     """
-    from denoc_ros.cli.new_file import write_new
     from denoc_ros.model.dh.system import load_system
     from denoc_ros.model.dh.urdf import urdf_text
     from denoc_ros.model.urdf import load_tree
+    from denoc_ros.output_files import write_new
 
     system = load_system(args.table, args.system, args.kinds)
     text = urdf_text(system)

@@ -51,10 +51,10 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    from denoc_ros.cli.new_file import require_new, write_new
     from denoc_ros.dynamics.robot import Robot
     from denoc_ros.model.mjcf import mjcf
     from denoc_ros.model.overrides import with_overrides
+    from denoc_ros.output_files import require_new, write_new
 
     require_new(args.output)
     file = given_file(args.robot, 'robot')

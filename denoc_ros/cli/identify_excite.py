@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from denoc_ros.cli.arguments import add_gravity, given_file, named_values, number_range, require
 from denoc_ros.cli.exit_statuses import exit_status
 from denoc_ros.cli.identify_numbers import numbers_text
-from denoc_ros.cli.new_file import require_new
 from denoc_ros.cli.overrides import add_overrides, overrides_of
+from denoc_ros.output_files import require_new, write_text
 from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ def run_excite(args: argparse.Namespace) -> int:
         from denoc_ros.reports.identify_excite import excitation_page
 
         page = excitation_page(found, document, robot.tree, args.command)
-        args.page.write_text(page.html(), encoding='utf-8')
+        write_text(args.page, page.html())
     print(json.dumps(document, indent=2, allow_nan=False) if args.json else as_text(document))
     return exit_status(document['verdict'])
 

@@ -170,11 +170,14 @@ def as_text(document: Document) -> str:
 
 def _apply(args: argparse.Namespace, found: IdentifiedModel) -> None:
     """Write the robot's description with what was found."""
-    from denoc_ros.identification.model.result import applied_description
+    from denoc_ros.identification.model.result import applied_description, not_applied
+    from denoc_ros.output_files import write_text
 
     text, left = applied_description(args.robot, found)
-    args.apply.write_text(text, encoding='utf-8')
+    write_text(args.apply, text)
     if not args.json:
         print(f'{args.apply}: {args.robot} with what was found')
+        for path in not_applied(found):
+            print(f'  not identifiable, as in the file: {path}')
         for path, value in left.items():
             print(f'  not of a description, for --set: {path}={value}')

@@ -18,6 +18,8 @@ def numbers_text(parameters: Sequence[Mapping[str, Any]], verdict: str) -> str:
     verdict : str
         What the verdict is called.
     """
+    from denoc_ros.identification.model.result import verdict_text
+
     return text_table(
         [
             {
@@ -26,7 +28,7 @@ def numbers_text(parameters: Sequence[Mapping[str, Any]], verdict: str) -> str:
                 'is': one['value'],
                 '95 % from': one['interval'][0],
                 'to': one['interval'][1],
-                verdict: one['verdict'],
+                verdict: verdict_text(one),
             }
             for one in parameters
         ]

@@ -10,6 +10,7 @@ from typing import Any
 
 from denoc_ros.cli.exit_statuses import exit_status
 from denoc_ros.identification.result import RESULT_FILE, write_result
+from denoc_ros.output_files import write_text
 from denoc_ros.reports.pages import ReportPage
 
 
@@ -26,6 +27,6 @@ def give_result(
                 f'denoc identify: {args.output}: the earlier result is replaced', file=sys.stderr
             )
         write_result(args.output, document)
-        (args.output / 'report.html').write_text(page().html(), encoding='utf-8')
+        write_text(args.output / 'report.html', page().html())
     print(json.dumps(document, indent=2) if args.json else text)
     return exit_status(document['verdict'])

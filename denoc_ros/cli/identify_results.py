@@ -12,8 +12,8 @@ from typing import Any
 
 from denoc_ros.cli.exit_statuses import DOUBTFUL
 from denoc_ros.cli.identify_inputs import add_robot_options, joint_values, load_named_robot
-from denoc_ros.cli.new_file import require_new
 from denoc_ros.errors import IdentificationError
+from denoc_ros.output_files import require_new, write_text
 from denoc_ros.reports.text_table import text_table
 
 Document = dict[str, Any]
@@ -71,7 +71,7 @@ def run_apply(args: argparse.Namespace) -> int:
     require_new(args.output)
     results = [read_result(path) for path in args.results]
     overrides, text = changed_description(args, results)
-    args.output.write_text(text, encoding='utf-8')
+    write_text(args.output, text)
     if args.json:
         print(json.dumps({'output': str(args.output), 'overrides': overrides}, indent=2))
     else:

@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from types import TracebackType
 from typing import Any, NoReturn
 
@@ -28,9 +29,30 @@ def interrupt(_number: int, _frame: object) -> NoReturn:
 
 
 def is_made_by_interrupt(error: BaseException) -> bool:
-    """Say whether an interrupt caused an error: an extension that was being imported makes one."""
+    """Say whether an interrupt caused an error: an import that it ends raises another one."""
     cause = error.__cause__
-    return cause is not None and (isinstance(cause, Interrupt) or is_made_by_interrupt(cause))
+    return cause is not None and (
+        isinstance(cause, KeyboardInterrupt) or is_made_by_interrupt(cause)
+    )
+
+
+@contextmanager
+def deferred_interrupts() -> Iterator[None]:
+    """Put Ctrl-C off to the end of the block, in the main thread.
+
+    Threads and processes that start in the block never get it.
+    """
+    noted: list[int] = []
+    resource_tracker.ensure_running()  # it would unblock SIGINT where a process is spawned
+    handler = signal.signal(signal.SIGINT, lambda number, _: noted.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+        if noted:
+            signal.raise_signal(signal.SIGINT)
 
 
 class Interrupts:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import signal
 import sys
@@ -12,7 +13,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from denoc_ros.cli.exit_statuses import BAD_INPUT, INTERRUPTED
-from denoc_ros.cli.interrupts import interrupt
+from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt
 from denoc_ros.errors import DenocError
 
 VERBS = (
@@ -32,6 +33,11 @@ VERBS = (
     'warmup',
     'bench',
 )
+
+
+LONGEST = 2000  # characters of a line of a message
+_MEMORY = 'memory must be enough for what was asked, got: {}'
+_NO_MEMORY = ('failed to map segment', 'Cannot allocate memory', 'cannot allocate memory')
 
 
 class Parser(argparse.ArgumentParser):
@@ -68,26 +74,36 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 good, 1 bad input (message on stderr), 2 doubtful result, 3 not identifiable,
         130 interrupted.
     """
-    arguments = _with_action(list(sys.argv[1:] if argv is None else argv))
-    if argv is None and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    is_process = argv is None
+    if is_process and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, interrupt)
+    arguments = list(sys.argv[1:] if argv is None else argv)
     try:
-        return _execute(arguments, is_process=argv is None)
-    except KeyboardInterrupt:
-        if argv is None:  # a second Ctrl-C is not to change the status on the last way
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        if is_process:
+            _require_streams()
+        status = _execute(_with_action(arguments), is_process)
+    except BaseException as error:
+        if not (isinstance(error, KeyboardInterrupt) or is_made_by_interrupt(error)):
+            raise
+        _ignore_interrupts(is_process)
         print(f'denoc {" ".join(arguments[:1])}: interrupted', file=sys.stderr)
-        if argv is None:
+        if is_process:
             _leave_compiler()
         return INTERRUPTED
+    _ignore_interrupts(is_process)
+    return status
 
 
 def _execute(arguments: list[str], is_process: bool) -> int:
     """Run the verb that the arguments name; errors are messages."""
     try:
         args = build_parser(arguments).parse_args(arguments)
+        sys.stdout.flush()  # of --help
     except SystemExit as stop:
         return int(stop.code or 0)
+    except BrokenPipeError:
+        _discard_output()
+        return 0
     from denoc_ros.reports.provenance import command_line
 
     args.command, args.is_process = command_line(arguments), is_process
@@ -105,7 +121,14 @@ def _execute(arguments: list[str], is_process: bool) -> int:
             args.verb, f'{error.filename}: output must not exist yet, got an existing one'
         )
     except OSError as error:
-        return _complain(args.verb, f'{error.filename or "file"}: {error.strerror or error}')
+        status = _complain(args.verb, f'{error.filename or "output"}: {error.strerror or error}')
+        _flush_or_discard()
+    except MemoryError as error:
+        status = _complain(args.verb, _MEMORY.format(str(error).strip() or 'too little'))
+    except ImportError as error:
+        if is_made_by_interrupt(error) or not any(word in str(error) for word in _NO_MEMORY):
+            raise
+        status = _complain(args.verb, _MEMORY.format(error))
     return status
 
 
@@ -161,9 +184,40 @@ def _leave_compiler() -> None:
 
 
 def _complain(verb: str, message: str) -> int:
-    for line in message.splitlines() or ['']:
-        print(f'denoc {verb}: {line}', file=sys.stderr)
+    lines = [line for line in message.splitlines() if line.strip()]
+    for line in lines or ['an error without words']:
+        more = f'… ({len(line) - LONGEST} characters more)' if len(line) > LONGEST else ''
+        print(f'denoc {verb}: {line[:LONGEST]}{more}', file=sys.stderr)
     return BAD_INPUT
+
+
+def _require_streams() -> None:
+    """Have stdout and stderr, whatever the process was started with.
+
+    A closed one would have its number given to the next file that is opened, and printed into. A
+    terminal whose encoding lacks a character gets its code.
+    """
+    for name, number in (('stdout', 1), ('stderr', 2)):
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+            setattr(sys, name, os.fdopen(number, 'w', encoding='utf-8', closefd=False))
+        elif isinstance(stream := getattr(sys, name), io.TextIOWrapper):
+            stream.reconfigure(errors='backslashreplace')
+
+
+def _ignore_interrupts(is_process: bool) -> None:
+    """Ignore Ctrl-C on a process's last way: it is not to change the status."""
+    if is_process:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _flush_or_discard() -> None:
+    try:
+        sys.stdout.flush()
+    except OSError:
+        _discard_output()
 
 
 def _discard_output() -> None:

@@ -10,6 +10,7 @@ import yaml
 
 from denoc_ros.cli.config import Parameters, Phase, SessionConfig
 from denoc_ros.errors import ConfigError
+from denoc_ros.output_files import write_text
 
 if TYPE_CHECKING:
     from denoc_ros.runtime.parameters import ParameterTable
@@ -96,4 +97,4 @@ def changed_parameters(name: str, now: Parameters, wanted: Parameters) -> Parame
 def write_parameters(file: Path, parameters: Parameters) -> None:
     """Write a params file for `--params-file`."""
     text = yaml.safe_dump({'/**': {'ros__parameters': parameters}}, sort_keys=True)
-    file.write_text(text)
+    write_text(file, text)

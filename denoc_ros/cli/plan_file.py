@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ import yaml
 
 from denoc_ros.control.grid import GridMotion
 from denoc_ros.control.plan import Plan
+from denoc_ros.output_files import write_text
 from denoc_ros.types import Array
 
 DIGITS = 12  # of a number in a file
@@ -82,7 +84,7 @@ def write_points(
         },
     }
     text = yaml.safe_dump(reference, sort_keys=False, default_flow_style=None, width=110)
-    file.write_text(head + text, encoding='utf-8')
+    write_text(file, head + text)
 
 
 def write_joint_trajectory(
@@ -98,7 +100,7 @@ def write_joint_trajectory(
         points.append({**point, 'time_from_start': since})
     message = {'joint_names': list(joints), 'points': points}
     text = yaml.safe_dump(message, sort_keys=False, default_flow_style=None, width=110)
-    file.write_text(text, encoding='utf-8')
+    write_text(file, text)
 
 
 def _write_table(plan: Plan, file: Path, times: Array, motion: tuple[Array, Array, Array]) -> None:
@@ -114,10 +116,11 @@ def _write_table(plan: Plan, file: Path, times: Array, motion: tuple[Array, Arra
         columns.append(plan.base_wrench)
     rest = np.column_stack(columns)
     between = np.column_stack([np.interp(times, plan.t, column) for column in rest.T])
-    with file.open('w', newline='', encoding='utf-8') as out:
-        writer = csv.writer(out)
-        writer.writerow(head)
-        writer.writerows(_numbers(row) for row in np.column_stack([times, *motion, between]))
+    out = io.StringIO(newline='')
+    writer = csv.writer(out)
+    writer.writerow(head)
+    writer.writerows(_numbers(row) for row in np.column_stack([times, *motion, between]))
+    write_text(file, out.getvalue())
 
 
 def _numbers(row: Array) -> list[float]:

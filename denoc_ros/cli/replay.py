@@ -20,9 +20,9 @@ from denoc_ros.cli.arguments import (
     unused,
 )
 from denoc_ros.cli.exit_statuses import DOUBTFUL
-from denoc_ros.cli.new_file import require_new
 from denoc_ros.cli.overrides import add_overrides, overrides_of
 from denoc_ros.errors import BagError
+from denoc_ros.output_files import require_new, write_text
 from denoc_ros.reports.run_files import EARTH, recording_name
 from denoc_ros.reports.text_table import Row, text_table
 
@@ -215,7 +215,7 @@ def run(args: argparse.Namespace) -> int:
     sources = {'bag': named_file(bag), 'robot': named_text(_robot_name(args), robot.tree.source)}
     shown = page(replay, summary, robot, provenance(args.command, sources))
     replaced = ' (replaced)' if report.exists() else ''
-    report.write_text(shown.html(), encoding='utf-8')
+    write_text(report, shown.html())
     if args.json:
         print(json.dumps({**summary, 'report': str(report)}, indent=2, allow_nan=False))
     else:

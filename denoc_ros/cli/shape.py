@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import add_gravity, given_file, named_values, require
-from denoc_ros.cli.new_file import require_new
 from denoc_ros.cli.overrides import add_overrides, overrides_of
+from denoc_ros.output_files import require_new, write_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -269,7 +269,7 @@ def _page(
             'motion': named_file(given_file(args.motion, 'motion')),
         },
     )
-    args.page.write_text(page(found, robot.tree, made).html(), encoding='utf-8')
+    write_text(args.page, page(found, robot.tree, made).html())
     return {'page': str(args.page), **found.summary()}
 
 

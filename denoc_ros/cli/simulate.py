@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import given_file
 from denoc_ros.cli.batch import add_worker_options
-from denoc_ros.cli.new_file import require_new
 from denoc_ros.errors import ConfigError
+from denoc_ros.output_files import require_new
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot

@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from denoc_ros.cli.arguments import given_file
     from denoc_ros.cli.progress import share_bar
     from denoc_ros.cli.scenario_runs import load
+    from denoc_ros.output_files import write_text
     from denoc_ros.reports.provenance import named_file, provenance
     from denoc_ros.reports.stability import page
     from denoc_ros.simulation.stability import study_stability
@@ -59,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     given = ((name, given_file(getattr(args, name), name)) for name in names)
     made = provenance(args.command, {name: named_file(file) for name, file in given})
     shown = page(study, scenario, ' · '.join(names.values()), made)
-    args.output.write_text(shown.html(), encoding='utf-8')
+    write_text(args.output, shown.html())
     if args.json:
         named = {'output': str(args.output), **names, **summary}
         print(json.dumps(named, indent=2, allow_nan=False))

@@ -88,9 +88,9 @@ def check_options(args: argparse.Namespace) -> None:
 
 def run_suggestion(args: argparse.Namespace, file: Path | str) -> int:
     """Propose, print and write; return 0, or 2 if no link bends enough."""
-    from denoc_ros.cli.new_file import write_new
     from denoc_ros.dynamics.robot import load_robot
     from denoc_ros.model.suggest.suggestion import suggest_flexibility
+    from denoc_ros.output_files import write_new
 
     wishes: dict[str, Any] = {'links': args.link, 'gravity': math.hypot(*args.gravity)}
     wishes |= {

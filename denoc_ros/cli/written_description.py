@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,11 +22,12 @@ def write_description(args: argparse.Namespace, file: Path, text: Callable[[], s
     Raises
     ------
     ConfigError
-        Both places are chosen.
-    OSError
-        The new file exists already, or cannot be written.
+        Both places are chosen, or the file cannot be written.
+    BagError
+        The new file exists already.
     """
     from denoc_ros.errors import ConfigError
+    from denoc_ros.output_files import write_new, write_text
 
     target = file if args.write else args.output
     if target is None:
@@ -35,11 +35,7 @@ def write_description(args: argparse.Namespace, file: Path, text: Callable[[], s
     if args.write and args.output is not None:
         raise ConfigError('--write', ['only one of --write and --output must be given, got both'])
     if args.write:
-        beside = file.with_name(file.name + '.new')
-        beside.write_text(text(), encoding='utf-8')
-        os.replace(beside, file)
+        write_text(file, text())
     else:
-        made = text()
-        with target.open('x', encoding='utf-8') as stream:
-            stream.write(made)
+        write_new(target, text())
     return str(target)

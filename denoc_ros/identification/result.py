@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import io
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,11 +14,13 @@ import numpy as np
 import yaml
 
 from denoc_ros.bags.digest import file_hash
-from denoc_ros.errors import IdentificationError
+from denoc_ros.errors import ConfigError, IdentificationError
 from denoc_ros.identification.analysis import DecayAnalysis
 from denoc_ros.identification.channel import Channel, Reading
 from denoc_ros.identification.modes import Modes, strongest
 from denoc_ros.identification.quality import Quality
+from denoc_ros.output_files import write_text
+from denoc_ros.yaml_text import read_yaml_file
 
 if TYPE_CHECKING:
     from denoc_ros.identification.damping import Assigned
@@ -135,12 +138,13 @@ def write_result(folder: Path, document: Mapping[str, Any]) -> None:
     """Write result.yaml, and modes.csv where the result has modes, into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     text = yaml.safe_dump(plain(document), sort_keys=False, allow_unicode=True, width=100)
-    (folder / RESULT_FILE).write_text(text, encoding='utf-8')
+    write_text(folder / RESULT_FILE, text)
     if document['kind'] == 'modal':
-        with (folder / TABLE_FILE).open('w', newline='', encoding='utf-8') as stream:
-            writer = csv.writer(stream)
-            writer.writerow(TABLE_COLUMNS)
-            writer.writerows(table_rows(document))
+        table = io.StringIO(newline='')
+        writer = csv.writer(table)
+        writer.writerow(TABLE_COLUMNS)
+        writer.writerows(table_rows(document))
+        write_text(folder / TABLE_FILE, table.getvalue())
 
 
 def read_result(path: Path) -> Document:
@@ -153,10 +157,9 @@ def read_result(path: Path) -> Document:
     """
     file = path / RESULT_FILE if path.is_dir() else path
     try:
-        document = yaml.safe_load(file.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = getattr(error, 'strerror', None) or ' '.join(str(error).split())
-        raise IdentificationError(f'{file}: result must be readable, got: {reason}') from error
+        document = read_yaml_file(file)
+    except ConfigError as error:
+        raise IdentificationError(f'{file}: result must be readable, got: {error}') from error
     if not isinstance(document, dict) or document.get('kind') not in ('modal', 'joint', 'forced'):
         raise IdentificationError(
             f'{file}: result must be one that denoc identify wrote, got something else'

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import shutil
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, SolverError, StateError
 from denoc_ros.estimation.base_record import BaseRecord
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
+from denoc_ros.output_files import require_new, whole_file
 from denoc_ros.replay.adaptation import Adapted, AdaptSettings, adapted_along
 from denoc_ros.replay.computed_messages import Message, encoded
 from denoc_ros.replay.friction import FrictionFit, FrictionFitter
@@ -149,30 +149,19 @@ def replay_bag(
 
 
 def _write(work: _Work, bag: Path, output: Path) -> None:
-    with BagWriter(output) as writer:
-        try:
-            writer.attach(DESCRIPTION_ATTACHMENT, work.description)
-            for topic in work.plan.contents.topics:
-                if not topic.name.startswith(PREFIX):
-                    writer.add_topic(topic.name, topic.type, topic.qos, topic.definition)
-            for name in work.topics:
-                writer.add_topic(name, JOINT_STATE)
-            for log_ns, topic_name, raw in heapq.merge(
-                _recorded(bag), work.messages(), key=lambda message: message[0]
-            ):
-                writer.write(topic_name, log_ns, raw)
-        except BaseException:
-            # half a bag would pass for a whole one
-            _remove(writer, output)
-            raise
-
-
-def _remove(writer: BagWriter, output: Path) -> None:
-    writer.close()
-    if output.is_dir():
-        shutil.rmtree(output)
-    else:
-        output.unlink()
+    require_new(output)
+    # half a bag would pass for a whole one
+    with whole_file(output, parents=True) as unfinished, BagWriter(unfinished) as writer:
+        writer.attach(DESCRIPTION_ATTACHMENT, work.description)
+        for topic in work.plan.contents.topics:
+            if not topic.name.startswith(PREFIX):
+                writer.add_topic(topic.name, topic.type, topic.qos, topic.definition)
+        for name in work.topics:
+            writer.add_topic(name, JOINT_STATE)
+        for log_ns, topic_name, raw in heapq.merge(
+            _recorded(bag), work.messages(), key=lambda message: message[0]
+        ):
+            writer.write(topic_name, log_ns, raw)
 
 
 def _recorded(bag: Path) -> Iterator[Message]:

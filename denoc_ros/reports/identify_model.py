@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from denoc_ros.identification.model.result import verdict_text
 from denoc_ros.reports.identify_result import interval_text, number_cards, result_page
 from denoc_ros.reports.pages import PageSection, PageTable, ReportPage, engineering
 
@@ -40,13 +41,14 @@ def _numbers(numbers: Sequence[Mapping[str, Any]]) -> PageSection:
             f'{one["start"]:.5g}',
             f'{one["value"]:.5g}',
             interval_text(one['interval']),
-            one['verdict'],
+            verdict_text(one),
         ]
         for one in numbers
     ]
     text = (
         'Found: known within 5 %. Doubtful: within 50 %, or the held-out part of a run is not '
-        'explained as well as the rest. SI units.'
+        'explained as well as the rest. Of numbers that may have any sign, these are shares of '
+        'what they add to; the table has half their interval. SI units.'
     )
     table = PageTable(['number', 'was', 'is', '', 'verdict'], rows)
     return PageSection('Numbers', text, tables=[table])

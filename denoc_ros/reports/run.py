@@ -14,6 +14,7 @@ from denoc_ros.bags.reader import read_description
 from denoc_ros.bags.series import Diagnostic
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError, ConfigError, DenocError
+from denoc_ros.output_files import write_text
 from denoc_ros.reports import energy_balance, headline, sections, tip
 from denoc_ros.reports.loop_timing import LoopMeasure, loop_measures, warnings
 from denoc_ros.reports.measures import PhaseMeasures, measure, summarize
@@ -56,7 +57,7 @@ class Report:
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the page to a file, over what is there."""
-        Path(path).write_text(self.html(), encoding='utf-8')
+        write_text(path, self.html())
 
     def _repr_html_(self) -> str:
         return self.html()

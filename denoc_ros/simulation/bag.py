@@ -19,6 +19,7 @@ from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.output_files import require_new, whole_file
 from denoc_ros.simulation.run import Run
 from denoc_ros.trajectories import Trajectory
 from denoc_ros.types import Array
@@ -66,7 +67,8 @@ def write_run(
     BagError
         When the path exists or cannot be written.
     """
-    with BagWriter(Path(path)) as bag:
+    require_new(Path(path))
+    with whole_file(path, parents=True) as unfinished, BagWriter(unfinished) as bag:
         for topic, kind in TOPICS.items():
             bag.add_topic(topic, kind)
         if description:

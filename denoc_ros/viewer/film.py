@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from PIL import Image
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, DenocError
+from denoc_ros.output_files import whole_file
 from denoc_ros.types import Array
 from denoc_ros.viewer.camera import AUTO, VIEWS
 from denoc_ros.viewer.picture import Picture, strip
@@ -171,13 +171,13 @@ def write_film(
             if progress is not None:
                 progress(t - times[0])
 
-    with _whole_or_not_at_all(path):
+    with whole_file(path) as unfinished:
         if suffix == '.gif':
             some = states[np.linspace(0, len(states) - 1, PALETTE_FRAMES).astype(int)]
             palette = _palette([picture.draw(times[0], q) for q in some])
-            _write_gif(path, frames(), palette, fps)
+            _write_gif(unfinished, frames(), palette, fps)
         else:
-            _write_mp4(path, frames(), look.size, fps)
+            _write_mp4(unfinished, frames(), look.size, fps)
     return len(times)
 
 
@@ -200,8 +200,8 @@ def write_strip(
     """
     require_suffix(path, STRIP_SUFFIXES)
     image = strip_image(run, robot, look, count)
-    with _whole_or_not_at_all(path):
-        image.save(path, optimize=True)
+    with whole_file(path) as unfinished:
+        image.save(unfinished, optimize=True)
 
 
 def strip_image(
@@ -280,13 +280,3 @@ def _palette(frames: Iterable[Pixels]) -> Image.Image:
     colours[colours.min(axis=1) >= NEARLY_WHITE] = 255
     image.putpalette(colours.tobytes())
     return image
-
-
-@contextmanager
-def _whole_or_not_at_all(path: Path) -> Iterator[None]:
-    """Take a file away that was begun and not finished."""
-    try:
-        yield
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise

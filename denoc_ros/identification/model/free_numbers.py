@@ -133,6 +133,19 @@ def _payload_scale(robot: Robot) -> float:
     return min(1.0, PAYLOAD * mass) or 1.0
 
 
+def unit_of(path: str) -> str:
+    """Return the unit of a number that may have any sign, '' of a sensor's own."""
+    kind, _, rest = path.partition('.')
+    if kind == 'link':
+        return 'kg m' if '.first_moment.' in rest else 'kg m^2'
+    if kind == 'pose':
+        return 'rad' if rest.rpartition('.')[2] in ('rx', 'ry', 'rz') else 'm'
+    if kind == 'sensor':
+        part = rest.rpartition('.')[2].partition('_')[0]
+        return {'gyro': 'rad/s', 'accel': 'm/s^2'}.get(part, '')
+    return {'delay': 's', 'effort': 'N m or N', 'payload': 'm'}.get(kind, '')
+
+
 def payload_of(robot: Robot, link: str) -> tuple[float, Array]:
     """Return mass and centre of mass (3,) of the payload that the model has on a link."""
     given = robot.tree.overrides

@@ -23,6 +23,7 @@ SMALL = 0.08  # coefficient of a combination that is left out
 EXACT = 1e-3  # sizes: what smoothing and the motion between samples leave, beside noise
 # the same of a sensor's offset: what they leave swings with the motion, about its mean
 EXACT_OFFSET = 1e-4
+NOT_TOLD = 'not identifiable'
 LISTED = 12  # combinations that are written down
 
 
@@ -149,10 +150,10 @@ def left_beside_noise(offsets: Mask) -> Array:
 
 
 def verdict_of(half: float) -> str:
-    """Return found, doubtful or not identifiable by half an interval in sizes."""
+    """Return found, doubtful or not identifiable by half an interval as a share of a size."""
     if half <= FOUND:
         return 'found'
-    return 'doubtful' if half <= UNSEEN else 'not identifiable'
+    return 'doubtful' if half <= UNSEEN else NOT_TOLD
 
 
 def combinations(info: Information, names: Sequence[str], factors: Mask) -> list[str]:

@@ -12,6 +12,8 @@ from lxml import etree
 
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.model.fit import IdentifiedModel
+from denoc_ros.identification.model.free_numbers import unit_of
+from denoc_ros.identification.model.information import NOT_TOLD
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE, worst
 from denoc_ros.model.findings import Findings
 from denoc_ros.model.inertia import total
@@ -37,6 +39,7 @@ def result_of(found: IdentifiedModel) -> Document:
                 'value': value,
                 'interval': [_finite(end) for end in found.interval[path]],
                 'verdict': found.verdict[path],
+                'size': found.size[path],
             }
             for path, value in found.values.items()
         ],
@@ -61,6 +64,14 @@ def result_of(found: IdentifiedModel) -> Document:
     }
 
 
+def verdict_text(one: Mapping[str, Any]) -> str:
+    """Return a number's verdict, with half its interval where that is no share of the number."""
+    low, high = one['interval']
+    if 'size' not in one or None in (low, high) or one['size'] == abs(one['value']):
+        return str(one['verdict'])
+    return f'{one["verdict"]}, ± {0.5 * (high - low):.2g} {unit_of(one["path"])}'.rstrip()
+
+
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
@@ -75,13 +86,35 @@ def applied_description(
     source : str or path
         A file's path or XML text.
     found : IdentifiedModel
-        Of that robot. Numbers that are not identifiable stay as they are in the file; the ten of
-        a rigid body go in together, as far as the data tell them.
+        Of that robot. Numbers that are not identifiable stay as they are in the file, and all ten
+        of a rigid body where one of them is not.
     """
     of_file = {p: v for p, v in found.overrides.items() if not p.startswith('payload.')}
     left = {p: v for p, v in found.overrides.items() if p.startswith('payload.')}
     text = edited_description(source, of_file)
-    return (_with_bodies(text, found.bodies) if found.bodies else text), left
+    bodies = {name: change for name, change in found.bodies.items() if _is_told(found, name)}
+    return (_with_bodies(text, bodies) if bodies else text), left
+
+
+def not_applied(found: IdentifiedModel) -> list[str]:
+    """Return the numbers of the robot that `applied_description` leaves as they are in the file.
+
+    Of a rigid body with a number that is not identifiable the path of all ten.
+    """
+    bodies = [name for name in found.bodies if not _is_told(found, name)]
+    left = [f'link.{name}.inertial' for name in bodies]
+    of_robot = ('beam.', 'joint.', 'sensor.', 'payload.')
+    left += [
+        path
+        for path, verdict in found.verdict.items()
+        if verdict == NOT_TOLD and path.startswith(of_robot)
+    ]
+    return left
+
+
+def _is_told(found: IdentifiedModel, body: str) -> bool:
+    numbers = (v for p, v in found.verdict.items() if p.startswith(f'link.{body}.'))
+    return all(verdict != NOT_TOLD for verdict in numbers)
 
 
 def _with_bodies(text: str, changes: Mapping[str, RigidInertia]) -> str:
