@@ -43,10 +43,11 @@ from denoc_ros.kernels.handle import (
     STIFFNESS,
 )
 from denoc_ros.kernels.layout import BODY_CONSTANTS, MASS, PARENT, SLIP_RATE
-from denoc_ros.model.arrays import ModelArrays, inertia_row, to_arrays
+from denoc_ros.model.arrays import ModelArrays, inertia_row, rigid_inertia, to_arrays
 from denoc_ros.model.coordinates import diagonals
 from denoc_ros.model.damping_overrides import with_other_damping
-from denoc_ros.model.overrides import with_overrides
+from denoc_ros.model.inertia import difference, from_centre, inverse_transform, moved, total
+from denoc_ros.model.overrides import payloads_of, with_overrides
 from denoc_ros.model.tree import Tree
 from denoc_ros.types import Array
 
@@ -276,6 +277,33 @@ class RobotModel:
         payload = payload_inertia(attachment.placement, mass, com, inertia)
         self._payloads[frame] = inertia_row(payload, self.arrays.axes[row - 1])
         self._load_body(row)
+
+    def with_modelled_payloads(self: Held) -> Held:
+        """Return a robot whose set payloads are its model's: overrides `payload.*`.
+
+        What a model has on the same frames is added. Other overrides then reach all of a payload.
+        """
+        if not self._payloads:
+            return self
+        given = {p: v for p, v in self.tree.overrides.items() if p.startswith('payload.')}
+        modelled = payloads_of(given, self.tree)
+        overrides: dict[str, Any] = {}
+        for frame, row in self._payloads.items():
+            at = self.tree.frames[frame]
+            set_load = rigid_inertia(row, self.arrays.body_axes(at.body))
+            load = moved(set_load, inverse_transform(at.placement))
+            if (own := modelled.get(frame)) is not None:
+                load = total(load, from_centre(own.mass, own.com, own.inertia))
+            com = load.first_moment / load.mass if load.mass > 0.0 else np.zeros(3)
+            about = difference(load, from_centre(load.mass, com, np.zeros((3, 3)))).inertia
+            overrides[f'payload.{frame}.mass'] = load.mass
+            overrides[f'payload.{frame}.com'] = com.tolist()
+            overrides[f'payload.{frame}.inertia'] = about.ravel().tolist()
+        other = self.with_overrides(overrides)
+        other._payloads = {}
+        for frame in self._payloads:
+            other._load_body(other._carrier(frame))
+        return other
 
     def diagonals(self) -> Array:
         """Return a copy of stiffness, damping, friction and armature, as `set_diagonals` takes."""

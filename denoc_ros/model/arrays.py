@@ -79,6 +79,14 @@ def inertia_row(inertia: RigidInertia, axes: Array) -> Array:
     return np.concatenate([[inertia.mass], axes.T @ inertia.first_moment, upper])
 
 
+def rigid_inertia(row: Array, axes: Array) -> RigidInertia:
+    """Return the inertia of a row (10,) that `inertia_row` has made."""
+    upper = np.zeros((3, 3))
+    upper[np.triu_indices(3)] = row[4:]
+    inertia = upper + upper.T - np.diag(np.diag(upper))
+    return RigidInertia(float(row[0]), axes @ row[1:4], axes @ inertia @ axes.T)
+
+
 def _rod(beam: Beam) -> RigidInertia:
     """Return the inertia of a beam that stays straight."""
     mass = beam.mass_per_length * beam.length

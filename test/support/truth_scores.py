@@ -30,7 +30,7 @@ class NumberScore:
     ----------
     path, verdict : str
     error : float
-        Of the value, in sizes.
+        Of the value, in sizes: a share of the true number itself where it must be positive.
     half : float
         Half the interval that was said, in sizes.
     covered : bool
@@ -51,9 +51,8 @@ def scored(case: TruthCase, run: TruthRun, found: IdentifiedModel) -> list[Numbe
     """Return the score of each free number."""
     parameters = free_parameters(case.robot, case.free, [run.recording])
     theta = true_point(case, parameters)
-    truth, start = parameters.values(theta), parameters.values(0.0 * theta)
-    scales = parameters.scales(theta)
-    sizes = np.where(start == 0.0, scales, np.maximum(np.abs(truth), scales))
+    truth = parameters.values(theta)
+    scales, sizes = parameters.scales(theta), parameters.sizes(theta)
     limits = noise_limits(case, run, parameters) * scales / sizes
     scores = []
     for path, true, size, limit in zip(parameters.paths, truth, sizes, limits, strict=True):

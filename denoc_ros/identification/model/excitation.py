@@ -184,7 +184,7 @@ def design_excitation(
     -----
     D-optimal: the determinant of the Fisher information of theta and of its prior is largest.
     """
-    robot = measured_robot(robot)
+    robot = measured_robot(robot.with_modelled_payloads())
     require_known_base(robot, WHERE)
     _require(robot, duration, harmonics, rate, time_limit)
     return _designed(

@@ -7,9 +7,10 @@ robot has it: a prior of width exp(+-0.5) is part of the search and of no interv
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,9 @@ import numpy as np
 from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.model.free_parameters import FreeParameters
+from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters
 from denoc_ros.identification.model.information import (
+    NOT_TOLD,
     combinations,
     verdict_of,
 )
@@ -34,6 +36,8 @@ HELD_OUT = 0.25
 UNEXPLAINED = 0.1  # of a channel: the model is not what made it
 NEGLIGIBLE = 0.02  # of a channel: so little may be left of a held-out part
 SHAKEN = 2.0  # times what noise of the joints makes of a channel: no fault of the model
+FAR = 2.0  # deviations of the prior: a stiffness beyond has the search begin anew
+RESTARTS = 3
 WORSE = 1.5  # times the rms of what was fitted: a held-out part that is not explained
 
 
@@ -78,8 +82,11 @@ class IdentifiedModel:
         By dotted path; `link.<link>.*` about the link frame's origin.
     interval : dict of str to (float, float)
         95 %; without end where not identifiable.
+    size : dict of str to float
+        What half an interval is a share of in the verdict: the number itself where it must be
+        positive, else the size of what it adds to, such as the spread of a sensor's values.
     verdict : dict of str to str
-        found (within 5 %), doubtful (within 50 %) or not identifiable.
+        found (within 5 % of `size`), doubtful (within 50 %) or not identifiable.
     combinations : list of str
         What the data tell of parameters that are not identifiable one by one.
     channels : tuple of ChannelFit
@@ -99,6 +106,7 @@ class IdentifiedModel:
     values: dict[str, float]
     start: dict[str, float]
     interval: dict[str, tuple[float, float]]
+    size: dict[str, float]
     verdict: dict[str, str]
     combinations: list[str]
     channels: tuple[ChannelFit, ...]
@@ -153,14 +161,59 @@ def identify_model(
     """
     if not 0.0 <= held_out < 1.0:
         raise IdentificationError(f'held_out must be in [0, 1), got {held_out}')
-    began = time.perf_counter()
     given = [recordings] if isinstance(recordings, Source) else list(recordings)
-    robot = measured_robot(robot)
+    robot = measured_robot(robot.with_modelled_payloads())
     if not given:
         raise IdentificationError('identify model: recordings must be given, got none')
     whole = [
         r if isinstance(r, Recording) else read_recording(r, robot, poses=poses) for r in given
     ]
+    found = _fitted(robot, whole, free, cutoff, held_out, step)
+    start, seconds, evaluations = found.start, found.seconds, found.evaluations
+    for _ in range(RESTARTS):
+        far = _far_stiffness(found)
+        if not far:
+            break
+        # from a stiffness that is nearer: modes of a wrong frequency lead a search astray
+        again = robot.with_overrides({path: found.values[path] for path in far})
+        found = _fitted(again, whole, free, cutoff, held_out, step)
+        seconds, evaluations = seconds + found.seconds, evaluations + found.evaluations
+    return replace(_doubted(found), start={**start}, seconds=seconds, evaluations=evaluations)
+
+
+def _far_stiffness(found: IdentifiedModel) -> list[str]:
+    """Return the stiffnesses that the search has moved further than its prior trusts."""
+    return [
+        path
+        for path, value in found.values.items()
+        if path.rpartition('.')[2] in ('ei', 'gj', 'stiffness')
+        and abs(math.log(value / found.start[path])) > FAR * PRIOR
+    ]
+
+
+def _doubted(found: IdentifiedModel) -> IdentifiedModel:
+    """Return the result, doubtful where a stiffness is still far from where its search began."""
+    far = [
+        f'{path}: value must be within a factor of {math.exp(FAR * PRIOR):.2g} of the one that '
+        f'the search begins with ({found.start[path]:.4g}), got {found.values[path]:.4g}'
+        for path in _far_stiffness(found)
+    ]
+    if not far:
+        return found
+    words = {p: 'doubtful' if v == 'found' else v for p, v in found.verdict.items()}
+    return replace(found, verdict=words, reasons=(*found.reasons, *far))
+
+
+def _fitted(
+    robot: Robot,
+    whole: Sequence[Recording],
+    free: Sequence[str],
+    cutoff: float,
+    held_out: float,
+    step: float,
+) -> IdentifiedModel:
+    """Return the model by one search, which begins at the robot's numbers."""
+    began = time.perf_counter()
     runs = [PreparedRun(recording, robot, cutoff, step) for recording in whole]
     parameters = free_parameters(robot, free, whole)
     search = ModelSearch(runs, parameters)
@@ -219,9 +272,10 @@ def _concluded(
     info = search.information(theta)
     values, scales = parameters.values(theta), parameters.scales(theta)
     reasons = _reasons(channels)
-    verdicts = [verdict_of(half) for half in info.half]
-    verdicts = ['doubtful' if reasons and v == 'found' else v for v in verdicts]
     half = info.half * scales
+    sizes = parameters.sizes(theta)
+    verdicts = [verdict_of(share) for share in half / sizes]
+    verdicts = ['doubtful' if reasons and v == 'found' else v for v in verdicts]
     low, high = values - half, values + half
     factors = parameters.multiplicative
     with np.errstate(over='ignore'):
@@ -230,19 +284,24 @@ def _concluded(
         values[factors] / ratio[factors],
         values[factors] * ratio[factors],
     )
+    known = np.array([verdict != NOT_TOLD for verdict in verdicts])
+    told = {path for path, is_told in zip(parameters.paths, known, strict=True) if is_told}
+    # a centre of mass is written whole: what is not told of it stays as it was
+    kept = theta.copy()
+    kept[: len(parameters.numbers)][~known[: len(parameters.numbers)]] = 0.0
     settings = parameters.settings(theta)
-    told = {path for path, v in zip(parameters.paths, verdicts, strict=True) if v[0] != 'n'}
     return IdentifiedModel(
         _by_path(parameters, values),
         _by_path(parameters, parameters.values(np.zeros(parameters.size))),
         {p: (float(a), float(b)) for p, a, b in zip(parameters.paths, low, high, strict=True)},
+        _by_path(parameters, sizes),
         dict(zip(parameters.paths, verdicts, strict=True)),
         combinations(info, parameters.paths, factors),
         channels,
         reasons,
         {
             path: value
-            for path, value in parameters.overrides(settings).items()
+            for path, value in parameters.overrides(parameters.settings(kept)).items()
             if path in told or any(each.startswith(f'{path}.') for each in told)
         },
         parameters.changes(theta),

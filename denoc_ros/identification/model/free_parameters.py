@@ -223,6 +223,15 @@ class FreeParameters:
         ]
         return np.concatenate([sizes, *(block.scales for block in self.blocks)])
 
+    def sizes(self, theta: Array) -> Array:
+        """Return what an interval of each reported number is a share of in its verdict (p,).
+
+        The number itself where it must be positive, masses included, else what `scales` says.
+        """
+        values, scales = self.values(theta), self.scales(theta)
+        masses = np.array([path.endswith('.mass') for path in self.paths])
+        return np.asarray(np.where(self.multiplicative | masses, np.abs(values), scales))
+
     def slopes(self, theta: Array) -> Array:
         """Return the derivatives of the reported numbers by theta (p, p)."""
         step, found = 1e-6, np.empty((self.size, self.size))
@@ -315,7 +324,9 @@ class FreeParameters:
                 body = replace(body, inertia=total(found, added))
             bodies.append(body)
         tree = replace(robot.tree, bodies=tuple(bodies))
-        return type(robot)(tree, robot.gravity, robot.geometric_stiffness)
+        made = type(robot)(tree, robot.gravity, robot.geometric_stiffness)
+        made.move_base(robot.base_motion)
+        return made
 
 
 def _hidden(robot: Robot, paths: Iterable[str]) -> set[str]:

@@ -13,8 +13,15 @@ import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.identification.model.fit import IdentifiedModel
 from denoc_ros.identification.model.free_parameters import INERTIAL, FreeParameters, SearchPoint
+from denoc_ros.identification.model.information import verdict_of
 from denoc_ros.identification.model.prediction import PreparedRun
-from denoc_ros.identification.model.result import applied_description
+from denoc_ros.identification.model.result import (
+    applied_description,
+    not_applied,
+    result_of,
+    verdict_text,
+)
+from denoc_ros.model.overrides import carrying_links
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
@@ -130,14 +137,101 @@ def test_bodies_that_were_found_are_written_into_the_description() -> None:
     run = recorded(arm, sweeping(arm.n, 5), 1.0)
     found = dn.identify_model(arm, run, ['link.link_2.inertial'], held_out=0.0)
     heavier = {'link_2': RigidInertia(1.5, np.array([0.3, 0.0, 0.15]), np.diag([0.1, 0.2, 0.2]))}
-    text, left = applied_description(ROBOTS / 'puma.urdf', replace(found, bodies=heavier))
+    told = dict.fromkeys(found.verdict, 'found')
+    known = replace(found, bodies=heavier, verdict=told)
+    text, left = applied_description(ROBOTS / 'puma.urdf', known)
     assert not left
+    assert not not_applied(known)
     written, before = (dn.load_robot(source) for source in (text, ROBOTS / 'puma.urdf'))
     hung = before.copy()
     hung.set_payload('link_2', *centred(heavier['link_2']))
     q = np.random.default_rng(1).normal(size=(4, arm.n))
     wanted = hung.inertia_matrix(q)
     np.testing.assert_allclose(written.inertia_matrix(q), wanted, rtol=0, atol=1e-9 * wanted.max())
+
+
+def test_what_is_not_identifiable_is_not_written_into_the_description() -> None:
+    """An upper arm of 12.93 kg became one of 114 kg, "with what was found"."""
+    arm = dn.load_robot(ROBOTS / 'puma.urdf').with_overrides({'payload.tool.mass': 2.0})
+    run = recorded(arm, sweeping(arm.n, 5), 1.0)
+    free = ['link.link_2.inertial', 'joint.joint_2.friction']
+    found = dn.identify_model(arm, run, free, held_out=0.0)
+    assert 'not identifiable' in [v for p, v in found.verdict.items() if p.startswith('link.')]
+    text, left = applied_description(ROBOTS / 'puma.urdf', found)
+    assert not left
+    written, before = (dn.load_robot(source) for source in (text, ROBOTS / 'puma.urdf'))
+    q = np.random.default_rng(1).normal(size=(4, arm.n))
+    np.testing.assert_array_equal(written.inertia_matrix(q), before.inertia_matrix(q))
+    left_out = not_applied(found)
+    assert 'link.link_2.inertial' in left_out
+    assert all(found.verdict.get(path, 'not identifiable')[0] == 'n' for path in left_out)
+
+
+def test_a_load_of_set_payload_is_part_of_the_payload_that_is_identified() -> None:
+    """It counted as fixed: of 1.736 kg in all, 0.101 kg were found."""
+    truth = dn.load_robot(ROBOTS / 'two_link_rr.urdf', gravity=(0.0, -9.81, 0.0))
+    link = truth.tree.bodies[-1].name
+    centre = [0.2, 0.1, 0.0]
+    truth = truth.with_overrides({f'payload.{link}.mass': 1.736, f'payload.{link}.com': centre})
+    run = recorded(truth, sweeping(truth.n, 3), 2.0)
+    for load in (1.2, 2.6):  # below and above the truth
+        robot = dn.load_robot(ROBOTS / 'two_link_rr.urdf', gravity=(0.0, -9.81, 0.0))
+        robot.set_payload(link, load, centre)
+        found = dn.identify_model(robot, run, [f'payload.{link}.mass'], held_out=0.0)
+        path = f'payload.{link}.mass'
+        np.testing.assert_allclose(found.start[path], load, rtol=1e-12)
+        assert found.verdict[path] == 'found'
+        np.testing.assert_allclose(found.values[path], 1.736, rtol=2e-3)
+        assert robot.payload_mass(link) == load  # the caller's robot stays as it was
+
+
+def test_payloads_become_numbers_of_the_model_with_the_same_dynamics() -> None:
+    rng = np.random.default_rng(6)
+    robot = dn.load_robot(ROBOTS / 'canadarm_rrr.urdf')
+    links = carrying_links(robot.tree)[-2:]
+    own = f'payload.{links[0]}'
+    robot = robot.with_overrides({f'{own}.mass': 3.0, f'{own}.com': [0.1, 0, 0]})
+    for link in links:
+        part = rng.normal(size=(3, 3))
+        robot.set_payload(link, 2.0, rng.normal(size=3), part @ part.T)
+    modelled = robot.with_modelled_payloads()
+    assert all(modelled.payload_mass(link) == 0.0 for link in links)
+    q = 0.1 * rng.normal(size=(3, robot.n))
+    wanted = robot.inertia_matrix(q[0])
+    np.testing.assert_allclose(
+        modelled.inertia_matrix(q[0]), wanted, rtol=0, atol=1e-10 * np.abs(wanted).max()
+    )
+    np.testing.assert_allclose(
+        modelled.inverse_dynamics(*q), robot.inverse_dynamics(*q), rtol=1e-9
+    )
+    assert dn.load_robot(ROBOTS / 'canadarm_rrr.urdf').with_modelled_payloads()._payloads == {}
+
+
+def test_verdicts_are_by_the_number_itself_or_by_a_size_that_is_said() -> None:
+    """A damping of a hundredth of its joint's torque was found, 0.1 to 14.8 times the truth."""
+    truth = dn.load_robot(ROBOTS / 'two_link_rr.urdf', gravity=(0.0, -9.81, 0.0))
+    joint = truth.joint_names[0]
+    truth = truth.with_overrides({f'joint.{joint}.damping': 1e-4})
+    run = recorded(truth, sweeping(truth.n, 3), 1.0)
+    size = 0.01 * np.abs(run.effort).max()
+    noise = size * np.random.default_rng(1).normal(size=run.effort.shape)
+    free = ['joint.*.damping', 'effort.*.offset']
+    found = dn.identify_model(truth, replace(run, effort=run.effort + noise), free, held_out=0.0)
+    for path, verdict in found.verdict.items():
+        low, high = found.interval[path]
+        half = 0.5 * (high - low)
+        if path.endswith('damping'):
+            assert found.size[path] == abs(found.values[path])
+            share = 0.5 * np.log(high / low) if low > 0.0 else np.inf
+        else:
+            share = half / found.size[path]
+        assert verdict == verdict_of(share)
+    assert found.verdict[f'joint.{joint}.damping'] == 'not identifiable'
+    rows = {one['path']: one for one in result_of(found)['parameters']}
+    said = verdict_text(rows[f'effort.{joint}.offset'])
+    assert said.endswith('N m or N')
+    assert '±' in said
+    assert verdict_text(rows[f'joint.{joint}.damping']) == 'not identifiable'
 
 
 def centred(body: RigidInertia) -> tuple[float, Array, Array]:
