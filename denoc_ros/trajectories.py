@@ -58,10 +58,14 @@ class Trajectory(ABC):
         """
         k = max(1, math.ceil(self.duration / step - 1e-9)) + 1
         times = np.linspace(0.0, self.duration, k)
-        q, qd, qdd = np.zeros((3, k, self.n))
+        return times, *self.rows(times)
+
+    def rows(self, times: Array) -> tuple[Array, Array, Array]:
+        """Return positions, velocities, accelerations (k, n) at times (k,) [s] within it."""
+        q, qd, qdd = np.zeros((3, len(times), self.n))
         for row, t in enumerate(times):
             self._inside(float(t), q[row], qd[row], qdd[row])
-        return times, q, qd, qdd
+        return q, qd, qdd
 
 
 class CycloidalTrajectory(Trajectory):
@@ -221,6 +225,22 @@ class SplineTrajectory(Trajectory):
         q, qd, qdd = (np.vstack((some, end)) for some, end in zip(rows, ends, strict=True))
         count = 1 if self.duration == 0.0 else len(times)  # a posture is one knot
         return times[:count], q[:count], qd[:count], qdd[:count]
+
+    def rows(self, times: Array) -> tuple[Array, Array, Array]:
+        """Return positions, velocities, accelerations (k, n) at times (k,) [s] within it."""
+        knots = np.asarray(self._times)
+        pieces = np.searchsorted(knots, times, side='right') - 1
+        pieces = np.clip(pieces, 0, len(knots) - 2)
+        s = (times - knots[pieces])[:, None]
+        q, qd, qdd = np.zeros((3, len(times), self.n))
+        for order in range(5, -1, -1):  # Horner's rule, its derivatives beside it
+            qdd *= s
+            qdd += 2.0 * qd
+            qd *= s
+            qd += q
+            q *= s
+            q += self._pieces[pieces, order]
+        return q, qd, qdd
 
     def _inside(self, t: float, q: Array, qd: Array, qdd: Array) -> None:
         piece = min(bisect_right(self._times, t), len(self._times) - 1) - 1

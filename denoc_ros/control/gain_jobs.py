@@ -18,6 +18,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
+KNOTS = ('times', 'q', 'qd', 'qdd')  # arrays that make a trajectory again
 INDICES = ('coordinates', 'joints', 'sensors')
 
 
@@ -69,8 +70,7 @@ class GainJob:
         """Return the job as a header that JSON has words for, and arrays."""
         arrays = {'limits': self.limits, 'posture': self.posture, 'position': self.position}
         if self.trajectory is not None:
-            names = ('times', 'q', 'qd', 'qdd')
-            arrays.update(zip(names, self.trajectory.knots(), strict=True))
+            arrays.update(zip(KNOTS, self.trajectory.knots(), strict=True))
         # JSON has no infinity
         given = {name: str(value) for name, value in asdict(self.settings).items()}
         return {'job': 'gains', 'joints': list(self.joints), 'settings': given}, arrays

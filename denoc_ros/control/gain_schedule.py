@@ -137,7 +137,7 @@ def design(
     state's infinite horizon; after it they are that one's.
     """
     robot = whole_robot(robot)
-    sensors = _checked(robot, joints, limits, settings)
+    sensors = require_sensors(robot, joints, limits, settings)
     doublings = _doublings(times, settings)
     values = chosen_values(robot.tree, sensors)
     rows = [value.place for value in values]
@@ -219,7 +219,7 @@ def _doublings(times: Array, settings: FeedbackSettings) -> int:
     return round(math.log2((times[1] - times[0]) / settings.period))
 
 
-def _checked(
+def require_sensors(
     robot: Robot, joints: Sequence[str], limits: Array, settings: FeedbackSettings
 ) -> Int:
     """Return the sensors to read, if robot and limits are what feedback needs."""

@@ -7,17 +7,19 @@ It ends with its input, or with the process that started it.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
 import threading
 import time
+from contextlib import suppress
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from denoc_ros.control.driven_joints import all_joints
-from denoc_ros.control.gain_jobs import read_job, schedule_message
+from denoc_ros.control.gain_jobs import KNOTS, read_job, schedule_message
 from denoc_ros.control.jobs import read_message, write_message
 from denoc_ros.control.joint_limits import joint_limits, require_limits
 from denoc_ros.control.plan import Plan
@@ -27,9 +29,13 @@ from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import DenocError
+from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
 LOOK = 0.5  # s between looks whether the parent is there
+LONGEST_STEP = 0.01  # s between samples that are planned from
+SAMPLES = 200  # of a motion, at least
+PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
 
 
 class Planning:
@@ -75,11 +81,14 @@ class Planning:
         self, robot: Robot, header: dict[str, Any], arrays: dict[str, Array]
     ) -> tuple[dict[str, Any], dict[str, Array]]:
         joints = robot.indices(header['joints'])
-        q = all_joints(robot, header['joints'], arrays['q'], arrays['posture'])
+        times, positions, rates, changes = (arrays[name] for name in KNOTS)
+        asked = SplineTrajectory(times, positions, rates, changes)
+        t, driven, _, _ = asked.table(min(LONGEST_STEP, asked.duration / SAMPLES))
+        q = all_joints(robot, header['joints'], driven, arrays['posture'])
         tip = header['tip'] or None
         base = header['base'] if len(robot.base_indices) else None
         method, options = header['method'], header['options']
-        plan = shape_motion(robot, arrays['t'], q, method, tip, base=base, **options)
+        plan = shape_motion(robot, t, q, method, tip, base=base, **options)
         require_limits(robot, plan, joint_limits(robot, **header['limits']))
         rows = plan.q[:, joints], plan.qd[:, joints], plan.qdd[:, joints]
         servo = joint_servo(len(joints), **header['servo'])
@@ -123,6 +132,7 @@ def serve(jobs: BinaryIO, answers: BinaryIO) -> None:
 def main() -> None:
     """Serve the process that started this one, and end with it."""
     parent = os.getppid()
+    _end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
 
     def watch() -> None:
@@ -138,6 +148,12 @@ def main() -> None:
         serve(sys.stdin.buffer, answers)
     except BrokenPipeError:
         os._exit(1)
+
+
+def _end_with_parent() -> None:
+    """Have the kernel kill this process when its parent ends, even while it is stopped."""
+    with suppress(OSError, AttributeError):  # where there is no Linux, `watch` ends it
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 if __name__ == '__main__':

@@ -51,6 +51,7 @@ class BaseTrack:
         self._pose: Array | None = None
         self._external: Array | None = None
         self._differences = 1  # since the last gap; readings of accelerations alone need none
+        self._known = False  # since the reset
 
     def take_odometry(self, time: float, pose: Array, twist: Array) -> None:
         """Take a pose (4, 4) in the world and a twist (6,) in.
@@ -95,6 +96,7 @@ class BaseTrack:
             gain = gain if self._differences else 1.0
             self._slope += gain * ((twist - self._twist) / interval - self._slope)
             self._differences += 1
+            self._known = True
         self._twist = twist
 
     def _note(self, time: float, acceleration: Array) -> None:
@@ -104,10 +106,13 @@ class BaseTrack:
     def at(self, time: float) -> BaseMotion | None:
         """Return the motion at a time [s], None before there are readings to know it from.
 
+        After a gap it goes on from the first reading, without angular acceleration: a base that
+        came to rest for one reading would shake the links.
+
         Accelerations are interpolated between the last two readings and held beyond them; twist
         and attitude go on by them, for `longest` at most.
         """
-        if math.isnan(self.time) or not self._differences:
+        if math.isnan(self.time) or not (self._differences or self._known):
             return None
         ahead = min(max(time - self.time, -self._longest), self._longest)
         acceleration = self._last

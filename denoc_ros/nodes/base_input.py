@@ -14,6 +14,8 @@ from denoc_ros.estimation.base_track import BaseTrack
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.runtime.base_messages import (
+    BASE_LIMITS,
+    BaseLimits,
     imu_mounting,
     read_accel,
     read_imu,
@@ -40,6 +42,10 @@ class BaseInput:
         self._clock = StampClock()
         self._monitor: InputMonitor | None = None
         self._beside: InputMonitor | None = None
+        rate, acceleration, angular = (
+            node.settings.number(f'base_{what}_limit') for what, *_ in BASE_LIMITS
+        )
+        self._limits = BaseLimits(rate, acceleration, angular, self._timeout)
         self.track = BaseTrack(1.0, 1.0, np.zeros(3))
 
     @property
@@ -76,6 +82,7 @@ class BaseInput:
     def begin(self) -> None:
         """Forget what was heard before the loop starts."""
         self.track.reset()
+        self._limits.forget()
         self._clock.reset()
 
     def trouble(self, now: float) -> str:
@@ -101,14 +108,26 @@ class BaseInput:
 
     def _on_odometry(self, raw: bytes, now: float) -> None:
         stamp_ns, pose, twist = read_odometry(raw)
+        measured = _measured(stamp_ns, now)
+        self._limits.require(measured, twist)
         self.track.take_odometry(self._taken(self._monitor, stamp_ns, now), pose, twist)
+        self._limits.took(measured, twist)
 
     def _on_accel(self, raw: bytes, now: float) -> None:
         stamp_ns, acceleration = read_accel(raw)
+        self._limits.require(now, None, acceleration)
         alone = self._beside is None
         monitor = self._monitor if alone else self._beside
         self.track.take_acceleration(self._taken(monitor, stamp_ns, now), acceleration, alone)
 
     def _on_imu(self, raw: bytes, now: float) -> None:
         stamp_ns, rate, force = read_imu(raw)
+        measured, twist = _measured(stamp_ns, now), np.concatenate((np.zeros(3), rate))
+        self._limits.require(measured, twist, force)
         self.track.take_imu(self._taken(self._monitor, stamp_ns, now), rate, force)
+        self._limits.took(measured, twist)
+
+
+def _measured(stamp_ns: int, now: float) -> float:
+    """Return when a reading was taken [s], for differences."""
+    return 1e-9 * stamp_ns if stamp_ns else now

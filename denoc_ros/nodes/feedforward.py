@@ -39,6 +39,7 @@ FINAL_COMMANDS = 5  # sent at the end, in case a reader misses some
 FINAL_SPACING = 0.005  # s
 LOOK_PERIOD = 0.02  # s between looks at whether the measured loops close
 CARRYING_ACTIONS = ('hold', 'ramp_to_gravity')  # begin with the weight where nothing has left
+DESIGN_PATIENCE = 30.0  # s that configure waits for gains: half of what a callback may take
 END_PATIENCE = 1.0  # s beyond the ramp to reach it, however small max_delta_tau is
 
 
@@ -66,7 +67,7 @@ class FeedforwardNode(LiveFeedforward):
         for joint, limit in zip(self.joints, limits, strict=True):
             if limit == 0.0:
                 self.get_logger().warning(f'{joint} has effort limit 0: its torque is always zero')
-        self._build_feedback(self.robot, settings, limits)
+        self._build_feedback(self.robot, settings, limits, DESIGN_PATIENCE)
         self.carrying = CarryingTorque(n)
         self.safe = SafeCommand(settings.text('stale_action'), settings.number('ramp_time'), n)
         self.q, self.qd, self.qdd, self._posture = np.zeros((4, n))

@@ -62,8 +62,7 @@ class LiveFeedforward(RobotNode):
         self.add_trigger_service('~/reset', self._reset)
         self.add_trigger_service('~/reload_model', self._reload)
         self.feedback = TorqueFeedback(self)
-        if self.settings.text('feedback.state') != 'off':
-            self.create_timer(WATCH_PERIOD, self._watch_beside, clock=self.steady_clock)
+        self._watches = False
 
     # ---- what depends on the model
 
@@ -110,9 +109,14 @@ class LiveFeedforward(RobotNode):
         posture = self.posture(robot, settings)
         return torque_feedforward(robot, self.joints, settings, posture, self.in_hurry)
 
-    def _build_feedback(self, robot: Robot, settings: Settings, limits: Array) -> None:
+    def _build_feedback(
+        self, robot: Robot, settings: Settings, limits: Array, patience: float = 0.0
+    ) -> None:
         posture = self.posture(robot, settings)
-        self.feedback.build(robot, self.joints, settings, limits, posture)
+        self.feedback.build(robot, self.joints, settings, limits, posture, patience)
+        if self.feedback.state.wanted and not self._watches:
+            self._watches = True
+            self.create_timer(WATCH_PERIOD, self._watch_beside, clock=self.steady_clock)
 
     def follow_clock(self) -> None:
         """Look at the time; who answers messages does not hold it."""
@@ -185,7 +189,14 @@ class LiveFeedforward(RobotNode):
             self._build_feedback(robot, settings, limits)
             self.torque.replace(source, limits)
             self.robot = robot
+        elif any(n.startswith('feedback.') for n in changes):
+            limits = torque_limits(self.robot, self.joints, settings)
+            self._build_feedback(self.robot, settings, limits)
         self.conditions.update(settings)
+
+    def save(self) -> None:
+        """Leave no process behind, whatever hangs."""
+        self.feedback.close()
 
     # ---- diagnostics
 

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
+from denoc_ros.control.braking import brake
 from denoc_ros.control.driven_joints import all_joints
+from denoc_ros.control.joint_limits import joint_limits
 from denoc_ros.control.ringing import RingingModes, ringing_modes, ringing_robot
 from denoc_ros.control.servo import joint_servo
+from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.nodes.messages import TrajectoryPointMessage
 from denoc_ros.nodes.model_node import driven_joints, is_override
@@ -26,6 +31,7 @@ from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.motion_planning import (
     MotionPlanning,
     check_planning,
+    given_limits,
     robot_job,
     servo_columns,
 )
@@ -41,12 +47,46 @@ from denoc_ros.runtime.trajectory_messages import (
     has_many_points,
     read_trajectory,
 )
+from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
 LOOK_PERIOD = 0.02  # s between looks at the planner
+LOADING_PATIENCE = 30.0  # s that configure waits for the planner: half of what a callback may take
 RETUNE_PERIOD = 0.05  # s between looks at the modes of a stream
+STOP_MARGIN = 0.1  # s from a stop to the first change of the motion, at most
+OWN_ROWS = 100  # of a motion, to find its largest accelerations and torques
+WITHIN = 1.01  # times a limit that a braking may take
+ROUNDING = 1e-9  # rad/s^2 or m/s^2
+NEAR = 5e-3  # rad or m beside where a stop ended that a motion may begin
 # one whole motion after the other must not lose the first
 REFERENCE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+
+
+@dataclass(frozen=True)
+class CarriedMotion:
+    """A published motion.
+
+    Attributes
+    ----------
+    trajectory : SplineTrajectory
+        Of all joints.
+    start : float
+        When it begins, by the node's clock [s].
+    named : sequence of int or None
+        Places of the joints that it was published for; None: all.
+    stops : bool
+        Whether it is a braking.
+    """
+
+    trajectory: SplineTrajectory
+    start: float
+    named: Sequence[int] | None
+    stops: bool = False
+
+    @property
+    def end(self) -> float:
+        """When it is at rest, by the node's clock [s]."""
+        return self.start + self.trajectory.duration
 
 
 class ShaperNode(RobotNode):
@@ -66,8 +106,9 @@ class ShaperNode(RobotNode):
         self.create_timer(LOOK_PERIOD, self._look, clock=self.steady_clock)
         if not self.clock.is_simulated:  # else in the tick
             self.create_timer(RETUNE_PERIOD, self._retune, clock=self.steady_clock)
-        self._moving_until = 0.0  # s of the steady clock
+        self._carried: CarriedMotion | None = None  # what was published last
         self._known: Array | None = None  # (joints,) where the last motion ends
+        self._stopped_at: Array | None = None  # (joints,) the same, after a stop on the way
         self._said = {'planned': 0, 'refused': 0, 'passed on': 0, 'streams': 0}
         self._last_failure, self._failures_reported = '', 0
         self._solve_last = self._solve_max = 0.0
@@ -101,12 +142,15 @@ class ShaperNode(RobotNode):
             self.joint_input = self.listen_in_loop(
                 JointState, 'joint_states', self._on_joint_state
             )
-        self._load()
+        self._load(LOADING_PATIENCE)
+        if self.planning.load_error:
+            rule = f'the planner must load the robot, got: {self.planning.load_error}'
+            raise ConfigError(name, [rule])
 
-    def _load(self) -> None:
+    def _load(self, patience: float = 0.0) -> None:
         job = robot_job(self.settings, self.description)
-        posture = self.posture(self.robot, self.settings)
-        self.planning.load(job, self.joints, posture, self.get_fully_qualified_name())
+        self._rest = self.posture(self.robot, self.settings)
+        self.planning.load(job, self.joints, self._rest, patience)
 
     def _check(self, settings: Settings) -> None:
         """Refuse what the planner could not work with."""
@@ -138,8 +182,9 @@ class ShaperNode(RobotNode):
         with self._lock:
             if message.is_cancel:
                 self.input.accept(message.stamp_ns or None, now)
-                self._cancel()
-                self._reference.publish(JointTrajectory(joint_names=self.joints))
+                self._brake(now)
+                if not self.stream.active and not self._left(now):
+                    self._reference.publish(JointTrajectory(joint_names=self.joints))
             elif message.is_streamed:
                 self._take_point(message, now)
             else:
@@ -149,10 +194,29 @@ class ShaperNode(RobotNode):
         """Refuse a motion while another one is planned or carried out."""
         if self.planning.busy:
             raise InputError('busy', 'a motion must come after the one before is planned')
-        left = self._moving_until - now
+        left = self._left(now)
         if left > 0.0:
             raise InputError(
                 'in_motion', f'a motion must begin at rest, got one {left:.3g} s before that'
+            )
+
+    def _left(self, now: float) -> float:
+        """Return for how long what was published goes on [s]."""
+        return 0.0 if self._carried is None else max(0.0, self._carried.end - now)
+
+    def _require_continuity(self, message: TrajectoryMessage) -> None:
+        """Refuse a motion that begins elsewhere than where the one before was stopped."""
+        stopped = self._stopped_at
+        if stopped is None or message.times[0] > 0.0:
+            return
+        away = np.abs(message.positions[0] - stopped)
+        away[list(message.held)] = 0.0
+        if (far := float(away.max())) > NEAR:
+            there = ', '.join(f'{q:.4f}' for q in stopped)
+            raise InputError(
+                'not_at_start',
+                f'after a stop a motion must begin where the joints came to rest ({there}), or '
+                f'after time 0, got {far:.3g} rad or m beside it',
             )
 
     def _take_motion(self, message: TrajectoryMessage, now: float) -> None:
@@ -161,6 +225,7 @@ class ShaperNode(RobotNode):
             raise InputError('in_motion', 'a motion must begin at rest, got one within a stream')
         self._require_rest(now)
         self._require_posture(message)
+        self._require_continuity(message)
         self.input.accept(message.stamp_ns or None, now)
         self.planning.take(RequestedMotion(message, self._where()))
 
@@ -174,9 +239,14 @@ class ShaperNode(RobotNode):
 
     def _take_point(self, message: TrajectoryMessage, now: float) -> None:
         method = self.settings.text('method')
+        if self.stream.ending:
+            raise InputError(
+                'in_motion', 'a stream must begin at rest, got a point while it stops'
+            )
         if not self.stream.active:
             self._require_rest(now)
             self._require_posture(message)
+            self._require_continuity(message)
         if method not in OF_STREAMS:
             self.input.accept(message.stamp_ns or None, now)
             why = f'method {method} needs whole motions, got a single point'
@@ -187,6 +257,7 @@ class ShaperNode(RobotNode):
             modes = self._modes(start, self.settings)
             servo = joint_servo(len(self.joints), **servo_columns(self.settings))
             self.stream.begin(method, modes, start, servo)
+            self._carried = self._stopped_at = None
             self._said['streams'] += 1
         self.stream.follower.offer(
             message,
@@ -196,21 +267,100 @@ class ShaperNode(RobotNode):
             lambda: self.input.accept(message.stamp_ns or None, now),
         )
 
-    def _cancel(self) -> None:
-        """Drop what is planned or streamed; published motions go on."""
+    def _drop(self) -> None:
+        """Forget what is planned or streamed; published motions go on."""
         self.planning.drop()
         self.stream.end()
-        self._moving_until = 0.0
-        self._known = None
+
+    def _brake(self, now: float) -> None:
+        """Drop what is planned, bring to rest what is streamed or was published."""
+        self.planning.drop()
+        if self.stream.active:
+            self.stream.brake()
+            return
+        carried = self._carried
+        if carried is None or carried.stops or now >= carried.end:
+            return
+        wait = min(self.settings.number('start_margin'), STOP_MARGIN)
+        settings, moment = self.settings, now + wait - carried.start
+        step = settings.number('output_step')
+        if moment <= 0.0:  # it has not begun, and does not
+            q = carried.trajectory.knots()[1][:1]
+            times, q, rest = np.array([0.0, step]), np.repeat(q, 2, axis=0), np.zeros((2, q.size))
+            rows = times, q, rest, rest
+        else:
+            allows = self._braking_limits(carried.trajectory)
+            shortest = settings.number('stop_time')
+            found = brake(carried.trajectory, moment, shortest, step, allows)
+            if found is None:  # it is at rest before
+                return
+            rows = found
+        begin_ns = self.stamp_ns() + round(1e9 * wait)
+        arrays = dict(zip(('t', 'q', 'qd', 'qdd'), rows, strict=True))
+        message = planned_message(self.joints, arrays, begin_ns, carried.named)
+        self._publish_motion(
+            message, CarriedMotion(SplineTrajectory(*rows), now + wait, carried.named, True)
+        )
+        self._stopped_at = self._known
+
+    def _braking_limits(
+        self, trajectory: SplineTrajectory
+    ) -> Callable[[Array, Array, Array], bool]:
+        """Return what says whether the joints can brake so: by their limits, or as in the motion.
+
+        Where the motion itself is beyond a limit, its own largest value is the limit.
+        """
+        places = [self.robot.joint_names.index(joint) for joint in self.joints]
+        given = given_limits(self.settings, self.joints)
+        limits = joint_limits(self.robot, **given).of(np.array(places))
+        source = TorqueFeedforward(self.robot.copy(), self.joints, 'rigid', posture=self._rest)
+        own = trajectory.table(trajectory.duration / OWN_ROWS)[1:]
+
+        def torque(q: Array, qd: Array, qdd: Array) -> Array:
+            return np.array(
+                [source.update(*row, 0.0).copy() for row in zip(q, qd, qdd, strict=True)]
+            )
+
+        largest = np.abs(own[2]).max(axis=0)
+        acceleration = np.maximum(limits.acceleration, largest) + ROUNDING
+        effort, known = limits.effort, bool(np.isfinite(limits.effort).all())
+        try:
+            effort = np.maximum(effort, np.abs(torque(*own)).max(axis=0)) if known else effort
+        except DenocError:  # a motion that the model cannot follow: its own accelerations do
+            known = False
+        if not known:
+            acceleration = np.where(np.isinf(acceleration), largest + ROUNDING, acceleration)
+
+        def allows(q: Array, qd: Array, qdd: Array) -> bool:
+            if (np.abs(qdd).max(axis=0) > WITHIN * acceleration).any():
+                return False
+            some = slice(None, None, max(1, len(q) // OWN_ROWS))
+            try:
+                found = torque(q[some], qd[some], qdd[some]) if known else np.zeros(1)
+            except DenocError:
+                return False
+            return not known or bool((np.abs(found) <= WITHIN * effort).all())
+
+        return allows
 
     # ---- loop: streams
 
     def begin(self) -> None:
-        """Start with nothing known."""
+        """Start with nothing known, but for what has been published and goes on."""
         with self._lock:
-            self._cancel()
+            self._drop()
+            if self._left(self.clock.now()) == 0.0:
+                self._forget()
         self._stamp_of = StampOf(self.clock)
         self._retune_due = -math.inf
+
+    def restart(self) -> None:
+        """Forget what was published too: it belongs to a time that is no more."""
+        self._forget()
+        super().restart()
+
+    def _forget(self) -> None:
+        self._carried = self._known = self._stopped_at = None
 
     def tick(self, steps: int) -> None:
         """Publish a streamed motion's shaped sample for now."""
@@ -270,20 +420,18 @@ class ShaperNode(RobotNode):
         begin_ns = max(now_ns + margin, wanted if motion.message.stamp_ns else 0)
         chosen = motion.named if self.settings.text('method') in OF_STREAMS else None
         message = planned_message(self.joints, arrays, begin_ns, chosen)
-        self._publish_motion(message, now, begin_ns - now_ns, arrays['q'][-1])
+        rows = arrays['t'] - arrays['t'][0], arrays['q'], arrays['qd'], arrays['qdd']
+        begin = now + 1e-9 * (begin_ns - now_ns)
+        self._publish_motion(message, CarriedMotion(SplineTrajectory(*rows), begin, chosen))
         self._said['planned'] += 1
         self.to_log.append(
             f'planned in {took:.3g} s: {arrays["t"][-1] - arrays["t"][0]:.3g} s of motion, '
             f'{answer.header["delay"]:.3g} s later than asked for'
         )
 
-    def _publish_motion(
-        self, message: JointTrajectory, now: float, wait_ns: int, end: Array
-    ) -> None:
-        last = message.points[-1].time_from_start
-        duration = last.sec + 1e-9 * last.nanosec
-        self._moving_until = now + 1e-9 * wait_ns + duration
-        self._known = end
+    def _publish_motion(self, message: JointTrajectory, carried: CarriedMotion) -> None:
+        self._carried, self._stopped_at = carried, None
+        self._known = carried.trajectory.knots()[1][-1]
         if not self._reference.get_subscription_count():
             self.to_log.append('reference must have a subscriber, got none: a motion is lost')
         self._reference.publish(message)
@@ -299,23 +447,36 @@ class ShaperNode(RobotNode):
         self.to_log.append(f'passed on as it came: {why}')
         now, now_ns = self.clock.now(), self.stamp_ns()
         stamp_ns = motion.message.stamp_ns
-        begin_ns = max(stamp_ns, now_ns) if stamp_ns else 0
+        begin_ns = max(stamp_ns, now_ns)
         message = unshaped_message(self.joints, motion.message, begin_ns, motion.named)
-        end = motion.whole().positions[-1]
-        self._publish_motion(message, now, max(0, begin_ns - now_ns), end)
+        given = motion.whole()
+        still = None if motion.where is None else (motion.where, *np.zeros((2, len(motion.where))))
+        trajectory = SplineTrajectory(
+            given.times, given.positions, given.velocities, given.accelerations, still
+        )
+        begin = now + 1e-9 * (begin_ns - now_ns)
+        self._publish_motion(message, CarriedMotion(trajectory, begin, motion.named))
 
     # ---- services, live parameters, end
 
     def _stop(self) -> str:
-        """Drop what is planned or streamed."""
-        if self.state in ('active', 'inactive'):
-            with self._lock:
-                self._cancel()
-        return 'stopped: what was planned or streamed is dropped, what has left goes on'
+        """Drop what is planned; bring to rest, along its path, what moves."""
+        if self.state not in ('active', 'inactive'):
+            return 'stopped: at rest'
+        now = self.clock.now()
+        with self._lock:
+            self._brake(now)
+            left, streams = self._left(now), self.stream.active
+        if streams:
+            return 'stopped: the stream brakes'
+        return f'stopped: at rest in {left:.3g} s' if left else 'stopped: at rest'
 
     def _reset(self) -> str:
-        """Forget motions and stamps."""
+        """Forget motions and stamps; what moves comes to rest first."""
         self._stop()
+        with self._lock:
+            if not self.stream.active and self._left(self.clock.now()) == 0.0:
+                self._forget()
         for monitor in self.monitors:
             monitor.reset()
         return 'reset: waiting for a motion'
@@ -330,7 +491,7 @@ class ShaperNode(RobotNode):
         self._modes_robot = ringing_robot(robot, self.settings.text('base'))
         self.adopt_model(model, self.settings)
         with self._lock:
-            self._cancel()
+            self._drop()
             self._load()
         return f'reloaded {robot.tree.name}'
 
@@ -348,7 +509,7 @@ class ShaperNode(RobotNode):
         """Stop the loop; what is planned or streamed is dropped."""
         super().deactivate()
         with self._lock:
-            self._cancel()
+            self._drop()
 
     def cleanup(self) -> None:
         """End the planner."""
@@ -359,7 +520,7 @@ class ShaperNode(RobotNode):
 
     def save(self) -> None:
         """Leave no planner behind, whatever hangs."""
-        self.planning.planner.close(0.0)
+        self.planning.planner.close()
 
     # ---- diagnostics
 
@@ -384,7 +545,7 @@ class ShaperNode(RobotNode):
         if failures > self._failures_reported:
             status.worsen(WARN, f'not shaped: {self._last_failure}')
         self._failures_reported = failures
-        if self.planning.planner.pid is None:
+        if not self.planning.planner.running:
             status.worsen(ERROR, 'no planner: it died and will be restarted')
         if self.planning.load_error:
             status.worsen(ERROR, self.planning.load_error)
@@ -395,7 +556,9 @@ class ShaperNode(RobotNode):
             return 'streaming'
         if self.planning.busy:
             return 'planning'
-        return 'moving' if now < self._moving_until else 'waiting'
+        if self.planning.loading:
+            return 'loading'
+        return 'moving' if self._left(now) else 'waiting'
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -37,6 +37,7 @@ class TorqueFeedback:
         self._node = node
         self._strain = StrainFeedback(name)
         self.state = LiveStateFeedback(name)
+        self._strain_robot: Robot | None = None
         self._sensors: SensorInputs | None = None
         self._plan: Array | None = None
 
@@ -47,24 +48,37 @@ class TorqueFeedback:
         settings: Settings,
         limits: Array,
         posture: Array,
+        patience: float = 0.0,
     ) -> None:
         """Take a robot over; show that what is asked for is safe, and listen to its sensors.
+
+        `patience` [s] is of :meth:`LiveStateFeedback.build`.
 
         Raises
         ------
         ConfigError, StateError
             As of :meth:`StrainFeedback.build` and :meth:`LiveStateFeedback.build`.
         """
-        self.state.build(robot, joints, settings, limits, posture)
-        self._strain.build(robot, joints, settings, limits)
-        if not (self._strain.wanted or self.state.wanted):
+        before = self.wanted
+        self.state.build(robot, joints, settings, limits, posture, patience)
+        if robot is not self._strain_robot:  # its parameters are not live, its filter goes on
+            self._strain.build(robot, joints, settings, limits)
+            self._strain_robot = robot
+        if not self.wanted:
             return
         if self._sensors is None:
             self._sensors = SensorInputs(self._node)
             self._node.create_timer(
                 SEARCH_PERIOD, self._sensors.search, clock=self._node.steady_clock
             )
+        if not before:
+            self._sensors.queue.clear()  # of a time in which nobody listened
         self._sensors.update(robot.tree)
+
+    @property
+    def wanted(self) -> bool:
+        """Whether there is a feedback, or one that fades."""
+        return self._strain.wanted or self.state.wanted
 
     def take_joints(self, reader: JointStateReader, now: float) -> None:
         """Take the joint states that have arrived at a time of the steady clock [s]."""
@@ -116,7 +130,7 @@ class TorqueFeedback:
         now, lead : float
             Time of the tick, steady clock [s], and how far ahead the plan is.
         """
-        if not (self._strain.wanted or self.state.wanted):
+        if not self.wanted:
             return torque
         self._take_values()
         if self._strain.wanted:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,8 +15,70 @@ from denoc_ros.types import Array
 
 # what parameter `base_motion` may be
 SOURCES = ('off', 'odometry', 'odometry_accel', 'accel', 'imu')
+# what a base may do at most by default: its parameter, what it is, value and unit
+BASE_LIMITS = (
+    ('rate', 'angular velocity', 35.0, 'rad/s'),
+    ('acceleration', 'acceleration (of an accelerometer, with gravity)', 200.0, 'm/s^2'),
+    ('angular_acceleration', 'angular acceleration, also between two messages', 1000.0, 'rad/s^2'),
+)
+SHORTEST = 1e-3  # s between two messages whose difference says what the base does
 UNIT = 1e-3  # how far a quaternion may be from unit length
 LARGEST = 1e6  # m/s, rad/s, and per s: more is no base's motion
+
+
+class BaseLimits:
+    """Refuses readings of what no base does, before they count.
+
+    Parameters
+    ----------
+    rate, acceleration, angular_acceleration : float
+        Largest of any component [rad/s, m/s^2, rad/s^2].
+    gap : float
+        s after which two readings are not compared.
+    """
+
+    def __init__(
+        self, rate: float, acceleration: float, angular_acceleration: float, gap: float
+    ) -> None:
+        self._rate, self._acceleration = rate, acceleration
+        self._angular, self._gap = angular_acceleration, gap
+        self.forget()
+
+    def forget(self) -> None:
+        """Compare the next reading with none."""
+        self._time, self._twist = -math.inf, np.zeros(6)
+
+    def require(self, time: float, twist: Array | None, acceleration: Array | None = None) -> None:
+        """Refuse a reading at a time [s]: twist (6,), acceleration (3,) or (6,), None: not said.
+
+        Raises
+        ------
+        InputError
+            Cause `out_of_range`.
+        """
+        if acceleration is not None:
+            _require_within('acceleration', acceleration[:3], self._acceleration, 'm/s^2')
+            _require_within('angular acceleration', acceleration[3:], self._angular, 'rad/s^2')
+        if twist is None:
+            return
+        _require_within('angular velocity', twist[3:], self._rate, 'rad/s')
+        interval = time - self._time
+        if 0.0 < interval <= self._gap:
+            change = (twist - self._twist) / max(interval, SHORTEST)
+            _require_within('change of velocity', change[:3], self._acceleration, 'm/s^2')
+            _require_within('change of angular velocity', change[3:], self._angular, 'rad/s^2')
+
+    def took(self, time: float, twist: Array) -> None:
+        """Compare the next twist with this one (6,)."""
+        self._time, self._twist = time, twist
+
+
+def _require_within(what: str, values: Array, most: float, unit: str) -> None:
+    largest = float(np.abs(values).max(initial=0.0))
+    if largest > most:
+        raise InputError(
+            'out_of_range', f'the {what} must be at most {most:g} {unit}, got {largest:.6g}'
+        )
 
 
 def imu_mounting(where: str, source: str, xyz: Sequence[float], rpy: Sequence[float]) -> Array:

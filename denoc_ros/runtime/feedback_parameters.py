@@ -39,14 +39,16 @@ def _state_parameters() -> tuple[Parameter, ...]:
             'lqr: torque against the deviation of all coordinates from the plan, estimated '
             'from joints and sensors; refused unless stable with stiffness and load 20 % off',
             choices=STATES,
+            live=True,
         ),
         Parameter(
-            'feedback.tip', Kind.STRING, '', 'frame to keep on the plan; empty: the last'
+            'feedback.tip', Kind.STRING, '', 'frame to keep on the plan; empty: the last',
+            live=True,
         ),
         *(
             Parameter(
                 f'feedback.{name}', Kind.DOUBLE, defaults[name], f'state feedback: {text}', unit,
-                positive=True,
+                positive=True, live=True,
             )
             for name, text, unit in SETTINGS
         ),
@@ -58,6 +60,7 @@ def _state_parameters() -> tuple[Parameter, ...]:
             'torque; 0: no integral',
             's',
             0.0,
+            live=True,
         ),
         Parameter(
             'feedback.delay',
@@ -67,6 +70,7 @@ def _state_parameters() -> tuple[Parameter, ...]:
             'periods',
             0.0,
             50.0,
+            live=True,
         ),
         Parameter(
             'feedback.sensor_delay',
@@ -76,6 +80,7 @@ def _state_parameters() -> tuple[Parameter, ...]:
             's',
             0.0,
             0.05,
+            live=True,
         ),
         Parameter(
             'feedback.state_limit',
@@ -85,6 +90,7 @@ def _state_parameters() -> tuple[Parameter, ...]:
             '',
             maximum=1.0,
             positive=True,
+            live=True,
         ),
     )  # fmt: skip
 

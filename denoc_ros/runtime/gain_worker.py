@@ -13,14 +13,13 @@ from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_jobs import GainJob, read_schedule
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import StateError
 from denoc_ros.runtime.planner import Answer, Planner
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
 LIMIT = 120.0  # s for a design: a cold kernel cache compiles on a slow machine
 TRIES = 3  # of a design in a process that dies or hangs
-LOOK = 0.005  # s between looks for an answer that a callback waits for
+LOOK = 0.005  # s between looks for an answer that is waited for
 
 
 @dataclass(frozen=True)
@@ -110,7 +109,7 @@ class GainWorker:
     def begin(self, task: WantedGains) -> None:
         """Ask for a design; the result of one in work is discarded."""
         self.task = self._waiting = task
-        self._tries = 0
+        self._tries, self.refusal = 0, ''
         self.look()
 
     def look(self) -> None:
@@ -124,25 +123,15 @@ class GainWorker:
         self._solving = task
         self._submit(task.model, task.job)
 
-    def ask(self, model: FeedbackModel, position: Array) -> None:
-        """Wait for a design about a position (joints,), of which only the success counts.
+    def await_design(self, patience: float) -> None:
+        """Wait for the design in work, for some time [s]; whether it is made is told by `busy`.
 
-        Raises
-        ------
-        StateError
-            There are no gains, or they are not stable; or the process fails.
+        Not for a callback of a node that is active: nothing is known of how long a process takes.
         """
-        end = time.perf_counter() + LIMIT
-        while self.planner.busy or not self.planner.start():
-            answer = self.planner.poll()
-            if answer is not None:
-                self._finish(answer)
-            _pause(end)
-        self._submit(model, model.job(position))
-        while (answer := self.planner.poll()) is None:
-            _pause(end)
-        if answer.error:
-            raise StateError(answer.error)
+        end = time.perf_counter() + patience
+        while self.busy and time.perf_counter() < end:
+            time.sleep(LOOK)
+            self.look()
 
     def stop(self) -> None:
         """Drop the design in work, and what was made."""
@@ -178,10 +167,3 @@ class GainWorker:
         self.refusal = answer.error
         self.designs += 1
         self._made = task, feedback
-
-
-def _pause(end: float) -> None:
-    """Wait a moment, but not beyond a time of the steady clock [s]."""
-    if time.perf_counter() > end:
-        raise StateError(f'state feedback: a design must take at most {LIMIT:g} s, got longer')
-    time.sleep(LOOK)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.control.feedback_settings import FeedbackSettings
+from denoc_ros.control.gain_schedule import require_sensors
 from denoc_ros.control.read_values import unread_values
-from denoc_ros.control.state_feedback import StateFeedback
+from denoc_ros.control.state_feedback import RAMP, StateFeedback
 from denoc_ros.dynamics.floating_base import require_known_base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, StateError
@@ -34,7 +35,10 @@ class LiveStateFeedback:
 
     Gains are made in another process (`watch`): along a trajectory when it has come, else about
     where a streamed reference is. The loop takes them between two ticks. Without gains for where
-    the reference is, there is no feedback.
+    the reference is, there is no feedback. Neither waits for the other process.
+
+    What leaves changes without a jump where parameters or the model change, or gains for them are
+    refused: the difference fades within `RAMP`.
 
     Parameters
     ----------
@@ -56,6 +60,10 @@ class LiveStateFeedback:
         self._using = threading.Lock()  # the worker: by whoever builds, or watches
         self._now: StateFeedback | None = None
         self._waiting: tuple[WantedGains, StateFeedback | None] | None = None
+        self._made_for: FeedbackModel | None = None  # of the gains in force
+        self._left: Array = np.zeros(0)  # (joints,) what was added last, after all limits
+        self._fading: Array | None = None  # (joints,) as it was in the beginning
+        self._fades_from = -np.inf  # s of the clock of ticks
         self._stamps = StampClock()
         self._fallbacks = self._told = 0
         self.active, self.cause = False, 'no gains yet'
@@ -63,14 +71,17 @@ class LiveStateFeedback:
 
     @property
     def wanted(self) -> bool:
-        """Whether the parameters ask for it."""
-        return self._model is not None
+        """Whether the parameters ask for it, or what they asked for still acts."""
+        return self._model is not None or self._now is not None or self._fading is not None
 
     def build(
         self, robot: Robot, joints: Sequence[str], settings: Settings, limits: Array,
-        posture: Array,
+        posture: Array, patience: float = 0.0,
     ) -> None:  # fmt: skip
-        """Take a robot over, if state feedback is wanted: its gains about a posture are tried.
+        """Take a robot and its settings over, if state feedback is wanted, else end it.
+
+        With `patience` [s] gains about the posture are tried, which may take longer: then this
+        goes on beside.
 
         Raises
         ------
@@ -80,7 +91,9 @@ class LiveStateFeedback:
             There are no gains about the posture, or they are not stable for models 20 % off.
         """
         if settings.text('feedback.state') == 'off':
-            self._model = self._now = None
+            self._model = None
+            with self._using:
+                self._worker.close()
             return
         self._require(settings)
         index = [robot.joint_indices[robot.joint_names.index(joint)] for joint in joints]
@@ -94,21 +107,25 @@ class LiveStateFeedback:
             limit=settings.number('feedback.state_limit'),
             **{name: settings.number(f'feedback.{name}') for name, *_ in SETTINGS},
         )
-        position = np.array(posture[index])
         require_known_base(robot, 'feedback.state')
+        require_sensors(robot, joints, limits, wanted)
         model = FeedbackModel(
             robot, tuple(joints), limits.copy(), posture.copy(), wanted,
             _description(robot, settings),
         )  # fmt: skip
-        known = self._worker.task  # the model of a node that runs is tried where the node is
-        with self._using:
-            try:
-                self._worker.ask(model, position if known is None else known.position)
-            except StateError:
-                if self._model is None:
-                    self._worker.close()
-                raise
+        if patience > 0.0:
+            with self._using:
+                self._try(WantedGains(model, np.array(posture[index])), patience)
         self._model, self._unread = model, unread_values(robot.tree)
+
+    def _try(self, task: WantedGains, patience: float) -> None:
+        """Begin a design and give it some time [s]; raise StateError if it is refused."""
+        worker = self._worker
+        worker.begin(task)
+        worker.await_design(patience)
+        if not worker.busy and worker.refusal:
+            worker.close()
+            raise StateError(worker.refusal)
 
     def _require(self, settings: Settings) -> None:
         """Refuse parameters that do not go together."""
@@ -179,6 +196,7 @@ class LiveStateFeedback:
     def begin(self) -> None:
         """Start anew: nothing is known and no torque has left."""
         self._stamps.reset()
+        self._forget_left()
         if self._now is not None:
             self._now.reset()
 
@@ -224,7 +242,23 @@ class LiveStateFeedback:
         plan : (joints,) array, optional
             Torque of the plan, for ticks that come late; it must not change before the next tick.
         """
-        self._swap(now)
+        changed = self._swap(now)
+        torque = self._torque(now, lead, wanted, q, qd, plan)
+        if changed and self._left.any():
+            self._fading = self._left - (0.0 if torque is None else torque)
+            self._fades_from = now
+        if self._fading is None:
+            return torque
+        share = 1.0 - (now - self._fades_from) / RAMP
+        if share <= 0.0:
+            self._fading = None
+            return torque
+        return share * self._fading if torque is None else torque + share * self._fading
+
+    def _torque(
+        self, now: float, lead: float, wanted: Array, q: Array, qd: Array, plan: Array | None
+    ) -> Array | None:
+        """Return the torque (joints,) by the gains in force, None if there are none for here."""
         feedback = self._now
         if feedback is None:
             self._note('refused' if self._worker.refusal else 'no gains yet', False)
@@ -247,38 +281,52 @@ class LiveStateFeedback:
 
     def applied(self, change: Array) -> None:
         """Take what was added to the plan's torque after all limits (joints,), and go on."""
+        self._left = change
         if self._now is not None:
             self._now.applied(change)
 
     def rest(self) -> None:
         """Let go: something else than the plan leaves."""
+        self._forget_left()
         if self._now is not None:
             self._now.rest()
             self.active = False
+
+    def _forget_left(self) -> None:
+        self._left, self._fading = np.zeros(0), None
 
     def _note(self, cause: str, active: bool) -> None:
         self._fallbacks += self.active and not active
         self.active, self.cause = active, cause
 
-    def _swap(self, now: float) -> None:
-        """Take gains that are made over, when their trajectory begins."""
+    def _swap(self, now: float) -> bool:
+        """Take gains that are made over, when their trajectory begins.
+
+        Returns whether they are of another model or other settings, or there are none any more.
+        """
+        if self._model is None:
+            changed, self._now, self._waiting = self._now is not None, None, None
+            return changed
         made = self._waiting or self._worker.take()
         if made is None:
-            return
+            return False
         task, feedback = made
         if task.start > now and self._now is not None:
             self._waiting = made
-            return
+            return False
         self._waiting = None
-        if feedback is not None and self._now is not None:
-            feedback.adopt(self._now)
-        self._now = feedback
+        goes_on = feedback is not None and (self._now is None or feedback.adopt(self._now))
+        changed = not goes_on or self._made_for is not task.model
+        self._now, self._made_for = feedback, task.model
+        return changed
 
     # ---- diagnostics
 
     def status(self) -> Status:
         """Return what it does, and warn of what has come since the last call."""
         feedback, worker = self._now, self._worker
+        if self._model is None:
+            return Status('state feedback', message='switched off')
         status = Status('state feedback', message=self.cause or 'active')
         status.values = {
             'active': self.active,

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.control.driven_joints import DrivenJoints
+from denoc_ros.control.gain_jobs import KNOTS
 from denoc_ros.control.joint_limits import joint_limits
 from denoc_ros.control.ringing import require_flexible
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.errors import StateError
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_samples import RequestedMotion
 from denoc_ros.runtime.parameters import Settings
@@ -21,6 +22,7 @@ from denoc_ros.runtime.planner import Answer, Planner
 from denoc_ros.types import Array
 
 LOADING = 120.0  # s: a cold kernel cache compiles on a slow machine
+LOOK = 0.01  # s between looks for an answer that is waited for
 LIMITS = ('velocity', 'acceleration', 'jerk', 'effort')
 
 
@@ -37,6 +39,8 @@ class MotionPlanning:
     Attributes
     ----------
     planner : Planner
+    loading : bool
+        Whether the planner is loading the robot.
     load_error : str
         Why the planner could not load the robot; '' where it could.
     """
@@ -49,7 +53,7 @@ class MotionPlanning:
         self._log, self._done = log, done
         self._waiting: RequestedMotion | None = None
         self._solving: RequestedMotion | None = None
-        self._loading = False
+        self.loading = False
         self._joints: Sequence[str] = ()
         self._posture: Array = np.zeros(0)
 
@@ -59,9 +63,12 @@ class MotionPlanning:
         return self._waiting is not None or self._solving is not None
 
     def load(
-        self, robot: dict[str, Any], joints: Sequence[str], posture: Array, where: str
+        self, robot: dict[str, Any], joints: Sequence[str], posture: Array, patience: float = 0.0
     ) -> None:
         """Start the planner with a robot, so that the first motion does not wait for it.
+
+        A planner that takes longer than `patience` goes on beside, motions wait for it. What is
+        wrong is in `load_error`.
 
         Parameters
         ----------
@@ -71,23 +78,24 @@ class MotionPlanning:
             The driven joints, in the order of motions.
         posture : (n,) array
             Near which the loops of a motion's first row close.
-        where : str
-            For the error.
-
-        Raises
-        ------
-        ConfigError
-            It cannot load it.
+        patience : float
+            s to wait until it has loaded it.
         """
         self._joints, self._posture = joints, posture
         self.planner.close()
-        self.planner.start()
+        self._start(robot)
+        end = time.perf_counter() + patience
+        while self.loading and time.perf_counter() < end:
+            time.sleep(LOOK)
+            self._poll()
+
+    def _start(self, robot: dict[str, Any]) -> bool:
+        """Start the planner, if it may be started; say whether it was."""
+        if not self.planner.start():
+            return False
+        self.loading = True
         self.planner.submit({'job': 'load', 'robot': robot}, {}, LOADING)
-        while (answer := self.planner.poll()) is None:
-            time.sleep(0.01)
-        self.load_error = answer.error
-        if answer.error:
-            raise ConfigError(where, [f'the planner must load the robot, got: {answer.error}'])
+        return True
 
     def take(self, motion: RequestedMotion) -> None:
         """Keep a motion for the planner; there must be no other."""
@@ -96,35 +104,34 @@ class MotionPlanning:
     def drop(self) -> None:
         """Forget the motion that waits for its plan."""
         self._waiting = self._solving = None
-        if not self._loading:
+        if not self.loading:
             self.planner.drop()
 
     def look(self, settings: Settings, robot: dict[str, Any]) -> None:
         """Take the planner's answer, start it anew where it died, hand it the next motion."""
         planner = self.planner
-        answer = planner.poll()
-        if answer is not None:
-            self._take(answer)
-        if planner.pid is None and planner.start():
+        self._poll()
+        if not planner.running and self._start(robot):
             self._log('the planner is started anew')
-            self._loading = True
-            planner.submit({'job': 'load', 'robot': robot}, {}, LOADING)
-        if self._waiting is not None and planner.pid is not None and not planner.busy:
+        if self._waiting is not None and planner.running and not planner.busy:
             motion, self._waiting = self._waiting, None
             try:
-                t, q = motion.samples()
+                knots = motion.trajectory().knots()
             except InputError as error:
                 self._done(motion, Answer(0, str(error), {}, {}))
                 return
             self._solving = motion
             job = shape_job(settings, robot, self._joints)
-            arrays = {'t': t, 'q': q, 'posture': self._posture}
+            arrays = dict(zip(KNOTS, knots, strict=True), posture=self._posture)
             planner.submit(job, arrays, settings.number('solve_timeout'))
 
-    def _take(self, answer: Answer) -> None:
+    def _poll(self) -> None:
+        answer = self.planner.poll()
+        if answer is None:
+            return
         motion, self._solving = self._solving, None
-        if self._loading:
-            self._loading = False
+        if self.loading:
+            self.loading = False
             self.load_error = answer.error
             if answer.error:
                 self._log(f'the planner must load the robot, got: {answer.error}')

@@ -1,4 +1,4 @@
-"""Received whole motions, sampled."""
+"""Received whole motions."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
-LONGEST_STEP = 0.01  # s between samples that are planned from
-SAMPLES = 200  # of a motion, at least
+LONGEST = 1e4  # s of a motion, of which a plan has a sample each 0.01 s
 RESTING = 1e-3  # rad/s or m/s at the ends that count as rest
 
 
@@ -45,15 +44,21 @@ class RequestedMotion:
         assert self.where is not None
         return self.message.holding(self.where)
 
-    def samples(self) -> tuple[Array, Array]:
-        """Return times (k,) from 0 and positions (k, joints).
+    def trajectory(self) -> SplineTrajectory:
+        """Return the motion of all joints, from time 0 on.
 
         Raises
         ------
         InputError
-            Cause `not_at_rest`: it begins or ends in motion.
+            Cause `not_at_rest`: it begins or ends in motion; `too_long`: it would have more
+            samples than a plan may.
         """
         message = self.whole()
+        if not message.times[-1] <= LONGEST:
+            raise InputError(
+                'too_long',
+                f'a motion must take at most {LONGEST:g} s, got {message.times[-1]:g} s',
+            )
         rates = message.velocities
         starts_here = message.times[0] == 0.0
         if rates is not None:
@@ -72,6 +77,4 @@ class RequestedMotion:
         )
         if not trajectory.duration > 0.0:
             raise InputError('not_at_rest', 'a motion must take time, got a single posture')
-        step = min(LONGEST_STEP, trajectory.duration / SAMPLES)
-        t, q, _, _ = trajectory.table(step)
-        return t, q
+        return trajectory

@@ -32,6 +32,8 @@ class ShapedStream:
     ----------
     follower : ReferenceFollower
         It takes the points.
+    ending : bool
+        Whether the joints brake whatever comes.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class ShapedStream:
         self._rate = np.zeros(joints)
         self._braking = 0.0
         self._quiet = 0.0
+        self.ending = False
         self.last: Array = np.zeros(joints)
 
     @property
@@ -78,9 +81,14 @@ class ShapedStream:
         if shaper is not None:
             shaper.retune(modes.frequencies)
 
+    def brake(self) -> None:
+        """Bring the joints to rest; then they are told nothing more."""
+        self.ending = self.active
+
     def end(self) -> None:
         """Forget everything: the joints are told nothing more."""
         self._shaper = None
+        self.ending = False
         self.follower.clear()
 
     def tick(self, now: float, steps: int) -> Array | None:
@@ -109,7 +117,7 @@ class ShapedStream:
         """Take the input's next sample: along the points, else coasting, then braking."""
         follower, h = self.follower, self._period
         age = follower.age(now)
-        if age <= self._stale_after:
+        if age <= self._stale_after and not self.ending:
             self._braking = self._quiet = 0.0
             if age > follower.horizon + h or not follower.sample(
                 now, self._q, self._qd, self._qdd

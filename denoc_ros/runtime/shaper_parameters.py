@@ -171,7 +171,7 @@ TABLE = ParameterTable(
             'stop_time',
             Kind.DOUBLE,
             0.3,
-            'braking time after a stale stream',
+            'braking time after a stale stream; the shortest one of `~/stop`',
             's',
             maximum=10.0,
             positive=True,

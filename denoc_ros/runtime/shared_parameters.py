@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from denoc_ros.runtime.base_messages import SOURCES
+from denoc_ros.runtime.base_messages import BASE_LIMITS, SOURCES
 from denoc_ros.runtime.load import SHARE
 from denoc_ros.runtime.parameters import Kind, Parameter
 
@@ -193,6 +193,17 @@ def base_parameters() -> tuple[Parameter, ...]:
             "bandwidth of the low-pass filter on the base's differentiated rates",
             'Hz',
             positive=True,
+        ),
+        *(
+            Parameter(
+                f'base_{what}_limit',
+                Kind.DOUBLE,
+                most,
+                f'largest {text} of the base; a message beyond that is refused',
+                unit,
+                positive=True,
+            )
+            for what, text, most, unit in BASE_LIMITS
         ),
         Parameter(
             'base_imu_xyz',

@@ -112,6 +112,41 @@ def test_bad_readings_of_the_base_are_refused_and_counted(graph: Any, urdf: str)
     publisher.publish(imu(10**9))
     bench.until(lambda: monitor.rejected['backwards_stamp'] == 1)
     assert monitor.accepted == 1
+    publisher.publish(imu(2 * 10**9 + 10**7, (0.0, 210.0, 0.0)))
+    bench.until(lambda: monitor.rejected['out_of_range'] == 2)
+    assert 'acceleration must be at most 200 m/s^2, got 210' in monitor.last_message
+
+
+def test_a_gyroscope_that_says_what_no_base_does_leaves_no_ringing(graph: Any, urdf: str) -> None:
+    """It says +-1000 rad/s for a while; the amplitudes stay those of before."""
+    bench = FeedforwardBench(
+        graph, urdf, base_motion='imu', base_motion_timeout=0.5, enforce_command_limits=False,
+        max_delta_tau=1e3,
+    )  # fmt: skip
+    publisher = graph.publisher(Imu, 'base_motion')
+    monitor = next(m for m in bench.node.monitors if m.topic.endswith('base_motion'))
+    posture = [0.3, -0.5]
+    bench.follow(*(_hold(posture)))
+    wanted = expected(urdf, posture)
+    size = np.abs(wanted).max()
+
+    def off() -> float:
+        return float(np.abs(np.array(bench.commands[-1].data) - wanted).max() / size)
+
+    feed(bench, publisher, imu, lambda: bench.cause == 'following' and off() < 1e-6)
+
+    def wild(stamp_ns: int) -> Imu:
+        message = imu(stamp_ns)
+        message.angular_velocity.z = 1000.0 if stamp_ns // 10**7 % 2 else -1000.0
+        return message
+
+    feed(bench, publisher, wild, lambda: bench.cause == 'stale base_motion')
+    assert monitor.rejected['out_of_range'] > 10
+    feed(bench, publisher, imu, lambda: bench.cause == 'following')
+    count = len(bench.commands)
+    feed(bench, publisher, imu, lambda: len(bench.commands) > count + 400)
+    rung = np.array([command.data for command in bench.commands[count + 200 :]]) - wanted
+    assert np.abs(rung).max() < 1e-3 * size
 
 
 def test_predictor_on_a_base_by_odometry_and_acceleration(graph: Any, urdf: str) -> None:
@@ -195,7 +230,7 @@ def test_a_free_floating_base_falls_and_asks_for_no_torque(
     )
     bench.follow(*_hold([0.3, -0.5]))
     bench.until(lambda: bench.cause == 'following')
-    bench.until(lambda: bool(np.abs(bench.commands[-1].data).max() < 1e-6))
+    bench.until(lambda: bench.commands and np.abs(bench.commands[-1].data).max() < 1e-6)
 
 
 def test_a_base_that_drifts_turns_as_its_imu_says(graph: Any, adrift: str) -> None:

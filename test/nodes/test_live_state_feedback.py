@@ -48,10 +48,10 @@ class Bench:
         self.build(1.0, **changes)
         self.now = 0.0
 
-    def build(self, stiffness: float, **changes: Any) -> None:
+    def build(self, stiffness: float, patience: float = 0.0, **changes: Any) -> None:
         self.robot = robot = canadarm(stiffness)
         changes |= {f'beam.link_{k}.y.ei': k * stiffness * 1e5 for k in (1, 2)}
-        self.live.build(robot, JOINTS, settings(**changes), LIMITS, np.zeros(robot.n))
+        self.live.build(robot, JOINTS, settings(**changes), LIMITS, np.zeros(robot.n), patience)
 
     def offer(self, planned: Planned, start: float) -> None:
         """Give the whole trajectory of a plan that starts at a time [s]."""
@@ -133,7 +133,8 @@ def test_refused_gains_leave_the_plan_alone_and_say_why(planner: Planner) -> Non
     object.__setattr__(model, 'limits', np.zeros(3))
     refused = 'state feedback: effort limits must be finite and > 0, got [0.0, 0.0, 0.0]'
     bench.watch(START + 0.2)
-    assert not bench.ticks(5, START, off=1e-3).any()
+    torques = bench.ticks(1000, START, off=1e-3)
+    assert not torques[500:].any()
     status = bench.live.status()
     assert status.values['refused'] == refused
     assert status.values['fallbacks'] == 1
@@ -151,9 +152,55 @@ def test_changed_model_is_tried_where_the_robot_is_and_gets_new_gains(planner: P
     assert bench.live.designs == 2
     bench.ticks(10, START)
     assert bench.live.active
+    bench.build(1.0, feedback__integral_time=0.01)
+    assert bench.ticks(10, START, off=1e-5)[-1].any()  # by the gains before, until it is tried
+    assert bench.live.active
+    bench.watch(START)
+    bench.ticks(1, START)
+    assert not bench.live.active
+    assert 'must be stable for' in bench.live.status().values['refused']
+
+
+def test_gains_that_are_no_good_are_refused_where_they_are_waited_for(planner: Planner) -> None:
+    bench = Bench(planner)
     with pytest.raises(StateError, match='must be stable for'):
-        bench.build(1.0, feedback__integral_time=0.01)
-    bench.ticks(10, START)
+        bench.build(1.0, LONG, feedback__integral_time=0.01)
+
+
+def steps(torques: np.ndarray, before: np.ndarray) -> float:
+    """Return the largest change from one tick to the next [N m]."""
+    return float(np.abs(np.diff(np.vstack((before, torques)), axis=0)).max())
+
+
+@pytest.mark.parametrize(
+    ('change', 'ends'),
+    [
+        ({'feedback__state': 'off'}, True),
+        ({'feedback__effort_share': 0.05}, False),
+        ({'feedback__tip_error': 0.02}, False),
+        ({'feedback__integral_time': 0.01}, True),  # refused
+    ],
+)
+def test_what_leaves_does_not_jump_when_settings_change(
+    planner: Planner, change: dict[str, Any], ends: bool
+) -> None:
+    bench = Bench(planner)
+    bench.watch(START)
+    torques = bench.ticks(2000, START, off=1e-5)
+    usual, last = steps(torques[-1000:], torques[-1000]), torques[-1]
+    size = np.abs(last).max()
+    assert size > 0.05
+    bench.build(1.0, **change)
+    if change.get('feedback__state') != 'off':
+        bench.watch(START)
+    torques = bench.ticks(1000, START, off=1e-5)
+    assert steps(torques, last) < usual + 0.01 * size  # the ramp of 0.5 s takes 500 ticks
+    assert torques[-1].any() is not ends
+    assert bench.live.wanted is (change.get('feedback__state') != 'off')
+    bench.build(1.0)
+    bench.watch(START)
+    again = bench.ticks(2000, START, off=1e-5)
+    assert steps(again, torques[-1]) < usual + 0.01 * size
     assert bench.live.active
 
 

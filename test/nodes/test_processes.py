@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from node_robots import JOINTS
+from child_processes import children, gone
+from feedback_runs import CANADARM
+from node_robots import JOINTS, STATE_FEEDBACK
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -92,6 +96,33 @@ def test_a_signal_ends_with_the_safe_command_and_status_0(
     q[robot.joint_indices] = 0.4, -0.7
     gravity = robot.inverse_dynamics(q, zero, zero)[robot.joint_indices]
     np.testing.assert_allclose([c.data for c in commands[-3:]], [gravity] * 3, atol=1e-9)
+
+
+PROCESSES = {
+    'shaper': ['method:=zv', 'limits.effort:=[500.0]'],
+    'feedforward': [f'{name}:={value}' for name, value in STATE_FEEDBACK.items()],
+}
+
+
+@pytest.mark.parametrize('moment', ['starts', 'imports', 'works'])
+@pytest.mark.parametrize('node', PROCESSES)
+def test_a_node_ends_with_status_0_while_its_process_is_stopped(
+    graph: Any, start: Any, node: str, moment: str
+) -> None:
+    process = start(node, f'urdf_path:={CANADARM}', 'gravity:=[0.0,0.0,0.0]', *PROCESSES[node])
+    graph.until(lambda: children(process.pid))
+    (child,) = children(process.pid)
+    if moment == 'imports':
+        graph.spin(0.3)
+    elif moment == 'works':
+        graph.until(lambda: graph.value(f'{node}: loop', 'state') == 'active')
+    os.kill(child, signal.SIGSTOP)
+    began = time.perf_counter()
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors
+    assert time.perf_counter() - began < 20.0  # 1 to 2 s, on a machine that is busy with others
+    graph.until(lambda: gone(child))
 
 
 def test_a_plant_ends_cleanly_on_sigterm(graph: Any, start: Any, urdf: str) -> None:

@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from child_processes import gone
 from node_robots import GRAVITY, JOINTS, two_links
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from shaped_runs import cycloid, held_spline, swing_after
 from std_srvs.srv import Trigger
@@ -19,10 +21,14 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.nodes.shaper import ShaperNode
+from denoc_ros.runtime.reference import ReferenceFollower
+from denoc_ros.runtime.trajectory_messages import read_trajectory
+from denoc_ros.trajectories import SplineTrajectory
 
 pytestmark = pytest.mark.ros
 END = [0.4, -0.3]
 DURATION = 0.6
+QUICK = 10.0  # s: at once, on a machine that is busy with others
 TOOL = """<link name="tool"/><joint name="flange" type="fixed"><parent link="two"/>
 <child link="tool"/><origin xyz="1 0 0"/></joint>"""
 
@@ -169,7 +175,7 @@ def test_planner_that_dies_is_noticed_and_started_anew(bench: Any) -> None:
     os.kill(first, signal.SIGKILL)
     arm.graph.until(lambda: arm.rejected('not_shaped'))
     assert 'got its end (-9)' in arm.node.input.last_message
-    arm.graph.until(lambda: planner.pid not in (None, first))
+    arm.graph.until(lambda: planner.starts == 2)
     arm.send_motion()  # waits for the new one
     arm.graph.until(lambda: arm.out)
     assert planner.deaths == 1
@@ -185,16 +191,65 @@ def test_planner_that_takes_too_long_is_ended(bench: Any) -> None:
     arm.graph.until(lambda: arm.rejected('not_shaped'))
     assert 'must take at most 0.3 s' in arm.node.input.last_message
     arm.graph.until(lambda: planner.pid not in (None, first))
-    with pytest.raises(ProcessLookupError):
-        os.kill(first, 0)
+    arm.graph.until(lambda: gone(first))
+
+
+def answer(arm: Any, name: str) -> Any:
+    """Return the answer of a Trigger service of the shaper, which must come at once."""
+    client = arm.graph.probe.create_client(Trigger, f'shaper/{name}')
+    arm.graph.until(client.service_is_ready)
+    future = client.call_async(Trigger.Request())
+    began = time.perf_counter()
+    arm.graph.until(future.done)
+    assert time.perf_counter() - began < QUICK
+    return future.result()
+
+
+def test_planner_that_is_stopped_while_it_loads_keeps_nobody_waiting(
+    bench: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('denoc_ros.nodes.shaper.LOADING_PATIENCE', 0.0)
+    monkeypatch.setattr('denoc_ros.runtime.motion_planning.LOADING', 5.0)
+    arm = bench(method='zv')
+    planner = arm.node.planning.planner
+
+    def stopped() -> int:
+        arm.graph.until(lambda: planner.pid is not None)
+        os.kill(planner.pid, signal.SIGSTOP)
+        return int(planner.pid)
+
+    first = stopped()
+    arm.graph.until(lambda: arm.value('doing') == 'loading')
+    assert answer(arm, 'reload_model').success
+    assert gone(first)
+    second = stopped()
+    arm.send_motion()  # waits for a planner that has loaded
+    arm.graph.until(lambda: arm.node.planning.busy)
+    monkeypatch.setattr('denoc_ros.runtime.motion_planning.LOADING', 60.0)
+    arm.graph.until(lambda: planner.pid not in (None, second))
+    arm.graph.until(lambda: arm.out)
+    assert gone(second)
+
+
+def test_planner_that_is_stopped_with_a_full_pipe_keeps_nobody_waiting(bench: Any) -> None:
+    arm = bench(method='zv')
+    planner = arm.node.planning.planner
+    pid = planner.pid
+    os.kill(pid, signal.SIGSTOP)
+    t = np.linspace(0.0, DURATION, 5001)  # far more bytes than a pipe holds
+    arm.send(t, cycloid(t, DURATION)[:, None] * END)
+    arm.graph.until(lambda: planner.busy)
+    assert answer(arm, 'stop').success
+    arm.graph.until(lambda: gone(pid))
+    arm.send_motion()
+    arm.graph.until(lambda: arm.out)
 
 
 def test_planner_ends_with_the_node(bench: Any) -> None:
     arm = bench(method='zv')
     pid = arm.node.planning.planner.pid
     arm.graph.remove(arm.node)
-    with pytest.raises(ProcessLookupError):
-        os.kill(pid, 0)
+    assert gone(pid)
 
 
 def test_node_works_after_another_life_cycle(bench: Any) -> None:
@@ -290,6 +345,102 @@ def test_stop_drops_what_is_planned(bench: Any) -> None:
     arm.graph.spin(0.2)
     assert not arm.out
     assert not arm.rejected('not_shaped')
+
+
+class Followed:
+    """The reference as a follower has it, at each message's arrival."""
+
+    def __init__(self, arm: ShaperBench) -> None:
+        self.arm, self.follower, self.taken = arm, ReferenceFollower(2, 0.2), 0
+        self.rows: list[Any] = []
+
+    def look(self) -> None:
+        now, now_ns = time.perf_counter(), time.time_ns()
+        for message in self.arm.out[self.taken :]:
+            raw = bytes(serialize_message(message))
+            self.follower.offer(read_trajectory(raw, JOINTS), now, now_ns)
+        self.taken = len(self.arm.out)
+        q, qd, qdd = np.zeros((3, 2))
+        if self.follower.sample(now, q, qd, qdd):
+            self.rows.append((now, *q, *qd))
+
+    def until(self, condition: Any) -> None:
+        def followed() -> object:
+            self.look()
+            return condition()
+
+        self.arm.graph.until(followed)
+
+
+@pytest.mark.parametrize('how', ['service', 'cancel'])
+@pytest.mark.parametrize('method', ['zvd', 'tip'])
+def test_a_stop_on_the_way_brakes_along_the_path(bench: Any, method: str, how: str) -> None:
+    """The reference never jumps, and a new motion begins where this one came to rest."""
+    arm = bench(method=method, stop_time=0.5, start_margin=0.5)
+    duration = 4.0
+    # stretched there is no bounded tip-exact motion
+    arm.send_motion(start=(0.3, 0.9) if method == 'tip' else (0.0, 0.0), duration=duration)
+    followed = Followed(arm)
+    followed.until(lambda: arm.out)
+    planned = rows(arm.out[0])
+    begin = time.perf_counter() + 1e-9 * (start_ns(arm.out[0]) - time.time_ns())
+    followed.until(lambda: time.perf_counter() > begin + 0.4 * duration)
+    if how == 'cancel':
+        arm.send([], [])
+    else:
+        assert answer(arm, 'stop').message.startswith('stopped: at rest in ')
+    followed.until(lambda: len(arm.out) == 2)
+    stop = rows(arm.out[1])
+    assert arm.value('doing') in ('moving', 'planning', 'None')
+    arm.send_motion(start=stop[1][-1])
+    followed.until(lambda: arm.rejected('in_motion') == 1)
+    followed.until(lambda: arm.node._doing(arm.node.clock.now()) == 'waiting')
+    assert stop[0][-1] < 2.0
+    # continuous: no step that the planned rates do not explain, and no rate that jumps
+    moved = np.array(followed.rows)
+    fastest = np.abs(planned[2]).max(axis=0)
+    steps = np.abs(np.diff(moved[:, 1:3], axis=0)) / np.diff(moved[:, 0])[:, None]
+    assert (steps < 1.05 * fastest + 1e-6).all()
+    np.testing.assert_allclose(moved[-1, 1:3], stop[1][-1], atol=1e-4)
+    assert np.abs(moved[-1, 3:]).max() < 1e-2  # within a tick of rest
+    # along the path: each of its postures is one of the plan's
+    spline = SplineTrajectory(*planned)
+    path = spline.table(1e-3)[1]
+    away = [np.abs(path - row).max(axis=1).min() for row in stop[1]]
+    assert max(away) < 2e-3
+    assert not np.allclose(stop[1][-1], planned[1][-1], atol=0.02)
+
+    arm.send_motion(start=(0.0, 0.0))  # where the first one began
+    arm.graph.until(lambda: arm.rejected('not_at_start') == 1)
+    if method == 'tip':
+        return
+    arm.send_motion(start=stop[1][-1])
+    arm.graph.until(lambda: len(arm.out) == 3)
+    np.testing.assert_allclose(rows(arm.out[2])[1][0], stop[1][-1], atol=5e-3)
+
+
+def test_a_stop_before_a_motion_begins_keeps_it_from_beginning(bench: Any) -> None:
+    arm = bench(method='zv', start_margin=5.0)
+    arm.send_motion()
+    followed = Followed(arm)
+    followed.until(lambda: arm.out)
+    assert answer(arm, 'stop').success
+    followed.until(lambda: len(arm.out) == 2)
+    assert answer(arm, 'stop').success  # once is enough
+    followed.until(lambda: arm.node._doing(arm.node.clock.now()) == 'waiting')
+    followed.until(lambda: time.time_ns() > start_ns(arm.out[0]) + 0.5e9)
+    assert len(arm.out) == 2
+    assert not np.array(followed.rows)[:, 1:].any()
+
+
+def test_endless_motions_are_refused_at_once(bench: Any) -> None:
+    arm = bench(method='zv')
+    arm.send([0.0, 1e6], [[0.0, 0.0], END])
+    arm.graph.until(lambda: arm.rejected('not_shaped') == 1)
+    assert 'a motion must take at most 10000 s, got 1e+06 s' in arm.node.input.last_message
+    arm.send([0.0, 9e3], [[0.0, 0.0], END])
+    arm.graph.until(lambda: arm.node.planning.busy)
+    assert answer(arm, 'stop').success
 
 
 def test_live_payload_counts_for_the_next_motion(bench: Any) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 import re
+import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,9 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from child_processes import gone
 from feedback_runs import CANADARM
 from imu_arms import ENDS, imu_text
 from node_robots import STATE_FEEDBACK
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -158,3 +162,78 @@ def test_what_cannot_work_is_refused_at_configure(
     assert node.state == 'unconfigured'
     with pytest.raises(ValueError, match=message):
         raise ValueError(node.failure)
+
+
+def change(node: Any, **values: Any) -> None:
+    """Set parameters as a client does; each must be accepted."""
+    named = [Parameter(name.replace('__', '.'), value=value) for name, value in values.items()]
+    began = time.perf_counter()
+    results = node.set_parameters(named)
+    assert [result.reason for result in results] == [''] * len(named)
+    assert time.perf_counter() - began < 10.0  # at once, on a machine that is busy with others
+
+
+def test_state_feedback_is_switched_on_and_off_while_the_node_is_active(graph: Any) -> None:
+    given = {**COMMON, **STATE_FEEDBACK, 'feedback.state': 'off', 'max_delta_tau': 5.0}
+    node = graph.add(FeedforwardNode, parameters=given)
+    commands = graph.collect(Float64MultiArray, '/feedforward/commands')
+    reference = graph.publisher(JointTrajectory, 'reference')
+    state = node.feedback.state
+    change(node, feedback__state='lqr')
+    feed = Feed(graph)
+    feed.until(lambda: node.joint_input.received)
+    reference.publish(trajectory((0.0, START), (0.1, START)))
+
+    def torque() -> float:
+        return float(np.abs(commands[-1].data).max()) if commands else 0.0
+
+    # there is no gravity, and the plan is at rest: all torque is the feedback's
+    feed.until(lambda: state.active and torque() > 0.1)
+    change(node, feedback__joint_error=0.1)
+    designs = state.designs
+    feed.until(lambda: state.designs > designs)
+    assert state.active
+    (result,) = node.set_parameters([Parameter('feedback.tip', value='nose')])
+    assert 'tip must be one of base, ' in result.reason
+    assert state.active
+    pid = state._worker.planner.pid
+    assert pid is not None
+    change(node, feedback__state='off')
+    feed.until(lambda: not state.wanted and torque() < 1e-6)
+    feed.until(lambda: gone(pid))
+    assert node.tick_failures == 0
+    change(node, feedback__state='lqr')
+    feed.until(lambda: state.active and torque() > 0.1)
+    taken = np.abs(np.diff([command.data for command in commands], axis=0)).max()
+    assert taken < 2.0  # N m, of 5000: it comes and goes by its ramps
+
+
+def test_gains_whose_process_is_stopped_cost_no_torque(
+    graph: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('denoc_ros.nodes.feedforward.DESIGN_PATIENCE', 1e-3)
+    node = graph.add(FeedforwardNode, parameters={**COMMON, **STATE_FEEDBACK})
+    planner = node.feedback.state._worker.planner
+    graph.until(lambda: planner.pid is not None)
+    first = planner.pid
+    os.kill(first, signal.SIGSTOP)  # while it starts
+    commands = graph.collect(Float64MultiArray, '/feedforward/commands')
+    reference = graph.publisher(JointTrajectory, 'reference')
+    feed, state = Feed(graph), node.feedback.state
+    feed.until(lambda: node.joint_input.received)
+    reference.publish(trajectory((0.0, START), (0.1, START)))
+    feed.until(lambda: len(commands) > 100)
+    change(node, payload__tool__mass=55.0)
+    change(node, feedback__effort_share=0.2)
+    feed.until(lambda: len(commands) > 200)
+    assert state.cause == 'no gains yet'
+    change(node, feedback__state='off')
+    feed.until(lambda: gone(first))
+    change(node, feedback__state='lqr')
+    feed.until(lambda: state.active)
+    os.kill(state._worker.planner.pid, signal.SIGSTOP)
+    before = len(commands)
+    there = [each + 0.02 for each in START]
+    reference.publish(trajectory((0.0, START), (2.0, there)))
+    feed.until(lambda: len(commands) > before + 400)
+    assert node.tick_failures == 0

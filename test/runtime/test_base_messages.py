@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.runtime.base_messages import imu_mounting, read_accel, read_imu, read_odometry
+from denoc_ros.runtime.base_messages import (
+    BaseLimits,
+    imu_mounting,
+    read_accel,
+    read_imu,
+    read_odometry,
+)
 from denoc_ros.runtime.input_error import InputError
 
 HEADER = bytes([0, 1, 0, 0]) + bytes(8) + bytes([1, 0, 0, 0, 0])
@@ -32,3 +39,22 @@ def test_a_pose_of_no_imu_is_refused(
 ) -> None:
     with pytest.raises(ConfigError, match=said):
         imu_mounting('node', source, xyz, rpy)
+
+
+def test_readings_of_what_no_base_does_are_refused() -> None:
+    limits = BaseLimits(35.0, 200.0, 1000.0, 0.1)
+    twist = np.array([0.0, 0.0, 0.0, 0.0, 3.0, 0.0])
+    limits.require(1.0, twist, np.array([0.0, 0.0, 9.81]))
+    with pytest.raises(InputError, match=r'angular velocity must be at most 35 rad/s, got 1000'):
+        limits.require(1.0, np.array([0.0, 0.0, 0.0, 0.0, 0.0, -1000.0]))
+    with pytest.raises(InputError, match=r'acceleration must be at most 200 m/s\^2, got 300'):
+        limits.require(1.0, twist, np.array([0.0, 300.0, 0.0]))
+    with pytest.raises(InputError, match=r'angular acceleration must be at most 1000'):
+        limits.require(1.0, None, np.array([0.0, 0.0, 0.0, 0.0, 2000.0, 0.0]))
+    limits.took(1.0, twist)
+    limits.require(1.005, 1.5 * twist)
+    with pytest.raises(InputError, match=r'change of angular velocity must be at most 1000'):
+        limits.require(1.005, -twist)
+    limits.require(1.2, -twist)  # a gap: it is not compared
+    limits.forget()
+    limits.require(1.005, -twist)

@@ -19,7 +19,6 @@ from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_jobs import read_schedule
 from denoc_ros.control.jobs import read_message, write_message
 from denoc_ros.control.planner_process import serve
-from denoc_ros.errors import StateError
 from denoc_ros.runtime.gain_worker import FeedbackModel, GainWorker, WantedGains
 from denoc_ros.trajectories import SplineTrajectory
 
@@ -54,6 +53,15 @@ def worker() -> Iterator[GainWorker]:
     worker = GainWorker()
     yield worker
     worker.close()
+
+
+def born(worker: GainWorker) -> int:
+    """Return the process once it is there."""
+    end = time.perf_counter() + LONG
+    while (pid := worker.planner.pid) is None:
+        assert time.perf_counter() < end
+        time.sleep(0.001)
+    return pid
 
 
 def made(worker: GainWorker) -> WantedGains:
@@ -107,8 +115,7 @@ def test_a_newer_task_makes_an_older_one_void(worker: GainWorker) -> None:
 def test_a_process_that_dies_is_started_anew_for_what_it_was_asked(worker: GainWorker) -> None:
     task = WantedGains(arm(), HERE, motion(), 5.0)
     worker.begin(task)
-    assert worker.planner.pid is not None
-    os.kill(worker.planner.pid, signal.SIGKILL)
+    os.kill(born(worker), signal.SIGKILL)
     assert made(worker) is task
     assert (worker.planner.deaths, worker.designs) == (1, 1)
 
@@ -126,9 +133,23 @@ def test_a_process_that_dies_each_time_is_a_refusal(worker: GainWorker) -> None:
     assert 'the planner must answer, got its end' in worker.refusal
 
 
-def test_what_is_asked_aside_is_refused_with_its_cause(worker: GainWorker) -> None:
+def test_a_design_that_is_waited_for_is_refused_with_its_cause(worker: GainWorker) -> None:
     model = arm()
-    worker.ask(model, HERE)
-    assert worker.take() is None
-    with pytest.raises(StateError, match='effort limits must be finite and > 0'):
-        worker.ask(replace(model, limits=np.zeros(3)), HERE)
+    worker.begin(WantedGains(model, HERE))
+    worker.await_design(LONG)
+    assert worker.refusal == ''
+    assert made(worker).model is model
+    worker.begin(WantedGains(replace(model, limits=np.zeros(3)), HERE))
+    worker.await_design(LONG)
+    assert 'effort limits must be finite and > 0' in worker.refusal
+
+
+def test_a_process_that_is_stopped_is_not_waited_for(worker: GainWorker) -> None:
+    worker.begin(WantedGains(arm(), HERE))
+    os.kill(born(worker), signal.SIGSTOP)
+    began = time.perf_counter()
+    worker.await_design(0.2)
+    assert time.perf_counter() - began < 5.0
+    assert worker.busy
+    worker.close()
+    assert time.perf_counter() - began < 5.0

@@ -12,11 +12,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from child_processes import child
+from child_processes import child, gone
 
+from denoc_ros.control.gain_jobs import KNOTS
 from denoc_ros.control.jobs import LONGEST_HEADER, read_message, write_message
 from denoc_ros.control.planner_process import Planning, serve
 from denoc_ros.runtime.planner import Answer, Planner
+from denoc_ros.trajectories import SplineTrajectory
 
 pytestmark = pytest.mark.ros
 ROBOT = {
@@ -40,19 +42,16 @@ import sys, time
 from denoc_ros.runtime.planner import Planner
 planner = Planner()
 planner.start()
+while planner.pid is None:
+    time.sleep(0.001)
 print(planner.pid, flush=True)
 time.sleep(300.0)
 """
 
 
 def motion() -> dict[str, np.ndarray]:
-    t = np.linspace(0.0, 0.8, 41)
-    s = t / 0.8
-    return {
-        't': t,
-        'q': np.outer(s**3 * (10.0 - 15.0 * s + 6.0 * s**2), [0.4, 0.3]),
-        'posture': np.zeros(6),
-    }
+    knots = SplineTrajectory(np.array([0.0, 0.8]), np.array([[0.0, 0.0], [0.4, 0.3]])).knots()
+    return {**dict(zip(KNOTS, knots, strict=True)), 'posture': np.zeros(6)}
 
 
 def until(condition: Callable[[], object], timeout: float = 60.0) -> None:
@@ -160,12 +159,62 @@ def test_process_that_dies_at_once_is_not_started_all_the_time() -> None:
     try:
         began = time.perf_counter()
         planner.start(began)
-        assert planner.pid is not None
-        os.kill(planner.pid, signal.SIGKILL)
-        until(lambda: planner.poll() is None and planner.pid is None)
+        until(lambda: planner.pid is not None)
+        os.kill(planner.pid or 0, signal.SIGKILL)
+        until(lambda: planner.poll() is None and not planner.running)
         assert planner.deaths == 1
         assert not planner.start(began + 0.9)  # within a second of the last start
         assert planner.start(began + 1.1)
         assert planner.starts == 2
     finally:
         planner.close()
+
+
+@pytest.mark.parametrize('end', ['drop', 'close', 'late'])
+@pytest.mark.parametrize('after', [0.0, 0.05, 0.3, 2.0])
+def test_nobody_waits_for_a_process_that_is_stopped(after: float, end: str) -> None:
+    """It is stopped while it starts, imports, or waits; its pipe is full then."""
+    planner = Planner()
+    try:
+        planner.start()
+        until(lambda: planner.pid is not None)
+        pid = planner.pid
+        assert pid is not None
+        time.sleep(after)
+        os.kill(pid, signal.SIGSTOP)
+        began = time.perf_counter()
+        planner.submit(SHAPE, {**motion(), 'much': np.zeros(1_000_000)}, 0.2)
+        time.sleep(0.1)  # until the thread that writes is in the middle of it
+        if end == 'drop':
+            planner.drop()
+        elif end == 'close':
+            planner.close()
+        else:
+            answer = answered(planner)
+            assert answer.error == 'planning must take at most 0.2 s, got longer'
+        assert time.perf_counter() - began < 5.0  # 0.3 s, on a machine that is busy with others
+        assert not planner.busy
+        until(lambda: gone(pid))
+    finally:
+        planner.close()
+
+
+STOPPING_PARENT = PARENT.replace(
+    'time.sleep(300.0)',
+    """planner.submit({'job': 'load', 'robot': {}}, {}, 60.0)
+while planner.poll() is None:
+    time.sleep(0.01)
+import os, signal
+os.kill(planner.pid, signal.SIGSTOP)
+print('stopped', flush=True)
+time.sleep(60.0)""",
+)
+
+
+@pytest.mark.skipif(sys.platform != 'linux', reason='as the kernel of Linux does it')
+def test_a_stopped_process_ends_with_a_parent_that_was_killed() -> None:
+    with child([sys.executable, '-c', STOPPING_PARENT], stdout=subprocess.PIPE) as parent:
+        assert parent.stdout is not None
+        planner = int(parent.stdout.readline())
+        assert parent.stdout.readline() == 'stopped\n'
+    until(lambda: gone(planner))

@@ -6,6 +6,7 @@ import subprocess
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 LIFETIME = 600.0  # s: minutes longer than any of them needs on a machine four times slower
@@ -28,3 +29,20 @@ def child(
         finally:
             timer.cancel()
             process.kill()
+
+
+def children(pid: int) -> list[int]:
+    """Return the processes that one has started and that have not been waited for."""
+    found: list[int] = []
+    for task in Path(f'/proc/{pid}/task').glob('*/children'):
+        found += map(int, task.read_text().split())
+    return found
+
+
+def gone(pid: int) -> bool:
+    """Say whether there is no such process, or nothing is left but its status."""
+    try:
+        stat = Path(f'/proc/{pid}/stat').read_bytes()
+    except OSError:
+        return True
+    return stat.rpartition(b')')[2].split()[0] == b'Z'
