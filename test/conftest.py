@@ -22,6 +22,7 @@ HERE = Path(__file__).resolve().parent
 
 # files that take longest, so that none of them is begun last (`--no-loadscope-reorder`)
 LONGEST = (
+    'control/test_feedback_by_gyroscopes.py',
     'control/test_state_feedback.py',
     'identification/model/test_measured_channels.py',
     'identification/model/test_excitation.py',
