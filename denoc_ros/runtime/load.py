@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,8 @@ HOLDS = 1.0  # s without overload after which the machine counts as carrying the
 SHARE = 0.7  # of a core
 FULL = 0.9  # share of their time that cores are busy which may leave somebody without
 SAMPLE = 0.05  # s over which the real-time threads of full cores are looked at
+HARMLESS = 0.5  # share of full cores below which real-time threads are not looked at for a while
+CALM = 1.0  # s of that
 REALTIME = (os.SCHED_FIFO, os.SCHED_RR)
 
 
@@ -166,22 +169,27 @@ class SharedCores:
         self._cores = os.sched_getaffinity(0)
         self._names = {f'cpu{core}' for core in self._cores}
         self._before = self._times()
+        self._due = -math.inf
 
     def realtime_share(self) -> float:
         """Return the share that all real-time threads took of these cores together.
 
-        0 while the cores were busy for less than `FULL` of the time since the last call: to look
-        at every thread of the machine takes milliseconds.
+        0 while the cores were busy for less than `FULL` of the time since the last call, and for
+        a while after a share that was harmless: to look at every thread takes milliseconds.
         """
         before, self._before = self._before, self._times()
         busy, whole = (now - then for now, then in zip(self._before, before, strict=True))
-        if whole <= 0.0 or busy < FULL * whole:
+        if whole <= 0.0 or busy < FULL * whole or time.perf_counter() < self._due:
             return 0.0
-        begin, first = time.perf_counter(), self._runtimes()
+        threads = self._realtime_threads()
+        begin, first = time.perf_counter(), _runtimes(threads)
         time.sleep(SAMPLE)
-        elapsed, second = time.perf_counter() - begin, self._runtimes()
+        elapsed, second = time.perf_counter() - begin, _runtimes(threads)
         taken = sum(second[thread] - first[thread] for thread in first.keys() & second.keys())
-        return 1e-9 * taken / (elapsed * len(self._cores))
+        share = 1e-9 * taken / (elapsed * len(self._cores))
+        if share < HARMLESS:
+            self._due = time.perf_counter() + CALM
+        return share
 
     def _times(self) -> tuple[float, float]:
         """Return how long these cores have been busy, and the time in all [ticks]."""
@@ -194,16 +202,27 @@ class SharedCores:
                 busy += sum(numbers) - numbers[3] - numbers[4]  # idle, and waiting for a disk
         return busy, whole
 
-    def _runtimes(self) -> dict[int, int]:
-        """Return how long each real-time thread that may run on these cores has run [ns]."""
-        found = {}
-        for folder in Path('/proc').glob('[0-9]*/task/*'):
-            thread = int(folder.name)
+    def _realtime_threads(self) -> list[int]:
+        """Return the real-time threads that may run on these cores."""
+        found = []
+        for process in os.listdir('/proc'):  # as text: a Path for each takes several times as long
+            if not process.isdecimal():
+                continue
             try:
-                policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
-                if policy in REALTIME and os.sched_getaffinity(thread) & self._cores:
-                    text = (folder / 'schedstat').read_text(encoding='ascii')
-                    found[thread] = int(text.split()[0])
+                for thread in map(int, os.listdir(f'/proc/{process}/task')):
+                    policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
+                    if policy in REALTIME and os.sched_getaffinity(thread) & self._cores:
+                        found.append(thread)
             except OSError:  # it has ended, or is not ours to look at
                 continue
         return found
+
+
+def _runtimes(threads: Sequence[int]) -> dict[int, int]:
+    """Return how long threads have run [ns], of those that are still there."""
+    found = {}
+    for thread in threads:
+        with suppress(OSError):
+            text = Path(f'/proc/{thread}/schedstat').read_text(encoding='ascii')
+            found[thread] = int(text.split()[0])
+    return found

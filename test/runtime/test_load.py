@@ -112,7 +112,7 @@ def test_real_time_threads_count_where_cores_are_full(monkeypatch: pytest.Monkey
     times = iter([(95.0, 100.0), (140.0, 200.0)])
     monkeypatch.setattr(cores, '_before', (0.0, 0.0))
     monkeypatch.setattr(cores, '_times', lambda: next(times))
-    monkeypatch.setattr(cores, '_runtimes', lambda: {7: next(ran), 8: 5})
+    monkeypatch.setattr(module, '_runtimes', lambda _threads: {7: next(ran), 8: 5})
     share = cores.realtime_share()  # busy for 95 % of the time
     assert 0.0 < share * len(cores._cores) <= 0.6 + 1e-9
     assert cores.realtime_share() == 0.0  # for 45 %
@@ -131,7 +131,7 @@ def test_a_real_time_thread_is_found_by_its_policy() -> None:
     thread = threading.Thread(target=run)
     thread.start()
     found.wait(10.0)
-    listed = thread.native_id in cores._runtimes()
+    listed = thread.native_id in cores._realtime_threads()
     end.set()
     thread.join()
     assert listed == policies[0].startswith('taken')
