@@ -24,6 +24,7 @@ KEYS = (
     'reference',
     'duration',
     'record',
+    'time',
     'tip',
     'joints',
     'posture',
@@ -32,6 +33,7 @@ KEYS = (
     'plant',
     'phases',
 )
+REAL, SIMULATED, AUTO = TIMES = ('real', 'simulated', 'auto')
 REFERENCE_KINDS = ('book', 'points', 'sine')
 Parameters = dict[str, Any]
 
@@ -71,6 +73,9 @@ class SessionConfig:
         Of each phase [s]; 0 where the file gives none.
     record : bool
         Whether a recorder runs.
+    time : str
+        `real`; `simulated`: the plant makes the time, in lockstep with the others; `auto`: real
+        where the machine is fast enough, which a rehearsal tells.
     tip : str
         The frame whose tracking error is reported; '' for the end of the last chain.
     joints : tuple of str
@@ -94,6 +99,7 @@ class SessionConfig:
     reference: Mapping[str, Any]
     duration: float
     record: bool
+    time: str
     tip: str
     joints: tuple[str, ...]
     model: Parameters
@@ -198,6 +204,7 @@ class _Checker(MappingReader):
             reference=self._reference(raw.get('reference')),
             duration=self._duration(raw.get('duration', 0.0)),
             record=self._boolean('record', raw.get('record', True)),
+            time=self._time(raw.get('time', AUTO)),
             tip=self._text('tip', raw.get('tip', '')),
             joints=tuple(mechanism.get('joints', ())),
             model=self._overrides('model', model),
@@ -235,6 +242,11 @@ class _Checker(MappingReader):
         if not isinstance(value, bool):
             self.find(f'{whose} must be true or false, got {value!r}')
         return bool(value)
+
+    def _time(self, value: Any) -> str:
+        if value not in TIMES:
+            self.find(f'time must be one of {", ".join(TIMES)}, got {value!r}')
+        return str(value)
 
     def _text(self, whose: str, value: Any) -> str:
         if not isinstance(value, str):

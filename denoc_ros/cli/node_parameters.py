@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from denoc_ros.cli.config import Parameters, Phase, SessionConfig
+from denoc_ros.cli.config import SIMULATED, Parameters, Phase, SessionConfig
 from denoc_ros.errors import ConfigError
 from denoc_ros.output_files import write_text
+
+# the time stands until the session lets it go on; partners that are slow are waited for
+LOCKSTEP: Parameters = {
+    'clock': 'lockstep',
+    'real_time_factor': 0.0,
+    'pause_at': 0.0,
+    'lockstep.timeout': 60.0,
+}
+PARTNERS = ('feedforward', 'predictor', 'shaper', 'recorder')
 
 if TYPE_CHECKING:
     from denoc_ros.runtime.parameters import ParameterTable
@@ -50,8 +59,18 @@ def node_parameters(config: SessionConfig, name: str, phase: Phase, folder: Path
         given['output'] = str(folder / 'bag')
     given.update(config.nodes.get(name, {}))
     given.update(phase.nodes.get(name, {}))
+    if config.time == SIMULATED and name == 'plant':
+        others = session_partners(config)
+        given = {**LOCKSTEP, 'lockstep.partners': others, **given}
     table.settings(given, f'{config.path}: {name}')
-    return {key: table.accept(key, value) for key, value in given.items()}
+    accepted = {key: table.accept(key, value) for key, value in given.items()}
+    return {**accepted, 'use_sim_time': True} if config.time == SIMULATED else accepted
+
+
+def session_partners(config: SessionConfig) -> list[str]:
+    """Return the nodes that the time of a simulated session waits for."""
+    left_out = set(config.without) if config.record else {*config.without, 'recorder'}
+    return [name for name in PARTNERS if name not in left_out]
 
 
 def check_parameters(config: SessionConfig, names: list[str]) -> None:

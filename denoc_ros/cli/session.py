@@ -8,16 +8,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from denoc_ros.cli.config import Parameters, Phase, SessionConfig
+from denoc_ros.cli.config import SIMULATED, Parameters, Phase, SessionConfig
 from denoc_ros.cli.health import Health
 from denoc_ros.cli.node_parameters import (
     changed_parameters,
     node_parameters,
+    node_table,
     write_parameters,
 )
 from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session_file import SessionFile
+from denoc_ros.cli.session_time import Lockstep, RealTime
 from denoc_ros.cli.shaped_phases import motion_of
 from denoc_ros.runtime.following import NO_JOINTS, STALE_JOINTS
 
@@ -33,12 +35,16 @@ SETTLING = 0.1  # s until what was asked for has come about
 TAIL = 0.2  # s a phase goes on behind its reference
 STOP_ORDER = ('player', 'viewer', 'shaper', 'feedforward', 'predictor', 'plant', 'recorder')
 START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward', 'shaper', 'viewer')
+RESETS = ('feedforward', 'shaper', 'plant', 'predictor')
 SHAPING = 2.0  # s from publishing to the start in which most plans are made
 SHAPER = 'shaper: shaper'  # its status on /diagnostics
 DECIDED = ('planned', 'refused', 'passed on')  # what a shaper counts of motions
 PLANNING = 60.0  # s beyond `solve_timeout` in which it must have decided on a busy machine
 DEAF = ('', NO_JOINTS, STALE_JOINTS)  # what a feedforward says of its torque
 HEARING = 10.0  # s until a feedforward hears a plant that was started
+WORDS = 3  # reports, one a second, in which a node looks around several times
+GRAPH = 30.0  # s of wall time until a recorder has found all topics
+FIRST = 1.0  # s of simulated time before the first phase
 ENGAGING = 2.0  # s until state feedback has gains for a motion and trusts its estimate
 
 
@@ -107,7 +113,9 @@ class Session:
         self._task = task
         self._file = file
         self._folder = file.folder
-        self._health = Health(processes, client)
+        simulated = config.time == SIMULATED
+        self._health = Health(processes, client, real_time=not simulated)
+        self._time = Lockstep(client, self._plant_period) if simulated else RealTime(client)
         client.add_watch(self._health.check)
         self._processes = processes
         self._client = client
@@ -126,10 +134,15 @@ class Session:
             A node fails; what was recorded until then is good.
         """
         self._start(self._names, self._config.phases[0])
-        self._await_hearing()
+        if self._time.is_simulated:
+            self._await_graph()
+        else:
+            self._await_hearing()
         self._began, self._cpu_before = time.perf_counter(), self._processes.cpu_seconds()
         for phase in self._config.phases:
-            if self._adapt(phase):
+            if (changed := self._adapt(phase)) and self._time.is_simulated:
+                self._await_words(changed)
+            elif changed:
                 self._await_hearing()
             self._run_phase(phase)
 
@@ -165,12 +178,12 @@ class Session:
             for line in (f'open {page["address"]}', page['']) if page else ():
                 self._progress.say(line)
 
-    def _adapt(self, phase: Phase) -> bool:
+    def _adapt(self, phase: Phase) -> list[str]:
         """Give the nodes the phase's parameters: live ones are set, others need a new start.
 
-        Returns whether a node was started.
+        Returns the nodes that have others.
         """
-        anew = []
+        anew, live = [], []
         for name in self._names:
             wanted, now = self._wanted(name, phase), self._parameters[name]
             changed = changed_parameters(name, now, wanted)
@@ -179,12 +192,19 @@ class Session:
             elif changed:
                 self._client.set_parameters(name, changed)
                 self._parameters[name] = wanted
+                live.append(name)
         for name in anew:
             self._health.forget(name)
             self._processes.stop(name)
         if anew:
             self._start(anew, phase)
-        return bool(anew)
+        return [*anew, *live]
+
+    def _await_words(self, names: Sequence[str]) -> None:
+        """Wait, while time stands, until nodes had time to find sensors and other nodes."""
+        client = self._client
+        wanted = {name: client.reports(name) + WORDS for name in names}
+        client.until(lambda: all(client.reports(n) >= wanted[n] for n in names), PLANNING)
 
     def _await_hearing(self) -> None:
         """Wait until the feedforward hears the plant: it has to discover one that was started."""
@@ -199,59 +219,99 @@ class Session:
         if not client.until(hears, HEARING):
             self._progress.say(f'feedforward: no joint_states of the plant within {HEARING:g} s')
 
+    def _await_graph(self) -> None:
+        """Wait, while simulated time stands, until the recorder has found all topics."""
+        client = self._client
+        client.await_listeners(len(self._listeners()))
+        before: tuple[int, str | None] = (0, None)
+
+        def found() -> bool:
+            nonlocal before
+            reports = client.reports('recorder')
+            if reports < before[0] + 2:
+                return False
+            topics = client.diagnostics('recorder: recording').get('topics')
+            same, before = topics == before[1], (reports, topics)
+            return same
+
+        self._await_words(self._names)
+        if 'recorder' in self._names:
+            client.until(found, GRAPH)
+        self._time.pass_by(FIRST)
+
     def _run_phase(self, phase: Phase) -> None:
-        self._file.begin_phase(phase.name, self._client.begin_phase(phase.name))
+        self._client.begin_phase(phase.name)
+        self._file.begin_phase(phase.name, self._now_ns)
         if self._task.bag is not None:
             self._play(self._task.bag, phase)
         else:
             self._follow(phase)
         while self._health.stands():  # a phase is finished by nodes that go on
             self._client.wait(0.1)
-        self._file.end_phase(self._client.end_phase())
+        self._client.end_phase()
+        self._file.end_phase(self._now_ns)
+
+    @property
+    def _now_ns(self) -> int:
+        """The time by the clock of the recording [ns]."""
+        return self._time.stamp_ns(self._time.now())
 
     def _follow(self, phase: Phase) -> None:
-        lead = self._prepare(phase)
+        start = self._prepare(phase)
         with self._progress.phase(phase.name, self._task.duration) as show:
-            start = time.perf_counter() + lead
-            while (elapsed := time.perf_counter() - start) < self._task.duration:
-                show(max(elapsed, 0.0))
-                self._client.wait(0.1)
+
+            def watch(now: float) -> None:
+                show(max(now - start, 0.0))
                 self._health.check(moves=True)
+
+            self._time.go_to(start + self._task.duration, watch)
             show(self._task.duration)
         if self._task.trajectory is not None:
             self._wait_while('moving')
-        self._client.wait(TAIL)
+        self._time.pass_by(TAIL)
 
     def _prepare(self, phase: Phase) -> float:
-        """Reset the nodes and publish the reference; return in how many seconds it starts.
+        """Reset the nodes and publish the reference; return when it starts [s].
 
-        The plant goes back when the feedforward already holds it where the reference starts, the
-        predictor when the plant is there: it would take the way back for a motion.
+        In real time the plant goes back when the feedforward already holds it where the reference
+        starts, the predictor when the plant is there: it would take the way back for a motion.
+        Where time stands, all of that is one moment.
         """
-        self._reset('feedforward')
-        self._reset('shaper')
-        start = time.perf_counter()
+        stands = self._time.is_simulated
+        for name in RESETS if stands else RESETS[:2]:
+            self._reset(name)
+        start = self._time.now()
         if self._task.trajectory is not None:
-            lead = LEAD + self._shaping + self._engaging(phase)
-            decided = self._decided()
-            start += self._publish(self._task.trajectory, self._task.plans.get(phase.name), lead)
+            start += LEAD + self._shaping + self._engaging(phase)
+            decided, taken = self._decided(), self._taken()
+            start = self._publish(self._task.trajectory, self._task.plans.get(phase.name), start)
+            self._time.settle(lambda: self._taken() > taken, PLANNING)
             self._await_plan(decided)
-            self._client.wait(SETTLING)
-        self._reset('plant')
-        self._client.wait(SETTLING)
-        self._reset('predictor')
-        return start - time.perf_counter()
+            self._time.pass_by(SETTLING)
+        for name in () if stands else RESETS[2:]:
+            self._reset(name)
+            self._time.pass_by(SETTLING)
+        return start
 
-    def _publish(self, trajectory: Trajectory, plan: Plan | None, lead: float) -> float:
-        """Publish what the joints are to do in `lead` s; return when what was asked for starts."""
+    def _publish(self, trajectory: Trajectory, plan: Plan | None, begin: float) -> float:
+        """Publish what the joints do from a moment [s]; return when what was asked for starts."""
         joints, listeners = self._task.joints, len(self._listeners())
+        self._client.await_listeners(listeners)
+        begin_ns = self._time.stamp_ns(begin)
         if plan is None:
-            self._client.publish_reference(trajectory, joints, lead, listeners)
-            return lead
+            self._client.publish_reference(trajectory, joints, begin_ns, listeners)
+            return begin
         before = -float(plan.t[0])
-        start_ns = self._client.publish_reference(motion_of(plan, joints), joints, lead, listeners)
-        self._client.publish_asked(trajectory, joints, start_ns + round(1e9 * before))
-        return lead + before
+        self._client.publish_reference(motion_of(plan, joints), joints, begin_ns, listeners)
+        self._client.publish_asked(trajectory, joints, begin_ns + round(1e9 * before))
+        return begin + before
+
+    def _taken(self) -> int:
+        """Return how many references or motions their first listener has taken."""
+        first = 'shaper' if 'shaper' in self._names else 'feedforward'
+        said = self._client.diagnostics(f'{first}: inputs')
+        ends = ('reference accepted', 'input accepted')
+        return sum(int(value) for key, value in said.items() if key.endswith(ends))
 
     def _decided(self) -> dict[str, int]:
         """Return of how many motions the shaper has said what became of them."""
@@ -278,10 +338,16 @@ class Session:
             self._progress.say(f'shaper: {client.diagnostics(SHAPER)[""]}')
 
     def _wait_while(self, doing: str) -> None:
-        """Wait until the shaper says that it does something else."""
-        while self._client.diagnostics(SHAPER).get('doing') == doing:
-            self._client.wait(0.1)
+        """Let time pass until the shaper says that it does something else."""
+        while 'shaper' in self._names and self._shaper_does() == doing:
+            self._time.pass_by(0.1)
             self._health.check(moves=True)
+
+    def _shaper_does(self) -> str | None:
+        """Return what the shaper does; where time stands, by a report of just now."""
+        heard = self._client.reports('shaper') + 2
+        self._time.settle(lambda: self._client.reports('shaper') >= heard, PLANNING)
+        return self._client.diagnostics(SHAPER).get('doing')
 
     @property
     def _shaping(self) -> float:
@@ -312,6 +378,12 @@ class Session:
                 self._client.wait(0.1)
                 self._health.check(moves=True)
         self._client.wait(TAIL)
+
+    @property
+    def _plant_period(self) -> float:
+        """Period of the plant's loop [s]."""
+        settings = node_table('plant').settings(self._config.nodes['plant'], 'plant')
+        return 1.0 / settings.number('update_rate')
 
     def _wanted(self, name: str, phase: Phase) -> Parameters:
         return node_parameters(self._config, name, phase, self._folder)

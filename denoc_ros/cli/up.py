@@ -14,6 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from denoc_ros.cli.config import AUTO, REAL, SIMULATED, TIMES
 from denoc_ros.cli.interrupts import Interrupts
 from denoc_ros.errors import ConfigError, DenocError
 
@@ -30,6 +31,11 @@ NO_ROS = (
     'pip install "denoc_ros[ros]"'
 )
 
+WHY = {
+    REAL: 'real time, as asked for',
+    SIMULATED: 'simulated time, as asked for',
+    AUTO: 'real time',
+}
 TAKEN = 'the directory must not exist yet, got {}'
 
 
@@ -68,6 +74,12 @@ def add_parser(subparsers: Any) -> None:
         '--record',
         action=argparse.BooleanOptionalAction,
         help='record a bag and write the report (default: as in the configuration)',
+    )
+    parser.add_argument(
+        '--time',
+        choices=TIMES,
+        help='real time, simulated time in lockstep, or as the machine holds (default: as in the '
+        'configuration, else auto)',
     )
     parser.add_argument(
         '--input',
@@ -120,6 +132,8 @@ def _configured(args: argparse.Namespace) -> SessionConfig:
         if not 0.0 < args.duration < float('inf'):
             raise ConfigError('--duration', [f'it must be a number > 0 s, got {args.duration}'])
         config = dataclasses.replace(config, duration=args.duration)
+    if args.time is not None:
+        config = dataclasses.replace(config, time=args.time)
     if args.record is not None:
         config = dataclasses.replace(config, record=args.record)
     if args.view:
@@ -348,5 +362,6 @@ def _session_values(
         'tip': config.tip,
         'environment': environment,
         'command': command,
+        'time': {'mode': config.time, 'why': WHY[config.time], 'begun_ns': time.time_ns()},
         'versions': versions(),
     }

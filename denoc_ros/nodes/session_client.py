@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import rclpy
@@ -14,15 +14,18 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters
 from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.base import COMMAND, LATCHED
+from denoc_ros.nodes.clock_input import time_ns
 from denoc_ros.nodes.graph import leave_graph
+from denoc_ros.nodes.inputs import arrived
 from denoc_ros.nodes.without_events import WithoutEvents
 from denoc_ros.runtime.status import ERROR, OK
 from denoc_ros.trajectories import Trajectory
@@ -41,6 +44,17 @@ PATIENCE = 30.0  # s that a service may take to answer on a loaded machine
 
 class NodeError(DenocError):
     """A node did not answer a request of the session as required."""
+
+
+class Driver(WithoutEvents):
+    """The session's node, which takes /clock by itself: a callback each would cost more."""
+
+    clock: Any = None
+
+    @property
+    def subscriptions(self) -> Iterator[Any]:
+        """Yield those that the executor serves."""
+        return (each for each in super().subscriptions if each is not self.clock)
 
 
 class SessionClient:
@@ -70,8 +84,9 @@ class SessionClient:
         self._statuses: dict[str, dict[str, str]] = {}
         self._levels: dict[str, bytes] = {}
         self._reports: Counter[str] = Counter()
+        self._clock_ns = -1
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self._node = WithoutEvents('up', use_global_arguments=False)
+        self._node = Driver('up', use_global_arguments=False)
         self._executor = EventsExecutor()
         self._thread = threading.Thread(target=self._spin, name='driver', daemon=True)
         try:
@@ -90,6 +105,8 @@ class SessionClient:
             node.create_publisher(JointTrajectory, ASKED_TOPIC, COMMAND) if topic else None
         )
         self._phase = node.create_publisher(String, '/up/phase', MARKS)
+        qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        node.clock = node.create_subscription(Clock, '/clock', lambda _raw: None, qos, raw=True)
         self._executor.add_node(node)
         self._thread.start()
         if not self.until(lambda: bool(node.count_publishers('robot_description')), DISCOVERY):
@@ -149,6 +166,12 @@ class SessionClient:
         """Return how often a node has spoken on /diagnostics since it was started."""
         return self._reports[name]
 
+    def clock_ns(self) -> int:
+        """Return the newest time of /clock [ns], -1 before the first."""
+        for raw, *_ in arrived(self._node.clock, 1):
+            self._clock_ns = time_ns(raw)
+        return self._clock_ns
+
     def forget(self, name: str) -> None:
         """Forget what a node said: it is about to be started anew."""
         self._reports.pop(name, None)
@@ -200,28 +223,32 @@ class SessionClient:
         if refused:
             raise NodeError(f'{name}: parameters must be accepted, got: {"; ".join(refused)}')
 
-    def begin_phase(self, name: str) -> int:
-        """Tell everybody, the recorder above all, that a phase begins; return when [ns]."""
-        return self._mark(name)
+    def begin_phase(self, name: str) -> None:
+        """Tell everybody, the recorder above all, that a phase begins."""
+        self._phase.publish(String(data=name))
 
-    def end_phase(self) -> int:
-        """Tell everybody that the phase is over; return when [ns]."""
-        return self._mark('')
-
-    def _mark(self, text: str) -> int:
-        self._phase.publish(String(data=text))
-        return time.time_ns()
+    def end_phase(self) -> None:
+        """Tell everybody that the phase is over."""
+        self._phase.publish(String(data=''))
 
     def publish_reference(
-        self, trajectory: Trajectory, joints: list[str], lead: float, listeners: int
-    ) -> int:
-        """Publish a trajectory of many points that starts `lead` s from now; return when [ns].
+        self, trajectory: Trajectory, joints: list[str], start_ns: int, listeners: int
+    ) -> None:
+        """Publish a trajectory of many points that starts at a stamp [ns].
 
         Raises
         ------
         NodeError
             When there are not as many listeners as there should be.
         """
+        publisher = self._listened(listeners)
+        publisher.publish(reference_message(trajectory, joints, start_ns))
+
+    def await_listeners(self, listeners: int) -> None:
+        """Wait until as many nodes listen to the reference as there should be; else NodeError."""
+        self._listened(listeners)
+
+    def _listened(self, listeners: int) -> Any:
         publisher = self._reference
         if publisher is None:
             raise NodeError('up: a session that publishes no reference was asked for one')
@@ -230,9 +257,7 @@ class SessionClient:
                 f'{publisher.topic_name}: {listeners} nodes must listen, '
                 f'got {publisher.get_subscription_count()}'
             )
-        start_ns = time.time_ns() + round(lead * 1e9)
-        publisher.publish(reference_message(trajectory, joints, start_ns))
-        return start_ns
+        return publisher
 
     def publish_asked(self, trajectory: Trajectory, joints: list[str], start_ns: int) -> None:
         """Publish, for the record, what was asked for where the reference is shaped from it."""

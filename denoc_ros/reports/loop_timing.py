@@ -88,7 +88,7 @@ def warnings(
     found: dict[str, tuple[int, str]] = {}
     for status in statuses:
         stamp = status.stamp_ns
-        during = any(begin + SECOND <= stamp <= end for begin, end in intervals)
+        during = any(begin + SECOND <= stamp < end for begin, end in intervals)
         if status.level > 0 and during:
             count = found.get(status.name, (0, ''))[0]
             found[status.name] = count + 1, status.message

@@ -195,7 +195,7 @@ def _reference(
     """Return the phase's last trajectory of many points; streamed points are joined to one."""
     streamed = []
     for item in reversed(recording.messages(topic)):
-        if not interval.start <= item.log_time <= interval.end:
+        if not interval.start <= item.log_time < interval.end:
             continue
         message, start = item.message, item.stamp
         names = tuple(message.joint_names)

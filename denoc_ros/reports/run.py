@@ -25,6 +25,7 @@ from denoc_ros.reports.recording import RecordedTopics
 from denoc_ros.reports.run_files import (
     EARTH,
     SIMULATED,
+    STEPPED,
     find_bag,
     read_session,
     recording_name,
@@ -136,7 +137,7 @@ def _of_path(run_path: Path, command: str) -> Report:
         'messages': recording.counts,
         'recorder': _latest(statuses).get('recorder: recording', {}),
         **({'simulated': simulated.summary()} if simulated else {}),
-        **({'failure': session['failure']} if 'failure' in session else {}),
+        **{key: session[key] for key in ('time', 'failure') if key in session},
     }
     found = _Found(recording, session, robot, phases, loops, warned, statuses, simulated)
     return Report(_page(found, command), summary, notes)
@@ -232,9 +233,14 @@ def _subtitle(found: _Found) -> Iterator[str]:
     if session.get('kind') == SIMULATED:
         yield f'{recording.duration:.4g} s simulated'
     else:
-        begun = datetime.fromtimestamp(recording.origin_ns * 1e-9, tz=timezone.utc)
+        mode = session.get('time', {})
+        stepped = mode.get('mode') == STEPPED
+        begun_ns = mode.get('begun_ns', 0) if stepped else recording.origin_ns
+        begun = datetime.fromtimestamp(begun_ns * 1e-9, tz=timezone.utc)
         yield begun.strftime('%Y-%m-%d %H:%M:%S UTC')
-        yield f'{recording.duration:.1f} s recorded'
+        yield f'{recording.duration:.1f} s {"of simulated time " if stepped else ""}recorded'
+        if why := mode.get('why'):
+            yield str(why)
     if robot := session.get('robot'):
         yield Path(robot).name
 

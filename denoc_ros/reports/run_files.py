@@ -14,11 +14,12 @@ BAG_FOLDER = 'bag'
 SESSION_FILE = 'session.json'
 SESSION_KINDS: dict[str, type] = {
     **dict.fromkeys(('kind', 'name', 'robot', 'tip', 'command', 'scenario', 'failure'), str),
-    **dict.fromkeys(('model', 'versions'), dict),
+    **dict.fromkeys(('model', 'versions', 'time'), dict),
     **dict.fromkeys(('gravity', 'phases'), list),
     'geometric_stiffness': bool,
 }
 SIMULATED = 'simulate'  # kind of a session
+STEPPED = 'simulated'  # mode of a session's time
 
 
 def recording_name(path: Path) -> str:

@@ -16,6 +16,8 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     summary : mapping
         Of :class:`denoc_ros.reports.run.Report`.
     """
+    if why := summary.get('time', {}).get('why'):
+        yield f'time    {why}'
     phases = summary['phases']
     for name, phase in phases.items():
         if 'joint_error' in phase:
