@@ -33,6 +33,8 @@ from denoc_ros.reports.run_files import (
 from denoc_ros.simulation.bag import write_run
 from denoc_ros.simulation.run import Run
 
+NOTED = ('time', 'failure')  # of a session, in the numbers of its run
+
 
 @dataclass(frozen=True)
 class Report:
@@ -137,7 +139,7 @@ def _of_path(run_path: Path, command: str) -> Report:
         'messages': recording.counts,
         'recorder': _latest(statuses).get('recorder: recording', {}),
         **({'simulated': simulated.summary()} if simulated else {}),
-        **{key: session[key] for key in ('time', 'failure') if key in session},
+        **{key: session[key] for key in NOTED if key in session},
     }
     found = _Found(recording, session, robot, phases, loops, warned, statuses, simulated)
     return Report(_page(found, command), summary, notes)
@@ -233,7 +235,7 @@ def _subtitle(found: _Found) -> Iterator[str]:
     if session.get('kind') == SIMULATED:
         yield f'{recording.duration:.4g} s simulated'
     else:
-        mode = session.get('time', {})
+        mode: dict[str, Any] = session.get('time', {})
         stepped = mode.get('mode') == STEPPED
         begun_ns = mode.get('begun_ns', 0) if stepped else recording.origin_ns
         begun = datetime.fromtimestamp(begun_ns * 1e-9, tz=timezone.utc)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import tempfile
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,11 @@ TOPICS, RATE, SIZE = 50, 50.0, 2000  # 5 MB/s
 SETTLING = 1.0  # s after a change: when a participant joins, Fast DDS may stand still for 333 ms
 ROOM = 2 << 30  # bytes that the disk must keep
 NO_ROBOT = '<robot name="none"><link name="base"/></robot>'
+
+
+def in_a_moment() -> int:
+    """Return a stamp of 0.1 s from now [ns]."""
+    return time.time_ns() + 100_000_000
 
 
 class SignalledProcesses(WatchedProcesses):

@@ -19,7 +19,7 @@ from typing import Any
 from bench.journal import read
 from bench.lateness import Array, p99, p99_ratio
 from bench.lateness_command import run
-from bench.load_bench import SETTLING, Bench, benched
+from bench.load_bench import SETTLING, Bench, benched, in_a_moment
 
 from denoc_ros.cli.config import load_config
 from denoc_ros.cli.node_parameters import write_parameters
@@ -133,7 +133,7 @@ def lateness(seconds: float, count: int) -> Blocks:
                     given = {**config.reference, 'duration': seconds + 2.0 * SETTLING}
                     trajectory = trajectory_from_config(given, joints)
                     if kind != 'bare':
-                        bench.driver.publish_reference(trajectory, joints, 0.1, 1)
+                        bench.driver.publish_reference(trajectory, joints, in_a_moment(), 1)
                         bench.driver.wait(0.2)
                     before, begin = bench.processes.cpu_seconds(), time.perf_counter()
                     bench.driver.wait(seconds)

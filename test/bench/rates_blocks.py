@@ -95,16 +95,16 @@ class WatchedDriver(SessionClient):
 
     window: Window
 
-    def begin_phase(self, name: str) -> int:
+    def begin_phase(self, name: str) -> None:
         """Begin, when every process has found the last one."""
         self.wait(SETTLING)
         self.window = Window()
-        return super().begin_phase(name)
+        super().begin_phase(name)
 
-    def end_phase(self) -> int:
+    def end_phase(self) -> None:
         """End."""
         self.window.end()
-        return super().end_phase()
+        super().end_phase()
 
 
 class Window:

@@ -22,7 +22,7 @@ import numpy as np
 from bench.journal import read
 from bench.lateness import Array
 from bench.lateness_command import say
-from bench.load_bench import SETTLING, Bench, benched
+from bench.load_bench import SETTLING, Bench, benched, in_a_moment
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
@@ -161,7 +161,7 @@ def lateness(minutes: float, block: float = BLOCK) -> Found:
                     if kind != 'bare':
                         given = {**config.reference, 'duration': share * block + 2.0 * SETTLING}
                         trajectory = trajectory_from_config(given, joints)
-                        bench.driver.publish_reference(trajectory, joints, 0.1, 1)
+                        bench.driver.publish_reference(trajectory, joints, in_a_moment(), 1)
                         bench.driver.wait(0.2)
                     begin = time.perf_counter()
                     bench.driver.wait(share * block)

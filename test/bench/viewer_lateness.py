@@ -20,7 +20,7 @@ import numpy as np
 from bench.journal import read
 from bench.lateness import Array, p99, p99_ratio
 from bench.lateness_command import run
-from bench.load_bench import SETTLING, Bench, benched
+from bench.load_bench import SETTLING, Bench, benched, in_a_moment
 
 from denoc_ros.cli.config import load_config
 from denoc_ros.cli.node_parameters import write_parameters
@@ -172,7 +172,7 @@ class Session:
         driver, processes = self._bench.driver, self._bench.processes
         reference = {**self._config.reference, 'duration': seconds + 2.0 * SETTLING}
         trajectory = trajectory_from_config(reference, self._joints)
-        driver.publish_reference(trajectory, list(self._joints), 0.1, len(self._loops))
+        driver.publish_reference(trajectory, list(self._joints), in_a_moment(), len(self._loops))
         driver.wait(0.2)
         before, begin = processes.cpu_seconds(), time.perf_counter()
         driver.wait(seconds)

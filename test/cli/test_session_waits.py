@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import pytest
 
 from denoc_ros.cli import session as sessions
+from denoc_ros.cli import session_time
 from denoc_ros.cli.config import load_config
 from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
@@ -42,6 +43,9 @@ class Clock:
     def perf_counter(self) -> float:
         return self.now
 
+    def time_ns(self) -> int:
+        return round(1e9 * self.now)
+
 
 class Client:
     """Stands for the graph: a shaper that plans late and moves long, as `tell` says."""
@@ -66,16 +70,11 @@ class Client:
     def wait(self, seconds: float) -> None:
         self._clock.now += seconds
 
-    def publish_reference(self, *_: Any) -> int:
+    def publish_reference(self, *_: Any) -> None:
         self.published = self._clock.now
-        return 0
 
-    def begin_phase(self, _: str) -> int:
-        return 0
-
-    def end_phase(self) -> int:
+    def end_phase(self) -> None:
         self.ended = self._clock.now
-        return 0
 
     def reports(self, _: str) -> int:
         return round(10.0 * self._clock.now)
@@ -85,7 +84,7 @@ class Client:
 
     def ignore(self, *_: Any) -> None: ...
 
-    add_watch = forget = wait_active = trigger = ignore
+    begin_phase = await_listeners = add_watch = forget = wait_active = trigger = ignore
 
 
 class NoProcesses:
@@ -104,7 +103,8 @@ class NoProcesses:
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Client]:
     clock = Clock()
-    monkeypatch.setattr(sessions, 'time', clock)
+    for module in (sessions, session_time):
+        monkeypatch.setattr(module, 'time', clock)
     (tmp_path / 'parameters').mkdir()
 
     def done(tell: Callable[[float], dict[str, str]], text: str = SESSION) -> Client:
