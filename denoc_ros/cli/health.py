@@ -16,7 +16,7 @@ STOPPED = 3.0  # s for which a process may be stopped
 HUNG = 10.0  # s of silence of a process that waits and uses no processor
 SILENT = 60.0  # s of silence of one that works, or waits for a processor
 IDLE = 0.02  # share of a core up to which a process does nothing
-STARVED = 5.0  # s in which a process waits for a processor nearly all the time
+STARVED = 8.0  # s in which a process waits for a processor nearly all the time
 WANTED = 0.7  # share of the time for which it wants one, at least
 GRANTED = 0.02  # share of that time for which it gets one, at most
 CARRIED = 0.5  # least share of its deadlines that a loop must meet
@@ -73,11 +73,14 @@ class Health:
         What nodes say.
     real_time : bool
         Whether loops must meet their deadlines.
+    moves : bool
+        Whether a phase is on, in which loops that fall behind spoil what is measured.
     """
 
     tasks: Tasks
     speaker: Speaker
     real_time: bool = True
+    moves: bool = False
     _watched: dict[str, _Watched] = field(default_factory=dict)
     _looked: float = -math.inf
 
@@ -90,13 +93,8 @@ class Health:
         """Watch a node no longer: it is about to end."""
         self._watched.pop(name, None)
 
-    def check(self, moves: bool = False) -> None:
+    def check(self) -> None:
         """Look at all nodes, if it is time to.
-
-        Parameters
-        ----------
-        moves : bool
-            Whether a phase is on, in which loops that fall behind spoil what is measured.
 
         Raises
         ------
@@ -113,12 +111,11 @@ class Health:
             activity = self.tasks.activity(name)
             if activity is not None:
                 self._judge_process(name, watched, activity, passed)
-                self._judge_share(name, watched, activity, passed)
+                if self.moves and self.real_time:
+                    self._judge_share(name, watched, activity, passed)
+                    self._judge_loop(name, watched)
         if failure := self.speaker.failure('recorder: recording'):
             raise ProcessError(f'recorder: recording must go on, got: {failure}')
-        if moves and self.real_time:
-            for name, watched in self._watched.items():
-                self._judge_loop(name, watched)
 
     def stands(self) -> bool:
         """Say whether a process is stopped just now."""

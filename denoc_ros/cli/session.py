@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from denoc_ros.cli.config import SIMULATED, Parameters, Phase, SessionConfig
+from denoc_ros.cli.config import AUTO, REAL, SIMULATED, Parameters, Phase, SessionConfig
 from denoc_ros.cli.health import Health
 from denoc_ros.cli.node_parameters import (
     changed_parameters,
@@ -18,9 +19,11 @@ from denoc_ros.cli.node_parameters import (
 )
 from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.rehearsal import Rehearsal, choose, cores, idle_seconds
 from denoc_ros.cli.session_file import SessionFile
 from denoc_ros.cli.session_time import Lockstep, RealTime
 from denoc_ros.cli.shaped_phases import motion_of
+from denoc_ros.reports.run_files import BAG_FOLDER
 from denoc_ros.runtime.following import NO_JOINTS, STALE_JOINTS
 
 if TYPE_CHECKING:
@@ -36,6 +39,8 @@ TAIL = 0.2  # s a phase goes on behind its reference
 STOP_ORDER = ('player', 'viewer', 'shaper', 'feedforward', 'predictor', 'plant', 'recorder')
 START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward', 'shaper', 'viewer')
 RESETS = ('feedforward', 'shaper', 'plant', 'predictor')
+LOOPS = ('plant', 'feedforward', 'predictor')  # that a rehearsal looks at
+REHEARSING = 2.0  # s of the first motion
 SHAPING = 2.0  # s from publishing to the start in which most plans are made
 SHAPER = 'shaper: shaper'  # its status on /diagnostics
 DECIDED = ('planned', 'refused', 'passed on')  # what a shaper counts of motions
@@ -113,12 +118,11 @@ class Session:
         self._task = task
         self._file = file
         self._folder = file.folder
-        simulated = config.time == SIMULATED
-        self._health = Health(processes, client, real_time=not simulated)
-        self._time = Lockstep(client, self._plant_period) if simulated else RealTime(client)
+        self._health = Health(processes, client)
         client.add_watch(self._health.check)
         self._processes = processes
         self._client = client
+        self._keep_time()
         self._progress = progress
         self._names = session_nodes(config, task.bag)
         self._parameters: dict[str, Parameters] = {}
@@ -133,11 +137,9 @@ class Session:
         DenocError
             A node fails; what was recorded until then is good.
         """
-        self._start(self._names, self._config.phases[0])
-        if self._time.is_simulated:
-            self._await_graph()
-        else:
-            self._await_hearing()
+        self._begin()
+        if self._config.time == AUTO and self._rehearse():
+            self._begin()
         self._began, self._cpu_before = time.perf_counter(), self._processes.cpu_seconds()
         for phase in self._config.phases:
             if (changed := self._adapt(phase)) and self._time.is_simulated:
@@ -145,6 +147,77 @@ class Session:
             elif changed:
                 self._await_hearing()
             self._run_phase(phase)
+
+    def _begin(self) -> None:
+        """Start all nodes, and wait until they hear each other."""
+        self._start(self._names, self._config.phases[0])
+        if self._time.is_simulated:
+            self._await_graph()
+        else:
+            self._await_hearing()
+
+    def _rehearse(self) -> bool:
+        """Choose the session's time by what its first motion costs; say whether nodes were ended.
+
+        They are where they run on as they do not: by another time, or at other rates.
+        """
+        with self._progress.step('rehearsing', REHEARSING + SHAPING):
+            choice = choose(self._rehearsal())
+        self._progress.say(choice.why)
+        self._file.note(time={**self._file.time, 'mode': choice.mode, 'why': choice.why})
+        nodes = {name: dict(given) for name, given in self._config.nodes.items()}
+        faster = [name for name, rate in choice.rates.items() if rate < self._rate(name)]
+        for name in faster:
+            nodes[name] = {**nodes.get(name, {}), 'update_rate': choice.rates[name]}
+        self._config = replace(self._config, time=choice.mode, nodes=nodes)
+        if choice.mode == REAL and not faster:
+            return False
+        with self._progress.step('ending the rehearsal'):
+            for name in self._names:
+                self._health.forget(name)
+            self._processes.stop_all(STOP_ORDER)
+        shutil.rmtree(self._folder / BAG_FOLDER, ignore_errors=True)
+        self._keep_time()
+        return True
+
+    def _rehearsal(self) -> Rehearsal:
+        """Run the first motion for a while in real time, and measure."""
+        self._prepare(self._config.phases[0])
+        self._time.pass_by(LEAD)
+        loops = [name for name in LOOPS if name in self._names]
+        before = {name: self._deadlines(name) for name in loops}
+        began, idle = time.perf_counter(), idle_seconds()
+        used = sum(self._processes.cpu_seconds().values())
+        self._time.pass_by(REHEARSING)
+        elapsed = time.perf_counter() - began
+        used = sum(self._processes.cpu_seconds().values()) - used
+        after = {name: self._deadlines(name) for name in loops}
+        met = {
+            name: [b - a for a, b in zip(before[name], after[name], strict=True)] for name in loops
+        }
+        lost = self._client.diagnostics('recorder: recording').get('lost', '0')
+        return Rehearsal(
+            rates={name: self._rate(name) for name in loops},
+            used=used / elapsed,
+            idle=(idle_seconds() - idle) / elapsed,
+            cores=cores(),
+            late=max(missed / max(count, 1) for count, missed in met.values()),
+            lost=int(lost),
+        )
+
+    def _deadlines(self, name: str) -> tuple[int, int]:
+        """Return how many deadlines a loop had, and how many it missed."""
+        values = self._client.diagnostics(f'{name}: loop')
+        ticks, late, skipped = (
+            int(values.get(key, 0)) for key in ('ticks', 'overruns_total', 'skipped_total')
+        )
+        return ticks + skipped, late + skipped
+
+    def _rate(self, name: str) -> float:
+        """Return the rate of a loop [Hz]."""
+        return (
+            node_table(name).settings(self._config.nodes.get(name, {}), name).number('update_rate')
+        )
 
     def end(self) -> dict[str, float]:
         """End the nodes in order.
@@ -242,12 +315,14 @@ class Session:
     def _run_phase(self, phase: Phase) -> None:
         self._client.begin_phase(phase.name)
         self._file.begin_phase(phase.name, self._now_ns)
+        self._health.moves = True
         if self._task.bag is not None:
             self._play(self._task.bag, phase)
         else:
             self._follow(phase)
         while self._health.stands():  # a phase is finished by nodes that go on
             self._client.wait(0.1)
+        self._health.moves = False
         self._client.end_phase()
         self._file.end_phase(self._now_ns)
 
@@ -262,7 +337,7 @@ class Session:
 
             def watch(now: float) -> None:
                 show(max(now - start, 0.0))
-                self._health.check(moves=True)
+                self._health.check()
 
             self._time.go_to(start + self._task.duration, watch)
             show(self._task.duration)
@@ -333,7 +408,7 @@ class Session:
                     f'inputs: {said}'
                 )
             client.wait(0.05)
-            self._health.check(moves=True)
+            self._health.check()
         if now['planned'] == before['planned']:
             self._progress.say(f'shaper: {client.diagnostics(SHAPER)[""]}')
 
@@ -341,7 +416,7 @@ class Session:
         """Let time pass until the shaper says that it does something else."""
         while 'shaper' in self._names and self._shaper_does() == doing:
             self._time.pass_by(0.1)
-            self._health.check(moves=True)
+            self._health.check()
 
     def _shaper_does(self) -> str | None:
         """Return what the shaper does; where time stands, by a report of just now."""
@@ -376,14 +451,15 @@ class Session:
             while self._processes.running('player'):
                 show(time.perf_counter() - start)
                 self._client.wait(0.1)
-                self._health.check(moves=True)
+                self._health.check()
         self._client.wait(TAIL)
 
-    @property
-    def _plant_period(self) -> float:
-        """Period of the plant's loop [s]."""
-        settings = node_table('plant').settings(self._config.nodes['plant'], 'plant')
-        return 1.0 / settings.number('update_rate')
+    def _keep_time(self) -> None:
+        """Have the time that the configuration says."""
+        simulated = self._config.time == SIMULATED
+        self._health.real_time = not simulated
+        client, plant = self._client, 1.0 / self._rate('plant')
+        self._time = Lockstep(client, plant) if simulated else RealTime(client)
 
     def _wanted(self, name: str, phase: Phase) -> Parameters:
         return node_parameters(self._config, name, phase, self._folder)

@@ -37,6 +37,11 @@ class SessionFile:
         """`name`, `begin_ns` and `end_ns` (None: unfinished) of each phase that has begun."""
         return list(self._values['phases'])
 
+    @property
+    def time(self) -> dict[str, Any]:
+        """`mode` of the session's time, `why`, and when the session began (`begun_ns`)."""
+        return dict(self._values.get('time', {}))
+
     def begin_phase(self, name: str, stamp_ns: int) -> None:
         """Note that a phase begins, by the clock of the recording [ns]."""
         self._values['phases'].append({'name': name, 'begin_ns': stamp_ns, 'end_ns': None})

@@ -32,10 +32,11 @@ NO_ROS = (
 )
 
 WHY = {
-    REAL: 'real time, as asked for',
+    REAL: 'real time',
     SIMULATED: 'simulated time, as asked for',
     AUTO: 'real time',
 }
+NO_SOURCE = 'time must be real where no plant can make it, got simulated'
 TAKEN = 'the directory must not exist yet, got {}'
 
 
@@ -184,6 +185,10 @@ def bring_up(
     from denoc_ros.cli.session_file import SessionFile
     from denoc_ros.dynamics.robot import load_robot
 
+    if config.time != REAL and (bag is not None or 'plant' in config.without):
+        if config.time == SIMULATED:
+            raise ConfigError(str(config.path), [NO_SOURCE])
+        config = dataclasses.replace(config, time=REAL)
     _require_ros()
     if output is not None and output.exists():
         raise ConfigError('--output', [TAKEN.format(output)])

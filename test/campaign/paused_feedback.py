@@ -74,7 +74,7 @@ def measured(
     session: Path, run: Path, nodes: Sequence[str], seconds: float, moments: Sequence[float]
 ) -> tuple[dict[str, Any], int]:
     """Run a session with pauses; return the summary of its phase, and how many pauses it had."""
-    command = [sys.executable, '-m', 'denoc_ros.cli.main', 'up', str(session)]
+    command = [sys.executable, '-m', 'denoc_ros.cli.main', 'up', '--time', 'real', str(session)]
     with subprocess.Popen(
         [*command, '--output', str(run)],
         stdout=subprocess.DEVNULL,

@@ -27,6 +27,7 @@ INTERRUPTED = 130
 PATIENCE = 240.0  # s
 SESSION = """
 robot: arm.urdf
+time: real
 reference: {kind: sine, amplitude: 0.2, frequency: 0.5, duration: 2}
 """
 

@@ -31,10 +31,11 @@ NODES = ('recorder', 'plant', 'predictor', 'feedforward')
 HARMS = ('killed', 'stopped', 'starved')
 SAID = {'killed': 'SIGKILL', 'stopped': 'stopped', 'starved': 'starve'}
 PHASES = ('first', 'second', 'third')
-LASTING = 10.0  # s of the phase that is spoiled: starving shows after some
+LASTING = 16.0  # s of the phase that is spoiled: starving shows after some
 BUSY = 'while True: pass'
 SESSION = """
 robot: arm.urdf
+time: real
 reference: {kind: sine, amplitude: 0.2, frequency: 0.5, duration: DURATION}
 nodes:
   plant: {update_rate: 200}

@@ -51,12 +51,12 @@ def world(monkeypatch: pytest.MonkeyPatch) -> World:
 
 def failing(world: World, until: float = 200.0, name: str = 'plant') -> tuple[float, str]:
     """Look every 0.1 s in a phase; return when a node was given up [s], and why."""
-    health = Health(world, world)
+    health = Health(world, world, moves=True)
     health.watch(name)
     while world.now < until:
         world.now += 0.1
         try:
-            health.check(moves=True)
+            health.check()
         except ProcessError as error:
             return world.now, str(error)
     return until, ''

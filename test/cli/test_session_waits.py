@@ -25,6 +25,7 @@ JOINTS = ['joint_1', 'joint_2']
 SESSION = f"""
 robot: {ROOT}/config/robots/two_link_ff.urdf
 gravity: [0, -9.81, 0]
+time: real
 reference: {{kind: points, times: [0, 0.05], positions: [[0.3, 0.6], [0.3, 0.6]]}}
 duration: 0.05
 nodes:

@@ -31,7 +31,7 @@ BOUND = 240.0  # s: with a cold kernel cache on a slow machine
 
 def up(*arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, '-m', 'denoc_ros.cli.main', 'up', *arguments],
+        [sys.executable, '-m', 'denoc_ros.cli.main', 'up', '--time', 'real', *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

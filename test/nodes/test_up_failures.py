@@ -21,7 +21,7 @@ CASES = [
     ('recorder', 'killed', 1),
     ('feedforward', 'stopped', 0),
 ]
-UNBUILDABLE = 'reference: {kind: sine, amplitude: 0.2, frequency: 0.5, duration: 2}\n'
+UNBUILDABLE = 'time: real\nreference: {kind: sine, amplitude: 0.2, frequency: 0.5, duration: 2}\n'
 
 
 @pytest.fixture
