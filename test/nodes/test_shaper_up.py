@@ -35,7 +35,7 @@ def test_reference_goes_through_the_shaper(tmp_path: Path) -> None:
     topics = '/shaper/input', '/reference'
     found = {name: list(read_bag(run / 'bag', [name])) for name in topics}
     (asked,), (told,) = (found[name] for name in topics)
-    assert told.log_ns > asked.log_ns
+    assert told.log_ns >= asked.log_ns  # where time stands, a plan takes none
     # later where the machine was too busy to plan in time
     assert header_stamp_ns(told.message) >= header_stamp_ns(asked.message)
     last = told.message.points[-1]
