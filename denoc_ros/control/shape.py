@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.control import impulses
+from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.joint_plans import (
     RestOptions,
     ShaperOptions,
@@ -87,8 +88,9 @@ def shape_motion(
     times : (k,) array
         Increasing [s].
     q_joints : (k, joints) array
-        Joint positions of the undeformed robot, in the order of `robot.joint_names`, from rest to
-        rest [rad, m].
+        Positions of the driven joints of the undeformed robot, in the order of
+        `robot.joint_names`, from rest to rest [rad, m]. Mimic joints follow their leaders and have
+        no column; a motion with columns of all joints is taken as well.
     method : str
         ``tip``: the tip does what the undeformed robot's would (:class:`TipOptions`). ``zv``,
         ``zvd``, ``ei``: the joints do it through an input shaper, later (:class:`ShaperOptions`).
@@ -149,11 +151,15 @@ def _motion(robot: Robot, times: ArrayLike, q_joints: ArrayLike) -> tuple[Array,
         raise StateError(
             f'shape_motion: times must be two or more finite ones that increase, got {at.shape}'
         )
+    loops = bool(robot.tree.loops)
+    driven = robot.joint_names if loops else robot.tree.non_mimic_joints
+    if joints.shape == (len(at), len(driven)) and not loops:
+        joints = DrivenJoints(robot, 'shape_motion').all(joints)
     shape = (len(at), len(robot.joint_names))
     if joints.shape != shape or not np.isfinite(joints).all():
         raise StateError(
-            f'shape_motion: q_joints must be finite and have shape {shape} (times, joints), got '
-            f'{joints.shape}'
+            f'shape_motion: q_joints must be finite and have shape {(len(at), len(driven))} '
+            f'(times, driven joints {list(driven)}), got {joints.shape}'
         )
     return at, joints
 

@@ -385,6 +385,8 @@ class DenocNode(GuardedNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate; then give the threads their priority."""
         result = self._transition(self.activate)
+        if result == TransitionCallbackReturn.SUCCESS:
+            self.get_logger().info(self.summary())
         if self.owns_process and 'thread_priority' in self.settings:
             # simulated time waits for everybody: as fast as it goes, a priority would take it all
             priority = 0 if self.clock.is_simulated else self.settings.integer('thread_priority')
@@ -409,6 +411,21 @@ class DenocNode(GuardedNode):
                 self.cleanup()
 
         return self._transition(end)
+
+    def summary(self) -> str:
+        """Return a line on what the node does, for the log."""
+        own = {'/rosout', '/parameter_events', '/diagnostics'}
+        inputs = [monitor.topic for monitor in self.monitors]
+        outputs = [p.topic_name for p in self.publishers if p.topic_name not in own]
+        outputs = [name for name in outputs if not name.endswith('/transition_event')]
+        return (
+            f'active{self.works_on()}; listens to {", ".join(inputs) or "nothing"}; publishes '
+            f'{", ".join(dict.fromkeys(outputs)) or "nothing"}'
+        )
+
+    def works_on(self) -> str:
+        """Return what the node works on and how often, for the log."""
+        return ''
 
     @property
     def state(self) -> str:

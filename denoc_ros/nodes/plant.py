@@ -34,12 +34,13 @@ from denoc_ros.nodes.sensor_outputs import SensorOutputs
 from denoc_ros.nodes.time_source import TimeSource
 from denoc_ros.runtime.clocks import Clock as RobotClock
 from denoc_ros.runtime.conversions import CommandReader
+from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.parameters import Settings, Value
 from denoc_ros.runtime.plant_parameters import TABLE
 from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.stamps import StampOf
-from denoc_ros.runtime.status import WARN, Status
+from denoc_ros.runtime.status import ERROR, WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.types import Array
 
@@ -47,6 +48,11 @@ CATCH_UP = 50  # steps that a tick after a pause of the machine takes in any cas
 CATCH_UP_TIME = 0.02  # s of a processor for more of them; what is left is time lost
 COMMANDS = 256  # that wait for the step which they come before
 REFERENCE_GAP = 0.2  # s
+LOOK_STEPS = 20  # between looks at whether the state is one that the robot can have
+REMEDY = (
+    'nothing after that means anything: hold the joints by feedback.kp and feedback.kd, or '
+    'command them by a model that is not rigid, then call ~/reset'
+)
 
 
 class Physics(NamedTuple):
@@ -280,6 +286,7 @@ class PlantNode(RobotNode):
         super().activate()
 
     def _place(self) -> None:
+        self._diverged, self._began, self._look_due = '', math.nan, 0
         self.q[:] = self.start
         self.qd[:] = 0.0
         self._acceleration[:] = 0.0
@@ -296,15 +303,30 @@ class PlantNode(RobotNode):
         if self._reset_wanted:
             self._reset_wanted = False
             self._place()
+        if math.isnan(self._began):
+            self._began = self._tick_time
         end = self._tick_time + steps * self.stepper.step
         if self.loop is not None:
             end = self.loop.deadline
         self._lost_steps += steps - self._catch_up(steps, end)
         self._tick_time = end
+        self._look_due -= steps
+        if self._look_due <= 0 and not self._diverged:
+            self._look_due = LOOK_STEPS
+            self._look_for_divergence()
         # the state is that of the deadline, however late the machine let the tick begin
         self._publish(self._stamp_of(self._tick_time))
         if self.source is not None:
             self.source.clock.tell()
+
+    def _look_for_divergence(self) -> None:
+        """Note since when the state is none that the robot can have."""
+        try:
+            self.bounds.require(self.q[self._index], self.qd[self._index])
+        except InputError as error:
+            since = self._tick_time - self._began
+            self._diverged = f'the simulated state diverged {since:.2f} s after its start: {error}'
+            self.to_log.append(f'{self._diverged}; {REMEDY}')
 
     def _catch_up(self, steps: int, end: float) -> int:
         """Take steps up to a time [s]; return how many there was time for."""
@@ -409,6 +431,8 @@ class PlantNode(RobotNode):
         braked = self._braked
         status = Status('plant', message='braked' if braked else 'moving')
         status.values = {'lost_steps': self._lost_steps, 'braked': braked}
+        if self._diverged:
+            status.worsen(ERROR, f'{self._diverged}; {REMEDY}')
         if self._lost_steps:
             status.worsen(WARN, f'simulated time is {self._lost_steps} steps behind')
         if self.source is None:

@@ -240,6 +240,15 @@ class RobotNode(ModelNode):
         if self.progress is not None:
             self.progress.tell(math.inf, self.sent)
 
+    def works_on(self) -> str:
+        """Return rate, robot and coordinates."""
+        robot = self.robot
+        amplitudes = len(robot.flexible_indices)
+        return (
+            f' at {self.settings.number("update_rate"):g} Hz: robot {robot.tree.name}, '
+            f'{len(robot.joint_names)} joints, {amplitudes} amplitudes'
+        )
+
     @property
     def period(self) -> float:
         """Period of the loop [s]."""

@@ -6,6 +6,7 @@ import io
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ STEEL: Colour = (146, 161, 178)  # of links without a material
 DARK: Colour = (92, 101, 112)  # of links without a visual
 SLENDERNESS = 40.0  # of a beam without a visual: length over thickness
 SLIGHT = 0.012  # of the robot's reach: radius of a rigid link without a visual
+
+SHOWN_MISSING = 3  # names of meshes that are nowhere
 
 log = logging.getLogger(__name__)
 
@@ -66,6 +69,7 @@ def outlines(robot: Robot, folder: Path | None = None) -> list[LinkSurface]:
         One per visual, in file order. A link without a visual that can be drawn gets a beam of its
         length, or rods to the joints that it carries.
     """
+    tell_missing_meshes(robot, folder)
     root = parse_xml(TEXT_NAME, robot.tree.source)
     drawn: list[LinkSurface] = []
     for link in root.findall('link'):
@@ -73,6 +77,26 @@ def outlines(robot: Robot, folder: Path | None = None) -> list[LinkSurface]:
         found = list(_visuals(root, link, folder))
         drawn += found or _substitute(robot, root, name)
     return drawn
+
+
+def tell_missing_meshes(robot: Robot, folder: Path | None = None) -> None:
+    """Log in one line, once per robot, which visuals' meshes are nowhere; arguments as above."""
+    root = parse_xml(TEXT_NAME, robot.tree.source)
+    names = dict.fromkeys(
+        mesh.get('filename') or '' for mesh in root.iterfind('link/visual/geometry/mesh')
+    )
+    missing = tuple(name for name in names if mesh_file(name, folder) is None)
+    if missing:
+        _tell_missing(len(names), missing)
+
+
+@cache
+def _tell_missing(count: int, missing: tuple[str, ...]) -> None:
+    shown = ', '.join(missing[:SHOWN_MISSING]) + (', …' if len(missing) > SHOWN_MISSING else '')
+    log.warning(
+        'meshes must be files here, got none for %d of %d, drawn as beams and rods: %s',
+        len(missing), count, shown,
+    )  # fmt: skip
 
 
 def reach(robot: Robot) -> float:
@@ -128,8 +152,7 @@ def _mesh(geometry: Any, folder: Path | None) -> Any:
     if geometry.sphere is not None:
         return trimesh.creation.icosphere(subdivisions=2, radius=geometry.sphere.radius)
     file = mesh_file(geometry.mesh.filename, folder)
-    if file is None:
-        log.warning('mesh %r must be a file here, got none', geometry.mesh.filename)
+    if file is None:  # told once for all
         return None
     mesh = trimesh.load(file, force='mesh')
     if geometry.mesh.scale is not None:

@@ -11,7 +11,7 @@ from shaped_runs import cycloid, swing_after
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import SolverError
+from denoc_ros.errors import SolverError, StateError
 
 T = np.linspace(0.0, 0.8, 101)
 # the wrist keeps the gripper level; what a message says of a follower does not count
@@ -62,3 +62,13 @@ def test_limits_count_a_followers_torque_as_its_leaders() -> None:
     shaped = peak('zv', 1.0, 400.0)
     with pytest.raises(SolverError, match="times the effort limit of 'joint_2'"):
         peak('zv', 0.9, shaped)
+
+
+@pytest.mark.parametrize('method', ['zv', 'zvd'])
+def test_followers_need_no_column(method: str) -> None:
+    robot = levelled()
+    whole = dn.shape_motion(robot, T, PLAIN, method, 'gripper', effort=400.0)
+    driven = dn.shape_motion(robot, T, PLAIN[:, :2], method, 'gripper', effort=400.0)
+    np.testing.assert_allclose(driven.q, whole.q, atol=1e-12)
+    with pytest.raises(StateError, match=r"\(101, 2\) \(times, driven joints \['joint_1', 'jo"):
+        dn.shape_motion(robot, T, PLAIN[:, :1], method, 'gripper')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -344,3 +345,28 @@ def test_a_simulation_that_diverges_starts_anew_and_says_so(graph: Any, plant: A
     assert abs(states[-1].position[0] - 0.5) < 1e-12
     assert np.isfinite([state.position for state in states]).all()
     graph.until(lambda: graph.value('plant: loop', 'failures') not in (None, '0'))
+
+
+def test_a_state_that_no_robot_has_is_said_with_its_instant(graph: Any, urdf: str) -> None:
+    node = graph.add(PlantNode, urdf_path=urdf, update_rate=100.0, position_limit=10.0)
+    graph.until(lambda: graph.diagnostics.get('plant: plant') is not None)
+    assert 'diverged' not in graph.diagnostics['plant: plant'].message
+    node.start[node._index] = 170.0
+    node._place()
+    pattern = re.compile(
+        r'the simulated state diverged \d+\.\d\d s after its start: .*: position must be from .*, '
+        r'got 170; .* feedback\.kp'
+    )
+    graph.until(lambda: pattern.search(graph.diagnostics['plant: plant'].message))
+    node.start[node._index] = 0.1
+    node._reset_wanted = True
+    graph.until(lambda: 'diverged' not in graph.diagnostics['plant: plant'].message)
+
+
+def test_a_line_says_what_an_active_node_does(graph: Any, urdf: str) -> None:
+    node = graph.add(PlantNode, urdf_path=urdf, update_rate=100.0)
+    pattern = re.compile(
+        r'active at 100 Hz: robot \w+, 2 joints, \d+ amplitudes; listens to .*commands.*; '
+        r'publishes .*joint_states'
+    )
+    assert pattern.fullmatch(node.summary().partition(', /plant')[0]), node.summary()

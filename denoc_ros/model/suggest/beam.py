@@ -248,7 +248,9 @@ def _judge(
     bandwidth: float,
 ) -> tuple[bool, str]:
     if length < STUBBY * stiff.width:
-        return False, f'stubby: {length / stiff.width:.2g} times as long as wide'
+        # rounded down: 3.99 is less than 4
+        ratio = math.floor(100.0 * length / stiff.width) / 100.0
+        return False, f'stubby: {ratio:g} times as long as wide, less than {STUBBY:g}'
     if sag >= VISIBLE * length:
         return True, f'sags by {sag / length:.2g} of its length'
     if by_effort >= VISIBLE * length:
