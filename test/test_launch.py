@@ -142,6 +142,19 @@ def test_nodes_are_executables_of_ours_and_take_their_parameters(name: str) -> N
             assert settings.number('update_rate') == 500.0
 
 
+@pytest.mark.ros
+def test_a_simulation_lives_by_the_plant_s_time() -> None:
+    found = start('sim', clock='lockstep', real_time_factor='0.0', record='true')
+    plant = found['plant'].parameters(context())
+    table = import_module('denoc_ros.runtime.plant_parameters').TABLE
+    settings = table.settings(plant, 'plant')
+    assert settings.text('clock') == 'lockstep'
+    assert settings.number('real_time_factor') == 0.0
+    assert settings.texts('lockstep.partners') == ['predictor', 'feedforward', 'recorder']
+    for partner in settings.texts('lockstep.partners'):
+        assert found[partner].parameters(context())['use_sim_time'] is True
+
+
 def test_what_params_say_stays_where_an_argument_is_empty(tmp_path: Path) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text('predictor: {ros__parameters: {urdf_path: mine.urdf, update_rate: 250.0}}')
@@ -208,6 +221,7 @@ def test_a_switch_is_on_or_off() -> None:
         ('replay', 'speed', '-1', "argument 'speed' must be a number > 0"),
         ('replay', 'speed', 'fast', "argument 'speed' must be a number > 0"),
         ('sim', 'update_rate', '-5', "argument 'update_rate' must be a number > 0"),
+        ('sim', 'real_time_factor', '-1', "argument 'real_time_factor' must be a number >= 0"),
         ('two_robots', 'update_rate', 'nan', "argument 'update_rate' must be a number > 0"),
         ('simulation', 'output', str(ROOT), "argument 'output' must not exist yet"),
     ],

@@ -33,6 +33,17 @@ FILES = ('urdf', 'params', 'bag')
 VIEWER = Argument('viewer', 'show the robot in the browser', 'false', ('true', 'false'))
 RVIZ = Argument('rviz', "start RViz with the package's configuration", 'false', ('true', 'false'))
 RATE = Argument('update_rate', 'rate of the loops [Hz], > 0; empty: what params say', '')
+CLOCK = Argument(
+    'clock',
+    "time of all nodes: real (none), or the plant's simulated time, told or in lockstep with all",
+    'none',
+    ('none', 'publish', 'lockstep'),
+)
+FACTOR = Argument(
+    'real_time_factor',
+    "of the plant's simulated time, at most; 0: as fast as it goes; empty: what params say",
+    '',
+)
 BAG = Argument('bag', 'the recording whose joint states are played')
 SPEED = Argument('speed', 'of the clock the recording is played by, > 0', '1.0')
 
@@ -117,6 +128,9 @@ def check(given: Mapping[str, str]) -> None:
     for name in ('speed', 'update_rate'):
         if given.get(name) and not _positive(given[name]):
             findings.append(f"argument '{name}' must be a number > 0, got {given[name]!r}")
+    factor = given.get('real_time_factor')
+    if factor and not (_positive(factor) or factor.strip('0.') == ''):
+        findings.append(f"argument 'real_time_factor' must be a number >= 0, got {factor!r}")
     if on(given, 'record') and given.get('output') and Path(given['output']).exists():
         findings.append(f"argument 'output' must not exist yet, got {given['output']!r}")
     if findings:
@@ -144,6 +158,8 @@ def simulation(record: str = 'false', output: str = '') -> Any:
     return description(
         SIMULATION,
         RATE,
+        CLOCK,
+        FACTOR,
         replace(RECORD, default=record),
         replace(OUTPUT, default=folder if output else ''),
         VIEWER,
@@ -209,6 +225,7 @@ def node(name: str, params: Any, given: Mapping[str, str]) -> Any:
         own['update_rate'] = float(given['update_rate'])
     if name == 'recorder' and given.get('output'):
         own['output'] = ParameterValue(given['output'], value_type=str)
+    own.update(time_parameters(name, given))
     return LifecycleNode(
         package=PACKAGE,
         executable=name,
@@ -217,6 +234,23 @@ def node(name: str, params: Any, given: Mapping[str, str]) -> Any:
         output='screen',
         parameters=[params, own] if own else [params],
     )
+
+
+def time_parameters(name: str, given: Mapping[str, str]) -> dict[str, Any]:
+    """Return a node's parameters of the time that a simulation lives by."""
+    own: dict[str, Any] = {}
+    clock = given.get('clock', 'none')
+    if name == 'plant' and given.get('real_time_factor'):
+        own['real_time_factor'] = float(given['real_time_factor'])
+    if clock == 'none':
+        return own
+    if name != 'plant':
+        return {'use_sim_time': True}
+    own['clock'] = clock
+    if clock == 'lockstep':
+        recorder = ['recorder'] if on(given, 'record') else []
+        own['lockstep.partners'] = [each for each in SIMULATION if each != 'plant'] + recorder
+    return own
 
 
 def rviz(configuration: Any) -> Any:

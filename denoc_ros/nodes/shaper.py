@@ -20,7 +20,7 @@ from denoc_ros.control.ringing import RingingModes, ringing_modes, ringing_robot
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.errors import ConfigError, DenocError
-from denoc_ros.nodes.messages import TrajectoryPointMessage
+from denoc_ros.nodes.messages import TrajectoryPointMessage, exact_bytes
 from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.motion_messages import planned_message, unshaped_message
 from denoc_ros.nodes.process import leave, run
@@ -184,7 +184,8 @@ class ShaperNode(RobotNode):
                 self.input.accept(message.stamp_ns or None, now)
                 self._brake(now)
                 if not self.stream.active and not self._left(now):
-                    self._reference.publish(JointTrajectory(joint_names=self.joints))
+                    empty = JointTrajectory(joint_names=self.joints)
+                    self._reference.publish(exact_bytes(empty))
             elif message.is_streamed:
                 self._take_point(message, now)
             else:
@@ -434,7 +435,7 @@ class ShaperNode(RobotNode):
         self._known = carried.trajectory.knots()[1][-1]
         if not self._reference.get_subscription_count():
             self.to_log.append('reference must have a subscriber, got none: a motion is lost')
-        self._reference.publish(message)
+        self._reference.publish(exact_bytes(message))
 
     def _fail(self, motion: RequestedMotion, why: str) -> None:
         """Refuse a motion, or let it through as it came."""

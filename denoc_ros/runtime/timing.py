@@ -189,7 +189,7 @@ class RealtimeLoop:
         skipped = self._skipped
         new_skipped, self._skipped_read = skipped - self._skipped_read, skipped
         periods = np.diff(start, prepend=self._last_start)
-        periods = periods[np.isfinite(periods)]
+        periods = periods[periods > 0.0]  # not before the first, nor where time was set back
         if new:
             self._last_start = start[-1]
         relative = periods / self.period

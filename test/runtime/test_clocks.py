@@ -97,6 +97,20 @@ def test_clock_that_jumps_begins_anew(second: int, by: float) -> None:
     assert clock.stamp_ns(clock.first(0.001)) > second
 
 
+def test_statistics_hold_over_a_clock_that_is_set_back() -> None:
+    clock = SimulatedClock(Told(0, 10_000_000, 2_000_000, 12_000_000))
+    loop = RealtimeLoop(1000.0, lambda _: None, clock=clock)
+    loop.start()
+    end = time.perf_counter() + 20.0
+    while clock.now_ns() != 12_000_000 or loop.record()[0].size < 20:
+        assert time.perf_counter() < end
+        time.sleep(0.001)
+    loop.stop()
+    statistics = loop.statistics()
+    assert statistics.ticks_total == 20
+    assert statistics.period_max < 0.0011
+
+
 def test_clock_that_stands_moves_nothing_and_is_noticed() -> None:
     stood: list[float] = []
     clock = SimulatedClock(Told(NOW, NOW, NOW), standing=lambda: stood.append(clock.now()))
