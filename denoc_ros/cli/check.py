@@ -74,7 +74,8 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
     Returns
     -------
     dict
-        `robot`, `mass_kg`, `coordinates`, `links`, `joints`, `springs`, `beams`, `sensors`,
+        `robot`, `mass_kg`, `coordinates`, `links`, `joints`, `springs`, `beams`, `shapes` (what
+        they lose at each beam's tip and where something hangs on it), `sensors`,
         `loops` (mimic joints too), `mechanism` (what the loops leave to move, one row or none),
         `natural_frequencies_hz` (joints held, all coordinates zero; negative: unstable),
         `observability` (of modes and biases by sensors with noise, there), `postures` (both in
@@ -97,6 +98,7 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         'joints': joints,
         'springs': springs,
         'beams': beams,
+        'shapes': _shapes(robot),
         'sensors': [
             {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic}
             for s in tree.sensors
@@ -256,6 +258,30 @@ def _beam(beam: Beam, link: str) -> Row:
     }
 
 
+def _shapes(robot: Robot) -> list[Row]:
+    """Return what the shapes of each beam lose, in percent of the beam's own."""
+    from denoc_ros.dynamics.shape_losses import shape_losses
+
+    def percent(share: float | None) -> float | None:
+        return None if share is None else round(100.0 * share, 4) + 0.0
+
+    return [
+        {
+            'link': loss.link,
+            'direction': loss.direction,
+            'shape': loss.shape,
+            'modes': loss.modes,
+            'at': loss.at,
+            'station_m': float(loss.station),
+            'force_lost_percent': percent(loss.force),
+            'moment_lost_percent': percent(loss.moment),
+            'frequency_off_percent': percent(loss.frequency),
+            'remedy': loss.remedy,
+        }
+        for loss in shape_losses(robot)
+    ]
+
+
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
@@ -266,7 +292,8 @@ def _as_text(summary: Mapping[str, Any]) -> str:
         f'{summary["robot"]}: {summary["mass_kg"]:.6g} kg, '
         f'{len(summary["coordinates"])} coordinates'
     ]
-    for title in ('links', 'joints', 'springs', 'beams', 'sensors', 'loops', 'mechanism'):
+    tables = ('links', 'joints', 'springs', 'beams', 'shapes', 'sensors', 'loops', 'mechanism')
+    for title in tables:
         if summary[title]:
             parts.append(f'{title}\n{text_table(summary[title])}')
     frequencies = summary['natural_frequencies_hz']

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,7 +37,11 @@ class FlexibleLink:
 
 
 def flexible_link(
-    element: BeamElement, inertia: RigidInertia | None, findings: Findings, warnings: list[str]
+    element: BeamElement,
+    inertia: RigidInertia | None,
+    findings: Findings,
+    warnings: list[str],
+    carries: bool = False,
 ) -> FlexibleLink | None:
     """Return a link's beam and rest, None if the link does not allow it.
 
@@ -51,6 +55,8 @@ def flexible_link(
         Gathers what is wrong.
     warnings : list of str
         Gathers what is doubtful.
+    carries : bool
+        Whether a mass or a loop hangs on the beam beyond its root.
 
     Returns
     -------
@@ -80,7 +86,7 @@ def flexible_link(
     if not _possible_rest(element, whole, beside, mass_per_length, polar, findings, warnings):
         return None
     with np.errstate(over='ignore', under='ignore', invalid='ignore'):
-        beam = _beam(element, mass_per_length, polar_inertia)
+        beam = _beam(element, mass_per_length, polar_inertia, carries)
     for part in (beam.y, beam.z, beam.torsion):
         if part is not None and not np.isfinite([part.modal_stiffness, part.damping]).all():
             findings.add(whose, 'modal stiffness and damping must be finite, got an overflow')
@@ -141,7 +147,21 @@ def _way_out(whole: RigidInertia, length: float, polar_inertia: float) -> str:
     return "no mass_per_length is possible: the link's mass is not spread along the beam axis"
 
 
-def _beam(element: BeamElement, mass_per_length: float, polar_inertia: float) -> Beam:
+def shape_for(element: BeamElement, modes: int, carries: bool) -> str:
+    """Return the shape of a beam's bending in a direction with so many modes.
+
+    Where the file does not say: craig-bampton for a beam that carries something beyond its root,
+    which bends it by forces and moments; clamped-free, whose frequencies are exact, for one that
+    carries nothing, and where one mode is too few for the two static shapes.
+    """
+    if element.segments > 1:
+        return 'craig-bampton' if modes > 1 else 'constant curvature'
+    return element.shape or ('craig-bampton' if carries and modes > 1 else 'clamped-free')
+
+
+def _beam(
+    element: BeamElement, mass_per_length: float, polar_inertia: float, carries: bool
+) -> Beam:
     """Return the beam, or each of its segments."""
     parts = (element.y, element.z, element.torsion)
     bends = any(part is not None and part.modes for part in parts)
@@ -150,12 +170,9 @@ def _beam(element: BeamElement, mass_per_length: float, polar_inertia: float) ->
     y, z = (
         None
         if part is None or part.modes == 0
-        else _deformation(
-            part, _bending_shapes(element, part.modes, length, segments), 2, mass_per_length,
-            segments,
-        )
+        else _bending(element, part, carries, length, mass_per_length)
         for part in (element.y, element.z)
-    )  # fmt: skip
+    )
     torsion = None
     if element.torsion is not None and element.torsion.modes > 0:
         make = torsion_shapes if segments == 1 else segment_torsion_shapes
@@ -164,12 +181,20 @@ def _beam(element: BeamElement, mass_per_length: float, polar_inertia: float) ->
     return Beam(length, mass_per_length, polar_inertia, y, z, torsion, segments)
 
 
-def _bending_shapes(
-    element: BeamElement, modes: int, length: float, segments: int
-) -> ShapeFunctions:
-    if segments == 1:
-        return shape_functions(element.shape, modes, length)
-    return segment_shapes(modes, length)
+def _bending(
+    element: BeamElement,
+    part: DeformationElement,
+    carries: bool,
+    length: float,
+    mass_per_length: float,
+) -> Deformation:
+    name = shape_for(element, part.modes, carries)
+    if element.segments == 1:
+        shapes = shape_functions(name, part.modes, length)
+    else:
+        shapes = segment_shapes(part.modes, length)
+    made = _deformation(part, shapes, 2, mass_per_length, element.segments)
+    return replace(made, shape=name)
 
 
 def _deformation(

@@ -42,7 +42,7 @@ class BeamElement:
     length: float
     mass_per_length: float | None  # None: the link's mass / length
     polar_inertia: float | None  # None: the link's inertia about the beam axis / length
-    shape: str
+    shape: str  # '' as the load on the beam asks for, see `shape_for`
     y: DeformationElement | None
     z: DeformationElement | None
     torsion: DeformationElement | None
@@ -204,7 +204,8 @@ def _read_segments(reader: Reader) -> int:
 def _read_shape(reader: Reader, segments: int) -> str:
     """Return the shape; segments need one that hands the load at its tip on."""
     if segments == 1:
-        return reader.choice('shape', SHAPES, 'clamped-free')
+        given = reader.element.get('shape') is not None
+        return reader.choice('shape', SHAPES) if given else ''
     shape = reader.choice('shape', SHAPES, 'craig-bampton')
     if shape not in ('', 'craig-bampton'):
         reader.fail('shape', 'be craig-bampton (the default) with segments > 1', shape)

@@ -96,6 +96,7 @@ class Deformation:
     stiffness: float  # EI [N m^2] or GJ [N m^2]
     modal_stiffness: Array  # (m,) diagonal
     damping: Array  # (m,) coefficients [N s/m] or [N m s/rad]
+    shape: str = ''  # name of the shapes
 
     @property
     def modes(self) -> int:

@@ -11,6 +11,7 @@ from denoc_ros.model.assembly import Assembly, assemble
 from denoc_ros.model.beams import FlexibleLink, flexible_link
 from denoc_ros.model.findings import Element, Findings
 from denoc_ros.model.flexibility import Flexibility, read_flexibility
+from denoc_ros.model.inertia import inverse_transform
 from denoc_ros.model.inertial_sensors import InertialElement, make_inertial_sensor
 from denoc_ros.model.loops import LoopElement
 from denoc_ros.model.rigid_urdf import RigidUrdf, read_rigid_urdf
@@ -96,12 +97,34 @@ def _flexible_links(
     robot: RigidUrdf, flexibility: Flexibility, findings: Findings, warnings: list[str]
 ) -> dict[str, FlexibleLink]:
     found: dict[str, FlexibleLink] = {}
+    carrying = _carrying(robot, flexibility)
     for link, element in flexibility.beams.items():
         if link in robot.links:  # else the link itself has findings
-            made = flexible_link(element, robot.links[link], findings, warnings)
+            carries = link in carrying
+            made = flexible_link(element, robot.links[link], findings, warnings, carries)
             if made is not None:
                 found[link] = made
     return found
+
+
+def _carrying(robot: RigidUrdf, flexibility: Flexibility) -> set[str]:
+    """Return the links with a beam on which a mass or a loop hangs beyond the root."""
+    over = {joint.child: joint.parent for joint in robot.joints}
+    loaded: set[str] = set()
+    for link, body in robot.links.items():
+        up = link if body is not None and body.mass > 0.0 else None
+        while up is not None and up not in loaded:
+            loaded.add(up)
+            up = over.get(up)
+    ends = [(loop.parent, loop.parent_origin) for loop in flexibility.loops]
+    ends += [(loop.child, loop.child_origin) for loop in flexibility.loops]
+    ends += [(joint.parent, joint.origin) for joint in robot.joints if joint.child in loaded]
+    return {
+        link
+        for link, origin in ends
+        if link in flexibility.beams
+        and (inverse_transform(flexibility.beams[link].origin) @ origin)[0, 3] > 0.0
+    }
 
 
 def _check_segment_names(

@@ -77,7 +77,7 @@ MANY_MODES = """<robot name="boom"><link name="world"/>
   <joint name="side" type="revolute"><parent link="boom"/><child link="arm"/>
     <origin xyz="2.5 0.1 0"/><axis xyz="0 1 0"/>
     <limit effort="10" velocity="1" lower="-2" upper="2"/></joint>
-  <flexibility><beam link="boom" length="4">
+  <flexibility><beam link="boom" length="4" shape="clamped-free">
     <bending direction="y" ei="2e4" modes="4"/><bending direction="z" ei="3e4" modes="3"/>
     <torsion gj="1e4" polar_inertia="0.05" modes="2"/></beam></flexibility></robot>"""
 

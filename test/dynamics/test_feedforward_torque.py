@@ -24,8 +24,10 @@ LINK = """
 <origin xyz="{x} 0 0"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="500" velocity="9"/>
 <dynamics damping="0.7" friction="0.4"/>{mimic}</joint>"""
 FLEXIBILITY = """<flexibility>
-<beam link="one" length="2"><bending direction="y" ei="900" modes="2" damping_ratio="0.01"/></beam>
-<beam link="two" length="2"><bending direction="y" ei="900" modes="2" damping_ratio="0.01"/></beam>
+<beam link="one" length="2" shape="clamped-free">
+<bending direction="y" ei="900" modes="2" damping_ratio="0.01"/></beam>
+<beam link="two" length="2" shape="clamped-free">
+<bending direction="y" ei="900" modes="2" damping_ratio="0.01"/></beam>
 </flexibility>"""
 
 

@@ -108,7 +108,11 @@ BLOCK = [
     ('length="6.0"', '', 'length must be > 0 m, got nothing'),
     ('length="6.0"', 'length="6.0" width="1"', "attribute of <beam> must be one of .*'width'"),
     ('length="6.0"', 'length="6.0" mass_per_length="0"', 'mass_per_length must be > 0 kg/m'),
-    ('length="6.0"', 'length="6.0" shape="free"', "shape must be one of clamped-free.*'free'"),
+    (
+        'length="6.0" shape="clamped-free"',
+        'length="6.0" shape="free"',
+        "shape must be one of clamped-free.*'free'",
+    ),
     (
         '<bending direction="y" ei',
         '<spring/><bending direction="y" ei',
@@ -184,7 +188,7 @@ BLOCK = [
         r'polar_inertia \(torsion\) must not come with a <section>',
     ),
     (
-        'length="2.0"',
+        'length="2.0" shape="clamped-free"',
         'length="2.0" shape="craig-bampton"',
         None,
     ),
@@ -332,7 +336,7 @@ def test_torsion_without_polar_inertia_is_a_finding(spoiled: Spoil) -> None:
 
 
 def test_craig_bampton_needs_two_modes(spoiled: Spoil) -> None:
-    text = spoiled('length="6.0"', 'length="6.0" shape="craig-bampton"')
+    text = spoiled('shape="clamped-free"', 'shape="craig-bampton"')
     text = text.replace('modes="3" damping_ratio="0.005"', 'modes="1"')
     with pytest.raises(ModelError, match=r'modes \(direction z\) must be >= 2 with shape craig'):
         load_tree(text)

@@ -33,7 +33,8 @@ def two_links() -> str:
     links = LINK.format(link='one', joint='j1', parent='base', x=0)
     links += LINK.format(link='two', joint='j2', parent='one', x=1)
     beams = ''.join(
-        f'<beam link="{link}" length="1"><bending direction="y" ei="300" modes="2" '
+        f'<beam link="{link}" length="1" shape="clamped-free">'
+        '<bending direction="y" ei="300" modes="2" '
         'damping_ratio="0.02"/></beam>'
         for link in ('one', 'two')
     )

@@ -43,7 +43,7 @@ STRIP = """
     <parent link="strip"/><child link="strip_tip"/><origin xyz="0.52 0 0"/>
   </joint>
   <flexibility>
-    <beam link="strip" length="0.52">
+    <beam link="strip" length="0.52" shape="clamped-free">
       <bending direction="y" ei="1.4" modes="2" damping_ratio="0.003"/>
     </beam>
   </flexibility>

@@ -41,13 +41,13 @@ ARM = """<?xml version="1.0"?>
     <parent link="forearm"/><child link="tool"/><origin xyz="2 0 0.1"/>
   </joint>
   <flexibility>
-    <beam link="upper_arm" length="6.0">
+    <beam link="upper_arm" length="6.0" shape="clamped-free">
       <origin xyz="0 0 0" rpy="0 0 0"/>
       <bending direction="y" ei="1.0e5" modes="2" damping_ratio="0.005 0.008"/>
       <bending direction="z" ei="2.0e5" modes="3" damping_ratio="0.005"/>
       <torsion gj="4.0e4" polar_inertia="0.02" modes="1" damping="0.01"/>
     </beam>
-    <beam link="forearm" length="2.0">
+    <beam link="forearm" length="2.0" shape="clamped-free">
       <section type="tube" diameter="0.05" wall="0.004"/>
       <material e="7.0e10" g="2.6e10" density="2700"/>
       <bending direction="y" modes="2"/>

@@ -163,7 +163,8 @@ def _add_beam(
                 f'gain="1e-6" offset="4e-5" topic="/{gauge}"/>'
             )
             draft.gauges.append(gauge)
-    draft.block += f'<beam link="{name}" length="{length:.9g}">{parts}</beam>'
+    draft.block += f'<beam link="{name}" length="{length:.9g}" shape="clamped-free">'
+    draft.block += f'{parts}</beam>'
     if has_imus:
         draft.block += (
             f'<sensor name="imu_{name}" type="imu" link="{name}" station="{length:.9g}" '

@@ -213,7 +213,7 @@ def test_what_does_not_show_the_robot_is_refused(
         RecordedRun(empty, simulated_bag.robot)
 
 
-BENDING = """<beam link="fore" length="0.4" mass_per_length="1">
+BENDING = """<beam link="fore" length="0.4" mass_per_length="1" shape="clamped-free">
 <bending direction="z" ei="50" modes="1"/></beam>"""
 
 

@@ -169,8 +169,7 @@ def _add_flexibility(root: Element, system: DHSystem) -> None:
         beam = etree.SubElement(block, 'beam', link=link.name, length=number_text(link.a))
         if link.b:  # else the beam is the whole link, which is the default
             beam.set('mass_per_length', number_text(link.mass / link.rod_length))
-        if system.shape != 'clamped-free':
-            beam.set('shape', system.shape)
+        beam.set('shape', system.shape)
         etree.SubElement(beam, 'origin', xyz=number_text(0.0, 0.0, link.b))
         for direction in ('y',) if system.planar else ('y', 'z'):
             assert link.ei is not None
