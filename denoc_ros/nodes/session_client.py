@@ -26,6 +26,7 @@ from denoc_ros.nodes.base import COMMAND, LATCHED
 from denoc_ros.nodes.clock_input import time_ns
 from denoc_ros.nodes.graph import leave_graph
 from denoc_ros.nodes.inputs import arrived
+from denoc_ros.nodes.messages import exact_bytes
 from denoc_ros.nodes.without_events import WithoutEvents
 from denoc_ros.runtime.status import ERROR, OK
 from denoc_ros.trajectories import Trajectory
@@ -242,7 +243,7 @@ class SessionClient:
             When there are not as many listeners as there should be.
         """
         publisher = self._listened(listeners)
-        publisher.publish(reference_message(trajectory, joints, start_ns))
+        publisher.publish(exact_bytes(reference_message(trajectory, joints, start_ns)))
 
     def await_listeners(self, listeners: int) -> None:
         """Wait until as many nodes listen to the reference as there should be; else NodeError."""
@@ -262,7 +263,7 @@ class SessionClient:
     def publish_asked(self, trajectory: Trajectory, joints: list[str], start_ns: int) -> None:
         """Publish, for the record, what was asked for where the reference is shaped from it."""
         if self._asked is not None:
-            self._asked.publish(reference_message(trajectory, joints, start_ns))
+            self._asked.publish(exact_bytes(reference_message(trajectory, joints, start_ns)))
 
     def _insist(self, client: Any, request: Any) -> Any:
         """Ask until there is a reply, None if there is none in time; the request is idempotent."""
