@@ -65,6 +65,7 @@ class Planning:
         try:
             robot = self.robot(header['robot'])
             if header['job'] == 'load':
+                self._rehearse(robot, header, arrays)
                 answer: dict[str, Any] = {'joints': list(robot.joint_names)}
                 rows: dict[str, Array] = {}
             elif header['job'] == 'gains':
@@ -76,6 +77,14 @@ class Planning:
         except Exception as error:  # a defect of ours must not end the process
             answer, rows = {'error': f'{type(error).__name__}: {error}'}, {}
         return {**answer, 'id': header['id'], 'took': time.perf_counter() - began}, rows
+
+    def _rehearse(self, robot: Robot, header: dict[str, Any], arrays: dict[str, Array]) -> None:
+        """Plan a motion that stands still: kernels compile here, not in the time of the first."""
+        still = arrays['posture'][robot.indices(header['joints'])]
+        rest = np.zeros((2, len(still)))
+        knots = np.array([0.0, 1.0]), np.array([still, still]), rest, rest
+        with suppress(DenocError):  # a motion may be possible where standing still is not
+            self._shape(robot, header, {**dict(zip(KNOTS, knots, strict=True)), **arrays})
 
     def _shape(
         self, robot: Robot, header: dict[str, Any], arrays: dict[str, Array]

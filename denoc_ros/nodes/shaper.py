@@ -34,6 +34,7 @@ from denoc_ros.runtime.motion_planning import (
     given_limits,
     robot_job,
     servo_columns,
+    shape_job,
 )
 from denoc_ros.runtime.motion_samples import RequestedMotion
 from denoc_ros.runtime.parameters import Settings, Value
@@ -148,9 +149,10 @@ class ShaperNode(RobotNode):
             raise ConfigError(name, [rule])
 
     def _load(self, patience: float = 0.0) -> None:
-        job = robot_job(self.settings, self.description)
+        robot = robot_job(self.settings, self.description)
         self._rest = self.posture(self.robot, self.settings)
-        self.planning.load(job, self.joints, self._rest, patience)
+        job = shape_job(self.settings, robot, self.joints)
+        self.planning.load(job, self._rest, patience)
 
     def _check(self, settings: Settings) -> None:
         """Refuse what the planner could not work with."""

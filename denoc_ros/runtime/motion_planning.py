@@ -21,7 +21,7 @@ from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.planner import Answer, Planner
 from denoc_ros.types import Array
 
-LOADING = 120.0  # s: a cold kernel cache compiles on a slow machine
+LOADING = 300.0  # s: a cold kernel cache compiles on a slow machine
 LOOK = 0.01  # s between looks for an answer that is waited for
 LIMITS = ('velocity', 'acceleration', 'jerk', 'effort')
 
@@ -62,39 +62,35 @@ class MotionPlanning:
         """Whether a motion waits for its plan."""
         return self._waiting is not None or self._solving is not None
 
-    def load(
-        self, robot: dict[str, Any], joints: Sequence[str], posture: Array, patience: float = 0.0
-    ) -> None:
-        """Start the planner with a robot, so that the first motion does not wait for it.
+    def load(self, job: dict[str, Any], posture: Array, patience: float = 0.0) -> None:
+        """Start the planner with a robot and a method, whose kernels compile before a motion.
 
         A planner that takes longer than `patience` goes on beside, motions wait for it. What is
         wrong is in `load_error`.
 
         Parameters
         ----------
-        robot : dict
-            As of :func:`robot_job`.
-        joints : sequence of str
-            The driven joints, in the order of motions.
+        job : dict
+            As of :func:`shape_job`, with the driven joints in the order of motions.
         posture : (n,) array
             Near which the loops of a motion's first row close.
         patience : float
             s to wait until it has loaded it.
         """
-        self._joints, self._posture = joints, posture
+        self._joints, self._posture = job['joints'], posture
         self.planner.close()
-        self._start(robot)
+        self._start(job)
         end = time.perf_counter() + patience
         while self.loading and time.perf_counter() < end:
             time.sleep(LOOK)
             self._poll()
 
-    def _start(self, robot: dict[str, Any]) -> bool:
+    def _start(self, job: dict[str, Any]) -> bool:
         """Start the planner, if it may be started; say whether it was."""
         if not self.planner.start():
             return False
         self.loading = True
-        self.planner.submit({'job': 'load', 'robot': robot}, {}, LOADING)
+        self.planner.submit({**job, 'job': 'load'}, {'posture': self._posture}, LOADING)
         return True
 
     def take(self, motion: RequestedMotion) -> None:
@@ -111,7 +107,7 @@ class MotionPlanning:
         """Take the planner's answer, start it anew where it died, hand it the next motion."""
         planner = self.planner
         self._poll()
-        if not planner.running and self._start(robot):
+        if not planner.running and self._start(shape_job(settings, robot, self._joints)):
             self._log('the planner is started anew')
         if self._waiting is not None and planner.running and not planner.busy:
             motion, self._waiting = self._waiting, None

@@ -9,14 +9,17 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
 from child_processes import child, gone
 
+from denoc_ros.control import planner_process
 from denoc_ros.control.gain_jobs import KNOTS
 from denoc_ros.control.jobs import LONGEST_HEADER, read_message, write_message
 from denoc_ros.control.planner_process import Planning, serve
+from denoc_ros.errors import StateError
 from denoc_ros.runtime.planner import Answer, Planner
 from denoc_ros.trajectories import SplineTrajectory
 
@@ -91,8 +94,10 @@ def test_messages_come_back_as_they_were_sent() -> None:
 
 def test_jobs_are_answered_in_order_and_bad_ones_say_why() -> None:
     jobs, answers = io.BytesIO(), io.BytesIO()
-    write_message(jobs, {'id': 1, 'job': 'load', 'robot': ROBOT}, {})
-    write_message(jobs, {'id': 2, 'job': 'load', 'robot': {**ROBOT, 'source': 'no.urdf'}}, {})
+    posture = {'posture': np.zeros(6)}
+    write_message(jobs, {**SHAPE, 'id': 1, 'job': 'load'}, posture)
+    missing = {**ROBOT, 'source': 'no.urdf'}
+    write_message(jobs, {**SHAPE, 'id': 2, 'job': 'load', 'robot': missing}, posture)
     write_message(jobs, {'id': 3, **SHAPE}, motion())
     write_message(jobs, {'id': 4, **SHAPE, 'method': 'zz'}, motion())
     write_message(jobs, {'id': 5, **SHAPE}, {})
@@ -120,6 +125,24 @@ def test_robot_is_loaded_once_for_many_jobs() -> None:
     heavy = planning.robot({**ROBOT, 'overrides': {'payload.tool.mass': 2.0}})
     assert heavy is not first
     assert planning.robot(ROBOT) is first
+
+
+def test_loading_plans_a_motion_that_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Kernels of a method compiled within the first motion, which took too long for it."""
+    plans: list[tuple[np.ndarray, str]] = []
+
+    def shape(*arguments: Any, **_: Any) -> NoReturn:
+        plans.append((arguments[2], arguments[3]))
+        raise StateError('the tip must move')  # which is no failure of loading
+
+    monkeypatch.setattr(planner_process, 'shape_motion', shape)
+    posture = np.array([0.2, 0.0, 0.0, 0.3, 0.0, 0.0])
+    header = {**SHAPE, 'job': 'load', 'method': 'tip', 'id': 1}
+    answer, _ = Planning().answer(header, {'posture': posture})
+    assert answer['joints'] == SHAPE['joints']
+    ((q, method),) = plans
+    assert method == 'tip'
+    np.testing.assert_allclose(q, [[0.2, 0.3]] * len(q))
 
 
 def test_process_answers_and_ends_with_its_input() -> None:
