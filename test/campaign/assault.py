@@ -295,6 +295,37 @@ class Assault:
             with suppress(ProcessLookupError):
                 os.kill(child, signal.SIGKILL)
 
+    def _halt(self, attack: Attack) -> None:
+        """Stop the processes that a node has started, at any moment of theirs."""
+        node = attack['node']
+        halted = children(self.stage.process(node).pid)
+        for child in halted:
+            with suppress(ProcessLookupError):
+                os.kill(child, signal.SIGSTOP)
+        self._count(node, 'signals', len(halted))
+        if attack['then'] == 'stop the node':
+            kind = 'std_srvs/srv/Trigger'
+            self._ask(node, f'/{node}/reset', kind, interface(kind).Request())
+        time.sleep(attack['seconds'])
+        last = signal.SIGKILL if attack['then'] == 'kill' else signal.SIGCONT
+        for child in halted:
+            with suppress(ProcessLookupError):
+                os.kill(child, last)
+
+    def _endless(self, attack: Attack) -> None:
+        """Ask for a motion that takes hours or years, and perhaps for its stop."""
+        stage = self.stage
+        message = stage.trajectory(0.2)
+        message.points[-1].time_from_start.sec = int(attack['seconds'])
+        publisher = stage.publisher(
+            stage.scene.plans_for, interface('trajectory_msgs/msg/JointTrajectory')
+        )
+        publisher.publish(message)
+        self._count('shaper', 'messages')
+        if attack['stop']:
+            kind = 'std_srvs/srv/Trigger'
+            self._ask('shaper', '/shaper/stop', kind, interface(kind).Request())
+
     def _description(self, attack: Attack) -> None:
         node, stage = attack['node'], self.stage
         rng = adversary(attack['seed'], self.inventory, node)

@@ -22,7 +22,7 @@ WEIGHTS = {
     'end': 4, 'clock': 4, 'description': 4, 'socket': 4, 'files': 3, 'join': 3, 'topics': 3,
 }  # fmt: skip
 # where there are gauges, and a shaper
-MORE = {'gauges': 12, 'kill': 5}
+MORE = {'gauges': 12, 'kill': 5, 'halt': 5, 'endless': 3}
 COUNTS, RATES = (1, 3, 20, 100, 400), (0.0, 100.0, 500.0, 2000.0)  # of messages; Hz, 0: at once
 LONGEST = 2.0  # s of messages
 LENGTHS = (2_000, 30_000, 300_000)  # elements of a huge message
@@ -133,7 +133,7 @@ def draw_step(rng: np.random.Generator, inventory: Inventory, mortal: tuple[str,
     signalled: set[str] = set()
     kept = []
     for attack in step:
-        if attack['do'] in ('pause', 'end', 'kill'):
+        if attack['do'] in ('pause', 'end', 'kill', 'halt'):
             if attack['node'] in signalled:
                 continue
             signalled.add(attack['node'])
@@ -200,6 +200,13 @@ def draw_attack(rng: np.random.Generator, inventory: Inventory, mortal: tuple[st
         # of the feedforward only what designs its gains
         attack.update(node=one_of(('shaper', 'feedforward')), child=bool(rng.random() < 0.5))
         attack['child'] = attack['child'] or attack['node'] == 'feedforward'
+    elif kind == 'halt':
+        attack.update(node=one_of(('shaper', 'feedforward')), seconds=one_of((0.05, 0.5, 3.0)))
+        attack['then'] = one_of(('continue', 'kill', 'stop the node'))
+    elif kind == 'endless':
+        attack.update(
+            node='shaper', seconds=one_of((3e4, 1e6, 2e9)), stop=bool(rng.random() < 0.5)
+        )
     elif kind == 'topics':
         attack.update(node='recorder', count=one_of((3, 20)))
     return attack

@@ -68,6 +68,9 @@ def test_gauges_and_planners_are_attacked_where_there_are_some() -> None:
     assert {attack['what'] for attack in drawn['gauges']} == set(FAULTS)
     killed = {(attack['node'], attack['child']) for attack in drawn['kill']}
     assert killed == {('shaper', True), ('shaper', False), ('feedforward', True)}
+    halted = {(attack['node'], attack['then']) for attack in drawn['halt']}
+    assert len(halted) == 6
+    assert {attack['stop'] for attack in drawn['endless']} == {True, False}
 
 
 def test_gauges_fail_as_they_are_told_to() -> None:
