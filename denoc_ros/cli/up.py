@@ -8,7 +8,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -194,7 +194,8 @@ def bring_up(
         raise ConfigError('--output', [TAKEN.format(output)])
     check_parameters(config, session_nodes(config, bag))
     progress = Progress()
-    with progress.step('loading the robot (compiles the kernels: half a minute the first time)'):
+    _compile(config, progress, (interrupts or Interrupts()).check)
+    with progress.step('loading the robot'):
         robot = load_robot(config.robot, gravity=config.gravity)
         if config.tip and config.tip not in robot.frame_names:
             known = ', '.join(robot.frame_names)
@@ -235,6 +236,18 @@ def bring_up(
     return SessionRun(
         folder, conclude(folder, file, error, shares, config.record, progress), error
     )
+
+
+def _compile(config: SessionConfig, progress: Progress, watch: Callable[[], None]) -> None:
+    """Compile the kernels that the session needs, if some are not in the cache."""
+    from denoc_ros.cli.kernels_ahead import compile_all, estimate
+
+    loops = bool(config.joints)
+    plans = any(phase.shape for phase in config.phases) or 'shaper' not in config.without
+    if expected := estimate(loops, plans):
+        what = 'compiling the kernels in two processes, once per version and user'
+        with progress.step(what, expected):
+            compile_all(loops, plans, watch)
 
 
 @contextmanager
