@@ -219,6 +219,9 @@ def check_parameter_file(values: dict[str, Any]) -> None:
         if node in NODES:
             check_parameters(node, flat(parameters))
             continue
+        if section == '/**':  # what every ROS node has
+            assert set(parameters) <= {'use_sim_time'}, section
+            continue
         kinds = [values['controller_manager']['ros__parameters'].get(node, {}).get('type')]
         known = theirs[node if node == 'controller_manager' else kinds[0]]
         for name in flat(parameters):
