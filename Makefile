@@ -24,7 +24,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint style types bench mechanisms rates soak siege longbag fuzz load watched requests bounds identification longload ends peers readme counts venv clean
+.PHONY: demo test check browser lint style types bench mechanisms rates soak siege longbag fuzz load watched requests bounds identification strangers longload ends peers readme counts venv clean
 
 venv: $(STAMP)
 
@@ -135,6 +135,10 @@ longload: $(STAMP)
 # an hour: a hundred random robots whose model is off, identified blind; what is found, and what is said of it
 identification: $(STAMP)
 	PYTHONPATH=test:test/support $(BIN)/python -m bench.identify_truth --count 100 --json runs/identification.json
+
+# two minutes: verdicts on records as strangers make them
+strangers: $(STAMP)
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.identify_strangers --count 500
 
 # a quarter of an hour: all tests of the dynamics with kernels that check every offset
 bounds: $(STAMP)

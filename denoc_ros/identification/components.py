@@ -60,8 +60,8 @@ class Component:
 
     @property
     def interval(self) -> Array:
-        """The interval to go by, shape (2,)."""
-        return self.windowed if self.curve and self.curve.dependent else self.formal
+        """The interval to go by, shape (2,): never narrower than what the windows say."""
+        return self.windowed if self.curve else self.formal
 
 
 def components(t: Array, fit: Damped, span: float) -> tuple[list[Component], tuple[Line, ...]]:

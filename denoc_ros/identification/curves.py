@@ -89,8 +89,13 @@ def window_interval(curve: AmplitudeCurve, zeta: float, deviation: float) -> Arr
     -----
     DerSimonian and Laird's moment estimate, Controlled Clinical Trials 7, 1986.
     """
-    half = NORMAL_95 * np.sqrt(deviation**2 + _between(curve.damping_ratio, curve.deviation))
+    spread = _between(curve.damping_ratio, curve.deviation)
+    half = NORMAL_95 * np.sqrt(deviation**2 + spread)
     low, high = zeta - half, zeta + half
+    if spread and not (low < curve.damping_ratio).any() & (curve.damping_ratio < high).any():
+        # none of the windows has what the whole record has: two cosines of one mode, say
+        low = min(low, curve.damping_ratio.min())
+        high = max(high, curve.damping_ratio.max())
     if curve.dependent:
         sharp = curve.deviation <= max(0.25 * abs(zeta), np.sort(curve.deviation)[1])
         low = min(curve.damping_ratio[sharp].min(), zeta - NORMAL_95 * deviation)

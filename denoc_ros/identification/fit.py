@@ -77,7 +77,8 @@ def fit_modes(record: Record) -> Modes:
     parts, lines = components(t[seen], fit, record.duration)
     growing = [part for part in parts if part.zeta < -NORMAL_95 * part.deviation]
     parts = [part for part in parts if part not in growing]
-    verdicts = [judge(part, record, quality, coloured(fit.residual)) for part in parts]
+    is_coloured, left_out = coloured(fit.residual), float(np.mean(~seen))
+    verdicts = [judge(part, record, quality, is_coloured, left_out) for part in parts]
     base = fit.weights[-2:]
     return Modes(
         frequency=_column(parts, 'frequency'),

@@ -27,6 +27,7 @@ FEWEST_CYCLES = 1.0  # of a decay
 FIRST_SAMPLES = 8
 RELEASED = 5.0  # standard deviations of the noise from where the record starts
 RESTING = 1.0  # cycles
+SHIFTED = 0.1  # of the swing, from one cycle's mean to the next: a step
 FEWEST_FOLDS = 0.1  # that a decay must fall
 
 
@@ -45,7 +46,9 @@ class Segment:
     level : float
         Mean at the end [unit].
     frequency : float
-        Of the swing at the start of a decay [Hz]; 0 for the others.
+        Of a decay: where its spectrum is largest [Hz]; 0 for the others.
+    until : float
+        When the next event begins, however small what follows it is [s]; inf for none.
     """
 
     kind: Kind
@@ -54,6 +57,7 @@ class Segment:
     amplitude: float
     level: float
     frequency: float = 0.0
+    until: float = np.inf
 
 
 def find_segments(record: Record) -> list[Segment]:
@@ -151,6 +155,34 @@ def _events(ahead: Array, behind: Array, quiet: float) -> list[int]:
     return [first + int(np.argmax(jump[first : last + 1])) for first, last in _runs(sudden)]
 
 
+def _frequency(t: Array, y: Array, size: int) -> float:
+    """Return where a decay's spectrum is largest [Hz], from half the rate of a cycle on."""
+    padded = 8 * y.size
+    power = np.abs(np.fft.rfft((y - y.mean()) * np.hanning(y.size), padded))
+    frequency = np.fft.rfftfreq(padded, t[1] - t[0])
+    power[frequency < 0.5 / (size * (t[1] - t[0]))] = 0.0
+    return float(frequency[int(np.argmax(power))])
+
+
+def _level_shift(y: Array, swing: Array, quiet: float, cycle: int) -> int:
+    """Return the index a cycle before the level of a decay shifts, 0 where it does not.
+
+    The mean over a cycle says so at once, however small the step beside the swing; the first half
+    of the decay shows what else moves it, such as a slower mode.
+    """
+    if y.size < 6 * cycle:
+        return 0
+    total = np.cumsum(np.concatenate(([0.0], y)))
+    means = (total[cycle:] - total[:-cycle]) / cycle
+    change = np.abs(means[cycle:] - means[:-cycle])  # at sample k: of the cycles about k + cycle
+    usual = float(change[: change.size // 2].max())
+    limit = np.maximum(SHIFTED * swing[cycle : cycle + change.size], max(3.0 * usual, quiet))
+    beyond = np.flatnonzero(change > limit)
+    if not beyond.size:
+        return 0
+    return int(beyond[0]) + cycle
+
+
 def _after_event(
     t: Array, y: Array, ahead: Array, quiet: float, first: int, last: int, size: int
 ) -> list[Segment]:
@@ -172,6 +204,13 @@ def _after_event(
     height = 0.5 * float(np.ptp(y[start : start + size]))
     left = 0.5 * float(np.ptp(y[max(stop - size, start) : stop + 1]))
     if stop - start >= FEWEST_CYCLES * size and height > np.exp(FEWEST_FOLDS) * left:
-        frequency = 1.0 / float(size * (t[1] - t[0]))
-        found.append(Segment('decay', float(t[start]), float(t[stop]), height, level, frequency))
+        frequency = _frequency(t[start : stop + 1], y[start : stop + 1], size)
+        until = np.inf if last == y.size - 1 else float(t[max(last - size // 4, stop)])
+        cycle = max(round(1.0 / (frequency * (t[1] - t[0]))), 4)
+        shift = _level_shift(y[start:last], ahead[start:last], quiet, cycle)
+        if shift:
+            stop = min(stop, start + shift)
+            until = min(until, float(t[start + shift]))
+        span = float(t[start]), float(t[stop])
+        found.append(Segment('decay', *span, height, level, frequency, until))
     return found

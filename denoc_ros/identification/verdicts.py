@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from denoc_ros.identification.components import Component
+from denoc_ros.identification.curves import NORMAL_95
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
 from denoc_ros.identification.quality import Quality
 from denoc_ros.identification.records import Record
@@ -14,20 +15,32 @@ USELESS = 0.35  # relative standard deviation that says nothing
 FEWEST_CYCLES = 1.5
 HEAVIEST = 0.3  # damping ratio with which the amplitude falls to 5 % in one and a half cycles
 MOST_CLIPPED = 0.4
+FEWEST_FOLDS = 0.25  # e-folds of amplitude that a decay must fall by in its window
 WEAK = 0.1  # of the strongest, for a mode beside a coloured residual
 NEAR_NYQUIST = 0.8  # of half the sample rate
 
 
 def judge(
-    part: Component, record: Record, quality: Quality, coloured: bool
+    part: Component, record: Record, quality: Quality, coloured: bool, left_out: float
 ) -> tuple[str, tuple[str, ...]]:
-    """Return the verdict on a mode and the reasons."""
-    doubts = _doubts(part, record, quality, coloured)
+    """Return the verdict on a mode and the reasons.
+
+    Parameters
+    ----------
+    part : Component
+    record : Record
+    quality : Quality
+    coloured : bool
+        Whether the residual of the fit is.
+    left_out : float
+        Share of the samples that the fit did not use.
+    """
+    doubts = _doubts(part, record, quality, coloured, left_out)
     if part.zeta <= 0.0:
         return NOT_IDENTIFIABLE, (f'does not decay: damping ratio {part.zeta:.3g}', *doubts)
     if part.no_decay:
         return NOT_IDENTIFIABLE, (part.no_decay, *doubts)
-    relative = part.deviation / part.zeta
+    relative = max(part.deviation, _half_width(part) / NORMAL_95) / part.zeta
     spread = f'standard deviation of the damping ratio is {100.0 * relative:.1f} % of it'
     if relative > USELESS:
         return NOT_IDENTIFIABLE, (spread, *doubts)
@@ -36,8 +49,22 @@ def judge(
     return (DOUBTFUL, tuple(doubts)) if doubts else (GOOD, ())
 
 
-def _doubts(part: Component, record: Record, quality: Quality, coloured: bool) -> list[str]:
+def _half_width(part: Component) -> float:
+    low, high = part.interval
+    return float(0.5 * (high - low)) if np.isfinite(high - low) else 0.0
+
+
+def _doubts(
+    part: Component, record: Record, quality: Quality, coloured: bool, left_out: float
+) -> list[str]:
     reasons = []
+    folds = 2.0 * np.pi * part.frequency * part.zeta * record.duration
+    if 0.0 < folds < FEWEST_FOLDS:
+        reasons.append(
+            f'falls by {-100.0 * np.expm1(-folds):.2g} % in the window: a driven vibration whose '
+            f'strength drifts looks the same; give a window in which it falls by '
+            f'{-100.0 * np.expm1(-FEWEST_FOLDS):.0f} % or more'
+        )
     if coloured and part.share < WEAK:
         reasons.append(
             f'{100.0 * part.share:.1f} % of a stronger mode that the model does not explain down '
@@ -67,7 +94,6 @@ def _doubts(part: Component, record: Record, quality: Quality, coloured: bool) -
         reasons.append(f'{cycles:.2g} cycles in the record, less than {FEWEST_CYCLES}')
     if part.frequency > NEAR_NYQUIST * 0.5 * quality.rate:
         reasons.append(f'close to half the sample rate ({0.5 * quality.rate:.4g} Hz)')
-    clipped = float(np.mean(quality.clipped))
-    if clipped > MOST_CLIPPED:
-        reasons.append(f'{100.0 * clipped:.0f} % of the samples are clipped')
+    if left_out > MOST_CLIPPED:
+        reasons.append(f'{100.0 * left_out:.0f} % of the samples are left out as clipped')
     return reasons

@@ -101,7 +101,7 @@ def _largest(segments: Sequence[Segment]) -> Segment | None:
 
 def _end(record: Record, segments: Sequence[Segment], chosen: Segment) -> float:
     later = [one.start for one in segments if one.kind != 'rest' and one.start >= chosen.stop]
-    return min([float(record.t[-1]), *later])
+    return min([float(record.t[-1]), chosen.until, *later])
 
 
 def _moving(t: Array, position: Array) -> Mask | None:

@@ -1,0 +1,55 @@
+"""Records as strangers make them: the short form of `make strangers`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bench.identify_strangers import judged
+from strange_records import CLEAN, STRANGE
+
+from denoc_ros.identification.analysis import analyse_decay
+from denoc_ros.identification.fit import identify_modes
+from denoc_ros.identification.modes import GOOD
+from denoc_ros.identification.records import Record
+
+KINDS = len(CLEAN) + len(STRANGE)
+
+
+# driven and clipped tones that were called good, with intervals of a few per mille
+@pytest.mark.parametrize('seed', [6, 38, 39, 54, 55, 86])
+def test_a_driven_vibration_whose_strength_drifts_is_not_good(seed: int) -> None:
+    assert judged(seed).verdict != GOOD
+
+
+@pytest.mark.parametrize('seed', range(2 * KINDS, 3 * KINDS))
+def test_each_kind_is_good_only_where_it_is_true(seed: int) -> None:
+    one = judged(seed)
+    assert not one.is_false_good, one.said
+    assert one.verdict == GOOD or not one.record.is_clean, one.said
+
+
+def test_an_interval_is_never_narrower_than_that_of_the_windows() -> None:
+    t = np.arange(0.0, 10.0, 0.005)
+    draw = np.random.default_rng(3)
+    for change in (0.0, 0.02, 0.2):
+        rate = 12.0 * 0.01 * (t + change * t**2 / 10.0)
+        y = np.exp(-rate) * np.cos(12.0 * t) + 1e-3 * draw.normal(size=t.size)
+        found = identify_modes(t, y)
+        low, high = found.interval[0]
+        for other in (found.window_interval[0], found.formal_interval[0]):
+            assert low <= other[0]
+            assert high >= other[1]
+
+
+def test_a_window_that_is_looked_for_ends_before_the_next_step() -> None:
+    """A window from 2.458 to 7.465 s contained a step at 7.305 s."""
+    t = np.arange(0.0, 7.5, 0.005)
+    rate, zeta, second = 2.0 * np.pi * 1.776, 0.0125, 7.1
+    y = 1e-3 * np.random.default_rng(1).normal(size=t.size)
+    for begin, height in ((2.4, 1.0), (second, 0.8)):
+        since = np.maximum(t - begin, 0.0)
+        y += height * (1.0 - np.exp(-zeta * rate * since) * np.cos(rate * since)) * (t >= begin)
+    found = analyse_decay(Record(t, y, 'two steps'))
+    assert found.record.t[-1] < second
+    np.testing.assert_allclose(found.modes.frequency[0], 1.776, rtol=2e-3)
+    np.testing.assert_allclose(found.modes.damping_ratio[0], zeta, rtol=0.02)
