@@ -30,6 +30,8 @@ class Rehearsal:
         Largest share of its deadlines that a loop missed by more than half a period.
     lost : int
         Messages that the recorder lost.
+    fixed : frozenset of str
+        Loops whose rates the configuration says: gains and plans may need them.
     """
 
     rates: Mapping[str, float]
@@ -38,10 +40,14 @@ class Rehearsal:
     cores: int
     late: float
     lost: int
+    fixed: frozenset[str] = frozenset()
 
     def at(self, rate: float) -> dict[str, float]:
         """Return the loops' rates where none is faster than a rate [Hz]."""
-        return {name: min(given, rate) for name, given in self.rates.items()}
+        return {
+            name: given if name in self.fixed else min(given, rate)
+            for name, given in self.rates.items()
+        }
 
     def share(self, rate: float) -> float:
         """Return the cores that the nodes take where no loop is faster than a rate [Hz]."""
@@ -78,12 +84,13 @@ def choose(rehearsal: Rehearsal) -> Choice:
     """Return the highest rates that the machine holds in real time, else simulated time."""
     top = max(rehearsal.rates.values())
     machine = f'{rehearsal.idle:.2f} of {rehearsal.cores} cores idle beside'
-    for rate in [top, *(each for each in RATES if each < top)]:
+    free = rehearsal.rates.keys() - rehearsal.fixed
+    for rate in [top, *(each for each in RATES if free and each < top)]:
         if rehearsal.holds(rate):
             share = rehearsal.share(rate)
             why = f'real time at {rate:g} Hz: {machine} the {share:.2f} that the nodes take'
             return Choice(REAL, rehearsal.at(rate), why)
-    lowest = min(RATES)
+    lowest = min(RATES) if free else top
     share = rehearsal.share(lowest)
     needs = SPARE * share / max(rehearsal.idle + share, 1e-3)
     if needs > 1.0:

@@ -203,6 +203,7 @@ class Session:
             cores=cores(),
             late=max(missed / max(count, 1) for count, missed in met.values()),
             lost=int(lost),
+            fixed=frozenset(n for n in loops if 'update_rate' in self._config.nodes.get(n, {})),
         )
 
     def _deadlines(self, name: str) -> tuple[int, int]:

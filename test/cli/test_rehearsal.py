@@ -38,6 +38,11 @@ def test_no_loop_is_faster_than_its_configuration_says() -> None:
     assert slow.rates == {'plant': 250.0, 'feedforward': 250.0, 'predictor': 100.0}
 
 
+def test_rates_that_the_configuration_says_stay() -> None:
+    fixed = dataclasses.replace(QUIET, idle=0.6, fixed=frozenset(QUIET.rates))
+    assert (choose(fixed).mode, choose(fixed).rates) == ('simulated', QUIET.rates)
+
+
 def test_a_machine_without_idle_cores_simulates_and_says_what_it_needs() -> None:
     choice = choose(dataclasses.replace(QUIET, idle=0.0))
     assert (choice.mode, choice.rates) == ('simulated', QUIET.rates)
