@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from denoc_ros.cli.path_settings import apply_setting
+from denoc_ros.cli.time_modes import AUTO, TIMES
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.mapping_reader import MappingReader, are_numbers, is_number
 from denoc_ros.model.overrides import FAMILIES
@@ -33,7 +34,6 @@ KEYS = (
     'plant',
     'phases',
 )
-REAL, SIMULATED, AUTO = TIMES = ('real', 'simulated', 'auto')
 REFERENCE_KINDS = ('book', 'points', 'sine')
 Parameters = dict[str, Any]
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from denoc_ros.cli.config import SIMULATED, Parameters, Phase, SessionConfig
+from denoc_ros.cli.config import Parameters, Phase, SessionConfig
+from denoc_ros.cli.time_modes import SIMULATED
 from denoc_ros.errors import ConfigError
 from denoc_ros.output_files import write_text
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from denoc_ros.cli.config import REAL, SIMULATED
+from denoc_ros.cli.time_modes import REAL, SIMULATED
 
 RATES = (1000.0, 500.0, 250.0)  # Hz at which loops may run in real time
 SPARE = 2.0  # how many times over the machine must hold them

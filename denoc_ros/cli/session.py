@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from denoc_ros.cli.config import AUTO, REAL, SIMULATED, Parameters, Phase, SessionConfig
+from denoc_ros.cli.config import Parameters, Phase, SessionConfig
 from denoc_ros.cli.health import Health
 from denoc_ros.cli.node_parameters import (
     changed_parameters,
@@ -23,6 +23,7 @@ from denoc_ros.cli.rehearsal import Rehearsal, choose, cores, idle_seconds
 from denoc_ros.cli.session_file import SessionFile
 from denoc_ros.cli.session_time import Lockstep, RealTime
 from denoc_ros.cli.shaped_phases import motion_of
+from denoc_ros.cli.time_modes import AUTO, REAL, SIMULATED
 from denoc_ros.reports.run_files import BAG_FOLDER
 from denoc_ros.runtime.following import NO_JOINTS, STALE_JOINTS
 

@@ -14,8 +14,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.config import AUTO, REAL, SIMULATED, TIMES
 from denoc_ros.cli.interrupts import Interrupts
+from denoc_ros.cli.time_modes import AUTO, REAL, SIMULATED, TIMES
 from denoc_ros.errors import ConfigError, DenocError
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from denoc_ros.control.braking import brake
+from denoc_ros.control.braking import Rows, brake
 from denoc_ros.control.driven_joints import all_joints
 from denoc_ros.control.joint_limits import joint_limits
 from denoc_ros.control.ringing import RingingModes, ringing_modes, ringing_robot
@@ -284,27 +284,42 @@ class ShaperNode(RobotNode):
         carried = self._carried
         if carried is None or carried.stops or now >= carried.end:
             return
-        wait = min(self.settings.number('start_margin'), STOP_MARGIN)
-        settings, moment = self.settings, now + wait - carried.start
-        step = settings.number('output_step')
-        if moment <= 0.0:  # it has not begun, and does not
-            q = carried.trajectory.knots()[1][:1]
-            times, q, rest = np.array([0.0, step]), np.repeat(q, 2, axis=0), np.zeros((2, q.size))
-            rows = times, q, rest, rest
-        else:
-            allows = self._braking_limits(carried.trajectory)
-            shortest = settings.number('stop_time')
-            found = brake(carried.trajectory, moment, shortest, step, allows)
-            if found is None:  # it is at rest before
-                return
-            rows = found
-        begin_ns = self.stamp_ns() + round(1e9 * wait)
+        braked = self._braked(carried)
+        if braked is None:  # it is at rest before
+            return
+        begin, rows = braked
+        begin_ns = self.stamp_ns_at(begin)
         arrays = dict(zip(('t', 'q', 'qd', 'qdd'), rows, strict=True))
         message = planned_message(self.joints, arrays, begin_ns, carried.named)
         self._publish_motion(
-            message, CarriedMotion(SplineTrajectory(*rows), now + wait, carried.named, True)
+            message, CarriedMotion(SplineTrajectory(*rows), begin, carried.named, True)
         )
         self._stopped_at = self._known
+
+    def _braked(self, carried: CarriedMotion) -> tuple[float, Rows] | None:
+        """Return when the braking of a motion begins, by the node's clock [s], and its rows.
+
+        It begins so far ahead that it has been found by then: a follower would jump to it.
+        """
+        settings = self.settings
+        step, shortest = settings.number('output_step'), settings.number('stop_time')
+        allows = self._braking_limits(carried.trajectory)
+        wait = min(settings.number('start_margin'), STOP_MARGIN)
+        while True:
+            now = self.clock.now()
+            moment = now + wait - carried.start
+            rows: Rows | None
+            if moment <= 0.0:  # it has not begun, and does not
+                q = np.repeat(carried.trajectory.knots()[1][:1], 2, axis=0)
+                rest = np.zeros_like(q)
+                rows = np.array([0.0, step]), q, rest, rest
+            else:
+                rows = brake(carried.trajectory, moment, shortest, step, allows)
+            if rows is None:
+                return None
+            if self.clock.now() - now <= 0.5 * wait:
+                return now + wait, rows
+            wait = max(2.0 * wait, LOOK_PERIOD)
 
     def _braking_limits(
         self, trajectory: SplineTrajectory
