@@ -98,12 +98,9 @@ def _execute(arguments: list[str], is_process: bool) -> int:
     """Run the verb that the arguments name; errors are messages."""
     try:
         args = build_parser(arguments).parse_args(arguments)
-        sys.stdout.flush()  # of --help
     except SystemExit as stop:
+        _flush_or_discard()  # what --help prints
         return int(stop.code or 0)
-    except BrokenPipeError:
-        _discard_output()
-        return 0
     from denoc_ros.reports.provenance import command_line
 
     args.command, args.is_process = command_line(arguments), is_process

@@ -24,6 +24,7 @@ def denoc(
     """Run a command by the shell, in a process of its own."""
     line = shell.format(' '.join([*DENOC, *arguments]))
     environment = {**os.environ, 'OPENBLAS_NUM_THREADS': '1', 'PYTHONIOENCODING': ''}
+    environment.pop('PYTHONUNBUFFERED', None)  # what is written late is what fails late
     return subprocess.run(
         ['bash', '-c', line],
         cwd=repository, env=environment, capture_output=True, text=True, timeout=120, check=False,
