@@ -56,6 +56,9 @@ class ChildProcess:
         self._popen: subprocess.Popen[bytes] | None = None
         self._ready = threading.Event()
         self._unwanted = False
+
+    def start(self) -> None:
+        """Start the thread, and in it the process."""
         threading.Thread(target=self._live, daemon=True).start()
 
     @property
@@ -174,7 +177,8 @@ class Planner:
             return False
         self._started = now
         self.starts += 1
-        self._process = ChildProcess()
+        self._process = ChildProcess()  # known before it starts: an interrupt leaves none behind
+        self._process.start()
         return True
 
     def submit(self, header: dict[str, Any], arrays: dict[str, Array], limit: float) -> int:

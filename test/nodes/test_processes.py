@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,9 @@ def start() -> Iterator[Any]:
 
     yield begin
     for process in processes:
+        for child in children(process.pid):  # a stopped one would keep the pipes open
+            with suppress(ProcessLookupError):
+                os.kill(child, signal.SIGKILL)
         process.kill()
         process.communicate()
 

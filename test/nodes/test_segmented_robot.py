@@ -24,7 +24,8 @@ def divided(tmp_path: Path) -> str:
     file = tmp_path / 'divided.urdf'
     file.write_text(
         two_links().replace(
-            '<beam link="one" length="1">', '<beam link="one" length="1" segments="3">'
+            '<beam link="one" length="1" shape="clamped-free"',
+            '<beam link="one" length="1" segments="3"',
         )
     )
     return str(file)
