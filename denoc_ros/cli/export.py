@@ -15,7 +15,7 @@ from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.simulation.mujoco_chain import Comparison
+    from denoc_ros.simulation.mujoco_chain import ChainComparison
 
 FINER = 8  # segments per beam of the model that ours is compared with
 
@@ -105,7 +105,7 @@ def _finer(robot: Robot) -> dict[str, Any]:
     return divided
 
 
-def _rows(name: str, own: Comparison, fine: Comparison) -> dict[str, Any]:
+def _rows(name: str, own: ChainComparison, fine: ChainComparison) -> dict[str, Any]:
     frequencies = [
         {
             'model_hz': float(ours),

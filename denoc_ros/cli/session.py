@@ -21,7 +21,7 @@ from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.rehearsal import Rehearsal, choose, cores, idle_seconds
 from denoc_ros.cli.session_file import SessionFile
-from denoc_ros.cli.session_time import Lockstep, RealTime
+from denoc_ros.cli.session_time import RealTime, SimulatedTime
 from denoc_ros.cli.shaped_phases import motion_of
 from denoc_ros.cli.time_modes import AUTO, REAL, SIMULATED
 from denoc_ros.reports.run_files import BAG_FOLDER
@@ -461,7 +461,7 @@ class Session:
         simulated = self._config.time == SIMULATED
         self._health.real_time = not simulated
         client, plant = self._client, 1.0 / self._rate('plant')
-        self._time = Lockstep(client, plant) if simulated else RealTime(client)
+        self._time = SimulatedTime(client, plant) if simulated else RealTime(client)
 
     def _wanted(self, name: str, phase: Phase) -> Parameters:
         return node_parameters(self._config, name, phase, self._folder)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.output_files import whole_file
 from denoc_ros.reports.run_files import SESSION_FILE
 
 
@@ -58,6 +58,5 @@ class SessionFile:
         self._write()
 
     def _write(self) -> None:
-        beside = self._file.with_suffix('.tmp')
-        beside.write_text(json.dumps(self._values, indent=2))
-        os.replace(beside, self._file)
+        with whole_file(self._file) as unfinished:
+            unfinished.write_text(json.dumps(self._values, indent=2))

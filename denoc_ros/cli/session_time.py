@@ -67,7 +67,7 @@ class RealTime(SessionTime):
         """Go on: what is sent long before it counts arrives in time."""
 
 
-class Lockstep(SessionTime):
+class SimulatedTime(SessionTime):
     """The time that the plant makes: between two waits it stands, at an exact moment.
 
     Parameters

@@ -12,7 +12,7 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 from denoc_ros.bags.cdr import CdrError, CdrReader
-from denoc_ros.nodes.inputs import arrived
+from denoc_ros.nodes.inputs import arrived, subscribe_aside
 
 TOPIC = '/clock'
 ROS_TIME = ClockType.ROS_TIME
@@ -64,8 +64,7 @@ class ClockInput:
 
     def _subscribe(self) -> None:
         qos = QoSProfile(depth=self._depth, reliability=self._reliability)
-        self._subscription = self._node.create_subscription(Clock, TOPIC, _never, qos, raw=True)
-        self._node.take_aside(self._subscription)
+        self._subscription = subscribe_aside(self._node, Clock, TOPIC, qos)
         self._waits = WaitSet(self._node.context, [self._subscription])
 
     def miss_nothing(self) -> None:
@@ -143,7 +142,3 @@ def time_ns(raw: bytes) -> int:
     if found < 0:
         raise CdrError(f'clock must be >= 0 s, got {1e-9 * found:g}')
     return found
-
-
-def _never(_raw: bytes) -> None:
-    """Stand for the callback of a subscription that no executor serves."""

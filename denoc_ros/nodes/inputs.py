@@ -35,6 +35,17 @@ def never_heavy(_raw: bytes) -> bool:
     return False
 
 
+def subscribe_aside(node: Any, message_type: type, topic: str, qos: QoSProfile) -> Any:
+    """Subscribe to raw messages that no executor serves: :func:`arrived` yields them."""
+    subscription = node.create_subscription(message_type, topic, _never, qos, raw=True)
+    node.take_aside(subscription)
+    return subscription
+
+
+def _never(_raw: bytes) -> None:
+    """Stand for the callback of a subscription that no executor serves."""
+
+
 def arrived(subscription: Any, depth: int) -> Iterator[tuple[bytes, int, int, int | None]]:
     """Yield what waits in a subscription that no executor serves.
 

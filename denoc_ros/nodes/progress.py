@@ -17,7 +17,7 @@ VALUES = struct.Struct('<QQ')  # the last bytes of a message
 FOREVER = (1 << 64) - 1
 
 
-class Progress:
+class TickProgress:
     """Publishes `~/_time` of a node in simulated time, for who waits for it.
 
     The message (UInt64MultiArray) has two numbers: the time [ns] before which nothing more will

@@ -24,9 +24,9 @@ from denoc_ros.errors import BagError
 from denoc_ros.nodes.base import LATCHED, DenocNode
 from denoc_ros.nodes.clock_input import TOPIC as CLOCK
 from denoc_ros.nodes.clock_input import ClockInput
-from denoc_ros.nodes.inputs import arrived
+from denoc_ros.nodes.inputs import arrived, subscribe_aside
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.progress import Progress
+from denoc_ros.nodes.progress import TickProgress
 from denoc_ros.runtime.active_publishers import Gaps
 from denoc_ros.runtime.realtime import make_process_timely
 from denoc_ros.runtime.recorder_parameters import TABLE
@@ -68,7 +68,7 @@ class Recorder(DenocNode):
     def __init__(self, **options: Any) -> None:
         super().__init__('recorder', TABLE, **options)
         self.writer: BackgroundWriter | None = None
-        self.progress = Progress(self) if self.clock.is_simulated else None
+        self.progress = TickProgress(self) if self.clock.is_simulated else None
         self.description = ''
         self._topics: dict[str, Recorded] = {}
         self._held: list[Taken] = []
@@ -263,8 +263,7 @@ class Recorder(DenocNode):
         self._subscribe(topic, recorded.type, message_class(recorded.type), matching(offers))
 
     def _subscribe(self, topic: str, name: str, message_type: type, qos: QoSProfile) -> None:
-        subscription = self.create_subscription(message_type, topic, _never, qos, raw=True)
-        self.take_aside(subscription)
+        subscription = subscribe_aside(self, message_type, topic, qos)
         self._topics[topic] = Recorded(name, qos, subscription)
 
     def _take(self, last: bool = False) -> None:
@@ -369,10 +368,6 @@ class Recorder(DenocNode):
                 self.get_logger().error(now.failure)
             self._told_failure = True
         return [status]
-
-
-def _never(_raw: bytes) -> None:
-    """Stand for the callback of a subscription that no executor serves."""
 
 
 def message_class(type_name: str) -> type:

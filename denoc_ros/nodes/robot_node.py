@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from denoc_ros.nodes.guarding import Guard
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.model_node import ModelNode
-from denoc_ros.nodes.progress import Progress
+from denoc_ros.nodes.progress import TickProgress
 from denoc_ros.runtime.conversions import LONGEST
 from denoc_ros.runtime.load import SharedCores
 from denoc_ros.runtime.parameters import ParameterTable
@@ -54,7 +54,7 @@ class RobotNode(ModelNode):
         self._tick_guard = Guard(self.to_log.append)
         self._failing_since = math.inf
         self._overdue = 0
-        self.progress = Progress(self) if self.clock.is_simulated else None
+        self.progress = TickProgress(self) if self.clock.is_simulated else None
         self._cores = SharedCores()
         if not self.clock.is_simulated and self.settings.integer('thread_priority') > 0:
             self.create_timer(CORES_PERIOD, self._watch_cores, clock=self.steady_clock)

@@ -16,7 +16,7 @@ from std_msgs.msg import UInt64MultiArray
 from denoc_ros.bags.cdr import stamp_fields
 from denoc_ros.nodes.base import EVERY_MESSAGE
 from denoc_ros.nodes.clock_input import ROS_TIME, TOPIC, WaitSet, release_clock
-from denoc_ros.nodes.inputs import Input, arrived
+from denoc_ros.nodes.inputs import Input, arrived, subscribe_aside
 from denoc_ros.nodes.messages import STAMP, exact_bytes
 from denoc_ros.nodes.progress import PROGRESS, VALUES
 from denoc_ros.nodes.progress import TOPIC as PROGRESS_TOPIC
@@ -49,10 +49,7 @@ class Partner:
         self.commands = 0
         self.heard = time.perf_counter()
         topic = f'{name}/{PROGRESS_TOPIC}'
-        self.subscription = node.create_subscription(
-            UInt64MultiArray, topic, _never, BEST_EFFORT, raw=True
-        )
-        node.take_aside(self.subscription)
+        self.subscription = subscribe_aside(node, UInt64MultiArray, topic, BEST_EFFORT)
 
     def take(self) -> None:
         """Take what it has said."""
@@ -233,7 +230,3 @@ class TimeSource:
         if self.trouble:
             status.worsen(ERROR, self.trouble)
         return status
-
-
-def _never(_raw: bytes) -> None:
-    """Stand for the callback of a subscription that no executor serves."""

@@ -225,7 +225,7 @@ class TipSag:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ChainComparison:
     """A robot beside its exported model: independent joints held, at rest in equilibrium."""
 
     ours: Array  # natural frequencies [Hz], ascending, without rigid motions
@@ -233,7 +233,7 @@ class Comparison:
     sags: tuple[TipSag, ...]
 
 
-def compare(robot: Robot, text: str, q: Array) -> Comparison:
+def compare(robot: Robot, text: str, q: Array) -> ChainComparison:
     """Return natural frequencies and sags of a robot and of its exported model.
 
     Parameters
@@ -268,4 +268,4 @@ def compare(robot: Robot, text: str, q: Array) -> Comparison:
     for whole in whole_beams(robot.tree):
         tip = chain.site(f'{whole.link}/tip', whole.link) - [whole.length, 0.0, 0.0]
         sags.append(TipSag(whole.link, robot.tip_deflection(whole.link, q), tip))
-    return Comparison(ours, theirs, tuple(sags))
+    return ChainComparison(ours, theirs, tuple(sags))

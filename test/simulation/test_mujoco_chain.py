@@ -19,7 +19,7 @@ from denoc_ros.errors import ConfigError, ModelError, SolverError
 from denoc_ros.model.mjcf import mjcf
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.segments import whole_beams
-from denoc_ros.simulation.mujoco_chain import Comparison, MujocoChain, compare
+from denoc_ros.simulation.mujoco_chain import ChainComparison, MujocoChain, compare
 
 Array = NDArray[np.float64]
 ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
@@ -43,7 +43,7 @@ def robot_of(source: Path | str, segments: int = 1) -> Robot:
     return Robot(tree, gravity=(0.0, 0.0, 0.0) if floats else GRAVITY)
 
 
-def compared(robot: Robot, hinges: int) -> Comparison:
+def compared(robot: Robot, hinges: int) -> ChainComparison:
     """A robot with all joints at zero, or closed near it, beside its chain."""
     q = posture(robot, [0.0] * len(robot.joint_names)).q
     return compare(robot, mjcf(robot.tree, robot.gravity, hinges).text, q)
