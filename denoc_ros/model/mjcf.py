@@ -1,13 +1,16 @@
 """A robot as MuJoCo's model: each beam a chain of rigid rods on sprung hinges.
 
-A beam of length l is N + 1 rods, the end ones half as long as the others, with a hinge per
-deformation between neighbours, in the middle of each of N cells of length h = l / N. Its springs,
+A beam of length l is N + 1 rods with a hinge per deformation between neighbours. A hinge stands
+for the curvature of a cell of length h: its angle is the curvature where it stands times h, so a
+chain's flexibility is a quadrature of the beam's, int M(x) m(x) / EI dx. Hinges therefore stand at
+the points of Gauss' rule, two in each of N / 2 panels of length 2 h, each with a spring
 
-    K = EI / h (1 - 1 / (4 N^2)),
+    K = EI / h.
 
-make the deflection of the tip under a force there exact; that under a moment is then off by
-1 / (4 N^2). Large deflections and foreshortening are those of the chain's geometry, so that
-nothing of the shape functions is left in it.
+The rule is exact for cubics: force, moment and distributed load bend and turn the chain's tip
+exactly as they do the beam's, and natural frequencies converge with h^4. Torsion, whose
+frequencies converge with h^2, has the same points. Large deflections and foreshortening are those
+of the chain's geometry, so that nothing of the shape functions is left in it.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -76,15 +80,28 @@ class _Chain:
     beam: Beam
     hinges: int
 
-    @property
-    def cell(self) -> float:
-        """Length of a cell [m]."""
-        return self.beam.length / self.hinges
+    @cached_property
+    def rule(self) -> tuple[Array, Array]:
+        """Stations of the hinges and lengths of their cells (hinges,) [m].
+
+        Two hinges a panel; of an odd number three in the first panel, or one at all.
+        """
+        cell, odd = self.beam.length / self.hinges, self.hinges % 2
+        counts = [1 if self.hinges == 1 else 3] if odd else []
+        counts += [2] * ((self.hinges - sum(counts)) // 2)
+        stations, cells, begin = [], [], 0.0
+        for count in counts:
+            points, weights = np.polynomial.legendre.leggauss(count)
+            half = 0.5 * count * cell
+            stations.append(begin + half * (1.0 + points))
+            cells.append(half * weights)
+            begin += 2.0 * half
+        return np.concatenate(stations), np.concatenate(cells)
 
     @property
     def stations(self) -> Array:
         """Stations of the hinges (hinges,) [m]."""
-        return np.asarray((np.arange(self.hinges) + 0.5) * self.cell)
+        return self.rule[0]
 
     @property
     def starts(self) -> Array:
@@ -97,12 +114,18 @@ class _Chain:
         all_ = {'y': self.beam.y, 'z': self.beam.z, 't': self.beam.torsion}
         return {name: part for name, part in all_.items() if part is not None and part.modes}
 
-    def stiffness(self, name: str) -> float:
-        """Spring of each hinge [N m/rad]."""
-        exact = self.parts[name].stiffness / self.cell
-        if name == 't':
-            return exact
-        return exact * (1.0 - 0.25 / (self.hinges * self.beam.segments) ** 2)
+    def stiffness(self, name: str) -> Array:
+        """Springs of the hinges (hinges,) [N m/rad].
+
+        A single one makes the tip's deflection under a force there exact.
+        """
+        share = 0.75 if self.hinges == 1 and name != 't' else 1.0
+        return np.asarray(share * self.parts[name].stiffness / self.rule[1])
+
+    @property
+    def shortest(self) -> float:
+        """Length of the shortest rod between hinges [m]."""
+        return float(np.diff(self.stations).min(initial=self.beam.length / self.hinges))
 
     def rod(self, index: int) -> RigidInertia:
         """Inertia of a rod about its start.
@@ -121,7 +144,8 @@ class _Chain:
     @property
     def is_wide(self) -> bool:
         """Whether its rods need rotary inertia."""
-        return 6.0 * self.beam.polar_inertia > self.beam.mass_per_length * (0.5 * self.cell) ** 2
+        shortest = float(np.diff(np.append(self.starts, self.beam.length)).min())
+        return 6.0 * self.beam.polar_inertia > self.beam.mass_per_length * shortest**2
 
     def amplitudes(self, name: str) -> Array:
         """Amplitudes (modes, hinges) per hinge angle: those of the strain energy's projection."""
@@ -199,7 +223,7 @@ class _Writer:
         inertia = body.inertia
         if is_flexible(body):
             assert body.beam is not None
-            hinges = max(1, round(self.segments / body.beam.segments))
+            hinges = _hinges(self.segments, body.beam.segments)
             self.chains[index] = _Chain(body.beam, hinges)
             self.chain(index, body)
             inertia = total(inertia, self.chains[index].rod(0))
@@ -256,6 +280,7 @@ class _Writer:
         """Add the rods of a beam after the first, their hinges and their damping."""
         chain, element = self.chains[index], self.rods[index][0]
         names = {name: list[str]() for name in chain.parts}
+        ends = np.append(chain.stations, chain.beam.length)
         add_rod(element, chain.beam, float(chain.starts[1]))
         for k, start in enumerate(chain.starts[1:], 1):
             gap = float(start - chain.starts[k - 1])
@@ -264,25 +289,25 @@ class _Writer:
             self.rods[index].append(element)
             for name in chain.parts:
                 names[name].append(f'{rod}/{name}')
-                self.hinge(element, f'{rod}/{name}', name, chain)
+                self.hinge(element, f'{rod}/{name}', name, chain, k - 1)
                 at = body.start + float(start)
-                strain = chain.stiffness(name) / chain.parts[name].stiffness
+                strain = float(1.0 / chain.rule[1][k - 1])
                 listed = self.hinges.setdefault((body.link, name), [])
                 listed.append(_Hinge(f'{rod}/{name}', at, strain))
             self.inertial(element, chain.rod(k), rod)
-            length = chain.cell if k < chain.hinges else 0.5 * chain.cell
-            add_rod(element, chain.beam, length)
+            add_rod(element, chain.beam, float(ends[k] - start))
         for name, part in chain.parts.items():
             self.modal_damping(body.name, name, part, chain, names[name])
             inertia = chain.beam.polar_inertia if name == 't' else chain.beam.mass_per_length
             power = 1 if name == 't' else 2
-            self.limit_step(chain.cell**power * math.sqrt(inertia / part.stiffness))
+            self.limit_step(chain.shortest**power * math.sqrt(inertia / part.stiffness))
 
-    def hinge(self, element: Element, name: str, kind: str, chain: _Chain) -> None:
+    def hinge(self, element: Element, name: str, kind: str, chain: _Chain, at: int) -> None:
         """Add the hinge of one deformation, damped in proportion to its stiffness."""
-        numbers = {'stiffness': _text(chain.stiffness(kind))}
+        stiffness = chain.stiffness(kind)[at]
+        numbers = {'stiffness': _text(stiffness)}
         if time := _proportional(chain.parts[kind]):
-            numbers['damping'] = _text(time * chain.stiffness(kind))
+            numbers['damping'] = _text(time * stiffness)
         etree.SubElement(element, 'joint', name=name, type='hinge', axis=AXES[kind], **numbers)
 
     def modal_damping(
@@ -467,6 +492,11 @@ def _notes(tree: Tree, chains: Iterable[_Chain]) -> list[str]:
     if any(sensor.gain != 1.0 or sensor.offset for sensor in tree.sensors):
         notes.append('gain and offset of sensors: sensordata has values in SI units')
     return notes
+
+
+def _hinges(wanted: int, segments: int) -> int:
+    """Return the number of hinges in each of a link's segments: two, or none is exact."""
+    return wanted if segments == 1 else max(2, round(wanted / segments))
 
 
 def _flexible(tree: Tree) -> set[str]:
