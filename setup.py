@@ -36,6 +36,9 @@ VIEWER = ['viser>=1.0', 'imageio-ffmpeg>=0.5']
 # what exported models are compared with
 MUJOCO = ['mujoco>=3.17']
 
+# spreadsheets as tables
+TABLES = ['openpyxl>=3.1']
+
 # linear models for python-control's tools
 CONTROL = ['control>=0.10']
 
@@ -76,11 +79,13 @@ setup(
         'viewer': VIEWER,
         'cluster': CLUSTER,
         'control': CONTROL,
+        'tables': TABLES,
         'mujoco': MUJOCO,
         'test': [
             *CLUSTER,
             *CONTROL,
             *MUJOCO,
+            *TABLES,
             *VIEWER,
             'pytest>=8',
             'pytest-xdist>=3.5',

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import math
 import sys
@@ -119,57 +118,38 @@ def read_table(path: Path) -> tuple[list[float], list[float]]:
     Parameters
     ----------
     path : Path
-        Two columns, reference and raw, in the order of measuring; or more with a header that
-        names these two. Separated by comma, semicolon, tab or spaces; decimal commas beside
-        semicolons or tabs; `#` begins a comment.
+        A text or a spreadsheet as `identification.tables.read_table` reads it: two columns,
+        reference and raw, in the order of measuring; or more with a header that names these two.
 
     Raises
     ------
     ConfigError
         With every line that is not two numbers.
+    BagError
+        The file cannot be read.
     """
     from denoc_ros.errors import ConfigError
+    from denoc_ros.identification.tables import read_sheet
 
-    try:
-        text = path.read_text(encoding='utf-8-sig')
-    except UnicodeDecodeError as error:
-        raise ConfigError(str(path), [f'the table must be UTF-8 text, got: {error}']) from error
+    sheet = read_sheet(path)
     raw: list[float] = []
     reference: list[float] = []
     findings: list[str] = []
     columns = (0, 1)
-    for number, line in enumerate(text.splitlines(), 1):
-        cells = _cells(line)
-        if not cells:
+    if {'reference', 'raw'} <= set(sheet.names):
+        columns = (sheet.names.index('reference'), sheet.names.index('raw'))
+    for number, cells in sheet.rows:
+        pair = [sheet.number(cells[column]) if column < len(cells) else None for column in columns]
+        found = [value for value in pair if value is not None and math.isfinite(value)]
+        if len(found) < 2:
+            findings.append(
+                f'line {number} must have a reference and a reading, got {", ".join(cells)!r}'
+            )
             continue
-        if not raw and not findings and {'reference', 'raw'} <= set(cells):
-            columns = (cells.index('reference'), cells.index('raw'))
-            continue
-        pair = [_number(cells, column) for column in columns]
-        if not all(math.isfinite(value) for value in pair):
-            findings.append(f'line {number} must have a reference and a reading, got {line!r}')
-            continue
-        reference.append(pair[0])
-        raw.append(pair[1])
+        reference.append(found[0])
+        raw.append(found[1])
     ConfigError.raise_any(str(path), findings)
     return raw, reference
-
-
-def _cells(line: str) -> list[str]:
-    line = line.partition('#')[0].strip()
-    separator = next((mark for mark in ';\t,' if mark in line), None)
-    if separator is None:
-        return line.split()
-    if separator != ',':
-        line = line.replace(',', '.')  # decimal commas
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
-
-
-def _number(cells: list[str], column: int) -> float:
-    try:
-        return float(cells[column])
-    except (ValueError, IndexError):
-        return math.nan
 
 
 def _write(args: argparse.Namespace, file: Path, found: Calibration) -> str:

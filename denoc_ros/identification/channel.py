@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,9 @@ import numpy as np
 from denoc_ros.bags.reader import Stamp, bag_topics, read_bag
 from denoc_ros.bags.series import elapsed, read_arrays, read_joint_states
 from denoc_ros.errors import BagError
-from denoc_ros.identification.clock import TIME_NAMES, UNITS, is_time, unit_in
+from denoc_ros.identification.clock import UNITS, is_time, time_column, unit_of_times
 from denoc_ros.identification.records import Record
-from denoc_ros.identification.tables import READERS, read_table
+from denoc_ros.identification.tables import READERS, Table, read_table
 from denoc_ros.types import Array, Stamps
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -122,7 +122,7 @@ def read_record(path: str | Path, channel: Channel) -> Reading:
     else:
         channel, stamp_ns, raw = _bag_samples(path, channel)
         t, origin_ns = elapsed(stamp_ns), int(stamp_ns[0]) if len(stamp_ns) else 0
-    there = np.isfinite(raw)
+    there = np.isfinite(raw) & np.isfinite(t)
     t, raw = t[there], raw[there]
     window = (t >= channel.begin) & (t <= channel.end)
     unit = channel.unit or _deflection_unit(channel)
@@ -176,8 +176,8 @@ def _deflection_unit(channel: Channel) -> str:
 
 def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Array, Array]:
     columns = read_table(path)
-    time = channel.time or next((name for name in columns if is_time(name)), '')
-    field = channel.field or _only_one(path, 'field', [name for name in columns if name != time])
+    others = [name for name in columns if name != channel.time and not is_time(name)]
+    field = channel.field or _only_one(path, 'field', others)
     if field not in columns:
         listed = _shown(list(columns))
         raise BagError(f'{path}: field must be a column of numbers ({listed}), got {field!r}')
@@ -192,17 +192,15 @@ def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Array, Array]
     return replace(channel, field=field, time=time, time_unit=unit), t, values
 
 
-def table_times(
-    path: Path, columns: Mapping[str, Array], channel: Channel, rows: int
-) -> tuple[str, str, Array]:
+def table_times(path: Path, columns: Table, channel: Channel, rows: int) -> tuple[str, str, Array]:
     """Return a table's column of times, its unit, and the times from the first row on [s].
 
     Parameters
     ----------
     path : Path
         Named in errors.
-    columns : mapping of str to (k,) array
-        The table.
+    columns : Table
+        What `read_table` returns.
     channel : Channel
         Its `time`, `time_unit` and `rate` say how.
     rows : int
@@ -218,17 +216,17 @@ def table_times(
         raise BagError(
             f'{path}: time must be a column of numbers ({listed}), got {channel.time!r}'
         )
-    time = channel.time or next((name for name in columns if is_time(name)), '')
-    unit = channel.time_unit or unit_in(time)
+    time = channel.time or time_column(columns)
     if channel.rate > 0.0:
-        return time, unit, np.arange(rows) / channel.rate
-    if time:
-        t = columns[time]
-        return time, unit, (t - t[np.isfinite(t).argmax()]) * UNITS[unit]  # below a row of units
-    raise BagError(
-        f'{path}: table must have a column of times ({", ".join(TIME_NAMES)}, or the one '
-        'that is named), or come with a rate, got neither'
-    )
+        return time, channel.time_unit or 's', np.arange(rows) / channel.rate
+    if not time:
+        raise BagError(
+            f'{path}: table must have a column of times, got {_shown(list(columns))}: name '
+            'the one that has them with --time COLUMN, or give the sample rate with --rate HZ'
+        )
+    t = columns[time]
+    unit = channel.time_unit or unit_of_times(time, t, columns.units.get(time, ''))
+    return time, unit, (t - t[np.isfinite(t).argmax()]) * UNITS[unit]  # below a row of units
 
 
 def _bag_samples(path: Path, channel: Channel) -> tuple[Channel, Stamps, Array]:
