@@ -24,7 +24,6 @@ from denoc_ros.cli.session_file import SessionFile
 from denoc_ros.cli.session_time import RealTime, SimulatedTime
 from denoc_ros.cli.shaped_phases import motion_of
 from denoc_ros.cli.time_modes import AUTO, REAL, SIMULATED
-from denoc_ros.reports.run_files import BAG_FOLDER
 from denoc_ros.runtime.following import NO_JOINTS, STALE_JOINTS
 
 if TYPE_CHECKING:
@@ -36,6 +35,7 @@ START_TIMEOUT = 300.0  # s until active: a slow and busy machine loads nodes for
 STARTING = 10.0  # s that nodes take on a machine which is neither slow nor busy
 LEAD = 0.6  # s from publishing a reference to its start
 SETTLING = 0.1  # s until what was asked for has come about
+HELD = 60.0  # s for which a robot waits at its start at most
 TAIL = 0.2  # s a phase goes on behind its reference
 STOP_ORDER = ('player', 'viewer', 'shaper', 'feedforward', 'predictor', 'plant', 'recorder')
 START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward', 'shaper', 'viewer')
@@ -50,6 +50,7 @@ DEAF = ('', NO_JOINTS, STALE_JOINTS)  # what a feedforward says of its torque
 HEARING = 10.0  # s until a feedforward hears a plant that was started
 WORDS = 3  # reports, one a second, in which a node looks around several times
 GRAPH = 30.0  # s of wall time until a recorder has found all topics
+REHEARSAL_FOLDER = 'rehearsal'  # where a recorder writes meanwhile: nobody reads it
 FIRST = 1.0  # s of simulated time before the first phase
 ENGAGING = 2.0  # s until state feedback has gains for a motion and trusts its estimate
 
@@ -127,6 +128,7 @@ class Session:
         self._progress = progress
         self._names = session_nodes(config, task.bag)
         self._parameters: dict[str, Parameters] = {}
+        self._rehearses = False
         self._began = 0.0
         self._cpu_before: dict[str, float] = {}
 
@@ -138,9 +140,10 @@ class Session:
         DenocError
             A node fails; what was recorded until then is good.
         """
+        self._rehearses = self._config.time == AUTO
         self._begin()
-        if self._config.time == AUTO and self._rehearse():
-            self._begin()
+        if self._rehearses:
+            self._rehearse()
         self._began, self._cpu_before = time.perf_counter(), self._processes.cpu_seconds()
         for phase in self._config.phases:
             if (changed := self._adapt(phase)) and self._time.is_simulated:
@@ -157,10 +160,11 @@ class Session:
         else:
             self._await_hearing()
 
-    def _rehearse(self) -> bool:
-        """Choose the session's time by what its first motion costs; say whether nodes were ended.
+    def _rehearse(self) -> None:
+        """Choose the session's time by what its first motion costs.
 
-        They are where they run on as they do not: by another time, or at other rates.
+        The nodes run on where they run as they shall, else they are started anew. Either way
+        nothing of the rehearsal is left, neither in the bag nor of its motion.
         """
         with self._progress.step('rehearsing', REHEARSING + SHAPING):
             choice = choose(self._rehearsal())
@@ -171,15 +175,35 @@ class Session:
         for name in faster:
             nodes[name] = {**nodes.get(name, {}), 'update_rate': choice.rates[name]}
         self._config = replace(self._config, time=choice.mode, nodes=nodes)
+        self._rehearses = False
         if choice.mode == REAL and not faster:
-            return False
+            self._return_to_start()
+            return
         with self._progress.step('ending the rehearsal'):
             for name in self._names:
                 self._health.forget(name)
             self._processes.stop_all(STOP_ORDER)
-        shutil.rmtree(self._folder / BAG_FOLDER, ignore_errors=True)
         self._keep_time()
-        return True
+        self._begin()
+
+    def _return_to_start(self) -> None:
+        """Have nodes that have moved as they were started, and the recorder begin its bag."""
+        first, trajectory = self._config.phases[0], self._task.trajectory
+        self._reset('shaper')  # it brakes a motion before it forgets it
+        self._wait_while('moving')
+        for name in RESETS:
+            self._reset(name)
+        if trajectory is not None and 'shaper' not in self._names:
+            # a reference that is still to come holds the robot where it begins
+            self._publish(trajectory, self._task.plans.get(first.name), self._time.now() + HELD)
+        self._time.pass_by(SETTLING)
+        if 'recorder' in self._names:
+            self._client.trigger('/recorder/stop')
+        self._adapt(first)
+        for name in RESETS[2:]:
+            self._reset(name)
+        if 'recorder' in self._names:
+            self._client.trigger('/recorder/start')
 
     def _rehearsal(self) -> Rehearsal:
         """Run the first motion for a while in real time, and measure."""
@@ -231,6 +255,7 @@ class Session:
         """
         elapsed, after = time.perf_counter() - self._began, self._processes.cpu_seconds()
         self._processes.stop_all(STOP_ORDER)
+        shutil.rmtree(self._folder / REHEARSAL_FOLDER, ignore_errors=True)
         if not self._began:
             return {}
         return {name: (after[name] - self._cpu_before.get(name, 0.0)) / elapsed for name in after}
@@ -464,4 +489,7 @@ class Session:
         self._time = SimulatedTime(client, plant) if simulated else RealTime(client)
 
     def _wanted(self, name: str, phase: Phase) -> Parameters:
-        return node_parameters(self._config, name, phase, self._folder)
+        wanted = node_parameters(self._config, name, phase, self._folder)
+        if name == 'recorder' and self._rehearses:
+            wanted['output'] = str(self._folder / REHEARSAL_FOLDER)
+        return wanted

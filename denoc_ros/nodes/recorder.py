@@ -76,7 +76,7 @@ class Recorder(DenocNode):
         self._refused: set[str] = set()
         self._missed: Counter[str] = Counter()
         self._looks = 0
-        self._recordings = 0
+        self._recordings: Counter[str] = Counter()  # by output
         self._marks = 0
         self._told_lost = self._told_files = 0
         self._told_failure = False
@@ -128,7 +128,7 @@ class Recorder(DenocNode):
             settings.integer('max_bag_size'),
             settings.number('max_bag_duration'),
         )
-        self._recordings += 1
+        self._recordings[settings.text('output')] += 1
         self._marks = self._told_lost = self._told_files = 0
         self._told_failure = False
         self._missed.clear()
@@ -202,9 +202,10 @@ class Recorder(DenocNode):
         return self.writer
 
     def _next_path(self) -> Path:
-        output = self.settings.text('output') or time.strftime('recording_%Y%m%d_%H%M%S')
-        path = Path(output)
-        return path.with_name(f'{path.name}_{self._recordings + 1}') if self._recordings else path
+        output = self.settings.text('output')
+        path = Path(output or time.strftime('recording_%Y%m%d_%H%M%S'))
+        before = self._recordings[output]
+        return path.with_name(f'{path.name}_{before + 1}') if before else path
 
     # ---- topics
 

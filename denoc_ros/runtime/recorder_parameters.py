@@ -15,7 +15,9 @@ TABLE = ParameterTable(
             Kind.STRING,
             '',
             'bag folder to create, must not exist; later recordings of the same process get '
-            '`_2`, `_3`, ...; empty: `recording_` and the time',
+            '`_2`, `_3`, ...; empty: `recording_` and the time; a change counts from the next '
+            '`~/start` on',
+            live=True,
         ),
         Parameter(
             'topics',

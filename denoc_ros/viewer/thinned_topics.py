@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,13 +11,15 @@ import numpy as np
 from denoc_ros.bags.columns import JointStateColumns
 from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.joint_state import JOINT_STATE
-from denoc_ros.bags.reader import bag_contents, read_raw
+from denoc_ros.bags.reader import bag_contents, header_stamp_ns, read_raw
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.bags.thinning import read_thinned
 from denoc_ros.bags.topics import find_topic
 from denoc_ros.types import Array
 
 PHASES = '/up/phase'
+REFERENCE = 'reference'
+TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 MOST_ROWS = 20_000  # of a topic, whatever the run's length
 SLACK = 1.0  # s that a message may be recorded before or after its stamp
 
@@ -79,7 +81,8 @@ class ThinnedTopics:
     duration : float
         Of the whole bag [s].
     phases : tuple of (float, str)
-        What the bag says on /up/phase, and when [s].
+        What the bag says on /up/phase, and when [s]; a phase with a reference begins with that:
+        what comes before brings the robot to its start.
 
     Raises
     ------
@@ -118,10 +121,22 @@ class ThinnedTopics:
             columns[topic].append(raw, log_ns)
         return {topic: column.series() for topic, column in columns.items()}
 
-    def _marks(self) -> Iterator[tuple[int, str]]:
-        """Yield what begins when [ns]."""
-        for _, kind, log_ns, raw in read_raw(self._path, {PHASES} & set(self.names)):
-            yield log_ns, str(decode(message_types(), kind, raw)[0].data)
+    def _marks(self) -> list[tuple[int, str]]:
+        """Return what begins and when [ns]: a phase as it is marked, or with its reference."""
+        marks: list[tuple[int, str]] = []
+        reference, waits = find_topic(self.names, REFERENCE), False
+        for topic, kind, log_ns, raw in read_raw(self._path, {PHASES, reference} & {*self.names}):
+            if topic == PHASES:
+                if marks:  # one that ended before its reference began
+                    marks[-1] = min(marks[-1][0], log_ns), marks[-1][1]
+                name = str(decode(message_types(), kind, raw)[0].data)
+                marks.append((log_ns, name))
+                waits = bool(name)
+            elif waits and kind == TRAJECTORY:
+                stamp_ns = header_stamp_ns(decode(message_types(), kind, raw)[0])
+                marks[-1] = max(stamp_ns, log_ns), marks[-1][1]
+                waits = False
+        return marks
 
 
 def _cut(series: JointSeries, origin_ns: int, start: float, end: float) -> Rows:

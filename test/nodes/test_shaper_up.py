@@ -14,7 +14,6 @@ from denoc_ros.bags.reader import header_stamp_ns, read_bag
 pytestmark = pytest.mark.ros
 SESSION = """
 robot: robots/two_link_ff.urdf
-time: real  # no rehearsal, whose motion would be in the bag too
 gravity: [0, -9.81, 0]
 reference: {kind: points, times: [0, 0.8], positions: [[0.3, 0.6], [0.7, 0.9]]}
 duration: 1

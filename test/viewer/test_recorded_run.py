@@ -198,6 +198,32 @@ def test_phases_are_what_pictures_show(simulated_bag: SimulatedBag, tmp_path: Pa
     assert part.span == pytest.approx((3.0, 8.0), abs=1e-9)
 
 
+def test_a_phase_is_shown_from_where_its_reference_begins(
+    simulated_bag: SimulatedBag, tmp_path: Path
+) -> None:
+    robot, path = simulated_bag.robot, tmp_path / 'led.mcap'
+    # until 2.5 s the robot goes back to its start; the second phase ends before its reference
+    marks, references = {20: 'one', 50: '', 60: 'two', 90: ''}, {22: 25, 65: 95}
+    with BagWriter(path) as bag:
+        bag.add_topic('/joint_states', JOINT_STATE)
+        bag.add_topic('/up/phase', 'std_msgs/msg/String')
+        bag.add_topic('/reference', 'trajectory_msgs/msg/JointTrajectory')
+        names = list(robot.joint_names)
+        for k in range(100):
+            stamp = 10**18 + k * 10**8
+            bag.write_message('/joint_states', stamp, name=names, position=[0.0, 0.1 * k])
+            if k in marks:
+                bag.write_message('/up/phase', stamp, data=marks[k])
+            if k in references:
+                seconds, tenths = divmod(references[k], 10)
+                header = {'stamp': {'sec': 10**9 + seconds, 'nanosec': tenths * 10**8}}
+                bag.write_message('/reference', stamp, header=header, joint_names=names)
+    run = RecordedRun(path, robot)
+    assert run.phases == ((2.5, 'one'), (5.0, ''), (9.0, 'two'), (9.0, ''))
+    assert run.span == pytest.approx((2.5, 9.0), abs=1e-9)
+    assert run.moments(6)[0] == pytest.approx(2.5, abs=1e-9)
+
+
 def test_what_does_not_show_the_robot_is_refused(
     repository: Path, simulated_bag: SimulatedBag, tmp_path: Path
 ) -> None:
