@@ -14,6 +14,7 @@ def generate_launch_description() -> Any:
         ('predictor', 'feedforward'),
         launching.BAG,
         launching.SPEED,
+        launching.PLAYED_CLOCK,
         launching.RECORD,
         launching.OUTPUT,
         replace(launching.VIEWER, default='true'),

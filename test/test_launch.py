@@ -191,6 +191,18 @@ def test_the_player_is_called_as_its_command_line_is(monkeypatch: pytest.MonkeyP
     assert (str(options.bag), options.speed) == (BAG, 0.5)
     # those that the player waits for are there
     assert set(options.listeners) == {'predictor', 'feedforward'} <= set(processes)
+    assert not options.clock
+
+
+@pytest.mark.ros
+def test_a_recording_is_played_in_lockstep_with_all_who_keep_its_time() -> None:
+    processes = start('replay', clock='lockstep', record='true', rviz='false')
+    words = processes['player'].command(context())
+    assert '--clock' in words
+    listeners = set(words[words.index('--listeners') + 1 : words.index('--clock')])
+    assert listeners == {'predictor', 'feedforward', 'recorder'} <= set(processes)
+    for name in (*listeners, 'viewer'):
+        assert processes[name].parameters(context())['use_sim_time'] is True
 
 
 @pytest.mark.ros

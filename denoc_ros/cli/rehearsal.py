@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -80,16 +80,23 @@ class Choice:
     why: str
 
 
-def choose(rehearsal: Rehearsal) -> Choice:
-    """Return the highest rates that the machine holds in real time, else simulated time."""
+def choose(rehearsal: Rehearsal, refusal: Callable[[float], str] = lambda _rate: '') -> Choice:
+    """Return the highest rates that the machine holds in real time, else simulated time.
+
+    `refusal` tells why a rate [Hz] below the rehearsed ones may not be had, '' if it may.
+    """
     top = max(rehearsal.rates.values())
-    machine = f'{rehearsal.idle:.2f} of {rehearsal.cores} cores idle beside'
+    idle = f'{rehearsal.idle:.2f} of {rehearsal.cores} cores idle'
+    machine = f'{idle} beside'
     free = rehearsal.rates.keys() - rehearsal.fixed
     for rate in [top, *(each for each in RATES if free and each < top)]:
-        if rehearsal.holds(rate):
-            share = rehearsal.share(rate)
-            why = f'real time at {rate:g} Hz: {machine} the {share:.2f} that the nodes take'
-            return Choice(REAL, rehearsal.at(rate), why)
+        if not rehearsal.holds(rate):
+            continue
+        if rate < top and (refused := refusal(rate)):
+            why = f'simulated time: {refused}; {top:g} Hz in real time are too much with {idle}'
+            return Choice(SIMULATED, rehearsal.rates, why)
+        cost = f'{machine} the {rehearsal.share(rate):.2f} that the nodes take'
+        return Choice(REAL, rehearsal.at(rate), f'real time at {rate:g} Hz: {cost}')
     lowest = min(RATES) if free else top
     share = rehearsal.share(lowest)
     needs = SPARE * share / max(rehearsal.idle + share, 1e-3)

@@ -167,7 +167,7 @@ class Session:
         nothing of the rehearsal is left, neither in the bag nor of its motion.
         """
         with self._progress.step('rehearsing', REHEARSING + SHAPING):
-            choice = choose(self._rehearsal())
+            choice = choose(self._rehearsal(), self._feedback_refusal)
         self._progress.say(choice.why)
         self._file.note(time={**self._file.time, 'mode': choice.mode, 'why': choice.why})
         nodes = {name: dict(given) for name, given in self._config.nodes.items()}
@@ -204,6 +204,17 @@ class Session:
             self._reset(name)
         if 'recorder' in self._names:
             self._client.trigger('/recorder/start')
+
+    def _feedback_refusal(self, rate: float) -> str:
+        """Why the feedforward's feedback cannot run at a lower rate [Hz], '' if it can."""
+        from denoc_ros.cli.feedback_rates import FEEDFORWARD, feedback_refusal
+        from denoc_ros.dynamics.robot import load_robot
+
+        given = self._config.nodes.get(FEEDFORWARD, {})
+        if FEEDFORWARD not in self._names or 'update_rate' in given:
+            return ''
+        robot = load_robot(self._config.robot, gravity=self._config.gravity)
+        return feedback_refusal(self._config, robot, min(rate, self._rate(FEEDFORWARD)))
 
     def _rehearsal(self) -> Rehearsal:
         """Run the first motion for a while in real time, and measure."""

@@ -44,6 +44,12 @@ FACTOR = Argument(
     "of the plant's simulated time, at most; 0: as fast as it goes; empty: what params say",
     '',
 )
+PLAYED_CLOCK = Argument(
+    'clock',
+    "time of all nodes: real (none), or of the recording's joint states, in lockstep with all",
+    'none',
+    ('none', 'lockstep'),
+)
 BAG = Argument('bag', 'the recording whose joint states are played')
 SPEED = Argument('speed', 'of the clock the recording is played by, > 0', '1.0')
 
@@ -203,7 +209,7 @@ def actions(nodes: Sequence[str], given: Mapping[str, str], file: str) -> list[A
     if on(given, 'rviz'):
         found.append(rviz(PathJoinSubstitution([config, 'denoc.rviz'])))
     if 'bag' in given:
-        found.append(player(given['bag'], given['speed'], nodes))
+        found.append(player(given, nodes))
     return found
 
 
@@ -260,16 +266,23 @@ def rviz(configuration: Any) -> Any:
     return Node(package='rviz2', executable='rviz2', name='rviz', arguments=['-d', configuration])
 
 
-def player(bag: str, speed: str, listeners: Sequence[str]) -> Any:
-    """Return what plays a bag's joint states when all who are to listen do, and ends it all."""
+def player(given: Mapping[str, str], listeners: Sequence[str]) -> Any:
+    """Return what plays a bag when all who are to listen do, and ends it all.
+
+    In real time it plays the joint states; in lockstep all that nobody publishes, with /clock, and
+    a recorder is waited for as well.
+    """
     from launch.actions import Shutdown
     from launch_ros.actions import Node
+
+    words = [given['bag'], '--speed', given['speed'], '--listeners', *listeners]
+    if given.get('clock') == 'lockstep':
+        words += [*(['recorder'] if on(given, 'record') else []), '--clock']
 
     def end(_event: Any, context: Any) -> Any:
         # on Ctrl-C it ends as all do: to shut down once more would make the launch fail
         return None if context.is_shutdown else Shutdown(reason='the recording is over')
 
-    words = (bag, '--speed', speed, '--listeners', *listeners)
     return Node(
         executable=sys.executable,
         exec_name='player',

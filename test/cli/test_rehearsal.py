@@ -31,6 +31,20 @@ def test_a_slower_machine_runs_at_lower_rates(idle: float, rate: float) -> None:
     assert set(choice.rates.values()) == {rate}
 
 
+def test_a_rate_at_which_feedback_is_not_stable_is_not_chosen() -> None:
+    slow, asked = dataclasses.replace(QUIET, idle=0.3), []
+
+    def refusal(rate: float) -> str:
+        asked.append(rate)
+        return f'unstable at {rate:g} Hz'
+
+    choice = choose(slow, refusal)
+    assert (choice.mode, choice.rates, asked) == ('simulated', QUIET.rates, [250.0])
+    assert choice.why.startswith('simulated time: unstable at 250 Hz; 1000 Hz in real time are')
+    assert choose(QUIET, refusal).mode == 'real'  # nobody lowers a rate
+    assert asked == [250.0]
+
+
 def test_no_loop_is_faster_than_its_configuration_says() -> None:
     given = {'plant': 500.0, 'feedforward': 500.0, 'predictor': 100.0}
     assert choose(dataclasses.replace(QUIET, rates=given)).rates == given

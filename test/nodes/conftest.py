@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,6 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from viewer_client import ViewerClient
 
 PATIENCE = 120.0  # s for what takes a second on a machine that does nothing else
 
@@ -122,3 +124,32 @@ def graph() -> Iterator[Graph]:
     graph = Graph()
     yield graph
     graph.close()
+
+
+@pytest.fixture
+def watch() -> Iterator[Any]:
+    """Watch a page until the test ends, or until what is returned is called."""
+    ends: list[Any] = []
+
+    def begin(address: str) -> Any:
+        client = ViewerClient(address)
+        stop = threading.Event()
+
+        def receive() -> None:
+            while not stop.is_set():
+                client.receive(0.05)
+            client.close()
+
+        thread = threading.Thread(target=receive)
+        thread.start()
+
+        def end() -> None:
+            stop.set()
+            thread.join(5.0)
+
+        ends.append(end)
+        return end
+
+    yield begin
+    for end in ends:
+        end()

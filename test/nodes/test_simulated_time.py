@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -18,6 +19,7 @@ from denoc_ros.nodes.feedforward import FeedforwardNode
 from denoc_ros.nodes.predictor import PredictorNode
 from denoc_ros.nodes.session_client import time_message
 from denoc_ros.nodes.shaper import ShaperNode
+from denoc_ros.nodes.viewer import ViewerNode
 
 pytestmark = pytest.mark.ros
 RATE = 200.0
@@ -26,6 +28,11 @@ START, END = 3_000_000_000, 3_600_000_000  # ns
 JOINTS = ['j1', 'j2']
 EVERY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 Schedule = Callable[['Simulation'], None]
+
+
+def simulation_angle(t: float) -> float:
+    """Return where the first joint is [rad] at a time [s]; the second is opposite."""
+    return float(0.3 * (1.0 - np.cos(2.0 * t)))
 
 
 class Simulation:
@@ -44,7 +51,7 @@ class Simulation:
         first = self.now + PERIOD if 0 <= now - self.now < 10**9 else now
         for each in range(first, now + 1, PERIOD):
             t = 1e-9 * each
-            angle, rate = 0.3 * (1.0 - np.cos(2.0 * t)), 0.6 * np.sin(2.0 * t)
+            angle, rate = simulation_angle(t), 0.6 * np.sin(2.0 * t)
             state = JointState(name=JOINTS, position=[angle, -angle], velocity=[rate, -rate])
             state.header.stamp = time_message(each)
             self._states.publish(state)
@@ -62,10 +69,10 @@ def motion(start: int, angle: float = 0.6) -> JointTrajectory:
     """Return a whole motion by an angle [rad] that starts at a stamp [ns]."""
     message = JointTrajectory(joint_names=JOINTS)
     message.header.stamp = time_message(start)
-    for position, time in ((0.0, 0), (angle, 400_000_000)):
+    for position, after in ((0.0, 0), (angle, 400_000_000)):
         point = JointTrajectoryPoint(positions=[position, -position])
         point.velocities, point.accelerations = [0.0, 0.0], [0.0, 0.0]
-        point.time_from_start.nanosec = time
+        point.time_from_start.nanosec = after
         message.points.append(point)
     return message
 
@@ -90,6 +97,8 @@ SCHEDULES: dict[str, Schedule] = {
     'factor 1': even(1.0),
     'factor 0.1': even(0.1),
     'factor 5': even(5.0),
+    'factor 2': even(2.0),
+    'factor 0.3': even(0.3),
     'coarse': even(1.0, stride=4),
     'pausing': pausing,
     'jumping ahead': jumping_ahead,
@@ -219,6 +228,44 @@ def test_whole_motion_is_planned_for_its_stamp(
         simulation.run(START + 200_000_000, factor)
     assert found[0] == found[1]
     assert found[0].header.stamp == time_message(START + 300_000_000)
+
+
+def test_viewer_draws_by_the_clock(
+    graph: Any, simulation: Simulation, urdf: str, watch: Any
+) -> None:
+    given = {'urdf_path': urdf, 'gravity': GRAVITY, 'use_sim_time': True, 'timeout': 0.3}
+    node = graph.add(ViewerNode, parameters={**given, 'port': 0, 'rate': 50.0})
+    shown: list[tuple[float, Any]] = []
+    node.page.show = lambda snapshot: shown.append((time.perf_counter(), snapshot))
+    watch(node.page.address)
+
+    def drawn() -> bool:
+        simulation.now = 0
+        simulation.to(START)
+        return bool(shown)
+
+    graph.until(drawn)
+
+    # the time of what is drawn is the clock's: a fifth of the wall's at a factor of 0.2
+    simulation.run(START + 100_000_000, 0.2)
+    begin = len(shown)
+    simulation.run(START + 400_000_000, 0.2)
+    (wall, first), (end, last) = shown[begin - 1], shown[-1]
+    passed = last.t - first.t
+    assert 0.2 < passed < 0.35
+    assert passed < 0.21 * (end - wall) + 2.0 * PERIOD * 1e-9
+    for _, each in shown[begin:]:  # what was said last, of a moment that has just been
+        since = simulation_angle(START * 1e-9 + each.t - last.t + 0.4)
+        assert abs(each.q[0] - since) < 0.03
+
+    # a clock that stands is a pause: the robot stays as it is, longer than `timeout`
+    graph.spin(0.2)
+    count, still = len(shown), shown[-1][1]
+    graph.spin(1.0)
+    assert len(shown) > count
+    for _, each in shown[count:]:
+        assert each.t == still.t
+        np.testing.assert_array_equal(each.q, still.q)
 
 
 def test_clock_that_is_dead_is_told(

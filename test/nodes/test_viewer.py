@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Iterator
 from itertools import cycle
 from typing import Any
 
@@ -12,7 +10,6 @@ import numpy as np
 import pytest
 from node_robots import GRAVITY
 from sensor_msgs.msg import JointState
-from viewer_client import ViewerClient
 
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.nodes.viewer import ViewerNode
@@ -30,35 +27,6 @@ def viewer(graph: Any, urdf: str) -> Any:
         return node
 
     return make
-
-
-@pytest.fixture
-def watch() -> Iterator[Any]:
-    """Watch a page until the test ends, or until what is returned is called."""
-    ends: list[Any] = []
-
-    def begin(address: str) -> Any:
-        client = ViewerClient(address)
-        stop = threading.Event()
-
-        def receive() -> None:
-            while not stop.is_set():
-                client.receive(0.05)
-            client.close()
-
-        thread = threading.Thread(target=receive)
-        thread.start()
-
-        def end() -> None:
-            stop.set()
-            thread.join(5.0)
-
-        ends.append(end)
-        return end
-
-    yield begin
-    for end in ends:
-        end()
 
 
 def stamped(names: Any, position: Any, effort: Any = ()) -> JointState:
