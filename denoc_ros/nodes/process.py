@@ -20,6 +20,7 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from denoc_ros.errors import DenocError
+from denoc_ros.kernels.compiling import at_work
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.buffers import release_buffers
 from denoc_ros.nodes.graph import leave_graph
@@ -74,7 +75,7 @@ def run(
     except Exception as error:
         print(f'denoc_ros: {error}', file=sys.stderr)
         return 1
-    watchdog = Watchdog(patience)
+    watchdog = Watchdog(patience, at_work)
     try:
         return _live(make, watchdog)
     finally:

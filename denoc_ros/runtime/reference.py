@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from denoc_ros.control.braking import brake
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
@@ -15,6 +16,7 @@ from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
 MOST_COMING = 64  # trajectories that wait for their start
+BRAKING, BRAKING_STEP = 0.3, 0.01  # s from a cancel to rest, and between knots of that
 
 
 class FiniteDifferencer:
@@ -82,8 +84,8 @@ class ReferenceFollower:
     A trajectory starts at its stamp (0: now), until then the one before goes on; after its end it
     holds. A streamed point counts from its arrival; up to the next one, and at most for one
     interval of the stream, it goes on with its velocity and acceleration. Joints that a message
-    does not name stay where they are wanted, else where they stand; a message without points ends
-    the motion where it is.
+    does not name stay where they are wanted, else where they stand. A message without points
+    brings the motion to rest along its path within `BRAKING`, no joint faster than it is.
 
     Parameters
     ----------
@@ -221,14 +223,27 @@ class ReferenceFollower:
         return message.holding(q if going or measured is None else measured)
 
     def _stop(self, now: float) -> None:
-        """Stay where the motion is now; what was to come does not."""
-        q, qd, qdd = np.zeros((3, self._joints))
+        """Come to rest along the path; what was to come does not."""
         with self._lock:
             self._take_due(now)
             self._coming.clear()
-            if self._evaluate(now, q, qd, qdd):
-                self._now, self._now_start = SplineTrajectory(np.zeros(1), q[np.newaxis]), now
+            if self._now is not None:
+                left = self._now, now - self._now_start
+                rows = brake(*left, BRAKING, BRAKING_STEP, lambda *_motion: True)
+                if rows is not None:  # it is not at rest before
+                    self._now, self._now_start = SplineTrajectory(*rows), now
+            elif self._point is not None:
+                self._now, self._now_start = self._streamed_to_rest(now), now
                 self._point = None
+
+    def _streamed_to_rest(self, now: float) -> SplineTrajectory:
+        """Return the motion that goes on from a stream's last point, slower and slower."""
+        q, qd, qdd = np.zeros((3, self._joints))
+        self._extrapolate(now, q, qd, qdd)
+        rest = np.zeros(self._joints)
+        rows = np.stack([q, q + 0.5 * BRAKING * qd])
+        times = np.array([0.0, BRAKING])
+        return SplineTrajectory(times, rows, np.stack([qd, rest]), np.stack([qdd, rest]))
 
     def offer_point(self, now: float, q: Array, qd: Array, qdd: Array) -> None:
         """Take a streamed point that is for steady `now`."""

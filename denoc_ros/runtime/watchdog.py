@@ -24,10 +24,12 @@ class Watchdog:
     ----------
     patience : float
         s between two beats.
+    works : callable, optional
+        Whether the process does now what may take longer, such as compiling: a beat.
     """
 
-    def __init__(self, patience: float) -> None:
-        self._name, self._patience = '', patience
+    def __init__(self, patience: float, works: Callable[[], bool] = lambda: False) -> None:
+        self._name, self._patience, self._works = '', patience, works
         self._save: Callable[[], None] = _nothing
         self._last = time.monotonic()
         self._over = threading.Event()
@@ -67,6 +69,8 @@ class Watchdog:
         seen, looks = self._last, 0
         while not self._over.wait(self._patience / LOOKS):
             self._arm()
+            if self._works():
+                self.beat()
             # counted: after the whole process or machine stood still both threads are late
             looks = looks + 1 if seen == self._last else 0
             seen = self._last

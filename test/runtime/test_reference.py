@@ -114,17 +114,41 @@ def test_joints_that_nobody_wanted_anywhere_stay_where_they_stand() -> None:
     assert admitted == [1]
 
 
-def test_a_trajectory_without_points_ends_the_motion_where_it_is() -> None:
+def nothing() -> TrajectoryMessage:
+    return TrajectoryMessage(0, np.zeros(0), np.zeros((0, 1)), None, None)
+
+
+@pytest.mark.parametrize('streamed', [False, True])
+def test_a_message_without_points_brakes_along_the_motion_without_a_step(streamed: bool) -> None:
     follower = ReferenceFollower(1, 0.2)
-    none = TrajectoryMessage(0, np.zeros(0), np.zeros((0, 1)), None, None)
-    follower.offer(none, 9.0, NOW_NS)
+    if streamed:
+        follower.offer(point(1.0, 0.5, 0.0), 9.99, NOW_NS)
+        follower.offer(point(1.005, 0.5, 0.0), 10.0, NOW_NS)
+    else:
+        follower.offer(trajectory([0.0, 4.0], [0.0, 2.0]), 8.0, NOW_NS)
+        follower.offer(trajectory([0.0, 1.0], [5.0, 5.0], start_s=2.0), 10.0, NOW_NS)
+    before = at(follower, 10.0)
+    follower.offer(nothing(), 10.0, NOW_NS)
+    assert at(follower, 10.0) == pytest.approx(before, abs=1e-9)
+    times = np.arange(10.0, 10.4, 1e-3)
+    q, qd, _ = np.array([at(follower, t) for t in times]).T
+    assert np.abs(np.diff(q) - 1e-3 * qd[:-1]).max() < 1e-5  # neither position nor rate jumps
+    assert np.abs(np.diff(qd)).max() < 0.01
+    assert np.all(qd <= before[1] * (1.0 + 1e-3))
+    assert np.all(qd >= -1e-6)
+    q_end, rate, acceleration = at(follower, 10.5)
+    assert (rate, acceleration) == (0.0, 0.0)
+    assert before[0] < q_end <= before[0] + 0.16 * before[1]
+    assert at(follower, 14.0)[0] == q_end  # what was to come does not
+
+
+def test_at_rest_a_message_without_points_changes_nothing() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    follower.offer(nothing(), 9.0, NOW_NS)
     assert not follower.given
-    follower.offer(trajectory([0.0, 2.0], [0.0, 1.0]), 10.0, NOW_NS)
-    follower.offer(trajectory([0.0, 1.0], [5.0, 5.0], start_s=2.0), 10.0, NOW_NS)
-    there = at(follower, 11.0)[0]
-    follower.offer(none, 11.0, NOW_NS)
-    for now in (11.0, 12.5, 20.0):
-        assert at(follower, now) == pytest.approx((there, 0.0, 0.0))
+    follower.offer(trajectory([0.0, 1.0], [0.0, 2.0]), 10.0, NOW_NS)
+    follower.offer(nothing(), 12.0, NOW_NS)
+    assert at(follower, 12.5) == (2.0, 0.0, 0.0)
 
 
 def test_a_streamed_point_goes_on_for_one_interval_of_the_stream() -> None:

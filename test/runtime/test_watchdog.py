@@ -12,12 +12,18 @@ from child_processes import child
 
 # an executor that turns, or hangs, for a while
 CODE = """
-import sys, time
+import sys, threading, time
+from denoc_ros.kernels import compiling
 from denoc_ros.runtime.watchdog import Watchdog
 
-watchdog = Watchdog(1.0)
+watchdog = Watchdog(1.0, compiling.at_work)
 watchdog.begin('node', lambda: print('saved', flush=True))
 print('begun', flush=True)
+if 'compiles' in sys.argv[1]:
+    compiling._in_thread(lambda: time.sleep(3.0), None)
+    print('compiled', flush=True)
+    if sys.argv[1] == 'compiles':
+        sys.exit()
 for _ in range(60 if sys.argv[1] == 'turns' else 400):
     if sys.argv[1] == 'turns':
         watchdog.beat()
@@ -26,8 +32,16 @@ watchdog.stop()
 """
 
 
-@pytest.mark.parametrize(('does', 'status', 'said'), [('turns', 0, ''), ('hangs', 1, 'saved\n')])
-def test_a_process_that_was_stopped_does_not_count_as_hung(
+@pytest.mark.parametrize(
+    ('does', 'status', 'said'),
+    [
+        ('turns', 0, ''),
+        ('hangs', 1, 'saved\n'),
+        ('compiles', 0, 'compiled\n'),
+        ('compiles and hangs', 1, 'compiled\nsaved\n'),
+    ],
+)
+def test_a_process_that_was_stopped_or_compiles_does_not_count_as_hung(
     does: str, status: int, said: str
 ) -> None:
     command = [sys.executable, '-c', CODE, does]
