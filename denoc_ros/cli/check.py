@@ -19,8 +19,15 @@ from denoc_ros.reports.text_table import Row, cell_text, text_table
 if TYPE_CHECKING:
     from denoc_ros.cli.postures import Posture
     from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.model.tree import Beam, Body, Joint
+    from denoc_ros.model.tree import Beam, Body, Joint, Tree
     from denoc_ros.types import Array
+
+
+WITHOUT_ROTORS = (
+    'no rotor inertia of {}: beyond the modes of the model such a joint moves the root of a beam '
+    'only, which has none, and feedback of its rate is unstable with any delay; real gears '
+    'reflect gear ratio^2 x rotor inertia: add <actuator joint="NAME" armature="..."/>'
+)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -79,7 +86,8 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         `loops` (mimic joints too), `mechanism` (what the loops leave to move, one row or none),
         `natural_frequencies_hz` (joints held, all coordinates zero; negative: unstable),
         `observability` (of modes and biases by sensors with noise, there), `postures` (both in
-        equilibrium at others) and `warnings`. Numbers that are infinite
+        equilibrium at others), `without_rotors` (joints of flexible links that have no rotor
+        inertia) and `warnings`. Numbers that are infinite
         stand as None.
     """
     import numpy as np
@@ -120,8 +128,24 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
             }
             for posture in postures
         ],
+        'without_rotors': _without_rotors(tree),
         'warnings': list(tree.warnings),
     }
+
+
+def _without_rotors(tree: Tree) -> list[str]:
+    """Return the driven joints without rotor inertia whose link bends, or hangs on one that does.
+
+    At high frequency such a joint sees the root of a beam, which has no inertia.
+    """
+    found = []
+    for body in tree.bodies:
+        carrier = tree.bodies[body.attachment.body] if body.attachment.body >= 0 else None
+        bends = body.beam is not None or (carrier is not None and carrier.beam is not None)
+        joint = body.joint
+        if bends and joint is not None and not joint.armature and joint.mimic is None:
+            found.append(joint.name)
+    return found
 
 
 def _observability(robot: Robot, q: Array) -> list[Row]:
@@ -311,4 +335,6 @@ def _as_text(summary: Mapping[str, Any]) -> str:
         if posture['observability']:
             table = text_table(posture['observability'])
             parts.append(f'observability, joints held at ({at}), in equilibrium\n{table}')
+    if summary['without_rotors']:
+        parts.append(WITHOUT_ROTORS.format(', '.join(summary['without_rotors'])))
     return '\n\n'.join(parts)

@@ -11,6 +11,7 @@ import yaml
 from denoc_ros.cli.config import Parameters, Phase, SessionConfig
 from denoc_ros.cli.time_modes import SIMULATED
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.plant_description import PlantDescription, read_plant
 from denoc_ros.output_files import write_text
 
 # the time stands until the session lets it go on; partners that are slow are waited for
@@ -66,6 +67,11 @@ def node_parameters(config: SessionConfig, name: str, phase: Phase, folder: Path
     table.settings(given, f'{config.path}: {name}')
     accepted = {key: table.accept(key, value) for key, value in given.items()}
     return {**accepted, 'use_sim_time': True} if config.time == SIMULATED else accepted
+
+
+def session_plant(config: SessionConfig) -> PlantDescription:
+    """Return how the plant's beams are described in a session that has one."""
+    return read_plant(config.nodes.get('plant', {}), lambda finding: None)
 
 
 def session_partners(config: SessionConfig) -> list[str]:

@@ -89,7 +89,7 @@ def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
         The run cannot be read, or not with this robot.
     """
     from denoc_ros.dynamics.robot import load_robot
-    from denoc_ros.reports.run_files import find_bag, read_session, recording_name
+    from denoc_ros.reports.run_files import find_bag, plant_of, read_session, recording_name
     from denoc_ros.viewer.recorded import RecordedRun
 
     if not args.start < args.end:
@@ -99,6 +99,8 @@ def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
     bag, session = find_bag(path), read_session(path)
     source = robot_source(bag, args.robot)
     robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
+    if args.source in ('', 'plant'):
+        robot = plant_of(robot, session)
     run = RecordedRun(bag, robot, args.source, args.start, args.end, rate)
     file = source if isinstance(source, Path) else _session_robot(session)
     name = session.get('name') or recording_name(path)

@@ -90,15 +90,9 @@ def prepare(
     ConfigError, ModelError
         With every finding.
     """
-    from denoc_ros.dynamics.robot import load_robot
     from denoc_ros.simulation.scenario import model_settings, scenario_from_config
 
-    model = model_settings(values, where)
-    loaded = load_robot(
-        robot, gravity=model.gravity, geometric_stiffness=model.geometric_stiffness
-    )
-    if changes := {**model.overrides, **(overrides or {})}:
-        loaded = loaded.with_overrides(changes)
+    loaded = model_settings(values, where).load(robot, overrides)
     return loaded, scenario_from_config(values, loaded, where)
 
 

@@ -178,7 +178,7 @@ def bring_up(
         For a bad configuration or robot.
     """
     from denoc_ros.cli.conclusion import conclude
-    from denoc_ros.cli.node_parameters import check_parameters
+    from denoc_ros.cli.node_parameters import check_parameters, session_plant
     from denoc_ros.cli.processes import Processes, free_domain
     from denoc_ros.cli.progress import Progress
     from denoc_ros.cli.session import Session, session_nodes
@@ -202,7 +202,8 @@ def bring_up(
             raise ConfigError(
                 str(config.path), [f'tip must be one of {known}, got {config.tip!r}']
             )
-        for overrides in (config.model, config.plant_model):
+        plant = {**session_plant(config).overrides(robot.tree), **config.plant_model}
+        for overrides in (config.model, plant):
             robot.with_overrides(overrides)
         task = _task(config, robot, bag)
         config = _started_on_the_reference(config, task)
@@ -218,7 +219,11 @@ def bring_up(
     }
     os.environ.update(environment)
     (folder / 'configuration.yaml').write_bytes(config.path.read_bytes())
-    file = SessionFile(folder, _session_values(config, environment, command))
+    values = _session_values(config, environment, command)
+    if 'plant' in session_nodes(config, bag):
+        values |= _beams(config, robot)
+        progress.say(values['beams'])
+    file = SessionFile(folder, values)
     processes = Processes(folder / 'logs', environment)
     interrupts = interrupts or Interrupts()
     error: BaseException | None = None
@@ -364,6 +369,19 @@ def _require_ros() -> None:
         import_module('denoc_ros.nodes.session_client')
     except ImportError as error:
         raise DenocError(NO_ROS.format(error)) from error
+
+
+def _beams(config: SessionConfig, robot: Robot) -> dict[str, Any]:
+    """Return what session.json says of the plant's beams: paths that describe them, and words."""
+    from denoc_ros.cli.node_parameters import session_plant
+    from denoc_ros.model.plant_description import description_in_words
+
+    described = session_plant(config).overrides(robot.tree)
+    plant, model = (
+        description_in_words(robot.with_overrides(paths).tree if paths else robot.tree)
+        for paths in (described, config.model)
+    )
+    return {'plant': described, 'beams': f'plant: {plant}; model: {model}'}
 
 
 def _session_values(

@@ -96,11 +96,16 @@ class ModelNode(DenocNode):
             'gravity': tuple(gravity),
             'geometric_stiffness': settings.flag('geometric_stiffness'),
         }
-        robot = load_robot(source, **options)
+        robot = self.described(load_robot(source, **options), settings)
         if len(robot.base_indices) and self.holds_base:
             self.floating = LiveModel(self._seen(robot), name)
             robot = load_robot(with_held_base(robot.tree.source), **options)
         return LiveModel(self._seen(robot), name)
+
+    def described(self, robot: Robot, settings: Settings) -> Robot:
+        """Return the robot as the node describes its beams: here as it was loaded."""
+        del settings
+        return robot
 
     def _seen(self, robot: Robot) -> Robot:
         return measured_robot(robot) if self.sees_joint_states else robot

@@ -23,6 +23,7 @@ from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.plant_description import PlantDescription
 from denoc_ros.nodes.base import LATCHED, STATE
 from denoc_ros.nodes.base_output import BaseOutput
 from denoc_ros.nodes.inertial_outputs import InertialOutputs
@@ -99,6 +100,13 @@ class PlantNode(RobotNode):
             self.source.clock.pause_at = settings.number('pause_at')
 
     # ---- configure
+
+    def described(self, robot: Robot, settings: Settings) -> Robot:
+        """Return the plant of a robot: with modes, shapes and segments of its own."""
+        plant = PlantDescription(
+            settings.integer('modes'), settings.text('shape'), settings.integer('segments')
+        )
+        return robot.with_overrides(plant.overrides(robot.tree)) if plant else robot
 
     def prepare(self) -> None:
         """Build stepper, start, drives and all messages; run each once."""

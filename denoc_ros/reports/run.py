@@ -27,13 +27,14 @@ from denoc_ros.reports.run_files import (
     SIMULATED,
     STEPPED,
     find_bag,
+    plant_of,
     read_session,
     recording_name,
 )
 from denoc_ros.simulation.bag import write_run
 from denoc_ros.simulation.run import Run
 
-NOTED = ('time', 'failure')  # of a session, in the numbers of its run
+NOTED = ('time', 'beams', 'failure')  # of a session, in the numbers of its run
 
 
 @dataclass(frozen=True)
@@ -172,8 +173,7 @@ def _robot(
     gravity = tuple(session.get('gravity', EARTH))
     try:
         robot = load_robot(text, gravity, session.get('geometric_stiffness', True))
-        overrides = session.get('model', {})
-        return (robot.with_overrides(overrides) if overrides else robot), ()
+        return plant_of(robot, session), ()
     except DenocError as error:
         return None, (f'the robot is left out: {error}',)
 
@@ -245,6 +245,8 @@ def _subtitle(found: _Found) -> Iterator[str]:
             yield str(why)
     if robot := session.get('robot'):
         yield Path(robot).name
+    if beams := session.get('beams'):
+        yield str(beams)
 
 
 def _provenance(found: _Found, command: str) -> dict[str, str]:

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from denoc_ros.errors import BagError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from denoc_ros.dynamics.robot import Robot
 
 EARTH = (0.0, 0.0, -9.81)  # m/s^2, where nothing is said
 FORMATS = ('.mcap', '.db3', '.csv', '.tsv', '.txt', '.dat', '.mat', '.json')
 BAG_FOLDER = 'bag'
 SESSION_FILE = 'session.json'
 SESSION_KINDS: dict[str, type] = {
-    **dict.fromkeys(('kind', 'name', 'robot', 'tip', 'command', 'scenario', 'failure'), str),
-    **dict.fromkeys(('model', 'versions', 'time'), dict),
+    **dict.fromkeys(
+        ('kind', 'name', 'robot', 'tip', 'command', 'scenario', 'failure', 'beams'), str
+    ),
+    **dict.fromkeys(('model', 'plant', 'versions', 'time'), dict),
     **dict.fromkeys(('gravity', 'phases'), list),
     'geometric_stiffness': bool,
 }
@@ -37,6 +44,18 @@ def find_bag(run_path: Path) -> Path:
         raise BagError(f'{run_path}: run must be a directory or a bag, got nothing there')
     inside = run_path / BAG_FOLDER
     return inside if inside.is_dir() else run_path
+
+
+def plant_of(robot: Robot, session: Mapping[str, Any]) -> Robot:
+    """Return the robot whose states a run recorded: the file's as the session changed it.
+
+    Raises
+    ------
+    ConfigError, ModelError
+        The session's paths are not of this robot.
+    """
+    overrides = {**session.get('plant', {}), **session.get('model', {})}
+    return robot.with_overrides(overrides) if overrides else robot
 
 
 def read_session(run_path: Path) -> dict[str, Any]:

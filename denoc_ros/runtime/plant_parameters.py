@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from denoc_ros.model.plant_description import LIMITS
+from denoc_ros.model.shapes import SHAPES
 from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
 from denoc_ros.runtime.shared_parameters import (
     lifecycle_parameters,
@@ -19,6 +21,30 @@ TABLE = ParameterTable(
         *robot_parameters(),
         *loop_parameters(),
         *range_parameters(),
+        Parameter(
+            'modes',
+            Kind.INTEGER,
+            0,
+            'modes of each bending plane and of torsion of every beam of the plant, per segment; '
+            '0: as in the description, which the other nodes have',
+            minimum=0,
+            maximum=LIMITS['modes'],
+        ),
+        Parameter(
+            'shape',
+            Kind.STRING,
+            '',
+            'shape functions of the plant in bending; empty: as in the description',
+            choices=('', *SHAPES),
+        ),
+        Parameter(
+            'segments',
+            Kind.INTEGER,
+            0,
+            'segments of each beam of the plant; 0: as in the description',
+            minimum=0,
+            maximum=LIMITS['segments'],
+        ),
         Parameter(
             'joints',
             Kind.STRINGS,

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.model.mapping_reader import is_number
+from denoc_ros.model.plant_description import KEYS as PLANT_KEYS
+from denoc_ros.model.plant_description import PlantDescription, read_plant
 from denoc_ros.simulation.motion import Prescribed, Torque
 from denoc_ros.simulation.run import Run
 from denoc_ros.simulation.scenario_inputs import ScenarioInputs
@@ -24,6 +27,7 @@ KEYS = (
     'gravity',
     'geometric_stiffness',
     'model',
+    'plant',
     'start',
     'torque',
     'reference',
@@ -49,11 +53,30 @@ class ModelSettings:
         Whether beams foreshorten.
     overrides : mapping
         Dotted path -> number, or several.
+    plant : PlantDescription
+        How its beams are described, where not as in the file.
     """
 
     gravity: tuple[float, float, float]
     geometric_stiffness: bool
     overrides: Mapping[str, float | list[float]]
+    plant: PlantDescription
+
+    def load(
+        self,
+        robot: str | os.PathLike[str],
+        overrides: Mapping[str, float | list[float] | str] | None = None,
+    ) -> Robot:
+        """Return the robot of a file or text, with further overrides above those of the scenario.
+
+        Raises
+        ------
+        ConfigError, ModelError
+            With every finding.
+        """
+        loaded = load_robot(robot, self.gravity, self.geometric_stiffness)
+        changes = {**self.plant.overrides(loaded.tree), **self.overrides, **(overrides or {})}
+        return loaded.with_overrides(changes) if changes else loaded
 
 
 @dataclass(frozen=True)
@@ -112,8 +135,8 @@ def model_settings(values: Mapping[str, Any], where: str) -> ModelSettings:
     Parameters
     ----------
     values : mapping
-        The scenario; `gravity` (three numbers), `geometric_stiffness` and `model` (dotted paths)
-        are read.
+        The scenario; `gravity` (three numbers), `geometric_stiffness`, `model` (dotted paths) and
+        `plant` (modes, shape, segments) are read.
     where : str
         Named in errors.
 
@@ -130,8 +153,11 @@ def model_settings(values: Mapping[str, Any], where: str) -> ModelSettings:
     if not isinstance(stiffness, bool):
         reader.find(f'geometric_stiffness must be true or false, got {stiffness!r}')
     overrides = reader.overrides('model')
+    described = reader.mapping('plant', values.get('plant'))
+    reader.only('plant', described, PLANT_KEYS)
+    plant = read_plant(described, reader.find)
     reader.finish(where)
-    return ModelSettings((gravity[0], gravity[1], gravity[2]), stiffness, overrides)
+    return ModelSettings((gravity[0], gravity[1], gravity[2]), stiffness, overrides, plant)
 
 
 def scenario_from_config(values: Mapping[str, Any], robot: Robot, where: str) -> Scenario:

@@ -185,6 +185,9 @@ class RecordedRun(Sequence[Snapshot]):
 
     def _recorded(self, source: str, rows: Rows) -> list[str]:
         """Return the coordinates to be taken from a topic; none where it is of another robot."""
+        described = {name for known in self._known for name in known}
+        if any('/' in name and name not in described for name in rows.names):
+            return []  # of beams that are described otherwise
         for known in self._known:
             if rows.has(known):
                 return list(known)

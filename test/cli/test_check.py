@@ -38,6 +38,23 @@ def test_a_posture_is_given_in_order_or_by_names(
     assert said[0] == said[1] == said[2] != said[3]
 
 
+def test_joints_of_beams_without_rotors_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, named = tmp_path / 'arm.urdf', []
+    text = planar_chain([RIGID, FLEXIBLE, RIGID])
+    rotor = '<actuator joint="joint_3" armature="1"/></flexibility>'
+    for more in ('</flexibility>', rotor):
+        file.write_text(text.replace('</flexibility>', more))
+        assert main(['check', str(file)]) == 0
+        (line,) = (x for x in capsys.readouterr().out.splitlines() if 'no rotor inertia' in x)
+        named.append(line.partition(':')[0])
+    assert named == ['no rotor inertia of joint_2, joint_3', 'no rotor inertia of joint_2']
+    file.write_text(planar_chain([RIGID, RIGID]))
+    assert main(['check', str(file)]) == 0
+    assert 'rotor' not in capsys.readouterr().out
+
+
 def test_json_has_masses_and_the_cantilever_frequency(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,8 +10,14 @@ from pathlib import Path
 import pytest
 
 from denoc_ros.cli.config import KEYS, NODES, flatten, load_config
-from denoc_ros.cli.node_parameters import changed_parameters, check_parameters
+from denoc_ros.cli.node_parameters import (
+    changed_parameters,
+    check_parameters,
+    node_parameters,
+    session_plant,
+)
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.plant_description import PlantDescription
 
 ROOT = Path(__file__).resolve().parents[2]
 GOOD = """
@@ -150,6 +156,22 @@ def test_a_configuration_is_checked_without_ros() -> None:
         'assert not ros, ros'
     )
     subprocess.run([sys.executable, '-c', script], check=True, timeout=120)
+
+
+def test_plant_of_a_session_is_described_by_the_node_s_parameters(folder: Path) -> None:
+    text = 'robot: arm.urdf\nplant: {segments: 8, beam: {a.y.ei: 2.0}}\n'
+    config = load_config(write(folder, text))
+    assert session_plant(config) == PlantDescription(segments=8)
+    assert node_parameters(config, 'plant', config.phases[0], folder)['segments'] == 8
+    for node in ('predictor', 'feedforward'):
+        assert 'segments' not in node_parameters(config, node, config.phases[0], folder)
+    for bad, message in (
+        ('{segments: 300}', "parameter 'segments' must be >= 0, <= 200, got 300"),
+        ('{shape: round}', "parameter 'shape' must be .*, got 'round'"),
+    ):
+        config = load_config(write(folder, f'robot: arm.urdf\nplant: {bad}\n'))
+        with pytest.raises(ConfigError, match=message):
+            check_parameters(config, ['plant'])
 
 
 def test_live_parameters_need_no_new_start() -> None:

@@ -20,6 +20,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.model.plant_description import PlantDescription
 from denoc_ros.nodes.base import LATCHED
 from denoc_ros.nodes.plant import CATCH_UP, PlantNode
 from denoc_ros.nodes.predictor import PredictorNode
@@ -64,6 +65,33 @@ def test_it_moves_as_the_stepper_says(graph: Any, plant: Any, urdf: str) -> None
     # a late tick takes several steps at once, none is lost or done twice
     assert all(later > earlier for earlier, later in itertools.pairwise(found))
     assert tuple(states[0].name) == robot.coordinate_names
+
+
+def test_plant_of_segments_keeps_the_description_of_the_model(
+    graph: Any, plant: Any, urdf: str
+) -> None:
+    states = graph.collect(JointState, '/plant/true_modal_state')
+    tips = graph.collect(JointState, '/plant/true_deflection')
+    told: list[String] = []
+    graph.probe.create_subscription(String, '/robot_description', told.append, LATCHED)
+    node = plant(segments=3, start=[-1.0, 0.3])
+    model = load_robot(urdf, gravity=GRAVITY)
+    truth = model.with_overrides(PlantDescription(segments=3).overrides(model.tree))
+    graph.until(lambda: len(states) > 3 and len(tips) > 3 and told)
+    assert told[0].data == Path(urdf).read_text()
+    assert tuple(states[-1].name) == truth.coordinate_names != model.coordinate_names
+    assert 'one/3/y1' in truth.coordinate_names
+    still = truth.static_deflection([-1.0, 0.3])
+    np.testing.assert_allclose(states[-1].position, still, atol=1e-9)
+    bent = dict(zip(tips[-1].name, tips[-1].position, strict=True))
+    whole = truth.tip_deflection('one', still)
+    assert [bent[f'one/u{axis}'] for axis in 'xyz'] == pytest.approx(whole, abs=1e-12)
+    # numbers of whole beams stay live
+    (result,) = node.set_parameters([Parameter('beam.one.y.ei', value=2000.0)])
+    assert result.successful, result.reason
+    assert node._pending is not None or node.robot.n == truth.n
+    (result,) = node.set_parameters([Parameter('segments', value=2)])
+    assert not result.successful
 
 
 def test_mimic_joints_follow_their_leader(graph: Any, tmp_path: Path) -> None:

@@ -194,6 +194,21 @@ def test_settings_of_the_model_are_read_before_there_is_one() -> None:
     assert len(caught.value.findings) == 3
 
 
+def test_plant_of_a_scenario_is_described_once_more() -> None:
+    text = planar_chain(CANADARM)
+    plain = model_settings({}, '').load(text)
+    same = model_settings({'plant': {'modes': 2, 'shape': 'clamped-free'}}, '').load(text)
+    assert same.coordinate_names == plain.coordinate_names
+    rich = model_settings({'plant': {'segments': 4}, 'model': {'beam.link_1.y.ei': 2e5}}, '').load(
+        text, {'beam.link_2.y.ei': 3e5}
+    )
+    assert [body.beam.y.stiffness for body in rich.tree.bodies if body.beam and body.beam.y] == (
+        [2e5] * 4 + [3e5] * 4
+    )
+    with pytest.raises(dn.ConfigError, match=r'a: plant.s keys must be of modes, shape, segments'):
+        model_settings({'plant': {'ei': 2}}, 'a')
+
+
 def test_documentation_has_every_key_and_its_example_works(repository: Path) -> None:
     text = (repository / 'docs' / 'scenarios.md').read_text()
     rows = [line.split('`')[1] for line in text.splitlines() if line.startswith('| `')]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.cli.config import read_yaml
-from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.simulation.run import Run
 from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_from_config
 from denoc_ros.simulation.time_functions import TimeFunction
@@ -30,9 +30,7 @@ def shipped(
     values = read_yaml(CONFIG / 'scenarios' / f'{scenario}.yaml')
     values['model'] = {**(values.get('model') or {}), **(overrides or {})}
     settings = model_settings(values, scenario)
-    loaded = load_robot(
-        CONFIG / 'robots' / f'{robot}.urdf', settings.gravity, settings.geometric_stiffness
-    ).with_overrides(settings.overrides)
+    loaded = settings.load(CONFIG / 'robots' / f'{robot}.urdf')
     return loaded, scenario_from_config(values, loaded, scenario)
 
 

@@ -36,7 +36,7 @@ from denoc_ros.model.shapes import SHAPES
 from denoc_ros.yaml_text import read_yaml_file
 
 SYSTEM_KEYS = frozenset(
-    ('planar', 'section', 'modes', 'shape', 'kinds', 'damping_ratio', 'limits')
+    ('planar', 'section', 'modes', 'shape', 'kinds', 'damping_ratio', 'limits', 'armature')
 )
 # What tables of systems say besides, about gravity and runs: no part of the robot.
 OTHER_KEYS = frozenset(('g', 'torque', 'rate', 'trajectory', 'start_deg', 'book_says', 'note'))
@@ -61,6 +61,7 @@ class DHSystem:
     shape: str
     damping_ratio: tuple[float, ...]
     limits: Mapping[str, float]
+    armature: tuple[float, ...] = ()  # kg m^2 or kg, of the joint before each link; (): none
 
     @property
     def links(self) -> tuple[DHLink, ...]:
@@ -128,6 +129,7 @@ def read_system(
         _shape(reader),
         _damping_ratio(reader),
         _limits(reader),
+        _armature(reader, len(links)),
     )
     ConfigError.raise_any(where, findings.items)
     return system
@@ -178,6 +180,14 @@ def _damping_ratio(reader: Table) -> tuple[float, ...]:
     value = reader.table.get('damping_ratio', 0.0)
     entries = value if isinstance(value, list) else [value]
     return tuple(reader.as_number('damping_ratio', entry, '-', least=0.0) for entry in entries)
+
+
+def _armature(reader: Table, joints: int) -> tuple[float, ...]:
+    """Return the rotor inertia that each joint's gear reflects."""
+    if 'armature' not in reader.table:
+        return ()
+    entries = reader.list_of('armature', joints)
+    return tuple(reader.as_number('armature', entry, 'kg m^2', least=0.0) for entry in entries)
 
 
 def _limits(reader: Table) -> dict[str, float]:

@@ -51,7 +51,8 @@ def urdf_text(system: DHSystem) -> str:
     if system.tool is not None:
         joint = etree.SubElement(root, 'joint', name='tool_joint', type='fixed')
         _add_ends(joint, system.tool.link, 'tool', *_placement(system, system.tool))
-    if system.loops or any(_bends(system, link) for link in system.links):
+    bends = any(_bends(system, link) for link in system.links)
+    if system.loops or bends or any(system.armature):
         _add_flexibility(root, system)
     etree.indent(root, '  ')
     return f'<?xml version="1.0"?>\n{etree.tostring(root, encoding="unicode")}\n'
@@ -178,6 +179,12 @@ def _add_flexibility(root: Element, system: DHSystem) -> None:
             )
             bending.set('modes', str(system.modes))
             bending.set('damping_ratio', number_text(*system.damping_ratio))
+    for link, inertia in zip(
+        system.links, system.armature or [0.0] * len(system.links), strict=True
+    ):
+        if inertia:
+            rotor = {'joint': joint_name(link), 'armature': number_text(inertia)}
+            etree.SubElement(block, 'actuator', rotor)
     for loop in system.loops:
         element = etree.SubElement(block, 'loop', name=loop.name, type=loop.type)
         for tag, point in (('parent', loop.parent), ('child', loop.child)):

@@ -1,0 +1,106 @@
+"""A plant described otherwise than its model: more modes, other shape functions, segments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from denoc_ros.model.flexibility import MOST_MODES, MOST_SEGMENTS
+from denoc_ros.model.override_elements import Value
+from denoc_ros.model.override_values import critical_damping
+from denoc_ros.model.shapes import SHAPES
+from denoc_ros.model.tree import Beam, Tree
+
+KEYS = ('modes', 'shape', 'segments')
+LIMITS = {'modes': MOST_MODES, 'segments': MOST_SEGMENTS}
+
+
+@dataclass(frozen=True)
+class PlantDescription:
+    """How every beam of a plant is described, where that differs from the robot's file.
+
+    Attributes
+    ----------
+    modes : int
+        Of each bending plane and of torsion, per segment; 0: as in the file. What the file takes
+        as rigid stays rigid. Further modes are damped as the file's last.
+    shape : str
+        Shape functions of bending; '': as in the file, and Craig-Bampton where beams are divided.
+    segments : int
+        Per beam; 0: as in the file.
+    """
+
+    modes: int = 0
+    shape: str = ''
+    segments: int = 0
+
+    def __bool__(self) -> bool:
+        """Whether it says anything."""
+        return self != PlantDescription()
+
+    def overrides(self, tree: Tree) -> dict[str, Value]:
+        """Return the dotted paths, and their values, by which a robot becomes the plant."""
+        found: dict[str, Value] = {}
+        for body in tree.bodies:
+            if body.beam is None or body.segment > 1:
+                continue
+            if self.segments:
+                found[f'beam.{body.name}.segments'] = self.segments
+            if self.shape:
+                found[f'beam.{body.name}.shape'] = self.shape
+            found.update(self._deformations(f'beam.{body.name}', body.beam))
+        return found
+
+    def _deformations(self, path: str, beam: Beam) -> dict[str, Value]:
+        """Return modes and damping ratios of a beam whose count of modes changes."""
+        found: dict[str, Value] = {}
+        for name, part, critical in critical_damping(beam):
+            modes, segments = self.modes or part.modes, self.segments or beam.segments
+            if not part.modes or (modes, segments) == (part.modes, beam.segments):
+                continue
+            ratios = [float(f'{ratio:.12g}') for ratio in part.damping / critical]
+            ratios = ratios[:1] if segments > 1 else (ratios + ratios[-1:] * modes)[:modes]
+            found[f'{path}.{name}.modes'] = modes
+            found[f'{path}.{name}.damping_ratio'] = ratios
+        return found
+
+
+def read_plant(values: Mapping[str, Any], find: Callable[[str], None]) -> PlantDescription:
+    """Return the description in a mapping that may hold other keys; `find` takes each finding."""
+    read: dict[str, Any] = {}
+    for key, most in LIMITS.items():
+        value = values.get(key, 0)
+        if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= most:
+            read[key] = value
+        else:
+            rule = f'must be a whole number from 0 (as in the file) to {most}'
+            find(f'plant {key} {rule}, got {value!r}')
+    shape = values.get('shape', '')
+    if shape in ('', *SHAPES):
+        read['shape'] = shape
+    else:
+        find(f'plant shape must be one of {", ".join(SHAPES)}, got {shape!r}')
+    return PlantDescription(**read)
+
+
+def description_in_words(tree: Tree) -> str:
+    """Return how a robot's beams are described, such as `craig-bampton, 2 modes`."""
+    found: dict[str, None] = {}
+    for body in tree.bodies:
+        if body.beam is not None and body.segment <= 1:
+            found[_beam_in_words(body.beam)] = None
+    return '; '.join(found) or 'rigid links'
+
+
+def _beam_in_words(beam: Beam) -> str:
+    if beam.segments > 1:
+        return f'{beam.segments} segments per beam'
+    for name, part in (('', beam.y), ('', beam.z), ('torsion', beam.torsion)):
+        if part is not None and part.modes:
+            return f'{name or part.shape}, {_count(part.modes, "mode")}'
+    return 'rigid'
+
+
+def _count(number: int, noun: str) -> str:
+    return f'{number} {noun}' + 's' * (number != 1)
