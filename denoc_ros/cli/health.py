@@ -43,6 +43,9 @@ class Tasks(Protocol):
     def activity(self, name: str) -> Activity | None:
         """Return what a process does."""
 
+    def give_up(self, name: str) -> None:
+        """Expect no orderly end of a process."""
+
 
 @dataclass
 class _Watched:
@@ -158,6 +161,7 @@ class Health:
         starves = wants and activity.cpu - before.cpu < GRANTED * passed
         watched.starved = watched.starved + passed if starves else 0.0
         if watched.starved > STARVED:
+            self.tasks.give_up(name)
             raise ProcessError(
                 f'{name}: process must get a processor, got one for less than '
                 f'{100.0 * GRANTED:.0f} % of {watched.starved:.0f} s: it starves beside others'

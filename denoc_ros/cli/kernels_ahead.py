@@ -1,25 +1,50 @@
-"""The kernels of a session, compiled by processes beside each other before anything else.
+"""Kernels compiled before anything else, by processes beside each other.
 
-`python -m denoc_ros.cli.kernels_ahead ORDER LOOPS PLANS` is one of these processes; what one
-compiles, the others do not.
+`python -m denoc_ros.cli.kernels_ahead ORDER NAME...` is one of these processes; what one compiles,
+the others do not.
 """
 
 from __future__ import annotations
 
 import os
+import pkgutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from importlib import import_module
 from typing import Any
 
 from denoc_ros.errors import DenocError
 
 ORDERS = ('first', 'last')  # from which end of the list a process begins
-HEAVY = {'forward_dynamics': 16.0, 'inverse_dynamics_derivatives': 15.0}  # s of a processor
+# s of a processor, on the machine of docs/rates.md
+HEAVY = {
+    'articulated_dynamics': 16.0,
+    'forward_dynamics': 16.0,
+    'inverse_dynamics_derivatives': 15.0,
+}
 USUAL = 1.5  # s of any other
 LOADING = 3.0  # s until a process has loaded the compiler
 LOOK = 0.1  # s
+OF_LOOPS = ('clos', 'constrain')  # how modules begin that only robots with constraints need
+
+
+def all_kernels(loops: bool = True) -> list[Any]:
+    """Return all that any command or node may compile, heavy ones at both ends.
+
+    Parameters
+    ----------
+    loops : bool
+        Whether those for robots with constraints are among them.
+    """
+    from denoc_ros import kernels as package
+    from denoc_ros.kernels.compiled import DECLARED
+
+    for module in pkgutil.iter_modules(package.__path__):
+        import_module(f'{package.__name__}.{module.name}')
+    found = [each for each in DECLARED if loops or not _module(each).startswith(OF_LOOPS)]
+    return _heavy_at_both_ends(found)
 
 
 def kernels(loops: bool, plans: bool) -> list[Any]:
@@ -35,8 +60,7 @@ def kernels(loops: bool, plans: bool) -> list[Any]:
     from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
     from denoc_ros.kernels import correction, inverse, inverse_derivatives, world
 
-    heavy_first = sorted(KERNELS, key=_seconds, reverse=True)
-    found = [*heavy_first, *(CONSTRAINT_KERNELS if loops else ()), correction.take_values]
+    found = [*KERNELS, *(CONSTRAINT_KERNELS if loops else ()), correction.take_values]
     if plans:
         found += [
             inverse.inverse_dynamics_rows,
@@ -45,25 +69,56 @@ def kernels(loops: bool, plans: bool) -> list[Any]:
             inverse_derivatives.inverse_dynamics_derivatives_rows,
             inverse_derivatives.inverse_dynamics_derivatives,
         ]
-    return found
+    return _heavy_at_both_ends(found)
 
 
-def estimate(loops: bool, plans: bool) -> float:
-    """Return about how long the compilation of what is missing takes [s], 0 if nothing is."""
+def missing(wanted: Sequence[Any]) -> list[Any]:
+    """Return the kernels that are not in the cache."""
     from denoc_ros.kernels.cache import is_kept
 
-    missing = [each for each in kernels(loops, plans) if not is_kept(each)]
-    share = sum(map(_seconds, missing)) / min(len(ORDERS), len(os.sched_getaffinity(0)))
-    return max(share, max(map(_seconds, missing))) + LOADING if missing else 0.0
+    return [each for each in wanted if not is_kept(each)]
 
 
-def compile_all(loops: bool, plans: bool, watch: Callable[[], None] = lambda: None) -> None:
+def estimate(wanted: Sequence[Any], speed: float = 1.0) -> float:
+    """Return about how long the compilation of what is missing takes [s], 0 if nothing is.
+
+    `speed` is that of this machine, as :func:`measured_speed` finds it.
+    """
+    each = [_seconds(kernel) for kernel in missing(wanted)]
+    if not each:
+        return 0.0
+    share = sum(each) / min(len(ORDERS), len(os.sched_getaffinity(0)))
+    return max(share, max(each)) / speed + LOADING
+
+
+def measured_speed(wanted: Sequence[Any]) -> float:
+    """Compile one kernel that is missing; return how fast, 1 on the machine of docs/rates.md.
+
+    By wall time: what others take of the processors slows the rest as well.
+    """
+    from denoc_ros.kernels.compiled import ready
+
+    usual = [each for each in missing(wanted) if _seconds(each) == USUAL]
+    if len(usual) < 2:  # the first one loads the compiler
+        return 1.0
+    ready(usual[0])
+    began = time.perf_counter()
+    ready(usual[1])
+    return USUAL / (time.perf_counter() - began)
+
+
+def counted(wanted: Sequence[Any]) -> str:
+    """Return how many kernels there are, in words."""
+    return '1 kernel' if len(wanted) == 1 else f'{len(wanted)} kernels'
+
+
+def compile_all(wanted: Sequence[Any], watch: Callable[[], None] = lambda: None) -> None:
     """Compile in processes beside each other; return when all is in the cache.
 
     Parameters
     ----------
-    loops, plans : bool
-        As of :func:`kernels`.
+    wanted : sequence of dispatchers
+        Each declared in denoc_ros.kernels.
     watch : callable
         Called while they work; may raise.
 
@@ -72,10 +127,10 @@ def compile_all(loops: bool, plans: bool, watch: Callable[[], None] = lambda: No
     DenocError
         A process failed.
     """
-    flags = [str(int(loops)), str(int(plans))]
+    names = [_name(each) for each in wanted]
     processes = [
         subprocess.Popen(
-            [sys.executable, '-m', 'denoc_ros.cli.kernels_ahead', order, *flags],
+            [sys.executable, '-m', 'denoc_ros.cli.kernels_ahead', order, *names],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
@@ -100,18 +155,31 @@ def compile_all(loops: bool, plans: bool, watch: Callable[[], None] = lambda: No
             process.communicate()
 
 
+def _heavy_at_both_ends(wanted: Sequence[Any]) -> list[Any]:
+    ordered = sorted(wanted, key=_seconds, reverse=True)
+    return [*ordered[::2], *reversed(ordered[1::2])]
+
+
 def _seconds(kernel: Any) -> float:
     return HEAVY.get(kernel.py_func.__name__, USUAL)
+
+
+def _module(kernel: Any) -> str:
+    return str(kernel.py_func.__module__.rpartition('.')[2])
+
+
+def _name(kernel: Any) -> str:
+    return f'{_module(kernel)}.{kernel.py_func.__qualname__}'
 
 
 def main(arguments: list[str]) -> None:
     """Compile from one end of the list."""
     from denoc_ros.kernels.compiled import ready
 
-    order, loops, plans = arguments
-    found = kernels(loops == '1', plans == '1')
-    for kernel in found if order == ORDERS[0] else reversed(found):
-        ready(kernel)
+    order, *names = arguments
+    known = {_name(each): each for each in all_kernels()}
+    for name in names if order == ORDERS[0] else reversed(names):
+        ready(known[name])
 
 
 if __name__ == '__main__':

@@ -18,6 +18,7 @@ from denoc_ros.errors import DenocError
 LAST_LINES = 12  # of a dead process's output that the error shows
 # s: how long a process may take to answer each signal before the next, harder one
 PATIENCE = ((signal.SIGINT, 30.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
+HURRIED = ((signal.SIGINT, 3.0), (signal.SIGKILL, 3.0))  # for one that gets no processor
 DOMAINS = range(1, 101)  # above 101 the ports would meet the ephemeral ones
 PR_SET_PDEATHSIG = 1
 STOPPED_STATES = 'Tt'  # of /proc: by a signal, by a debugger
@@ -64,6 +65,7 @@ class Processes:
         self._environment = {**os.environ, **environment, 'PYTHONUNBUFFERED': '1'}
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._ending: set[str] = set()
+        self._hopeless: set[str] = set()
 
     def start(self, name: str, arguments: Sequence[str], ends: bool = False) -> None:
         """Start `python arguments` as `name`; `ends`: it may end well by itself."""
@@ -94,12 +96,16 @@ class Processes:
         """Say whether a process has not ended yet."""
         return self._running[name].poll() is None
 
+    def give_up(self, name: str) -> None:
+        """Kill a process soon when it is to end: it gets no processor to end in order."""
+        self._hopeless.add(name)
+
     def stop(self, name: str) -> None:
         """End one process: SIGINT, then SIGTERM, then SIGKILL, each with its time."""
         process = self._running.pop(name, None)
         if process is None:
             return
-        for number, patience in PATIENCE:
+        for number, patience in HURRIED if name in self._hopeless else PATIENCE:
             if process.poll() is not None:
                 return
             with suppress(ProcessLookupError):

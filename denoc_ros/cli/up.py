@@ -245,14 +245,15 @@ def bring_up(
 
 def _compile(config: SessionConfig, progress: Progress, watch: Callable[[], None]) -> None:
     """Compile the kernels that the session needs, if some are not in the cache."""
-    from denoc_ros.cli.kernels_ahead import compile_all, estimate
+    from denoc_ros.cli.kernels_ahead import compile_all, estimate, kernels
 
     loops = bool(config.joints)
     plans = any(phase.shape for phase in config.phases) or 'shaper' not in config.without
-    if expected := estimate(loops, plans):
+    wanted = kernels(loops, plans)
+    if expected := estimate(wanted):
         what = 'compiling the kernels in two processes, once per version and user'
         with progress.step(what, expected):
-            compile_all(loops, plans, watch)
+            compile_all(wanted, watch)
 
 
 @contextmanager

@@ -6,7 +6,10 @@ import argparse
 import logging
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from denoc_ros.model.tree import Tree
 
 LOG = logging.getLogger('denoc_ros')
 
@@ -15,10 +18,10 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
         'warmup',
-        help='compile the kernels that nodes and simulations need, once per version and user',
+        help='compile all kernels now, once per version and user',
         description=(
-            'Compile the kernels that nodes and simulations need, and cache them for all '
-            'processes of this user. Cached kernels are only loaded.'
+            'Compile the kernels of all commands and nodes in two processes, and cache them for '
+            'all processes of this user. Cached kernels are only loaded.'
         ),
     )
     parser.add_argument(
@@ -26,11 +29,14 @@ def add_parser(subparsers: Any) -> None:
         nargs='?',
         type=Path,
         metavar='ROBOT.urdf',
-        help=(
-            'compile only the kernels that this robot needs: those for kinematic loops take as'
-            ' long again'
-        ),
+        help=('leave out the kernels for kinematic loops and mimic joints if this robot has none'),
     )
+
+
+def has_constraints(tree: Tree) -> bool:
+    """Say whether a robot has kinematic loops or mimic joints."""
+    mimics = any(body.joint is not None and body.joint.mimic is not None for body in tree.bodies)
+    return bool(tree.loops) or mimics
 
 
 def run(args: argparse.Namespace) -> int:
@@ -42,32 +48,21 @@ def run(args: argparse.Namespace) -> int:
         0; a bad robot is raised.
     """
     LOG.info('loading the compiler')
-    from denoc_ros.dynamics.robot import load_robot
-    from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
+    from denoc_ros.cli import kernels_ahead
+    from denoc_ros.cli.progress import Progress
     from denoc_ros.kernels.cache import cache_folder
-    from denoc_ros.kernels.compiled import ready
-    from denoc_ros.kernels.correction import take_values
-    from denoc_ros.kernels.joint_tracking import track_joints
-    from denoc_ros.kernels.message_values import take_joint_state
-    from denoc_ros.kernels.quaternion import write_quaternion
-    from denoc_ros.kernels.runge_kutta import explicit_steps
-    from denoc_ros.kernels.tip_deflection import tip_deflections
-    from denoc_ros.kernels.torque_limits import limit_torque
+    from denoc_ros.model.urdf import load_tree
 
+    loops = args.robot is None or has_constraints(load_tree(args.robot))
+    wanted = kernels_ahead.all_kernels(loops)
     began = time.perf_counter()
-    of_nodes = (
-        take_values,
-        take_joint_state,
-        track_joints,
-        tip_deflections,
-        limit_torque,
-        write_quaternion,
-    )
-    if args.robot is None:
-        ready(*KERNELS, *CONSTRAINT_KERNELS, explicit_steps, *of_nodes)
-    else:
-        load_robot(args.robot)
-        ready(*of_nodes)
+    if kernels_ahead.missing(wanted):
+        speed = kernels_ahead.measured_speed(wanted)
+        left = kernels_ahead.missing(wanted)
+        what = f'compiling {kernels_ahead.counted(left)}, once per version and user'
+        with Progress().step(what, kernels_ahead.estimate(wanted, speed)):
+            kernels_ahead.compile_all(left)
     took = time.perf_counter() - began
-    print(f'kernels ready after {took:.1f} s, kept in {cache_folder()}')
+    said = kernels_ahead.counted(wanted)
+    print(f'{said} ready after {took:.1f} s, kept in {cache_folder()}')
     return 0

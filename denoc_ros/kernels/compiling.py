@@ -50,7 +50,8 @@ def _compile(groups: Sequence[Sequence[Kernel]]) -> None:
     A process that is stopped, or gets no processor, keeps nobody waiting for long.
     """
     count = sum(map(len, groups))
-    LOG.info('compiling %d kernels, once per version: a minute at most', count)
+    counted = '1 kernel' if count == 1 else f'{count} kernels'
+    LOG.info('compiling %s, once per version', counted)
     began = said = alive = time.monotonic()
     missing = list(groups)
     touched = 0.0

@@ -22,12 +22,16 @@ class World:
         self.said: Callable[[float], int] = lambda now: 1 + int(now)
         self.loop: Callable[[float], tuple[int, int]] = lambda now: (RATE * int(now), 0)
         self.error = ''
+        self.given_up: list[str] = []
 
     def perf_counter(self) -> float:
         return self.now
 
     def activity(self, _: str) -> Activity:
         return self.does(self.now)
+
+    def give_up(self, name: str) -> None:
+        self.given_up.append(name)
 
     def reports(self, _: str) -> int:
         return self.said(self.now)
@@ -100,6 +104,7 @@ def test_a_process_that_gets_no_processor_starves(world: World) -> None:
     when, why = failing(world)
     assert STARVED < when - 10.0 < STARVED + 2.5
     assert 'it starves beside others' in why
+    assert world.given_up == ['plant']
 
 
 def test_a_process_that_waits_for_its_share_of_a_busy_machine_is_well(world: World) -> None:

@@ -2,32 +2,102 @@
 
 from __future__ import annotations
 
+import ast
+import pkgutil
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from itertools import product
+from pathlib import Path
+from typing import Any
+
 import pytest
 
+import denoc_ros
 from denoc_ros.cli import kernels_ahead
 from denoc_ros.errors import DenocError
 
 
+def named(kernels: Sequence[Any]) -> list[str]:
+    return [each.py_func.__name__ for each in kernels]
+
+
 def test_heavy_kernels_are_at_both_ends() -> None:
-    found = [each.py_func.__name__ for each in kernels_ahead.kernels(loops=False, plans=True)]
-    assert (found[0], found[-1]) == ('forward_dynamics', 'inverse_dynamics_derivatives')
+    found = named(kernels_ahead.kernels(loops=False, plans=True))
+    assert {found[0], found[-1]} <= set(kernels_ahead.HEAVY)
     assert len(found) == len(set(found))
 
 
+def test_a_session_needs_what_is_compiled_ahead_of_all() -> None:
+    every = kernels_ahead.all_kernels()
+    for loops, plans in product((False, True), repeat=2):
+        assert set(kernels_ahead.kernels(loops, plans)) <= set(kernels_ahead.all_kernels(loops))
+    assert set(kernels_ahead.all_kernels(loops=False)) < set(every)
+
+
+def test_python_calls_no_compiled_function_that_warmup_leaves_out() -> None:
+    """What any module of the package can call is among what `denoc warmup` compiles."""
+    every = set(kernels_ahead.all_kernels())
+    called, seen = set(), 0
+    for module in pkgutil.walk_packages(denoc_ros.__path__, 'denoc_ros.'):
+        if module.name.startswith(('denoc_ros.kernels.', 'denoc_ros.bench.machine')):
+            continue
+        file = Path(denoc_ros.__path__[0], *module.name.split('.')[1:])
+        source = file.with_suffix('.py') if not file.is_dir() else file / '__init__.py'
+        for name, function in from_kernels(ast.parse(source.read_text(encoding='utf-8'))):
+            kernel = getattr(import_module(f'denoc_ros.kernels.{name}'), function, None)
+            if hasattr(kernel, 'py_func'):
+                called.add(kernel)
+                seen += 1
+    assert seen > 30
+    assert named(sorted(called - every, key=repr)) == []
+
+
+def from_kernels(tree: ast.AST) -> Iterator[tuple[str, str]]:
+    """Yield (module, name) of what a file takes from kernels, as names or by `module.name`."""
+    modules: dict[str, str] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or '').startswith(
+            'denoc_ros.kernels'
+        ):
+            _, _, inside = str(node.module).partition('denoc_ros.kernels')
+            for alias in node.names:
+                if inside:
+                    yield inside[1:], alias.name
+                else:
+                    modules[alias.asname or alias.name] = alias.name
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Attribute) or not isinstance(node.value, ast.Name):
+            continue
+        if modules.get(node.value.id, 'CHECKED') != 'CHECKED':
+            yield modules[node.value.id], node.attr
+
+
 def test_nothing_is_expected_once_all_are_compiled() -> None:
-    kernels_ahead.compile_all(loops=False, plans=False)
-    assert kernels_ahead.estimate(loops=False, plans=False) == 0.0
+    wanted = kernels_ahead.kernels(loops=False, plans=False)
+    kernels_ahead.compile_all(wanted)
+    assert kernels_ahead.estimate(wanted) == 0.0
+    assert kernels_ahead.measured_speed(wanted) == 1.0
+
+
+def test_a_slow_machine_is_told_a_longer_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    wanted = kernels_ahead.kernels(loops=False, plans=False)
+    monkeypatch.setattr(kernels_ahead, 'missing', lambda wanted: list(wanted))
+    fast, slow = (kernels_ahead.estimate(wanted, speed) for speed in (1.0, 0.5))
+    own = kernels_ahead.LOADING
+    assert slow - own == pytest.approx(2.0 * (fast - own))
+    assert kernels_ahead.counted(wanted[:1]) == '1 kernel'
+    assert kernels_ahead.counted(wanted[:2]) == '2 kernels'
 
 
 def test_a_process_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kernels_ahead, 'ORDERS', ('first', 'last'))
+    wanted = kernels_ahead.kernels(loops=False, plans=False)
     monkeypatch.setattr('sys.executable', 'false')
     with pytest.raises(DenocError, match='compilation must succeed, got exit status 1'):
-        kernels_ahead.compile_all(loops=False, plans=False)
+        kernels_ahead.compile_all(wanted)
     # and what watches may end the wait
     monkeypatch.undo()
     with pytest.raises(InterruptedError):
-        kernels_ahead.compile_all(loops=False, plans=False, watch=interrupt)
+        kernels_ahead.compile_all(wanted, watch=interrupt)
 
 
 def interrupt() -> None:

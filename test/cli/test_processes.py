@@ -73,6 +73,18 @@ def test_a_process_deaf_to_sigint_is_ended_all_the_same(
     assert processes.cpu_seconds() == {}
 
 
+def test_a_process_that_cannot_end_in_order_is_killed_soon(
+    processes: Processes, tmp_path: Path
+) -> None:
+    processes.start('a', ['-c', STUBBORN])
+    wait_for_log(tmp_path, 'deaf')
+    processes.give_up('a')
+    began = time.perf_counter()
+    processes.stop('a')
+    assert time.perf_counter() - began < 0.5 * module.PATIENCE[0][1]
+    assert processes.cpu_seconds() == {}
+
+
 def test_children_end_when_their_parent_is_killed(tmp_path: Path) -> None:
     sleeper = "import time; print('up', flush=True); time.sleep(300)"
     code = (
