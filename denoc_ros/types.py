@@ -7,4 +7,5 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
 Stamps = NDArray[np.int64]  # ns

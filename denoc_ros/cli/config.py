@@ -190,6 +190,8 @@ class _Checker(MappingReader):
         without = frozenset(n for n in NODES if listed.get(n, n not in WHEN_ASKED) is False)
         nodes = self._nodes('nodes', {k: v for k, v in listed.items() if k not in without})
         nodes['plant'] = {**nodes.get('plant', {}), **_split(plant, FAMILIES)[1]}
+        if scene := nodes['plant'].get('scene'):
+            nodes['plant']['scene'] = self._scene(scene)
         mechanism = self._mechanism(raw)
         if mechanism:
             for name in OF_ROBOTS:
@@ -213,6 +215,16 @@ class _Checker(MappingReader):
             plant_model=self._overrides('plant', _split(plant, FAMILIES)[0]),
             phases=self._phases(raw.get('phases')),
         )
+
+    def _scene(self, value: Any) -> Any:
+        """Return the path of a scene, which is relative to the configuration's folder."""
+        found = find_file(Path(value), self._file.parent) if isinstance(value, str) else None
+        if found is None:
+            self.find(
+                f'plant scene must be a file (relative to {self._file.parent}), got {value!r}'
+            )
+            return value
+        return str(found)
 
     def _robot(self, value: Any) -> Path:
         if not isinstance(value, str) or not value:

@@ -70,8 +70,11 @@ def node_parameters(config: SessionConfig, name: str, phase: Phase, folder: Path
 
 
 def session_plant(config: SessionConfig) -> PlantDescription:
-    """Return how the plant's beams are described in a session that has one."""
-    return read_plant(config.nodes.get('plant', {}), lambda finding: None)
+    """Return how the plant's beams are described in a session that has one of our engine."""
+    plant = config.nodes.get('plant', {})
+    if plant.get('engine') == 'mujoco':
+        return PlantDescription()
+    return read_plant(plant, lambda finding: None)
 
 
 def session_partners(config: SessionConfig) -> list[str]:

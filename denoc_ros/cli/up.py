@@ -375,6 +375,7 @@ def _require_ros() -> None:
 def _beams(config: SessionConfig, robot: Robot) -> dict[str, Any]:
     """Return what session.json says of the plant's beams: paths that describe them, and words."""
     from denoc_ros.cli.node_parameters import session_plant
+    from denoc_ros.model.mjcf import SEGMENTS
     from denoc_ros.model.plant_description import description_in_words
 
     described = session_plant(config).overrides(robot.tree)
@@ -382,6 +383,9 @@ def _beams(config: SessionConfig, robot: Robot) -> dict[str, Any]:
         description_in_words(robot.with_overrides(paths).tree if paths else robot.tree)
         for paths in (described, config.model)
     )
+    given = config.nodes.get('plant', {})
+    if given.get('engine') == 'mujoco':
+        plant = f'MuJoCo, {given.get("segments") or SEGMENTS} hinges per beam'
     return {'plant': described, 'beams': f'plant: {plant}; model: {model}'}
 
 

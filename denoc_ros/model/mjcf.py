@@ -52,7 +52,29 @@ LEAST_MASS, LEAST_INERTIA = 1e-12, 1e-12
 ROUNDED, DOUBTFUL = 1e-10, 1e-6  # of the largest moment: A + B >= C missed by rounding
 LONGEST_STEP = 1e-3  # s
 STEP_SHARE = 0.2  # of a cell's time h^2 / sqrt(EI / rho A): Runge-Kutta steps are stable below 0.4
+FASTEST = 5.0  # over a chain's own time: bound of its natural frequencies [rad/s]
 ARM = 1.0  # m, between the two points on the axis of a loop's revolute joint
+
+
+@dataclass(frozen=True)
+class ChainedDeformation:
+    """The hinges that stand for one deformation of a beam, or of a segment of one.
+
+    Attributes
+    ----------
+    coordinates : tuple of str
+        Names of the model's amplitudes of it.
+    hinges : tuple of str
+    amplitudes : (modes, hinges) array
+        Amplitude per hinge angle, by projection.
+    angles : (modes, hinges) array
+        Hinge angle per amplitude.
+    """
+
+    coordinates: tuple[str, ...]
+    hinges: tuple[str, ...]
+    amplitudes: Array
+    angles: Array
 
 
 @dataclass(frozen=True)
@@ -67,10 +89,12 @@ class Mjcf:
         `link/rod1/y`, `/z` and `/t`; `link/tip` is the site of a beam's tip.
     notes : tuple of str
         Where it means something else than the description.
+    deformations : tuple of ChainedDeformation
     """
 
     text: str
     notes: tuple[str, ...]
+    deformations: tuple[ChainedDeformation, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -122,10 +146,25 @@ class _Chain:
         share = 0.75 if self.hinges == 1 and name != 't' else 1.0
         return np.asarray(share * self.parts[name].stiffness / self.rule[1])
 
-    @property
-    def shortest(self) -> float:
-        """Length of the shortest rod between hinges [m]."""
-        return float(np.diff(self.stations).min(initial=self.beam.length / self.hinges))
+    def own_time(self, name: str) -> float:
+        """Time [s] of waves along the shortest rod between hinges; no mode exceeds 5 / it."""
+        part, shortest = (
+            self.parts[name],
+            float(np.diff(self.stations).min(initial=self.beam.length / self.hinges)),
+        )
+        if name == 't':
+            return shortest * math.sqrt(self.beam.polar_inertia / part.stiffness)
+        return shortest**2 * math.sqrt(self.beam.mass_per_length / part.stiffness)
+
+    def proportional(self, name: str) -> float:
+        """Damping per stiffness [s] that all hinges have.
+
+        That of the model's least damped mode, but the fastest of the chain is damped by half of
+        the critical at most: explicit steps would not be stable for long.
+        """
+        part = self.parts[name]
+        least = float(np.min(part.damping / part.modal_stiffness))
+        return min(least, self.own_time(name) / FASTEST)
 
     def rod(self, index: int) -> RigidInertia:
         """Inertia of a rod about its start.
@@ -150,8 +189,12 @@ class _Chain:
     def amplitudes(self, name: str) -> Array:
         """Amplitudes (modes, hinges) per hinge angle: those of the strain energy's projection."""
         part = self.parts[name]
-        strain = part.shapes.derivatives(self.stations, 1 if name == 't' else 2)
-        return np.asarray((strain * part.stiffness / part.modal_stiffness).T)
+        return np.asarray((self.strain(name) * part.stiffness / part.modal_stiffness).T)
+
+    def strain(self, name: str) -> Array:
+        """Curvature, or twist per length, (hinges, modes) at the hinges per amplitude."""
+        shapes = self.parts[name].shapes
+        return np.asarray(shapes.derivatives(self.stations, 1 if name == 't' else 2))
 
 
 @dataclass
@@ -173,6 +216,7 @@ class _Writer:
     rods: dict[int, list[Element]] = field(default_factory=dict)  # elements of each body's rods
     hinges: dict[tuple[str, str], list[_Hinge]] = field(default_factory=dict)  # by link, direction
     step: float = LONGEST_STEP
+    deformations: list[ChainedDeformation] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.root = etree.Element('mujoco', model=self.tree.name)
@@ -298,15 +342,21 @@ class _Writer:
             add_rod(element, chain.beam, float(ends[k] - start))
         for name, part in chain.parts.items():
             self.modal_damping(body.name, name, part, chain, names[name])
-            inertia = chain.beam.polar_inertia if name == 't' else chain.beam.mass_per_length
-            power = 1 if name == 't' else 2
-            self.limit_step(chain.shortest**power * math.sqrt(inertia / part.stiffness))
+            self.deformations.append(
+                ChainedDeformation(
+                    tuple(f'{body.name}/{name}{mode + 1}' for mode in range(part.modes)),
+                    tuple(names[name]),
+                    chain.amplitudes(name),
+                    chain.strain(name).T * chain.rule[1],
+                )
+            )
+            self.limit_step(chain.own_time(name))
 
     def hinge(self, element: Element, name: str, kind: str, chain: _Chain, at: int) -> None:
         """Add the hinge of one deformation, damped in proportion to its stiffness."""
         stiffness = chain.stiffness(kind)[at]
         numbers = {'stiffness': _text(stiffness)}
-        if time := _proportional(chain.parts[kind]):
+        if time := chain.proportional(kind):
             numbers['damping'] = _text(time * stiffness)
         etree.SubElement(element, 'joint', name=name, type='hinge', axis=AXES[kind], **numbers)
 
@@ -314,7 +364,7 @@ class _Writer:
         self, body: str, kind: str, part: Deformation, chain: _Chain, names: list[str]
     ) -> None:
         """Add the damping of modes that hinges damped alike do not have, as tendons."""
-        rest = part.damping - _proportional(part) * part.modal_stiffness
+        rest = part.damping - chain.proportional(kind) * part.modal_stiffness
         for mode, (share, row) in enumerate(zip(rest, chain.amplitudes(kind), strict=True), 1):
             if share > ROUNDED * part.damping[mode - 1]:
                 self.fixed(f'{body}/{kind}{mode}', dict(zip(names, row, strict=True)), share)
@@ -462,7 +512,8 @@ def mjcf(
     writer.notes += add_visuals(tree.source, rigid, writer.asset, folder)
     ModelError.raise_any(tree.name, findings.items)
     _options(writer, gravity)
-    return Mjcf(_written(writer.root), (*_notes(tree, writer.chains.values()), *writer.notes))
+    notes = (*_notes(tree, writer.chains.values()), *writer.notes)
+    return Mjcf(_written(writer.root), notes, tuple(writer.deformations))
 
 
 def _options(writer: _Writer, gravity: Array) -> None:
@@ -486,7 +537,7 @@ def _notes(tree: Tree, chains: Iterable[_Chain]) -> list[str]:
         notes.append('velocity limits: MJCF has none')
     if any(part.damping.any() for part in _deformations(tree)):
         rule = "modal damping: exact for the model's modes; the chain's higher modes are damped in"
-        notes.append(f'{rule} proportion to stiffness, as the least damped mode of the model')
+        notes.append(f'{rule} proportion to stiffness, at most as its least damped mode')
     if any(chain.is_wide for chain in chains):
         notes.append('rotary inertia: rods shorter than their sections are wide have that of them')
     if any(sensor.gain != 1.0 or sensor.offset for sensor in tree.sensors):
@@ -508,11 +559,6 @@ def _deformations(tree: Tree) -> Iterator[Deformation]:
         if body.beam is not None:
             parts = (body.beam.y, body.beam.z, body.beam.torsion)
             yield from (part for part in parts if part is not None)
-
-
-def _proportional(part: Deformation) -> float:
-    """Return the damping per stiffness [s] that all modes have."""
-    return float(np.min(part.damping / part.modal_stiffness))
 
 
 def _reading(sensor: Sensor, part: Deformation) -> float:

@@ -1,4 +1,4 @@
-"""Drawings of a robot in MuJoCo's model: rods of beams, and the visuals of rigid links."""
+"""Geometry of a robot in MuJoCo's model: drawn rods and visuals, and collision shapes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from denoc_ros.model.source import parse_xml
 from denoc_ros.model.tree import Beam
 from denoc_ros.types import Array
 
-# nothing touches a drawing: a scene that wants contact gives geoms of its own, or these bits
+# nothing touches a drawing; collision shapes touch the objects of a scene, not one another
+TOUCHING = {'contype': '1', 'conaffinity': '0', 'group': '3'}
 DRAWN = {'contype': '0', 'conaffinity': '0', 'group': '2'}
 SLENDERNESS = 60.0  # length of a beam per radius of its drawing
 MESHES = ('.stl', '.obj', '.msh')
@@ -39,7 +40,7 @@ def add_visuals(
     asset: Element,
     folder: Path | None,
 ) -> list[str]:
-    """Draw the visuals of rigid links.
+    """Add visuals and collision shapes of rigid links.
 
     Parameters
     ----------
@@ -55,15 +56,18 @@ def add_visuals(
     Returns
     -------
     list of str
-        What is not drawn.
+        What is left out.
     """
     notes: list[str] = []
     meshes: dict[Path, dict[str, str]] = {}
     for link in parse_xml('visuals', source).findall('link'):
-        if link.get('name') not in places:
+        name = link.get('name')
+        if name not in places:
+            if link.find('collision') is not None:
+                notes.append(f'link {name!r}: a beam touches nothing, its collision is left out')
             continue
-        carrier, frame = places[link.get('name')]
-        for visual in link.findall('visual'):
+        carrier, frame = places[name]
+        for visual in [*link.findall('visual'), *link.findall('collision')]:
             origin = visual.find('origin')
             findings = Findings()
             pose = frame
@@ -75,9 +79,10 @@ def add_visuals(
                 drawn = _mesh(shape, folder, meshes, asset)
             if drawn is None:
                 named = '' if shape is None else shape.get('filename', shape.tag)
-                notes.append(f'link {link.get("name")!r}: visual {named!r} is not drawn')
+                notes.append(f'link {name!r}: {visual.tag} {named!r} is left out')
                 continue
-            etree.SubElement(carrier, 'geom', **drawn, **_placed(pose), **DRAWN)
+            bits = DRAWN if visual.tag == 'visual' else TOUCHING
+            etree.SubElement(carrier, 'geom', **drawn, **_placed(pose), **bits)
     return notes
 
 

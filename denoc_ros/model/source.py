@@ -57,7 +57,7 @@ def is_text(source: str) -> bool:
     return source.lstrip('\ufeff \t\r\n').startswith('<')
 
 
-def parse_xml(where: str, text: str, whole: bool = False) -> Element:
+def parse_xml(where: str, text: str, whole: bool = False, root: str = 'robot') -> Element:
     """Return the root element of a description's text.
 
     Parameters
@@ -68,11 +68,13 @@ def parse_xml(where: str, text: str, whole: bool = False) -> Element:
         The XML.
     whole : bool
         Whether comments and processing instructions stay, for a text that is written again.
+    root : str
+        Tag that the root element must have.
 
     Returns
     -------
     lxml element
-        `<robot>`.
+        The root.
 
     Raises
     ------
@@ -100,12 +102,12 @@ def parse_xml(where: str, text: str, whole: bool = False) -> Element:
         remove_pis=not whole,
     )
     try:
-        root = etree.fromstring(encoded, parser)
+        found = etree.fromstring(encoded, parser)
     except etree.XMLSyntaxError as error:
         raise ModelError(where, [f'the XML must be well-formed, got: {error.msg}']) from error
-    if root.tag != 'robot':
-        raise ModelError(where, [f'the root element must be <robot>, got <{root.tag}>'])
-    return root
+    if found.tag != root:
+        raise ModelError(where, [f'the root element must be <{root}>, got <{found.tag}>'])
+    return found
 
 
 def written(root: Element, text: str) -> str:

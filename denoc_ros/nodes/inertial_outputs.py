@@ -28,29 +28,20 @@ class InertialOutputs:
     def __init__(
         self, node: DenocNode, robot: Robot, noisy: bool, generator: np.random.Generator
     ) -> None:
-        self._robot, self._generator = robot, generator
+        self._generator = generator
         self._outputs = [
             _Output(node, sensor, noisy, generator)
             for sensor in robot.tree.inertial_sensors
             if sensor.topic
         ]
-        self.update(robot)
 
     def __bool__(self) -> bool:
         return bool(self._outputs)
 
-    def update(self, robot: Robot) -> None:
-        """Take a changed model of the same robot; compiles what its values need."""
-        self._robot = robot
-        if self._outputs:
-            robot.sensor_values(np.zeros(robot.n))
-
-    def send(self, stamp_ns: int, q: Array, qd: Array, qdd: Array) -> None:
-        """Publish the readings at coordinates, rates and accelerations (n,)."""
-        if self._outputs:
-            values = self._robot.sensor_values(q, qd, qdd)
-            for output in self._outputs:
-                output.send(stamp_ns, values, self._generator)
+    def send(self, stamp_ns: int, values: Array) -> None:
+        """Publish the readings, from the values of all sensors of the robot."""
+        for output in self._outputs:
+            output.send(stamp_ns, values, self._generator)
 
     def close(self, node: DenocNode) -> None:
         """Destroy the publishers."""

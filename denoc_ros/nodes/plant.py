@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -17,12 +17,11 @@ from denoc_ros.bags.joint_state import FIELDS, JointStateMessage
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium
-from denoc_ros.dynamics.feedback import with_joint_feedback
 from denoc_ros.dynamics.measured_side import MeasuredStates
-from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.mjcf import SEGMENTS
+from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.plant_description import PlantDescription
 from denoc_ros.nodes.base import LATCHED, STATE
 from denoc_ros.nodes.base_output import BaseOutput
@@ -43,6 +42,7 @@ from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.stamps import StampOf
 from denoc_ros.runtime.status import ERROR, WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.simulation.simulated_robot import Drives, ModalRobot, SimulatedRobot
 from denoc_ros.types import Array
 
 CATCH_UP = 50  # steps that a tick after a pause of the machine takes in any case
@@ -54,15 +54,6 @@ REMEDY = (
     'nothing after that means anything: hold the joints by feedback.kp and feedback.kd, or '
     'command them by a model that is not rigid, then call ~/reset'
 )
-
-
-class Physics(NamedTuple):
-    """What a model moves by, with and without the joint controller, and where it starts."""
-
-    robot: Robot
-    stepper: Stepper
-    feedback_stepper: Stepper
-    start: Array
 
 
 class PlantNode(RobotNode):
@@ -102,10 +93,19 @@ class PlantNode(RobotNode):
     # ---- configure
 
     def described(self, robot: Robot, settings: Settings) -> Robot:
-        """Return the plant of a robot: with modes, shapes and segments of its own."""
-        plant = PlantDescription(
-            settings.integer('modes'), settings.text('shape'), settings.integer('segments')
-        )
+        """Return the plant of a robot: with modes, shapes and segments of its own.
+
+        MuJoCo's has no shapes, and hinges for segments: it is a chain of the robot as it is.
+        """
+        modes, shape = settings.integer('modes'), settings.text('shape')
+        if settings.text('engine') == 'mujoco':
+            if modes or shape:
+                rule = "parameters 'modes' and 'shape' must be 0 and '' where 'engine' is mujoco"
+                raise ConfigError(
+                    self.get_fully_qualified_name(), [f'{rule}, got {modes} and {shape!r}']
+                )
+            return robot
+        plant = PlantDescription(modes, shape, settings.integer('segments'))
         return robot.with_overrides(plant.overrides(robot.tree)) if plant else robot
 
     def prepare(self) -> None:
@@ -115,41 +115,70 @@ class PlantNode(RobotNode):
         self.joints = driven_joints(robot, settings.texts('joints'), name)
         self._drives = np.array([robot.joint_names.index(joint) for joint in self.joints])
         self._index = np.ascontiguousarray(robot.joint_indices[self._drives])
-        self.q, self.qd, self._acceleration, self._tau = np.zeros((4, robot.n))
+        self._tau = np.zeros(robot.n)
         self._prepare_drives(settings)
-        physics = self._build(robot, settings)
+        simulated = self._build(robot, settings)
         self._prepare_messages(settings)
-        self._use(physics)
-        self._pending: Physics | None = None
+        self._use(simulated)
+        self._pending: SimulatedRobot | None = None
         self._reset_wanted = False
         self._lost_steps = 0
         self._brake = settings.flag('brake')
         self._place()
-        self.deflections.evaluate(self.q, self.qd)
+        self._simulated.tip_deflections(*self._deflection_arrays)
         self._connect()
         if settings.text('urdf_path'):
             self._description_out.publish(String(data=robot.tree.source))
 
-    def _build(self, robot: Robot, settings: Settings) -> Physics:
-        """Return what moves a robot, every path of the tick taken once."""
-        held = with_joint_feedback(robot, self._index, self._kp, self._kd)
+    def _build(self, robot: Robot, settings: Settings) -> SimulatedRobot:
+        """Return a robot that moves by the engine, every path of the tick taken once."""
         motion = driven_motion(robot, self.joints, posture=self.posture(robot, settings))
-        stepper = Stepper(robot, self.period, motion.given)
-        feedback = Stepper(held, self.period)
         start = self._start(motion, settings)
-        q, qd = start.copy(), np.zeros(robot.n)
-        self._still = np.zeros(len(motion.given))
-        stepper.driven(q, qd, self._still)
-        stepper.free(q, qd, np.zeros(robot.n))
-        feedback.free(q, qd, np.zeros(robot.n))
-        return Physics(robot, stepper, feedback, start)
+        drives = Drives(motion.given, self._index, self._kp, self._kd)
+        if settings.text('engine') == 'mujoco':
+            return self._in_mujoco(robot, settings, start, drives)
+        name = self.get_fully_qualified_name()
+        if scene := settings.text('scene'):
+            rule = "parameter 'scene' must be empty where 'engine' is denoc, which touches nothing"
+            raise ConfigError(name, [f'{rule}, got {scene!r}'])
+        return ModalRobot(robot, self.period, start, drives)
 
-    def _use(self, physics: Physics) -> None:
-        self.robot, self.stepper, self._feedback_stepper, self.start = physics
+    def _in_mujoco(
+        self, robot: Robot, settings: Settings, start: Array, drives: Drives
+    ) -> SimulatedRobot:
+        from denoc_ros.simulation.mujoco_robot import MujocoRobot, MujocoSettings
+
+        if not settings.flag('geometric_stiffness'):
+            rule = "parameter 'geometric_stiffness' must be true where 'engine' is mujoco"
+            raise ConfigError(self.get_fully_qualified_name(), [f'{rule}, got false'])
+        assert self.model is not None
+        payloads = self.model.plain(settings.family('payload'))
+        tree = with_overrides(robot.tree, payloads) if payloads else robot.tree
+        chosen = MujocoSettings(
+            settings.integer('segments') or SEGMENTS,
+            settings.text('scene'),
+            settings.text('start_deflection') == 'static',
+        )
+        return MujocoRobot(robot, tree, self.period, start, drives, chosen)
+
+    def _use(self, simulated: SimulatedRobot) -> None:
+        self._simulated, self.robot = simulated, simulated.robot
         self._measured = MeasuredStates(self.robot)
-        self._base = ReactingBase(self.robot)
-        self.sensors.update(self.robot)
-        self.inertial_sensors.update(self.robot)
+
+    @property
+    def q(self) -> Array:
+        """Coordinates (n,)."""
+        return self._simulated.q
+
+    @property
+    def qd(self) -> Array:
+        """Rates (n,)."""
+        return self._simulated.qd
+
+    @property
+    def start(self) -> Array:
+        """Coordinates (n,) where it starts."""
+        return self._simulated.start
 
     def _start(self, motion: DrivenMotion, settings: Settings) -> Array:
         """Return the state (n,) to start from."""
@@ -199,10 +228,12 @@ class PlantNode(RobotNode):
 
     def _prepare_messages(self, settings: Settings) -> None:
         robot = self.robot
-        self.deflections = TipDeflections(robot)
+        tips = TipDeflections(robot).names
         motion = ('position', 'velocity')
         self._state_message = JointStateMessage(robot.joint_names, FIELDS)
-        self._deflection_message = JointStateMessage(self.deflections.names, motion)
+        self._deflection_message = JointStateMessage(tips, motion)
+        bent = self._deflection_message
+        self._deflection_arrays = bent.position, bent.velocity
         self._modal_message = JointStateMessage(robot.coordinate_names, motion)
         self._state_out, self._deflection_out, self._modal_out = (
             self.create_publisher(JointState, topic, STATE)
@@ -295,9 +326,7 @@ class PlantNode(RobotNode):
 
     def _place(self) -> None:
         self._diverged, self._began, self._look_due = '', math.nan, 0
-        self.q[:] = self.start
-        self.qd[:] = 0.0
-        self._acceleration[:] = 0.0
+        self._simulated.place()
         self.effort[:] = 0.0
         self._commands.clear()
         self._command = None
@@ -307,13 +336,14 @@ class PlantNode(RobotNode):
         pending = self._pending
         if pending is not None:
             self._pending = None
+            pending.follow(self._simulated)
             self._use(pending)
         if self._reset_wanted:
             self._reset_wanted = False
             self._place()
         if math.isnan(self._began):
             self._began = self._tick_time
-        end = self._tick_time + steps * self.stepper.step
+        end = self._tick_time + steps * self._simulated.step
         if self.loop is not None:
             end = self.loop.deadline
         self._lost_steps += steps - self._catch_up(steps, end)
@@ -342,7 +372,7 @@ class PlantNode(RobotNode):
         for taken in range(steps):
             if taken >= CATCH_UP and time.thread_time() - begin > CATCH_UP_TIME:
                 return taken
-            self._tick_time = end - (steps - 1 - taken) * self.stepper.step
+            self._tick_time = end - (steps - 1 - taken) * self._simulated.step
             self._step()
         return steps
 
@@ -362,17 +392,12 @@ class PlantNode(RobotNode):
             self._command = commands.popleft()[1]
 
     def _step(self) -> None:
-        """Take one step; the accelerations are the mean over it."""
+        """Take one step."""
         self._take_due()
-        self._base.wrap(self.q, self.qd)
-        before = self._acceleration
-        before[:] = self.qd
         if self._braked:
-            self.stepper.driven(self.q, self.qd, self._still)
+            self._simulated.hold()
         else:
             self._advance()
-        np.subtract(self.qd, before, out=before)
-        before /= self.stepper.step
 
     def rescue(self) -> bool:
         """Start anew, as ~/reset does: the model cannot go on from where it failed."""
@@ -397,15 +422,16 @@ class PlantNode(RobotNode):
             effort += self._kp * (self._wanted - self.q[self._index])
             effort += self._kd * (self._wanted_rate - self.qd[self._index])
         if controlled and (np.abs(effort) <= self._limit).all():
-            self._feedback_stepper.free(self.q, self.qd, tau)
+            self._simulated.controlled(tau)
             return
         np.minimum(effort, self._limit, out=effort)
         np.maximum(effort, -self._limit, out=effort)
         tau[self._index] = effort
-        self.stepper.free(self.q, self.qd, tau)
+        self._simulated.free(tau)
 
     def _publish(self, stamp_ns: int) -> None:
-        q, qd, state = self.q, self.qd, self._state_message
+        simulated, state = self._simulated, self._state_message
+        q, qd = simulated.q, simulated.qd
         if self._base_out is not None:
             self._base_out.send(stamp_ns, self.robot, q, qd)
         self._measured.positions(q, state.position)
@@ -419,11 +445,13 @@ class PlantNode(RobotNode):
             values += self._noise
         state.stamp(stamp_ns)
         self._state_out.publish(state.bytes())
-        self.sensors.send(stamp_ns, q)
-        self.inertial_sensors.send(stamp_ns, q, qd, self._acceleration)
+        if self.sensors:
+            self.sensors.send(stamp_ns, simulated.sensor_values())
+        if self.inertial_sensors:
+            self.inertial_sensors.send(stamp_ns, simulated.inertial_values())
         if self._deflection_listeners():
             bent = self._deflection_message
-            self.deflections.evaluate(q, qd, out=(bent.position, bent.velocity))
+            simulated.tip_deflections(*self._deflection_arrays)
             bent.stamp(stamp_ns)
             self._deflection_out.publish(bent.bytes())
         if self._modal_listeners():

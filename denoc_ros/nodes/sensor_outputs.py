@@ -8,7 +8,6 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.model.tree import Sensor
 from denoc_ros.nodes.base import STATE, DenocNode
 from denoc_ros.nodes.messages import CommandMessage, FloatMessage
@@ -33,7 +32,7 @@ class SensorOutputs:
     def __init__(
         self, node: DenocNode, robot: Robot, noisy: bool, generator: np.random.Generator
     ) -> None:
-        self.update(robot)
+        self._places = [k for k, sensor in enumerate(robot.tree.sensors) if sensor.topic]
         sensors = [sensor for sensor in robot.tree.sensors if sensor.topic]
         self._gain = np.array([sensor.gain for sensor in sensors])
         self._offset = np.array([sensor.offset for sensor in sensors])
@@ -45,25 +44,13 @@ class SensorOutputs:
             for topic in dict.fromkeys(sensor.topic for sensor in sensors)
         ]
 
-    def update(self, robot: Robot) -> None:
-        """Take the rows of a changed model of the same robot."""
-        places = [k for k, sensor in enumerate(robot.tree.sensors) if sensor.topic]
-        self._rows = sensor_rows(robot)[places]
-        self._composed = [
-            (places.index(k), 1 if sensor.direction == 'y' else 2,
-             *robot.section(sensor.link, sensor.station))
-            for k, sensor in composed_sensors(robot)
-            if sensor.topic
-        ]  # fmt: skip
+    def __bool__(self) -> bool:
+        return bool(self._topics)
 
-    def send(self, stamp_ns: int, q: Array) -> None:
-        """Publish what the sensors read at the coordinates q (n,)."""
-        if not self._topics:
-            return
+    def send(self, stamp_ns: int, values: Array) -> None:
+        """Publish readings of all sensors of the robot, from their values (sensors,)."""
         raw = self._raw
-        np.dot(self._rows, q, out=raw)
-        for place, axis, section, own in self._composed:
-            raw[place] = section.deflection(q[own])[axis]
+        np.take(values, self._places, out=raw)
         self._generator.standard_normal(out=self._noise)
         self._noise *= self._deviation
         raw += self._noise

@@ -22,6 +22,14 @@ TABLE = ParameterTable(
         *loop_parameters(),
         *range_parameters(),
         Parameter(
+            'engine',
+            Kind.STRING,
+            'denoc',
+            'what moves it: our model, or MuJoCo, where each beam is a chain of rods on sprung '
+            'hinges',
+            choices=('denoc', 'mujoco'),
+        ),
+        Parameter(
             'modes',
             Kind.INTEGER,
             0,
@@ -41,9 +49,17 @@ TABLE = ParameterTable(
             'segments',
             Kind.INTEGER,
             0,
-            'segments of each beam of the plant; 0: as in the description',
+            'segments of each beam of the plant; 0: as in the description; hinges of each beam in '
+            'MuJoCo; 0: 16',
             minimum=0,
             maximum=LIMITS['segments'],
+        ),
+        Parameter(
+            'scene',
+            Kind.STRING,
+            '',
+            "MJCF file of objects in the world, which the robot's collision geometry touches, for "
+            'engine `mujoco`',
         ),
         Parameter(
             'joints',

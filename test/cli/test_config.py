@@ -174,6 +174,17 @@ def test_plant_of_a_session_is_described_by_the_node_s_parameters(folder: Path) 
             check_parameters(config, ['plant'])
 
 
+def test_a_plant_in_mujoco_has_a_scene_beside_the_configuration(folder: Path) -> None:
+    (folder / 'wall.xml').write_text('<mujoco/>')
+    plant = 'plant: {engine: mujoco, segments: 8, scene: wall.xml}'
+    config = load_config(write(folder, f'robot: arm.urdf\n{plant}\n'))
+    assert session_plant(config) == PlantDescription()  # segments are hinges there
+    given = node_parameters(config, 'plant', config.phases[0], folder)
+    assert given['scene'] == str(folder / 'wall.xml')
+    with pytest.raises(ConfigError, match=r"plant scene must be a file .*, got 'gone.xml'"):
+        load_config(write(folder, 'robot: arm.urdf\nplant: {scene: gone.xml}\n'))
+
+
 def test_live_parameters_need_no_new_start() -> None:
     now = {'update_rate': 500.0, 'model': 'rigid', 'payload.tool.mass': 1.0}
     assert changed_parameters('feedforward', now, now) == {}

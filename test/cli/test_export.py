@@ -104,4 +104,4 @@ def test_visuals_are_drawn_and_what_is_not_is_told(
     assert main(['export', 'mjcf', str(tmp_path / 'robot.urdf'), '-o', str(out), '--verify']) == 0
     geoms = list(ElementTree.parse(out).getroot().iter('geom'))
     assert any(geom.get('type') == 'mesh' for geom in geoms)
-    assert "visual 'gone.dae' is not drawn" in capsys.readouterr().err
+    assert "visual 'gone.dae' is left out" in capsys.readouterr().err
