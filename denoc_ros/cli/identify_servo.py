@@ -1,36 +1,48 @@
-"""`denoc identify servo`: bandwidth, damping and delay of position-controlled joints."""
+"""`denoc identify servo`: bandwidth, damping, delay and gain of position-controlled joints."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from denoc_ros.cli.arguments import add_stamp
-from denoc_ros.cli.identify_inputs import add_recording_options
-from denoc_ros.errors import ConfigError, IdentificationError
+from denoc_ros.cli.arguments import add_stamp, add_times, named_values, times_findings
+from denoc_ros.errors import BagError, ConfigError, IdentificationError
 from denoc_ros.reports.text_table import text_table
 
 if TYPE_CHECKING:
     from denoc_ros.bags.series import JointSeries
     from denoc_ros.identification.commands import Commands
-    from denoc_ros.identification.servo import ServoFit
+    from denoc_ros.identification.servo import Run, ServoFit
     from denoc_ros.reports.pages import ReportPage
     from denoc_ros.types import Array
 
 Document = dict[str, Any]
+
+FIELDS = ('position', 'command')  # of a joint, in a table
 
 
 def add_actions(actions: Any) -> None:
     """Declare the action's arguments."""
     parser = actions.add_parser(
         'servo',
-        help='bandwidth, damping and delay of position-controlled joints',
+        help='bandwidth, damping, delay and static gain of position-controlled joints',
         description=(
-            'Fit a second-order lag with a delay to the commanded and the measured positions '
-            "of joints. The result is the shaper's `servo.*`."
+            'Fit a second-order lag with a delay and a static gain to the commanded and the '
+            'measured positions of joints; several recordings are fitted together. The result is '
+            "the shaper's `servo.*`."
         ),
     )
-    add_recording_options(parser)
+    parser.add_argument('path', metavar='BAG', type=Path, nargs='+', help='bags or tables')
+    parser.add_argument(
+        '-o',
+        '--output',
+        metavar='FOLDER',
+        type=Path,
+        help='folder for result.yaml and report.html',
+    )
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
     group = parser.add_argument_group('the signals')
     group.add_argument(
         '--command',
@@ -48,12 +60,21 @@ def add_actions(actions: Any) -> None:
         help='topic of the measured JointState; default: /joint_states',
     )
     group.add_argument(
+        '--column',
+        action='append',
+        default=[],
+        metavar='JOINT.FIELD=COLUMN',
+        help='column of a table with what a joint is told (FIELD command) or its position; '
+        'default: columns such as elbow/command and elbow/position; repeatable',
+    )
+    group.add_argument(
         '--joint',
         action='append',
         metavar='NAME',
         help='joint to identify; repeatable; default: all commanded joints',
     )
     add_stamp(group)
+    add_times(group)
     group.add_argument(
         '--begin', metavar='S', type=float, default=0.0, help='since the first measurement [s]'
     )
@@ -69,24 +90,22 @@ def add_actions(actions: Any) -> None:
 
 def run_servo(args: argparse.Namespace) -> int:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
-    from denoc_ros.bags.series import read_joint_states
     from denoc_ros.cli.identify_outputs import give_result
-    from denoc_ros.identification.commands import read_commands
 
+    findings = times_findings(args)
     if not args.begin < args.end:
-        raise ConfigError('identify servo', [f'--begin must be < --end, got {args.begin:g}'])
-    commands = read_commands(args.path, args.commanded, args.stamp)
-    names = _joints(args, commands)
-    measured = read_joint_states(args.path, args.topic, names, args.stamp)
-    t, rows = _grid(args, commands, measured)
-    told = commands.at(t, names)
+        findings.append(f'--begin must be < --end, got {args.begin:g}')
+    columns = named_values('--column', args.column, 'JOINT.FIELD=COLUMN', str, findings)
+    ConfigError.raise_any('identify servo', findings)
+    read = [_runs(path, args, columns) for path in args.path]
+    names = list(dict.fromkeys(name for runs in read for name in runs))
     fits, curves = [], []
-    for k, name in enumerate(names):
-        whole = unbroken(told[:, k])
-        fit = _fit(name, t[whole], told[whole, k], rows[whole, k])
+    for name in names:
+        own = [runs[name] for runs in read if name in runs]
+        fit = _fit(name, own)
         fits.append(fit)
-        curves.append((t[whole], told[whole, k], rows[whole, k]))
-    document = servo_result(args, fits, t)
+        curves.append(_behind_each_other(own))
+    document = servo_result(args, fits, [run for runs in read for run in runs.values()])
 
     def page() -> ReportPage:
         from denoc_ros.reports.identify_servo import servo_page
@@ -94,6 +113,99 @@ def run_servo(args: argparse.Namespace) -> int:
         return servo_page(document, fits, curves, args.command)
 
     return give_result(args, document, as_text(document), page)
+
+
+def _runs(path: Path, args: argparse.Namespace, columns: dict[str, str]) -> dict[str, Run]:
+    """Return times, commands and positions of each joint of a bag or a table."""
+    from denoc_ros.identification.channel import is_table
+
+    if is_table(path):
+        return _of_table(path, args, columns)
+    if columns:
+        raise BagError(f'{path}: --column must come with a table, got a bag')
+    return _of_bag(path, args)
+
+
+def _of_bag(path: Path, args: argparse.Namespace) -> dict[str, Run]:
+    from denoc_ros.bags.series import read_joint_states
+    from denoc_ros.identification.commands import read_commands
+
+    commands = read_commands(path, args.commanded, args.stamp)
+    names = _joints(args, commands.names, args.commanded)
+    measured = read_joint_states(path, args.topic, names, args.stamp)
+    t, rows = _grid(path, args, commands, measured)
+    told = commands.at(t, names)
+    found = {}
+    for k, name in enumerate(names):
+        whole = unbroken(told[:, k])
+        found[name] = (t[whole], told[whole, k], rows[whole, k])
+    return found
+
+
+def _of_table(path: Path, args: argparse.Namespace, columns: dict[str, str]) -> dict[str, Run]:
+    import numpy as np
+
+    from denoc_ros.identification.channel import Channel, table_times
+    from denoc_ros.identification.joint_columns import joint_columns, joints_with
+    from denoc_ros.identification.tables import read_table
+
+    given = read_table(path)
+    told = [name.rpartition('.')[0] for name in columns]
+    known = list(dict.fromkeys([*told, *joints_with(given, FIELDS)]))
+    if not known:
+        raise BagError(
+            f'{path}: table must have what a joint is told and its position (columns such as '
+            f'elbow/command and elbow/position, or --column elbow.command=COLUMN and '
+            f'elbow.position=COLUMN), got {", ".join(list(given)[:20])}'
+        )
+    names = _joints(args, known, f'the columns of {path}')
+    found = joint_columns(path, given, names, _only(columns, names), FIELDS)
+    runs = {}
+    for name in names:
+        if missing := [field for field in FIELDS if (name, field) not in found]:
+            raise BagError(
+                f'{path}: {name} must have a column of its {missing[0]}, got '
+                f'{", ".join(list(given)[:20])}: --column {name}.{missing[0]}=COLUMN'
+            )
+        command, position = (given[found[name, field]] for field in ('command', 'position'))
+        times = Channel(time=args.time, time_unit=args.time_unit, rate=args.rate)
+        _, _, t = table_times(path, given, times, len(position))
+        if not len(command) == len(position) == len(t):
+            raise BagError(
+                f'{path}: columns of {name} must be as long as the times ({len(t)}), got '
+                f'{len(command)} and {len(position)}'
+            )
+        whole = np.isfinite(t) & np.isfinite(command) & np.isfinite(position)
+        t, command, position = t[whole], command[whole], position[whole]
+        later = np.concatenate(([True], np.diff(np.maximum.accumulate(t)) > 0.0))[: len(t)]
+        t, command, position = t[later], command[later], position[later]
+        if len(t) < 2:
+            raise BagError(f'{path}: {name} must have two rows with times, got {len(t)}')
+        grid = np.arange(
+            t[0] + max(args.begin, 0.0),
+            min(t[-1], t[0] + args.end) + 1e-9,
+            float(np.median(np.diff(t))),
+        )
+        runs[name] = (grid, np.interp(grid, t, command), np.interp(grid, t, position))
+    return runs
+
+
+def _only(columns: dict[str, str], names: Sequence[str]) -> dict[str, str]:
+    return {what: one for what, one in columns.items() if what.rpartition('.')[0] in names}
+
+
+def _behind_each_other(runs: Sequence[Run]) -> Run:
+    """Return times, commands and positions of runs, one behind the other on one clock."""
+    import numpy as np
+
+    start, times = 0.0, []
+    for t, _, _ in runs:
+        times.append(t - t[0] + start if len(t) else t)
+        start += float(t[-1] - t[0]) + float(t[1] - t[0]) if len(t) > 1 else 0.0
+    first, told, was = zip(*runs, strict=True)
+    if len(runs) == 1:
+        return first[0], told[0], was[0]
+    return np.concatenate(times), np.concatenate(told), np.concatenate(was)
 
 
 def unbroken(values: Array) -> Any:
@@ -107,19 +219,18 @@ def unbroken(values: Array) -> Any:
     return slice(first, last)
 
 
-def _joints(args: argparse.Namespace, commands: Commands) -> list[str]:
-    chosen = list(args.joint or commands.names)
-    unknown = [name for name in chosen if name not in commands.names]
+def _joints(args: argparse.Namespace, names: Sequence[str], where: str) -> list[str]:
+    chosen = list(args.joint or names)
+    unknown = [name for name in chosen if name not in names]
     if unknown:
         raise ConfigError(
-            'identify servo',
-            [f'--joint must be of {list(commands.names)} on {args.commanded}, got {unknown}'],
+            'identify servo', [f'--joint must be of {list(names)} on {where}, got {unknown}']
         )
     return chosen
 
 
 def _grid(
-    args: argparse.Namespace, commands: Commands, measured: JointSeries
+    path: Path, args: argparse.Namespace, commands: Commands, measured: JointSeries
 ) -> tuple[Array, Array]:
     """Return times (k,) in equal steps by the commands' clock, and positions (k, joints) then."""
     import numpy as np
@@ -132,7 +243,7 @@ def _grid(
     low, high = max(0.0, first + args.begin), min(float(t[-1]), first + args.end) if len(t) else 0
     if len(t) < 2 or high <= low:
         raise IdentificationError(
-            f'{args.path}: {args.topic} must have positions after the first command on '
+            f'{path}: {args.topic} must have positions after the first command on '
             f'{args.commanded}, got none'
         )
     step = float(np.median(np.diff(t)))
@@ -142,17 +253,19 @@ def _grid(
     return grid, np.column_stack(rows)
 
 
-def _fit(name: str, t: Array, told: Array, was: Array) -> ServoFit | str:
+def _fit(name: str, runs: Sequence[Run]) -> ServoFit | str:
     """Return the fit, or why there is none."""
-    from denoc_ros.identification.servo import fit_servo
+    from denoc_ros.identification.servo import fit_servo_runs
 
     try:
-        return fit_servo(name, t, told, was)
+        return fit_servo_runs(name, runs)
     except IdentificationError as error:
         return str(error)
 
 
-def servo_result(args: argparse.Namespace, fits: list[ServoFit | str], t: Array) -> Document:
+def servo_result(
+    args: argparse.Namespace, fits: list[ServoFit | str], runs: Sequence[Run]
+) -> Document:
     """Return all that is kept of an identification of servos."""
     from denoc_ros.bags.digest import file_hash
     from denoc_ros.identification.modes import NOT_IDENTIFIABLE, worst
@@ -165,10 +278,13 @@ def servo_result(args: argparse.Namespace, fits: list[ServoFit | str], t: Array)
             'bandwidth_hz': fit.bandwidth,
             'damping': fit.damping,
             'delay_s': fit.delay,
+            'gain': fit.gain,
+            'lag_s': fit.lag,
             'interval': fit.interval,
             'offset': fit.offset,
-            'lag_rms': fit.lag,
+            'lag_rms': fit.distance,
             'residual_rms': fit.residual,
+            'runs': fit.runs,
             'verdict': fit.verdict,
             'reasons': fit.reasons,
         }
@@ -180,16 +296,19 @@ def servo_result(args: argparse.Namespace, fits: list[ServoFit | str], t: Array)
     document = {
         'kind': 'servo',
         'source': {
-            'file': str(args.path),
-            'sha256': file_hash(args.path),
+            'file': _named(args.path),
+            'sha256': ', '.join(file_hash(path) for path in args.path),
             'topic': args.topic,
             'command': args.commanded,
             'stamp': args.stamp,
             'calibration': {},
         },
         'window': {'begin_s': args.begin, 'end_s': args.end},
-        'quality': {'samples': len(t), 'step_s': float(t[1] - t[0]) if len(t) > 1 else 0.0},
-        'method': 'second-order lag with a delay, output error, least squares',
+        'quality': {
+            'samples': max((len(t) for t, _, _ in runs), default=0),
+            'step_s': max((float(t[1] - t[0]) for t, _, _ in runs if len(t) > 1), default=0.0),
+        },
+        'method': 'second-order lag with a delay and a gain, output error, least squares',
         'joints': joints,
         'not_moved': none,
         'verdict': verdict,
@@ -197,6 +316,11 @@ def servo_result(args: argparse.Namespace, fits: list[ServoFit | str], t: Array)
         'versions': versions(),
     }
     return dict(plain(document))
+
+
+def _named(paths: Sequence[Path]) -> str:
+    others = f' and {len(paths) - 1} more' if len(paths) > 1 else ''
+    return f'{paths[0]}{others}'
 
 
 def as_text(document: Document) -> str:
@@ -212,6 +336,9 @@ def as_text(document: Document) -> str:
             'damping 95 %': one['interval']['damping'],
             'delay [s]': one['delay_s'],
             'delay 95 %': one['interval']['delay'],
+            'gain': one['gain'],
+            'gain 95 %': one['interval']['gain'],
+            'lag [s]': one['lag_s'],
             'verdict': one['verdict'],
         }
         for name, one in joints.items()

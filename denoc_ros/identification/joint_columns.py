@@ -13,7 +13,11 @@ SEPARATORS = './_ '  # between a joint's name and what of it a column holds
 
 
 def joint_columns(
-    table: Path, given: Mapping[str, Array], joints: Sequence[str], named: Mapping[str, str]
+    table: Path,
+    given: Mapping[str, Array],
+    joints: Sequence[str],
+    named: Mapping[str, str],
+    fields: Sequence[str] = FIELDS,
 ) -> dict[tuple[str, str], str]:
     """Return the column of each joint and field that a table has.
 
@@ -27,6 +31,8 @@ def joint_columns(
         The robot's.
     named : mapping of str to str
         `joint.field` to the column that it is taken from, whatever the names.
+    fields : sequence of str
+        Of a joint; default: position, velocity and effort.
 
     Raises
     ------
@@ -35,7 +41,7 @@ def joint_columns(
     """
     found: dict[tuple[str, str], str] = {}
     for joint in joints:
-        for field in FIELDS:
+        for field in fields:
             endings = [f'{joint}{separator}{field}' for separator in SEPARATORS]
             matches = [c for c in given if any(_ends(c, ending) for ending in endings)]
             if field == 'position' and not matches:
@@ -49,9 +55,9 @@ def joint_columns(
                 found[joint, field] = matches[0]
     for what, column in named.items():
         joint, _, field = what.rpartition('.')
-        if joint not in joints or field not in FIELDS:
+        if joint not in joints or field not in fields:
             raise BagError(
-                f'{table}: --column must name JOINT.{"|".join(FIELDS)} of the robot '
+                f'{table}: --column must name JOINT.{"|".join(fields)} of the robot '
                 f'({", ".join(joints)}), got {what!r}'
             )
         if column not in given:
@@ -61,6 +67,18 @@ def joint_columns(
             )
         found[joint, field] = column
     return found
+
+
+def joints_with(given: Mapping[str, Array], fields: Sequence[str]) -> list[str]:
+    """Return the joints that have a column of each of these fields."""
+    found: dict[str, set[str]] = {}
+    for column in given:
+        for field in fields:
+            for separator in SEPARATORS:
+                if column.endswith(f'{separator}{field}'):
+                    joint = column.removesuffix(f'{separator}{field}')
+                    found.setdefault(joint, set()).add(field)
+    return [joint for joint, has in found.items() if joint and len(has) == len(fields)]
 
 
 def _ends(column: str, ending: str) -> bool:

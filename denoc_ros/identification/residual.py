@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from denoc_ros.identification.quality import Mask
 from denoc_ros.types import Array
 
 LOCAL_LINES = 16
@@ -33,10 +34,15 @@ def coloured(residual: Array) -> bool:
 def even_values(t: Array, residual: Array, span: float) -> Array:
     """Return a residual at as many even times from 0 to span, 0 where samples are missing."""
     grid = np.linspace(0.0, span, t.size)
+    return np.where(in_gap(t, grid), 0.0, np.interp(grid, t, residual))
+
+
+def in_gap(t: Array, grid: Array) -> Mask:
+    """Return which times (m,) of a grid are far from all stamps (k,)."""
     step = float(np.median(np.diff(t)))
     after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
-    missing = np.minimum(np.abs(grid - t[after - 1]), np.abs(t[after] - grid)) > NEAR * step
-    return np.where(missing, 0.0, np.interp(grid, t, residual))
+    near = np.minimum(np.abs(grid - t[after - 1]), np.abs(t[after] - grid))
+    return np.asarray(near > NEAR * step)
 
 
 def local_variance(t: Array, residual: Array, span: float, sigma: float, omega: float) -> float:

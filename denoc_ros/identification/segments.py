@@ -12,6 +12,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from denoc_ros.identification.peaks import find_peaks
 from denoc_ros.identification.quality import Mask, Quality, assess
 from denoc_ros.identification.records import Record
+from denoc_ros.identification.residual import in_gap
 from denoc_ros.types import Array
 
 Kind = Literal['decay', 'step', 'rest']
@@ -27,7 +28,14 @@ FEWEST_CYCLES = 1.0  # of a decay
 FIRST_SAMPLES = 8
 RELEASED = 5.0  # standard deviations of the noise from where the record starts
 RESTING = 1.0  # cycles
-SHIFTED = 0.1  # of the swing, from one cycle's mean to the next: a step
+MISSED = 0.1  # of the swing: what a new excitation adds to what the last cycles let expect
+SUDDEN = 3.0  # times what they missed before it
+PREDICTED, PREDICTING, BEFORE = 0.75, 2.0, 3.0  # cycles: ahead, by these, and compared with these
+STRONG_LEFT = 0.1  # of the largest swing: less may be noise
+FASTEST_FALL = 2.0  # e-folds in a cycle
+ANOTHER = 1.3  # times a frequency: another motion's
+LEVEL_OFF = 0.15  # of the swing: from one cycle's mean to the next's, while a step lasts
+FINEST = 24  # samples in a cycle that a prediction needs
 FEWEST_FOLDS = 0.1  # that a decay must fall
 
 
@@ -72,22 +80,23 @@ def find_segments(record: Record) -> list[Segment]:
     t = np.linspace(record.t[0], record.t[-1], record.t.size)
     y = np.interp(t, record.t, record.y)
     quality = assess(record)
+    known = ~in_gap(record.t, t)
     tried = []
     for cycle in _cycles(t, y):
         size = min(max(round(cycle / (t[1] - t[0])), 4), y.size // 3)
-        tried.append(_with_cycle(t, y, quality, size))
+        tried.append(_with_cycle(t, y, known, quality, size))
         if any(segment.kind == 'decay' for segment in tried[-1]):
             return tried[-1]
     return tried[0]
 
 
-def _with_cycle(t: Array, y: Array, quality: Quality, size: int) -> list[Segment]:
+def _with_cycle(t: Array, y: Array, known: Mask, quality: Quality, size: int) -> list[Segment]:
     ahead, behind = _swings(y, size)
     quiet = max(AT_REST * quality.noise, quality.resolution, SMALLEST * float(ahead.max()))
     found = _rests(t, y, np.maximum(ahead, behind) <= quiet, size)
     edges = [0, *_events(ahead, behind, quiet), y.size - 1]
     for first, last in pairwise(edges):
-        found += _after_event(t, y, ahead, quiet, first, last, size)
+        found += _after_event(t, y, ahead, known, quiet, first, last, size)
     return sorted(found, key=lambda segment: segment.start)
 
 
@@ -164,27 +173,117 @@ def _frequency(t: Array, y: Array, size: int) -> float:
     return float(frequency[int(np.argmax(power))])
 
 
-def _level_shift(y: Array, swing: Array, quiet: float, cycle: int) -> int:
-    """Return the index a cycle before the level of a decay shifts, 0 where it does not.
+def _new_excitation(t: Array, y: Array, swing: Array, known: Mask, frequency: float) -> int:
+    """Return the index shortly before something excites a decay anew; 0 where nothing does.
 
-    The mean over a cycle says so at once, however small the step beside the swing; the first half
-    of the decay shows what else moves it, such as a slower mode.
+    Parameters
+    ----------
+    t, y, swing : ndarray, shape (k,)
+        Even times from a release on [s], values, and half the range of the cycle that follows.
+    known : ndarray of bool, shape (k,)
+        Samples that are measured, not filled in.
+    frequency : float
+        Of the decay [Hz].
+
+    Notes
+    -----
+    Two cycles predict the next three quarters of one, by an oscillation that decays at the usual
+    rate and whose strength and phase change linearly, on a level that does. A free decay is missed
+    by a share that changes slowly, whatever its other modes and its damping; a step or a blow at
+    once by more.
     """
-    if y.size < 6 * cycle:
+    cycle = 1.0 / (frequency * float(t[1] - t[0]))
+    coarse = max(int(cycle / FINEST), 1)
+    count = y.size // coarse
+    size = cycle / coarse
+    behind, ahead = round(PREDICTING * size), max(round(PREDICTED * size), 2)
+    if count < behind + 2 * ahead + 1 or behind < 8:
         return 0
-    total = np.cumsum(np.concatenate(([0.0], y)))
-    means = (total[cycle:] - total[:-cycle]) / cycle
-    change = np.abs(means[cycle:] - means[:-cycle])  # at sample k: of the cycles about k + cycle
-    usual = float(change[: change.size // 2].max())
-    limit = np.maximum(SHIFTED * swing[cycle : cycle + change.size], max(3.0 * usual, quiet))
-    beyond = np.flatnonzero(change > limit)
+    values = y[: count * coarse].reshape(count, coarse).mean(axis=1)
+    whole = known[: count * coarse].reshape(count, coarse).all(axis=1)
+    x = np.arange(-behind, ahead) / size
+    turn, fall = 2.0 * np.pi * x, np.exp(-_usual_fall(swing, round(cycle)) * x)
+    basis = np.column_stack(
+        [np.ones(x.size), x, *(f(turn) * fall * g for f in (np.cos, np.sin) for g in (1.0, x))]
+    )
+    weights = basis[behind:] @ np.linalg.pinv(basis[:behind])
+    views = np.lib.stride_tricks.sliding_window_view(values, behind + ahead)
+    missed = views[:, behind:] - views[:, :behind] @ weights.T
+    error = np.sqrt(np.mean(missed**2, axis=1))
+    gaps = np.lib.stride_tricks.sliding_window_view(~whole, behind + ahead).any(axis=1)
+    error[gaps] = 0.0
+    # at sample k of `error` what is predicted begins at sample k + behind
+    usual = _median_before(error, round(BEFORE * size))
+    at = np.arange(ahead, error.size)
+    swings = swing[(at + behind - ahead) * coarse]
+    beyond = np.flatnonzero(
+        (error[at] > MISSED * swings) & (error[at] > SUDDEN * usual[at - ahead])
+    )
     if not beyond.size:
         return 0
-    return int(beyond[0]) + cycle
+    return int((at[beyond[0]] + behind) * coarse)
+
+
+def _median_before(values: Array, count: int) -> Array:
+    """Return the median of each value and those before it, `count` at most."""
+    padded = np.concatenate((np.full(count - 1, np.nan), values))
+    return np.asarray(
+        np.nanmedian(np.lib.stride_tricks.sliding_window_view(padded, count), axis=1)
+    )
+
+
+def _after_step(t: Array, y: Array, start: int, level: float) -> int:
+    """Return the turning point from which on a decay after an event keeps its level.
+
+    The cycle in which the level changes has the largest swing, and is no decay yet.
+    """
+    if y.size - start < 2 * FIRST_SAMPLES:
+        return start
+    rate = _frequency_of_speed(t[start:], y[start:]) * float(t[1] - t[0])
+    size = max(round(1.0 / max(rate, 1e-9)), 4)
+    moved = start
+    while moved + 3 * size <= y.size:
+        cycles = y[moved : moved + 3 * size].reshape(3, size)
+        means = cycles.mean(axis=1)
+        usual = max(LEVEL_OFF * 0.5 * float(np.ptp(cycles[1])), SUDDEN * abs(means[2] - means[1]))
+        if abs(means[1] - means[0]) <= usual:
+            break
+        moved += max(size // 8, 1)
+    if moved == start:
+        return start
+    return moved + int(np.argmax(np.abs(y[moved : moved + size // 2 + 1] - level)))
+
+
+def _usual_fall(swing: Array, cycle: int) -> float:
+    """Return the e-folds by which a swing usually falls in a cycle."""
+    low = swing[: max(swing.size - 2 * cycle, 0)]  # the last cycle's swing is of less than a cycle
+    later = swing[cycle : cycle + low.size]
+    seen = (low > 0.0) & (later > STRONG_LEFT * float(swing.max()))
+    if not seen.any():
+        return 0.0
+    return float(np.clip(np.median(np.log(low[seen] / later[seen])), 0.0, FASTEST_FALL))
+
+
+def _frequency_of_speed(t: Array, y: Array) -> float:
+    """Return where the spectrum of a motion's speed is largest [Hz]."""
+    speed = np.diff(y) * np.hanning(y.size - 1)
+    power = np.abs(np.fft.rfft(speed, 8 * speed.size))
+    return float(np.fft.rfftfreq(8 * speed.size, t[1] - t[0])[int(np.argmax(power))])
+
+
+def _excited_again(t: Array, y: Array, swing: Array, known: Mask, frequency: float) -> int:
+    """Return the first new excitation by the slowest and by the fastest strong motion.
+
+    A step is itself the strongest slow motion, and hides the cycle of the ring.
+    """
+    of_speed = _frequency_of_speed(t, y)
+    tried = [frequency, *([of_speed] if of_speed > ANOTHER * frequency else [])]
+    found = [_new_excitation(t, y, swing, known, one) for one in tried]
+    return min((index for index in found if index), default=0)
 
 
 def _after_event(
-    t: Array, y: Array, ahead: Array, quiet: float, first: int, last: int, size: int
+    t: Array, y: Array, ahead: Array, known: Mask, quiet: float, first: int, last: int, size: int
 ) -> list[Segment]:
     if last - first < size:
         return []
@@ -197,6 +296,8 @@ def _after_event(
     largest = first + int(np.argmax(ahead[first : stop + 1]))
     around = slice(largest, min(largest + size, stop) + 1)
     start = largest + int(np.argmax(np.abs(y[around] - level)))
+    if first > 0:
+        start = min(_after_step(t[: stop + 1], y[: stop + 1], start, level), stop)
     found = []
     before = float(y[max(first - size, 0) : first + 1].mean())
     if first > 0 and abs(level - before) > 2.0 * quiet:
@@ -206,11 +307,15 @@ def _after_event(
     if stop - start >= FEWEST_CYCLES * size and height > np.exp(FEWEST_FOLDS) * left:
         frequency = _frequency(t[start : stop + 1], y[start : stop + 1], size)
         until = np.inf if last == y.size - 1 else float(t[max(last - size // 4, stop)])
-        cycle = max(round(1.0 / (frequency * (t[1] - t[0]))), 4)
-        shift = _level_shift(y[start:last], ahead[start:last], quiet, cycle)
-        if shift:
-            stop = min(stop, start + shift)
-            until = min(until, float(t[start + shift]))
+        part = slice(start, last + 1)
+        again = _excited_again(t[part], y[part], ahead[part], known[part], frequency)
+        if again:
+            stop = min(stop, start + again)
+            until = min(until, float(t[start + again]))
+            frequency = _frequency(t[start : stop + 1], y[start : stop + 1], size)
         span = float(t[start]), float(t[stop])
         found.append(Segment('decay', *span, height, level, frequency, until))
+        if again:
+            later = start + again + size // 2
+            found += _after_event(t, y, ahead, known, quiet, later, last, size)
     return found

@@ -83,7 +83,7 @@ def _joint(fit: ServoFit, t: Array, told: Array, measured: Array) -> PageSection
     ]
     return PageSection(
         fit.joint,
-        f'{engineering(fit.lag, "rad")} rms from its command, '
+        f'{engineering(fit.distance, "rad")} rms from its command, '
         f'{engineering(fit.residual, "rad")} rms from the fit.',
         [line_figure(panels, RESULT_HEIGHT)],
     )
@@ -99,9 +99,11 @@ def _table(found: Sequence[tuple[ServoFit, Any]]) -> PageSection:
             interval_text(fit.interval['damping'].tolist()),
             f'{fit.delay:.4g}',
             interval_text(fit.interval['delay'].tolist()),
+            f'{fit.gain:.4g}',
+            interval_text(fit.interval['gain'].tolist()),
             fit.verdict,
         ]
         for fit, _ in found
     ]
-    head = ['joint', 'bandwidth [Hz]', '', 'ζ', '', 'delay [s]', '', 'verdict']
+    head = ['joint', 'bandwidth [Hz]', '', 'ζ', '', 'delay [s]', '', 'gain', '', 'verdict']
     return PageSection('Servos', 'For the shaper.', tables=[PageTable(head, rows)])

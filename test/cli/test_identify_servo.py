@@ -96,3 +96,57 @@ def test_what_is_not_there_is_said(bag: Path, capsys: pytest.CaptureFixture[str]
     # after the motion nothing moves any more
     assert main(['identify', 'servo', str(bag), '--begin', '2']) == 3
     assert 'samples of a command that moves by' in capsys.readouterr().out
+
+
+def written_table(path: Path, names: str, t: Array) -> None:
+    fine = np.arange(0.0, 3.0, STEP / 8)
+    reached = joint_servo(2, *SERVO).response(fine, motion(fine))
+    told, was = motion(t)[:, 0], np.interp(t, fine, reached[:, 0])
+    rows = [f'{1e3 * a:.1f},{b:.9f},{c:.9f}' for a, b, c in zip(t, told, was, strict=True)]
+    path.write_text('\n'.join([names, *rows]))
+
+
+@pytest.mark.parametrize(
+    ('names', 'options'),
+    [
+        ('Time (ms),j1/command,j1/position', []),
+        (
+            'tick,goal,encoder',
+            ['--column', 'j1.command=goal', '--column', 'j1.position=encoder', '--rate', '250'],
+        ),
+        (
+            'tick,j1.command,j1.position',
+            ['--time', 'tick', '--time-unit', 'ms', '--joint', 'j1'],
+        ),
+    ],
+)
+def test_tables_are_taken_and_runs_are_fitted_together(
+    tmp_path: Path, names: str, options: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    paths = [tmp_path / 'one.csv', tmp_path / 'two.csv']
+    for path, last in zip(paths, (2.0, 2.5), strict=True):
+        written_table(path, names, np.arange(0.0, last, STEP))
+    folder = tmp_path / 'servo'
+    command = ['identify', 'servo', *map(str, paths), *options, '--json', '-o', str(folder)]
+    assert main(command) == 0
+    found = json.loads(capsys.readouterr().out)['joints']['j1']
+    assert found['bandwidth_hz'] == pytest.approx(SERVO[0][0], rel=0.01)
+    assert found['damping'] == pytest.approx(SERVO[1][0], rel=0.02)
+    assert found['gain'] == pytest.approx(1.0, abs=1e-3)
+    assert found['runs'] == 2
+    require_one_look((folder / 'report.html').read_text())
+
+
+def test_tables_without_commands_say_which_columns_they_have(
+    tmp_path: Path, bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'one.csv'
+    written_table(path, 'time_ms,goal,encoder', np.arange(0.0, 2.0, STEP))
+    assert main(['identify', 'servo', str(path)]) == 1
+    said = capsys.readouterr().err
+    assert 'got time_ms, goal, encoder' in said
+    assert '--column elbow.command=COLUMN' in said
+    assert main(['identify', 'servo', str(path), '--column', 'j1.command=goal']) == 1
+    assert 'j1 must have a column of its position' in capsys.readouterr().err
+    assert main(['identify', 'servo', str(bag), '--column', 'j1.command=goal']) == 1
+    assert '--column must come with a table, got a bag' in capsys.readouterr().err

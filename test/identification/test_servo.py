@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.servo import ServoFit, fit_servo
+from denoc_ros.identification.servo import ServoFit, fit_servo, fit_servo_runs
 
 Array = NDArray[np.float64]
 STEP = 0.004
@@ -87,3 +87,74 @@ def test_what_cannot_be_told_is_said() -> None:
         fit_servo('j1', t, np.zeros(len(t)), command)
     with pytest.raises(IdentificationError, match='got 20 of one that moves by'):
         fit_servo('j1', t[:20], np.linspace(0.0, 1.0, 20), command[:20])
+
+
+def rough_run(seed: int, gain: float = 1.0) -> tuple[Array, Array, Array]:
+    """Return a run of an arm as those are: slow motion, 100 Hz, friction and sag in the position.
+
+    The residual hangs together over seconds.
+    """
+    draw = np.random.default_rng([seed, 20])
+    t = np.arange(0.0, 8.0, 0.01)
+    parts = [
+        draw.uniform(0.1, 0.3) * np.sin(2.0 * np.pi * f * t + draw.uniform(0.0, 6.0))
+        for f in (0.13, 0.31, 0.52)
+    ]
+    command = np.sum(parts, axis=0) * np.minimum(t, 1.0)
+    fine = np.arange(0.0, t[-1] + 0.01, 0.01 / 8)
+    late = joint_servo(1, 6.0, 0.9, 0.012).response(fine, np.interp(fine, t, command)[:, None])
+    reached = np.interp(t, fine, late[:, 0])
+    speed = np.gradient(reached, t)
+    rough = 1e-3 * np.tanh(speed / 0.02) + 2e-3 * np.sin(3.0 * reached + draw.uniform(0.0, 6.0))
+    return t, command, gain * reached + rough + 1e-4 * draw.standard_normal(t.size)
+
+
+def test_an_arm_that_stops_short_has_a_static_gain() -> None:
+    """Its arm stops 37 % short: no lag without a gain explains that."""
+    t, command = commanded()
+    fine = np.arange(0.0, t[-1] + STEP, STEP / 8)
+    late = joint_servo(1, 5.0, 0.5, 0.01).response(fine, np.interp(fine, t, command)[:, None])
+    fit = fit_servo('j1', t, command, 0.63 * np.interp(t, fine, late[:, 0]))
+    assert fit.gain == pytest.approx(0.63, rel=1e-3)
+    assert fit.bandwidth == pytest.approx(5.0, rel=0.01)
+    assert fit.verdict == 'good'
+    assert any('stops 37 % short of its commands' in reason for reason in fit.reasons)
+
+
+def test_runs_of_a_rough_arm_agree_and_tell_its_lag() -> None:
+    """Five runs that repeat were all not identifiable, with intervals beyond zero."""
+    runs = [rough_run(seed) for seed in range(5)]
+    alone = [fit_servo_runs('j1', [run]) for run in runs]
+    lag = 2.0 * 0.9 / (2.0 * np.pi * 6.0) + 0.012
+    for fit in alone:
+        assert fit.verdict != 'not identifiable', fit.reasons
+        assert all((interval > 0.0).all() for name, interval in fit.interval.items()
+                   if name != 'delay'), fit.interval  # fmt: skip
+        assert fit.interval['delay'][0] >= 0.0
+        assert fit.interval['bandwidth'][1] < 1e3
+        assert fit.interval['damping'][1] < 1e3
+    assert np.std([fit.lag for fit in alone]) < 0.08 * lag
+    together = fit_servo_runs('j1', runs)
+    assert together.runs == 5
+    # friction of the position, which the model does not have, takes 2 % of the lag
+    assert together.lag == pytest.approx(lag, rel=0.05)
+    assert together.verdict == 'good', together.reasons
+    for name, truth in (('bandwidth', 6.0), ('damping', 0.9), ('delay', 0.012)):
+        low, high = together.interval[name]
+        assert low < truth < high
+        assert high - low < np.median([np.ptp(fit.interval[name]) for fit in alone])
+
+
+def test_a_run_that_differs_widens_the_interval() -> None:
+    t, command = commanded()
+    fine = np.arange(0.0, t[-1] + STEP, STEP / 8)
+    runs = []
+    for bandwidth in (5.0, 5.0, 4.0):
+        late = joint_servo(1, bandwidth, 0.5, 0.004).response(
+            fine, np.interp(fine, t, command)[:, None]
+        )
+        noise = np.random.default_rng(2).normal(0.0, 1e-4, len(t))
+        runs.append((t, command, np.interp(t, fine, late[:, 0]) + noise))
+    low, high = fit_servo_runs('j1', runs).interval['bandwidth']
+    assert low < 4.0
+    assert high > 5.0
