@@ -58,9 +58,11 @@ def kernels(loops: bool, plans: bool) -> list[Any]:
         Whether a phase shapes its reference, or a node plans.
     """
     from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
-    from denoc_ros.kernels import correction, inverse, inverse_derivatives, world
+    from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
+    from denoc_ros.kernels import correction, inverse, inverse_derivatives, message_values, world
 
-    found = [*KERNELS, *(CONSTRAINT_KERNELS if loops else ()), correction.take_values]
+    of_robot = CONSTRAINT_KERNELS if loops else DRIVEN_KERNELS
+    found = [*KERNELS, *of_robot, correction.take_values, message_values.take_numbers]
     if plans:
         found += [
             inverse.inverse_dynamics_rows,

@@ -71,6 +71,8 @@ class DrivenMotion:
         names = list(robot.joint_names)
         self.index: Int = self._all[[names.index(name) for name in self.joints]]
         self.given = robot.joint_names
+        # whether all joints are driven, each by itself, in the order of the coordinates
+        self.plain = self._plain and not robot.tree.loops
         self.posture: Array = np.zeros(robot.n)
         self.bound: Int = np.zeros(0, dtype=np.int64)
 

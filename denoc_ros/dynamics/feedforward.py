@@ -141,7 +141,16 @@ class TorqueFeedforward:
         diagonals = robot.arrays.diagonals
         self._damping = diagonals[DAMPING][self._index].copy()
         self._friction = diagonals[FRICTION][self._index].copy()
-        self._given = np.zeros(len(self.motion.given))
+        self._given, self._change = np.zeros((2, len(self.motion.given)))
+        whole = all(getattr(self.terms, name) for name in Terms.names())
+        # what moves the amplitudes then gives the torque as well
+        self._at_once = (
+            self._moves
+            and whole
+            and self.motion.plain
+            and not (self._stepper.tied or self._base.floats)
+            and robot.arrays.link_side is None
+        )
         self._motors = MotorSide(robot, self.joints)
         self.q[:] = self.motion.posture
         self._rest = self.q.copy()
@@ -208,6 +217,11 @@ class TorqueFeedforward:
     def _update(self, q: Array, qd: Array, qdd: Array, elapsed: float) -> Array:
         if self._moves and self._settled and 0.0 <= elapsed <= LONGEST_GAP:
             self._integrate(qdd, elapsed)
+            if self._at_once:
+                self._stepper.torque((q, qd, qdd), self.q, self.qd, self.qdd, self._result)
+                if self._motors.any:
+                    self._motors.add(self._result, (qd, qdd), elapsed)
+                return self._result
             self._place(q, qd, qdd)
             if self._base.floats and self._base.twist is not None:
                 self._base.rates(self.q, self.qd)
@@ -258,17 +272,14 @@ class TorqueFeedforward:
 
     def _integrate(self, qdd: Array, elapsed: float) -> None:
         """Move the amplitudes over `elapsed`, the joints' acceleration going to `qdd`."""
-        before = self._given.copy()
-        self._given[:] = self.motion.given_accelerations(qdd)
-        if elapsed == 0.0:
-            return
-        change = self._given - before
-        count = min(self.substeps, max(1, round(elapsed / self.step)))
-        self._stepper.step = elapsed / count
-        for k in range(count):
-            share = (k + 0.5) / count
-            self._stepper.driven(self.q, self.qd, before + share * change)
-        if self._base.floats:
+        given, change = self._given, self._change
+        after = self.motion.given_accelerations(qdd)
+        if elapsed > 0.0:
+            np.subtract(after, given, out=change)
+            count = min(self.substeps, max(1, round(elapsed / self.step)))
+            self._stepper.drive(self.q, self.qd, given, change, elapsed, count)
+        given[:] = after
+        if elapsed > 0.0 and self._base.floats:
             self._base.wrap(self.q, self.qd)
 
     def _react(self, elapsed: float) -> None:

@@ -190,6 +190,11 @@ class MotorSide:
             for name in ('armature', 'damping', 'friction')
         )
 
+    @property
+    def any(self) -> bool:
+        """Whether there are such motors."""
+        return len(self._at) > 0
+
     def reset(self) -> None:
         """Forget the springs: the next update finds them at rest under the gear's torque."""
         self._springs.reset()

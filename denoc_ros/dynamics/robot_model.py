@@ -29,7 +29,6 @@ from denoc_ros.kernels import (
     composite,
     constrained,
     inverse,
-    step,
     world,
 )
 from denoc_ros.kernels.compiled import ready
@@ -60,7 +59,6 @@ KERNELS = (
     world.frame_pose,
     world.frame_jacobian,
     world.place_bodies,
-    step.advance,
 )
 CONSTRAINT_KERNELS = (
     closure.closure,

@@ -11,12 +11,18 @@ from denoc_ros.dynamics.constraints import constrained_dynamics, raise_status
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.articulated import articulated_dynamics
 from denoc_ros.kernels.closing import advance_tied
+from denoc_ros.kernels.compiled import entry, ready
+from denoc_ros.kernels.driven_step import advance_driven, driven_torque, take_measurement
 from denoc_ros.kernels.handle import GOOD, MISFIT, NOT_FINITE
-from denoc_ros.kernels.step import STEP_ROWS, advance
+from denoc_ros.kernels.step import STEP_ROWS
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
+
+
+# steps of robots without constraints
+DRIVEN_KERNELS = (advance_driven, driven_torque, take_measurement)
 
 
 class Stepper:
@@ -42,13 +48,23 @@ class Stepper:
         self.robot = robot
         self.step = float(step)
         self._tied = bool(robot.constraint_names)
-        self._kernel = advance_tied if self._tied else advance
         self._steps = np.zeros((STEP_ROWS, robot.n))
         self._zero, self._given, self._torque = np.zeros((3, robot.n))
         self._multipliers = np.zeros(len(robot.constraint_names))
         self._driven = robot.indices(robot.joint_names if driven is None else driven)
         self._held = robot.held(self._driven)
         self._armature = robot.armature.copy()
+        self._places = self._driven.astype(np.float64)
+        self._room = np.zeros((3, robot.n))
+        self._unmoved, self._nowhere = np.zeros(len(self._driven)), np.zeros(0)
+        if not self._tied:
+            ready(*DRIVEN_KERNELS)
+            self._drive, self._torques, self._measurement = map(entry, DRIVEN_KERNELS)
+
+    @property
+    def tied(self) -> bool:
+        """Whether the robot has loops or mimic joints: then no step is free of constraints."""
+        return self._tied
 
     def free(self, q: Array, qd: Array, tau: Array) -> None:
         """Advance q and qd (n,) in place under generalized forces tau (n,), held over the step.
@@ -63,7 +79,16 @@ class Stepper:
             The inertia is not positive definite; a loop is not closed before the step, or cannot
             be kept closed in it.
         """
-        self._advance(self._zero, q, qd, self._zero, tau)
+        if self._tied:
+            self._advance_tied(self._zero, q, qd, self._zero, tau)
+            return
+        none = self._nowhere
+        status = self._drive(
+            self.robot.handle, self._steps, self._zero, none, none, none, tau, self._given, q, qd,
+            self.step, 1,
+        )  # fmt: skip
+        if status != GOOD:
+            raise_step_status(self.robot, status, q, qd, tau)
 
     def driven(self, q: Array, qd: Array, qdd_driven: Array, tau: Array | None = None) -> None:
         """Advance q and qd (n,) in place with the driven joints' accelerations (driven,) given.
@@ -71,9 +96,107 @@ class Stepper:
         These joints move with constant acceleration over the step, all else by its dynamics, under
         generalized forces tau (n,) if given, of which those of driven joints do not matter.
         """
-        self._given[self._driven] = qdd_driven
+        if self._tied:
+            self._given[self._driven] = qdd_driven
+            force = self._zero if tau is None else tau
+            self._advance_tied(self._held, q, qd, self._given, force)
+        else:
+            self.drive(q, qd, qdd_driven, self._unmoved, self.step, 1, tau)
+
+    def drive(
+        self,
+        q: Array,
+        qd: Array,
+        first: Array,
+        change: Array,
+        duration: float,
+        count: int,
+        tau: Array | None = None,
+    ) -> None:
+        """Advance q and qd (n,) in place by several steps as :meth:`driven` does by one.
+
+        Parameters
+        ----------
+        q, qd : (n,) arrays
+        first, change : (driven,) arrays
+            Accelerations of the driven joints at the beginning, and by how much these change to
+            the end; each step has that of its middle.
+        duration : float
+            Of all steps together [s].
+        count : int
+            Steps.
+        tau : (n,) array, optional
+            As of :meth:`driven`.
+        """
+        if self._tied:
+            self.step = duration / count
+            for k in range(count):
+                self.driven(q, qd, first + (k + 0.5) / count * change, tau)
+            return
         force = self._zero if tau is None else tau
-        self._advance(self._held, q, qd, self._given, force)
+        before = self.robot.handle, self._steps, self._held, self._places
+        after = force, self._given, q, qd, duration, count
+        status = self._drive(*before, first, change, *after)
+        if status == MISFIT:  # lists, say, or views
+            status = self._drive(*before, *as_rows(first, change), *after)
+        if status != GOOD:
+            raise_step_status(self.robot, status, q, qd, force)
+
+    def torque(
+        self, motion: tuple[Array, Array, Array], q: Array, qd: Array, qdd: Array, out: Array
+    ) -> None:
+        """Write what a motion of the driven joints takes (driven,), and how all else accelerates.
+
+        Not for robots with constraints.
+
+        Parameters
+        ----------
+        motion : three (driven,) arrays
+            Positions, rates and accelerations.
+        q, qd, qdd : (n,) arrays
+            State and accelerations: those of the driven joints are written, and the other
+            accelerations.
+        out : (driven,) array
+            Output [N m or N].
+
+        Raises
+        ------
+        StateError
+            A number is not finite.
+        """
+        room = q, qd, qdd, self._given, out
+        status = self._torques(self.robot.handle, self._held, self._places, *motion, *room)
+        if status == MISFIT:  # lists, say, or views
+            rows = as_rows(*motion)
+            status = self._torques(self.robot.handle, self._held, self._places, *rows, *room)
+        if status != GOOD:
+            raise_step_status(self.robot, status, q, qd, *motion)
+
+    def measure(
+        self, numbers: Array, tracked: Array, measured: tuple[Array, Array], has_rate: bool,
+        tau: Array, q: Array, qd: Array,
+    ) -> None:  # fmt: skip
+        """Bring a tracking filter and the state to a measurement of the driven joints.
+
+        Not for robots with constraints.
+
+        Parameters
+        ----------
+        numbers, tracked : arrays
+            As `numbers` and `state` of :func:`denoc_ros.kernels.driven_step.take_measurement`.
+        measured : pair of (driven,) arrays
+            Positions and, if `has_rate`, rates.
+        has_rate : bool
+        tau, q, qd : (n,) arrays
+            Generalized forces, and the state: in place.
+        """
+        before = self.robot.handle, self._steps, self._held, self._places, numbers, tracked
+        after = tau, self._room, q, qd, has_rate
+        status = self._measurement(*before, *measured, *after)
+        if status == MISFIT:  # lists, say, or views
+            status = self._measurement(*before, *as_rows(*measured), *after)
+        if status != GOOD:
+            raise_step_status(self.robot, status, q, qd, *measured, tau)
 
     def accelerations(
         self, q: Array, qd: Array, qdd_driven: Array, out: Array, tau: Array | None = None
@@ -102,14 +225,19 @@ class Stepper:
         raise_step_status(robot, status, q, qd, out)
         out[self._driven] = qdd_driven
 
-    def _advance(self, held: Array, q: Array, qd: Array, given: Array, tau: Array) -> None:
+    def _advance_tied(self, held: Array, q: Array, qd: Array, given: Array, tau: Array) -> None:
         try:
-            status = self._kernel(
+            status = advance_tied(
                 self.robot.handle, self._steps, held, self.step, q, qd, given, tau
             )
         except TypeError:
             status = MISFIT
         raise_step_status(self.robot, status, q, qd, tau)
+
+
+def as_rows(*rows: Array) -> tuple[Array, ...]:
+    """Return vectors as kernels take them: contiguous, of doubles."""
+    return tuple(np.array(row, dtype=np.float64) for row in rows)
 
 
 def raise_step_status(robot: Robot, status: int, *arrays: Array) -> None:

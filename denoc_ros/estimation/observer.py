@@ -20,6 +20,8 @@ from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.hidden_springs import HiddenSprings
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.tracking import TrackingFilter, joining_acceleration
+from denoc_ros.kernels.driven_step import INTERVAL, MEASURED, POLE, SHARE, SHORTEST, STEP
+from denoc_ros.kernels.driven_step import MOST_STEPS as MOST
 from denoc_ros.types import Array
 
 Reference = Callable[[float], tuple[Array, Array, Array]]
@@ -114,6 +116,17 @@ class Observer:
                 self._accelerations,
             )
         self.base: BaseAt | None = None
+        # numbers of a measurement, as kernels take them
+        self._numbers = np.zeros(MEASURED)
+        self._numbers[SHORTEST] = 2.5 * settings.step  # of several ticks
+        self._numbers[STEP], self._numbers[MOST] = settings.step, MOST_STEPS
+        self._still = np.zeros(len(self.motion.given))
+        self._simple = (
+            settings.source == 'joints'
+            and self.motion.plain
+            and self.fusion is None
+            and not (self._stepper.tied or self._floating.floats or self.springs.hidden)
+        )
         self.late = self.repeated = self.restarts = self.unsettled = 0
         self.reset()
 
@@ -166,7 +179,13 @@ class Observer:
         if self.time - stamp > self.settings.max_age:
             self.late += 1
             return False
-        interval, before = stamp - self._stamp, (self._q.copy(), self._qd.copy())
+        interval = stamp - self._stamp
+        if self._simple and self.base is None and interval <= LONGEST_GAP:
+            self._measure_at_once(q, qd, interval)
+            self._stamp = stamp
+            self.take_effort(effort)
+            return True
+        before = self._q.copy(), self._qd.copy()
         self._filter.update(q, qd, interval)
         self._drive(interval)
         self._stamp = stamp
@@ -174,6 +193,16 @@ class Observer:
         self.take_effort(effort)
         self._follow_springs(before, interval)
         return True
+
+    def _measure_at_once(self, q: Array, qd: Array | None, interval: float) -> None:
+        """Take a measurement of a robot where joints give all: one compiled call."""
+        numbers, tracked = self._numbers, self._filter
+        numbers[INTERVAL] = interval
+        numbers[POLE], numbers[SHARE] = tracked.weights(interval)
+        measured = q, q if qd is None else qd
+        self._stepper.measure(
+            numbers, tracked.state, measured, qd is not None, self._tau, self._q, self._qd
+        )
 
     def _follow_springs(self, before: tuple[Array, Array], interval: float) -> None:
         """Let the springs behind measured joints go on from a state (n,) before to this one."""
@@ -351,6 +380,14 @@ class Observer:
         if self._floating.floats:
             self._floating.wrap(q, qd)
 
+    def _coast(self, q: Array, qd: Array, duration: float, most: int) -> None:
+        """Advance a state in place with the joints' accelerations as last measured."""
+        steps = min(most, max(1, math.ceil(duration / self.settings.step - 1e-6)))
+        given = self.motion.given_accelerations(self._filter.qdd)
+        self._stepper.drive(q, qd, given, self._still, duration, steps, self._tau)
+        if self._floating.floats:
+            self._floating.wrap(q, qd)
+
     def _move_base(self, time: float) -> None:
         assert self.base is not None
         self._stepper.robot.move_base(self.base(time))
@@ -373,7 +410,10 @@ class Observer:
         self.q[:], self.qd[:] = self._q, self._qd
         lead, most = min(now - self._stamp, self.settings.max_age), self.settings.horizon_steps
         if lead > 0.0:
-            self._go(self.q, self.qd, self._stamp, lead, lambda _: self._filter.qdd, most=most)
+            if self.fusion is None and self.base is None:
+                self._coast(self.q, self.qd, lead, most)
+            else:
+                self._go(self.q, self.qd, self._stamp, lead, lambda _: self._filter.qdd, most=most)
 
     def modal_state(self, out: tuple[Array, Array]) -> None:
         """Write the whole robot's coordinates and rates at `time`, as :class:`HiddenSprings`."""
@@ -396,7 +436,9 @@ class Observer:
         """
         self.q_ahead[:], self.qd_ahead[:] = self.q, self.qd
         horizon, most = self.settings.horizon, self.settings.horizon_steps
-        if horizon > 0.0:
+        if horizon > 0.0 and reference is None and self.fusion is None and self.base is None:
+            self._coast(self.q_ahead, self.qd_ahead, horizon, most)
+        elif horizon > 0.0:
             begin = self.time
 
             def expected(t: float) -> Array:

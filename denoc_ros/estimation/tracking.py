@@ -36,6 +36,8 @@ class TrackingFilter:
         Acceleration that makes the change of the rates since the measurement before.
     unsteady : (joints,) array
         Variance of the acceleration against that.
+    state : (ROWS, joints) array
+        All of these, as kernels take them.
 
     Notes
     -----
@@ -47,8 +49,8 @@ class TrackingFilter:
     def __init__(self, joints: int, cutoff: float) -> None:
         self._rate = 2.0 * math.pi * cutoff
         ready(track_joints)
-        self._state = np.zeros((ROWS, joints))
-        self.q, self.qd, self.qdd, self.mean, self.unsteady = self._state
+        self.state = np.zeros((ROWS, joints))
+        self.q, self.qd, self.qdd, self.mean, self.unsteady = self.state
 
     def reset(self, q: Array, qd: Array | None = None) -> None:
         """Start at positions and rates (joints,); no rates: at rest."""
@@ -60,6 +62,10 @@ class TrackingFilter:
         """Go on from the state of another filter of as many joints."""
         for name in ('q', 'qd', 'qdd', 'mean'):
             getattr(self, name)[:] = getattr(other, name)
+
+    def weights(self, interval: float) -> tuple[float, float]:
+        """Return the pole z, and the weight of an interval [s] in the variance."""
+        return math.exp(-self._rate * interval), -math.expm1(-interval / MEMORY)
 
     def update(self, q: Array, qd: Array | None, interval: float) -> None:
         """Go on to the next measurement and take it in.
@@ -78,13 +84,13 @@ class TrackingFilter:
         StateError
             The measurement is not of as many joints.
         """
-        pole, share = math.exp(-self._rate * interval), -math.expm1(-interval / MEMORY)
+        pole, share = self.weights(interval)
         rates = q if qd is None else qd
         try:
-            status = track_joints(self._state, q, rates, qd is not None, interval, pole, share)
+            status = track_joints(self.state, q, rates, qd is not None, interval, pole, share)
         except TypeError:  # no contiguous, writable rows of doubles
             q, rates = np.array(q, dtype=np.float64), np.array(rates, dtype=np.float64)
-            status = track_joints(self._state, q, rates, qd is not None, interval, pole, share)
+            status = track_joints(self.state, q, rates, qd is not None, interval, pole, share)
         if status != GOOD:
             raise StateError(
                 f'measured joints must be {len(self.q)}, got arrays of shape {q.shape} and '

@@ -39,7 +39,6 @@ from denoc_ros.kernels.handle import (
 from denoc_ros.kernels.layout import COORDINATE
 from denoc_ros.kernels.multipliers import columns_of, solve_rows, vector
 from denoc_ros.kernels.step import (
-    ADVANCE,
     DRIVE,
     STAGE_Q,
     STAGE_QD,
@@ -129,9 +128,12 @@ def close_constraints(handle, held, q, qd, change):
     return GOOD if error <= OPEN and all_finite(q, n) and all_finite(qd, n) else OPENED
 
 
-@kernel(ADVANCE)
+@kernel(
+    'int64(int64, float64[:, ::1], float64[::1], float64, float64[::1], float64[::1], '
+    'float64[::1], float64[::1])'
+)
 def advance_tied(handle, steps, held, dt, q, qd, given, tau):
-    """Do what step.advance does, on the constraints of a robot that has some.
+    """Advance q and q' by dt in place, on the constraints of a robot that has some.
 
     Mimic joints are placed by their leaders, whatever q, q' and given say of them.
     """

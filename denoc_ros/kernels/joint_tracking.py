@@ -1,11 +1,42 @@
 """The fading-memory filter of joints' motion: one measurement."""
 
-from denoc_ros.kernels.compiled import kernel
-from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.kernels.compiled import inlined, kernel
+from denoc_ros.kernels.handle import GOOD, MISFIT, beyond, elements
 
 # rows of the state
 POSITION, RATE, ACCELERATION, MEAN, UNSTEADY = range(5)
 ROWS = 5
+
+
+@inlined
+def track(state, joints, q, qd, has_rate, interval, pole, share):
+    """Do what :func:`track_joints` does, with pointers."""
+    position_row = beyond(state, POSITION * joints)
+    rate_row = beyond(state, RATE * joints)
+    acceleration_row = beyond(state, ACCELERATION * joints)
+    mean_row = beyond(state, MEAN * joints)
+    unsteady = beyond(state, UNSTEADY * joints)
+    rest = 1.0 - pole
+    for k in range(joints):
+        before, acceleration = rate_row[k], acceleration_row[k]
+        position = position_row[k] + interval * before
+        position += 0.5 * interval * interval * acceleration
+        rate = before + interval * acceleration
+        error = q[k] - position
+        if has_rate:
+            slip = qd[k] - rate
+            position += rest * error
+            rate += (1.0 - pole * pole) * slip
+            acceleration += rest * rest / interval * slip
+        else:
+            position += (1.0 - pole**3) * error
+            rate += 1.5 * rest * rest * (1.0 + pole) / interval * error
+            acceleration += rest**3 / (interval * interval) * error
+        mean = (rate - before) / interval
+        gap = mean - acceleration
+        position_row[k], rate_row[k], acceleration_row[k] = position, rate, acceleration
+        mean_row[k] = mean
+        unsteady[k] += share * (gap * gap - unsteady[k])
 
 
 @kernel('int64(float64[:, ::1], float64[::1], float64[::1], boolean, float64, float64, float64)')
@@ -34,25 +65,7 @@ def track_joints(state, q, qd, has_rate, interval, pole, share):
     """
     if q.shape[0] != state.shape[1] or qd.shape[0] != state.shape[1]:
         return MISFIT
-    rest = 1.0 - pole
-    for k in range(state.shape[1]):
-        before, acceleration = state[RATE, k], state[ACCELERATION, k]
-        position = state[POSITION, k] + interval * before
-        position += 0.5 * interval * interval * acceleration
-        rate = before + interval * acceleration
-        error = q[k] - position
-        if has_rate:
-            slip = qd[k] - rate
-            position += rest * error
-            rate += (1.0 - pole * pole) * slip
-            acceleration += rest * rest / interval * slip
-        else:
-            position += (1.0 - pole**3) * error
-            rate += 1.5 * rest * rest * (1.0 + pole) / interval * error
-            acceleration += rest**3 / (interval * interval) * error
-        mean = (rate - before) / interval
-        gap = mean - acceleration
-        state[POSITION, k], state[RATE, k], state[ACCELERATION, k] = position, rate, acceleration
-        state[MEAN, k] = mean
-        state[UNSTEADY, k] += share * (gap * gap - state[UNSTEADY, k])
+    track(
+        elements(state), state.shape[1], elements(q), elements(qd), has_rate, interval, pole, share
+    )
     return GOOD

@@ -5,75 +5,92 @@ Those are compared; stamp and numbers are taken. What is wrong with a message th
 is for the caller to find.
 """
 
+import ctypes
+
 import numpy as np
 from numba import types
 
+from denoc_ros.kernels.array_object import NOWHERE, address_of, array_object
 from denoc_ros.kernels.compiled import inlined, kernel
-from denoc_ros.kernels.pointers import pointer
+from denoc_ros.kernels.pointers import pointer, span
 
 OTHER = -(1 << 62)  # instead of a stamp: another layout, or a number that is refused
 POSITION, VELOCITY, EFFORT = range(3)
 # rows of the bounds of a state
 LOWER, UPPER, BACKWARDS, FORWARDS = range(4)
 STAMP = 4  # first byte of seconds and nanoseconds
-BYTES = types.Array(types.uint8, 1, 'C', readonly=True)
+# elements of a record: addresses and lengths of what a message is compared with and taken to
+PATTERN, LENGTH, FIXED, PARTS, PLACES, JOINTS, BOUNDS, VALUES, GIVEN, BYTES_TYPE = range(10)
+RECORD = 10
+# where things stand in a bytes object, of a 64-bit CPython
+TYPE, SIZE, CONTENT = 8, 16, 32
+
+
+def bytes_type() -> int:
+    """Return the address by which kernels know bytes, NOWHERE if they cannot look into them."""
+    if bytes.__basicsize__ != CONTENT + 1 or object.__basicsize__ != SIZE:
+        return NOWHERE
+    for raw in (b'', b'some bytes'):
+        start = id(raw)
+        kind, size = (ctypes.c_int64.from_address(start + at).value for at in (TYPE, SIZE))
+        if (kind, size, ctypes.string_at(start + CONTENT, len(raw))) != (id(bytes), len(raw), raw):
+            return NOWHERE
+    return id(bytes)
 
 
 @inlined
-def is_alike(raw, pattern, fixed):
-    """Say whether a message is as long as the pattern, and the same in its fixed parts."""
-    if raw.shape[0] != pattern.shape[0]:
-        return False
-    for part in range(fixed.shape[0]):
-        for place in range(fixed[part, 0], fixed[part, 1]):
+def is_alike(raw, pattern, fixed, parts):
+    """Say whether a message of the pattern's length is the same in its fixed parts."""
+    for part in range(parts):
+        for place in range(fixed[2 * part], fixed[2 * part + 1]):
             if raw[place] != pattern[place]:
                 return False
     return True
 
 
 @inlined
-def is_within(values, row, bounds, low, high):
+def is_within(values, joints, row, bounds, low, high):
     """Say whether all numbers of a row are within two rows of bounds: NaN is not."""
     found = True
-    for k in range(values.shape[1]):
-        found &= bounds[low, k] <= values[row, k] <= bounds[high, k]
+    for k in range(joints):
+        value = values[row * joints + k]
+        found &= bounds[low * joints + k] <= value <= bounds[high * joints + k]
     return found
 
 
 @inlined
-def kind_of(values, row):
+def kind_of(values, joints, row):
     """Return 0 if all numbers of a row are finite, 1 if one is NaN, else 2."""
     kind = 0
-    for k in range(values.shape[1]):
-        if values[row, k] != values[row, k]:
+    for k in range(row * joints, (row + 1) * joints):
+        if values[k] != values[k]:
             return 1
-        if abs(values[row, k]) == np.inf:
+        if abs(values[k]) == np.inf:
             kind = 2
     return kind
 
 
-@kernel(
-    types.int64(
-        BYTES, BYTES, types.int64[:, ::1], types.int64[:, ::1], types.float64[:, ::1],
-        types.float64[:, ::1], types.int64[::1],
-    )
-)  # fmt: skip
-def take_joint_state(raw, pattern, fixed, places, bounds, values, given):
-    """Take positions, velocities and efforts of a little-endian JointState; return its stamp [ns].
+@kernel(types.int64(types.int64, array_object))
+def take_numbers(record, message):
+    """Take up to three rows of numbers of a little-endian message; return its stamp [ns].
 
     Parameters
     ----------
-    raw, pattern : (bytes,) arrays of uint8
-        The message, and one of its layout.
-    fixed : (k, 2) array
+    record : int
+        Address of RECORD integers, most of them addresses of what follows.
+    message : object
+        Bytes.
+    pattern : (bytes,) array of uint8
+        A message of the layout.
+    fixed : (k, 2) array of int64
         First byte of each part that must be as in the pattern, and the byte after its last.
-    places : (3, n) array
+    places : (3, n) array of int64
         First bytes of the numbers of position, velocity and effort; -1 where there are none.
     bounds : (4, n) array
         Least and largest position, least and largest velocity.
     values : (3, n) array
         Output; zeros where nothing is given.
-    given : (3,) array
+    given : (3,) array of int64
         Output: 1 where position, velocity and effort are given. With a NaN they are not.
 
     Returns
@@ -81,24 +98,40 @@ def take_joint_state(raw, pattern, fixed, places, bounds, values, given):
     int
         OTHER if the layout is another one, a position NaN, a number infinite or out of bounds.
     """
-    if not is_alike(raw, pattern, fixed):
+    known = span(record, RECORD, np.int64)
+    start = address_of(message)
+    if pointer(start + TYPE, np.int64)[0] != known[BYTES_TYPE]:
         return OTHER
-    start = raw.ctypes.data
+    length, parts, joints = known[LENGTH], known[PARTS], known[JOINTS]
+    if pointer(start + SIZE, np.int64)[0] != length:
+        return OTHER
+    start += CONTENT
+    if not is_alike(
+        span(start, length, np.uint8), span(known[PATTERN], length, np.uint8),
+        span(known[FIXED], 2 * parts, np.int64), parts,
+    ):  # fmt: skip
+        return OTHER
+    places = span(known[PLACES], 3 * joints, np.int64)
+    bounds = span(known[BOUNDS], 4 * joints, np.float64)
+    values = span(known[VALUES], 3 * joints, np.float64)
+    given = span(known[GIVEN], 3, np.int64)
     for row in range(3):
         given[row] = 0
-        if places[row, 0] >= 0:
-            for k in range(values.shape[1]):
-                values[row, k] = pointer(start + places[row, k], np.float64)[0]
-            kind = kind_of(values, row)
+        if places[row * joints] >= 0:
+            for k in range(row * joints, (row + 1) * joints):
+                values[k] = pointer(start + places[k], np.float64)[0]
+            kind = kind_of(values, joints, row)
             if kind == 2 or (kind == 1 and row == POSITION):
                 return OTHER
             given[row] = 1 - kind
         if given[row] == 0:
-            for k in range(values.shape[1]):
-                values[row, k] = 0.0
-    if given[POSITION] == 0 or not is_within(values, POSITION, bounds, LOWER, UPPER):
+            for k in range(row * joints, (row + 1) * joints):
+                values[k] = 0.0
+    if given[POSITION] == 0 or not is_within(values, joints, POSITION, bounds, LOWER, UPPER):
         return OTHER
-    if given[VELOCITY] == 1 and not is_within(values, VELOCITY, bounds, BACKWARDS, FORWARDS):
+    if given[VELOCITY] == 1 and not is_within(
+        values, joints, VELOCITY, bounds, BACKWARDS, FORWARDS
+    ):
         return OTHER
     seconds = np.int64(pointer(start + STAMP, np.int32)[0])
     return 1_000_000_000 * seconds + np.int64(pointer(start + STAMP + 4, np.uint32)[0])

@@ -12,18 +12,16 @@ brought back onto the constraints (see closing).
 import numpy as np
 
 from denoc_ros.kernels.articulated import find_articulated
-from denoc_ros.kernels.compiled import inlined, kernel
+from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import (
     ARMATURE,
     DAMPING,
     FRICTION,
     GOOD,
-    MISFIT,
     SCRATCH,
     at,
     beyond,
     coordinates,
-    elements,
     model_arrays,
 )
 from denoc_ros.kernels.layout import COORDINATE, JOINT, SLIP_RATE
@@ -32,11 +30,6 @@ from denoc_ros.kernels.spring import step_stiffness
 GAMMA = 1.0 - np.sqrt(0.5)
 FIRST_STAGE = 1
 SECOND_STAGE = 2
-
-ADVANCE = (
-    'int64(int64, float64[:, ::1], float64[::1], float64, float64[::1], float64[::1], '
-    'float64[::1], float64[::1])'
-)
 
 # rows of the step workspace, n elements each
 SHIFT = 0
@@ -132,21 +125,3 @@ def adopt(n, steps, q, qd):
     """Take over the state that a step has written."""
     copy(n, beyond(steps, STAGE_Q * n), q)
     copy(n, beyond(steps, STAGE_QD * n), qd)
-
-
-@kernel(ADVANCE)
-def advance(handle, steps, held, dt, q, qd, given, tau):
-    """Advance q and q' by dt in place; held joints have the acceleration given throughout.
-
-    Returns the status of the forward dynamics; the state is left as it was unless that is good.
-    """
-    n = coordinates(handle)
-    if q.shape[0] != n or qd.shape[0] != n or given.shape[0] != n or tau.shape[0] != n:
-        return MISFIT
-    status = take_step(
-        open_stage, handle, elements(steps), elements(held), dt, elements(q), elements(qd),
-        elements(given), elements(tau),
-    )  # fmt: skip
-    if status == GOOD:
-        adopt(n, elements(steps), elements(q), elements(qd))
-    return status

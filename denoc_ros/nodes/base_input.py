@@ -87,13 +87,15 @@ class BaseInput:
 
     def trouble(self, now: float) -> str:
         """Return why the base's motion is not known, '' if it is or is not listened to."""
+        if self.source == 'off':
+            return ''
         for monitor, stale, missing in (
             (self._monitor, 'stale base_motion', 'no base_motion yet'),
             (self._beside, 'stale base_acceleration', 'no base_acceleration yet'),
         ):
             if monitor is not None and not monitor.age(now) <= self._timeout:
                 return stale if monitor.received else missing
-        return 'no base_motion yet' if self.used and self.track.at(now) is None else ''
+        return 'no base_motion yet' if self.track.at(now) is None else ''
 
     def at(self, time: float) -> BaseMotion | None:
         """Return the motion at a time of the steady clock [s]; None: at rest, for all we know."""

@@ -9,7 +9,7 @@ from sensor_msgs.msg import Imu
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.tree import InertialSensor
 from denoc_ros.nodes.base import STATE, DenocNode
-from denoc_ros.nodes.messages import AccelMessage, ImuMessage
+from denoc_ros.nodes.messages import AccelMessage, ImuMessage, raw_publish
 from denoc_ros.types import Array
 
 
@@ -73,6 +73,7 @@ class _Output:
         else:
             self._message, kind = AccelMessage(sensor.name), AccelStamped
         self.publisher = node.create_publisher(kind, sensor.topic, STATE)
+        self._publish = raw_publish(self.publisher)
 
     def send(self, stamp_ns: int, values: Array, generator: np.random.Generator) -> None:
         """Publish this sensor's part of all values, with bias and noise."""
@@ -81,7 +82,7 @@ class _Output:
             reading += self._deviation * generator.standard_normal(len(reading))
         self._message.write(reading)
         self._message.stamp(stamp_ns)
-        self.publisher.publish(self._message.bytes())
+        self._publish(self._message.bytes())
 
 
 def _per_axis(gyro: float, accel: float, count: int) -> Array:

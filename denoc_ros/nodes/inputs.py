@@ -68,6 +68,15 @@ def arrived(subscription: Any, depth: int) -> Iterator[tuple[bytes, int, int, in
         yield raw, info['received_timestamp'], info['source_timestamp'], number
 
 
+def arrival(info: Mapping[str, int], before: float) -> float:
+    """Return when a message came that was alone, as :func:`arrivals` does."""
+    now = time.perf_counter()
+    came = now - 1e-9 * (time.time_ns() - info['received_timestamp'])
+    if came > now:
+        return now
+    return came if came > before else before
+
+
 def arrivals(infos: Sequence[Mapping[str, int]], before: float) -> list[float]:
     """Return when messages came, on the steady clock [s].
 
@@ -79,8 +88,6 @@ def arrivals(infos: Sequence[Mapping[str, int]], before: float) -> list[float]:
         When the queue was last empty, steady clock [s].
     """
     now, wall_ns = time.perf_counter(), time.time_ns()
-    if len(infos) == 1:  # as below, in a fraction of the time: nearly every tick has one
-        return [min(max(now - 1e-9 * (wall_ns - infos[0]['received_timestamp']), before), now)]
     moments = [now - 1e-9 * (wall_ns - info['received_timestamp']) for info in infos]
     if now - before > AWAY:
         # a process that stands still receives nothing: the sender's clock has the distances
@@ -94,7 +101,10 @@ def arrivals(infos: Sequence[Mapping[str, int]], before: float) -> list[float]:
 
 def _taken(take: Callable[..., Any], kind: Any, depth: int) -> list[tuple[bytes, Any]]:
     """Return what waits, raw, with what the middleware says of it; `take` gives one at a time."""
-    waiting: list[tuple[bytes, Any]] = []
+    taken = take(kind, True)
+    if taken is None:
+        return []
+    waiting: list[tuple[bytes, Any]] = [taken]
     while len(waiting) < depth and (taken := take(kind, True)) is not None:
         waiting.append(taken)
     return waiting
@@ -210,7 +220,7 @@ class Input:
 
     def _take(self, subscription: Any) -> None:
         before = self._last_take
-        self._last_take = time.perf_counter()
+        self._last_take = now = time.perf_counter()
         waiting = _taken(subscription.handle.take_message, self._kind, self._depth)
         # counted after that, and before: what waited may be from one that came or went since
         publishers = self._publishers()
@@ -219,18 +229,23 @@ class Input:
             if self._later:
                 self._give_due()
             return
+        simulated = self._node.clock.is_simulated
+        if len(waiting) == 1 and publishing <= self.monitor.max_publishers and not simulated:
+            (raw, info) = waiting[0]
+            if not self._waits(raw):  # as nearly every tick
+                self.number = number = info['publication_sequence_number']
+                self._active_publishers.saw(number, now)
+                self._give(raw, arrival(info, before), publishing)
+                return
         numbers = [info['publication_sequence_number'] for _, info in waiting]
-        sending = self._active_publishers.count(publishing, numbers, self._last_take)
+        sending = self._active_publishers.count(publishing, numbers, now)
         self.number = numbers[-1]
-        if self._node.clock.is_simulated:
+        if simulated:
             for raw, _ in waiting:
                 self._queue(raw, sending)
             self._give_due()
             return
         moments = arrivals([info for _, info in waiting], before)
-        if len(waiting) == 1 and not self._waits(waiting[0][0]):  # as nearly every tick
-            self._give(waiting[0][0], moments[0], sending)
-            return
         begin = time.thread_time() if len(waiting) > 2 else math.inf
         for place, ((raw, _), came) in enumerate(zip(waiting, moments, strict=True), 1):
             if self._waits(raw):
@@ -242,7 +257,9 @@ class Input:
 
     def _waits(self, raw: bytes) -> bool:
         """Say whether a message is too long for a loop, or comes after one that is."""
-        return bool(self._heavy) or self._handles_heavy or self._is_heavy(raw)
+        if self._heavy or self._handles_heavy:
+            return True
+        return self._is_heavy is not never_heavy and self._is_heavy(raw)
 
     def _queue(self, raw: bytes, sending: int) -> None:
         """Let a message wait for the simulated time from which it counts."""

@@ -175,6 +175,15 @@ def listeners(publisher: Any) -> Callable[[], int]:
     return count
 
 
+def raw_publish(publisher: Any) -> Callable[[bytes], None]:
+    """Return what publishes prebuilt bytes, without what rclpy looks at before each message.
+
+    It raises once the publisher is destroyed.
+    """
+    publish: Callable[[bytes], None] = publisher.handle.publish_raw
+    return publish
+
+
 def wait_until_delivered(publishers: Iterable[Any]) -> None:
     """Wait, half a second at most, until reliable readers have all that was published.
 

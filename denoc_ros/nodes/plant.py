@@ -26,7 +26,7 @@ from denoc_ros.model.plant_description import PlantDescription
 from denoc_ros.nodes.base import LATCHED, STATE
 from denoc_ros.nodes.base_output import BaseOutput
 from denoc_ros.nodes.inertial_outputs import InertialOutputs
-from denoc_ros.nodes.messages import listeners
+from denoc_ros.nodes.messages import listeners, raw_publish
 from denoc_ros.nodes.model_node import driven_joints, is_override
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
@@ -239,6 +239,9 @@ class PlantNode(RobotNode):
             self.create_publisher(JointState, topic, STATE)
             for topic in ('joint_states', '~/true_deflection', '~/true_modal_state')
         )
+        self._send_state, self._send_deflection, self._send_modal = map(
+            raw_publish, (self._state_out, self._deflection_out, self._modal_out)
+        )
         self._deflection_listeners = listeners(self._deflection_out)
         self._modal_listeners = listeners(self._modal_out)
         floats = len(robot.base_indices) > 0
@@ -444,7 +447,7 @@ class PlantNode(RobotNode):
             self._noise *= deviation
             values += self._noise
         state.stamp(stamp_ns)
-        self._state_out.publish(state.bytes())
+        self._send_state(state.bytes())
         if self.sensors:
             self.sensors.send(stamp_ns, simulated.sensor_values())
         if self.inertial_sensors:
@@ -453,9 +456,9 @@ class PlantNode(RobotNode):
             bent = self._deflection_message
             simulated.tip_deflections(*self._deflection_arrays)
             bent.stamp(stamp_ns)
-            self._deflection_out.publish(bent.bytes())
+            self._send_deflection(bent.bytes())
         if self._modal_listeners():
-            self._modal_out.publish(self._modal_message.encode(stamp_ns, q, qd))
+            self._send_modal(self._modal_message.encode(stamp_ns, q, qd))
 
     # ---- diagnostics
 

@@ -16,7 +16,7 @@ from denoc_ros.estimation.parameter_tracker import ParameterTracker
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.quaternion import write_quaternion
 from denoc_ros.nodes.base import STATE, DenocNode
-from denoc_ros.nodes.messages import PoseMessage, listeners
+from denoc_ros.nodes.messages import PoseMessage, listeners, raw_publish
 from denoc_ros.nodes.sensor_inputs import SensorInputs
 from denoc_ros.types import Array
 
@@ -62,6 +62,9 @@ class PredictorOutputs:
             )
         }
         self._publishers['tip_pose'] = node.create_publisher(PoseStamped, '~/tip_pose', STATE)
+        self._sends = {
+            topic: raw_publish(publisher) for topic, publisher in self._publishers.items()
+        }
         self._listeners = {
             topic: listeners(publisher) for topic, publisher in self._publishers.items()
         }
@@ -121,7 +124,7 @@ class PredictorOutputs:
 
     def _send(self, topic: str, message: JointStateMessage | PoseMessage, stamp_ns: int) -> None:
         message.stamp(stamp_ns)
-        self._publishers[topic].publish(message.bytes())
+        self._sends[topic](message.bytes())
 
 
 def quaternion(rotation: Array) -> Array:

@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import MultiArrayDimension, UInt64MultiArray
 
-from denoc_ros.nodes.messages import exact_bytes, listeners
+from denoc_ros.nodes.messages import exact_bytes, listeners, raw_publish
 
 TOPIC = '_time'  # hidden, as it is of the machine: recorders leave it out
 PROGRESS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -35,9 +35,10 @@ class TickProgress:
         self._front = exact_bytes(message)[: -VALUES.size]
         self._publisher = node.create_publisher(UInt64MultiArray, f'~/{TOPIC}', PROGRESS)
         self._listeners = listeners(self._publisher)
+        self._publish = raw_publish(self._publisher)
 
     def tell(self, until: float, commands: int = 0) -> None:
         """Tell that all has left that belongs to moments before `until` [s]; infinite: ever."""
         if self._listeners():
             until_ns = FOREVER if until == math.inf else max(0, self._clock.stamp_ns(until))
-            self._publisher.publish(self._front + VALUES.pack(until_ns, commands))
+            self._publish(self._front + VALUES.pack(until_ns, commands))

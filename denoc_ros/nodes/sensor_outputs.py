@@ -10,7 +10,7 @@ from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.tree import Sensor
 from denoc_ros.nodes.base import STATE, DenocNode
-from denoc_ros.nodes.messages import CommandMessage, FloatMessage
+from denoc_ros.nodes.messages import CommandMessage, FloatMessage, raw_publish
 from denoc_ros.types import Array
 
 
@@ -85,8 +85,9 @@ class _Topic:
             state = JointStateMessage(names, ('position',))
             self._message, self._values, kind = state, state.position, JointState
         self.publisher = node.create_publisher(kind, topic, STATE)
+        self._publish = raw_publish(self.publisher)
 
     def send(self, stamp_ns: int, raw: Array) -> None:
         self._values[self._to] = raw[self._from]
         self._message.stamp(stamp_ns)
-        self.publisher.publish(self._message.bytes())
+        self._publish(self._message.bytes())

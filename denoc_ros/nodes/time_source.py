@@ -17,7 +17,7 @@ from denoc_ros.bags.cdr import stamp_fields
 from denoc_ros.nodes.base import EVERY_MESSAGE
 from denoc_ros.nodes.clock_input import ROS_TIME, TOPIC, WaitSet, release_clock
 from denoc_ros.nodes.inputs import Input, arrived, subscribe_aside
-from denoc_ros.nodes.messages import STAMP, exact_bytes
+from denoc_ros.nodes.messages import STAMP, exact_bytes, raw_publish
 from denoc_ros.nodes.progress import PROGRESS, VALUES
 from denoc_ros.nodes.progress import TOPIC as PROGRESS_TOPIC
 from denoc_ros.runtime.clocks import SourceClock
@@ -82,15 +82,17 @@ class Lockstep:
         """Say whether nothing more will leave the partners for a time [ns]; may wait a moment."""
         if now_ns != self._asked_ns:
             self._asked_ns, self._since, self._looks = now_ns, time.perf_counter(), 0
-        for each in self.partners:
-            each.take()
-        if not self.awaited(now_ns):
-            return True
-        self._waits.wait(LOOK)
-        self._looks += 1
-        for each in self.partners:
-            each.take()
-        return not self.awaited(now_ns)
+        begin = time.perf_counter()
+        while True:
+            for each in self.partners:  # all: what waits in a queue would end each wait at once
+                each.take()
+            if not self.awaited(now_ns):
+                return True
+            left = LOOK - (time.perf_counter() - begin)
+            if left <= 0.0:
+                self._looks += 1
+                return False
+            self._waits.wait(left)
 
     def awaited(self, now_ns: int | None = None) -> list[Partner]:
         """Return the partners whose answer to a time [ns] is missing; by default the last one."""
@@ -156,7 +158,7 @@ class TimeSource:
         start_ns: int = 0,
     ) -> None:
         self._ros_clock = node.get_clock() if release_clock(node) else None
-        self._publisher = node.create_publisher(Clock, TOPIC, EVERY_MESSAGE)
+        self._publish = raw_publish(node.create_publisher(Clock, TOPIC, EVERY_MESSAGE))
         self._message = bytearray(exact_bytes(Clock(clock=TimeMessage())))
         self._lockstep = Lockstep(node, partners, patience) if partners else None
         self.clock = SourceClock(self._tell, self.may_leave, standing, start_ns)
@@ -167,7 +169,7 @@ class TimeSource:
 
     def _tell(self, now_ns: int) -> None:
         STAMP.pack_into(self._message, 4, *stamp_fields(now_ns))
-        self._publisher.publish(bytes(self._message))
+        self._publish(bytes(self._message))
         if self._ros_clock is not None:
             self._ros_clock.set_ros_time_override(Time(nanoseconds=now_ns, clock_type=ROS_TIME))
 

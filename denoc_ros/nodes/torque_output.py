@@ -10,7 +10,12 @@ from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.nodes.base import COMMAND, EVERY_MESSAGE, STATE, DenocNode
-from denoc_ros.nodes.messages import CommandMessage, TrajectoryPointMessage, listeners
+from denoc_ros.nodes.messages import (
+    CommandMessage,
+    TrajectoryPointMessage,
+    listeners,
+    raw_publish,
+)
 from denoc_ros.types import Array
 
 
@@ -50,11 +55,13 @@ class TorqueOutput:
             if with_point
             else None
         )
+        self._publish_effort = raw_publish(self._effort_out)
+        self._publish_commands = raw_publish(self._commands_out)
 
     def send(self, stamp_ns: int, q: Array, qd: Array, qdd: Array, torque: Array) -> None:
         """Publish the torque (n,) that goes with a desired state, on all topics."""
         self._commands.values[:] = torque
-        self._commands_out.publish(self._commands.bytes())
+        self._publish_commands(self._commands.bytes())
         self.sent += 1
         self.send_effort(stamp_ns, q, qd, torque)
         point = self._point
@@ -74,7 +81,7 @@ class TorqueOutput:
         message.position[:] = q
         message.velocity[:] = qd
         message.effort[:] = torque
-        self._effort_out.publish(message.bytes())
+        self._publish_effort(message.bytes())
 
     def close(self, node: DenocNode) -> None:
         """Destroy the publishers."""

@@ -32,6 +32,11 @@ class ActivePublishers:
         """Assume that as many publishers as allowed sent up to steady `now` [s]."""
         self._last = [(-LOST - 1, now)] * self._allowed
 
+    def saw(self, number: int | None, now: float) -> None:
+        """Take the number of a message that came while all publishers were allowed to send."""
+        if number is not None:
+            self._last = [(number, now)]
+
     def count(self, publishers: int, numbers: Sequence[int | None], now: float) -> int:
         """Take the numbers of new messages; return how many publishers send.
 

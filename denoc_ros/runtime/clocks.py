@@ -7,6 +7,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from time import perf_counter
 
 TRIES = 4
 NEAR = 2e-5  # s between two readings that count as the same moment
@@ -134,15 +135,14 @@ def at_once(now_ns: Callable[[], int]) -> tuple[float, int]:
     The two clocks are read close together: a thread that loses the processor between the readings
     would see one clock jump by the time it was away.
     """
-    best, moment, shown = math.inf, 0.0, 0
-    for _ in range(TRIES):
-        before = time.perf_counter()
-        reading = now_ns()
-        after = time.perf_counter()
+    before, shown, after = perf_counter(), now_ns(), perf_counter()
+    best, moment = after - before, 0.5 * (before + after)
+    tries = 1
+    while best >= NEAR and tries < TRIES:
+        before, reading, after = perf_counter(), now_ns(), perf_counter()
+        tries += 1
         if after - before < best:
             best, moment, shown = after - before, 0.5 * (before + after), reading
-        if best < NEAR:
-            break
     return moment, shown
 
 

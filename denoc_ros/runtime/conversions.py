@@ -17,8 +17,23 @@ from numpy.typing import NDArray
 
 from denoc_ros.bags.cdr import CdrReader, aligned
 from denoc_ros.bags.joint_state import FIELDS, JointStateLayout, read_names
-from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.message_values import EFFORT, OTHER, VELOCITY, take_joint_state
+from denoc_ros.kernels.compiled import entry, ready
+from denoc_ros.kernels.message_values import (
+    BOUNDS,
+    BYTES_TYPE,
+    FIXED,
+    GIVEN,
+    JOINTS,
+    LENGTH,
+    OTHER,
+    PARTS,
+    PATTERN,
+    PLACES,
+    RECORD,
+    VALUES,
+    bytes_type,
+    take_numbers,
+)
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.types import Array
@@ -109,9 +124,8 @@ class JointStateReader:
         self._fields: list[str] = []  # that it has, and where their values are
         self._places: NDArray[np.intp] = np.zeros((0, n), dtype=np.intp)
         self._unbounded = unbounded(n)
-        self._given = np.zeros(len(FIELDS), dtype=np.int64)
-        self._pattern: Pattern | None = None
-        ready(take_joint_state)
+        self._taker: NumberTaker | None = None
+        ready(take_numbers)
 
     def read(
         self, raw: bytes, admit: Callable[[int], None] | None = None, with_effort: bool = False
@@ -133,20 +147,18 @@ class JointStateReader:
             `too_many_joints`, `wrong_length`, `non_finite`, `out_of_range`, `missing_effort`;
             the arrays keep what they had.
         """
-        pattern = self._pattern
-        if pattern is not None:
-            values, given = np.empty((len(FIELDS), len(self.joints))), self._given
+        taker = self._taker
+        if taker is not None:
             limits = self._unbounded if self._bounds is None else self._bounds.table
-            stamp_ns = take_joint_state(
-                np.frombuffer(raw, np.uint8), *pattern, limits, values, given
-            )
-            if stamp_ns != OTHER and (given[EFFORT] or not with_effort):
+            stamp_ns = taker.take(raw, limits)
+            _, has_velocity, has_effort = taker.given.tolist()
+            if stamp_ns != OTHER and (has_effort or not with_effort):
                 if admit is not None:
                     admit(stamp_ns)
                 # of this message alone: who takes one of these arrays may keep it
-                self.position, self.velocity, self.effort = values
+                self.position, self.velocity, self.effort = taker.values.copy()
                 self.stamp_ns = stamp_ns
-                self.has_velocity, self.has_effort = bool(given[VELOCITY]), bool(given[EFFORT])
+                self.has_velocity, self.has_effort = bool(has_velocity), bool(has_effort)
                 return
         self._read_stepwise(raw, admit, with_effort)
 
@@ -182,7 +194,7 @@ class JointStateReader:
 
     def _learn(self, raw: bytes) -> JointStateLayout:
         """Remember where the values of a layout stand and which joint is where."""
-        self._layout = self._pattern = None
+        self._layout = self._taker = None
         layout = JointStateLayout.of(MessageReader(raw))
         places = joint_map(layout.names, self.joints, self._joints_known)
         joints, position = len(layout.names), layout.blocks[0][1]
@@ -196,22 +208,75 @@ class JointStateReader:
         blocks = zip(FIELDS, layout.blocks, strict=True)
         self._fields = [field for field, (_, count) in blocks if count]
         self._layout, self._places = layout, layout.places(places)
-        self._pattern = (
-            pattern_of(raw, layout, places) if layout.order == '<' and len(places) else None
-        )
+        if layout.order == '<' and len(places):
+            starts = [start if count else None for start, count in layout.blocks]
+            self._taker = NumberTaker(raw, layout.fixed, starts, places)
         return layout
 
 
-Pattern = tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64]]
+class NumberTaker:
+    """Takes the numbers of messages of one little-endian layout, each by one compiled call.
 
+    Parameters
+    ----------
+    raw : bytes
+        A message of the layout.
+    fixed : sequence of (int, int)
+        First byte, and the one after the last, of parts that are the same in all of them.
+    starts : sequence of three int or None
+        First bytes of the rows of numbers: position, velocity, effort.
+    places : (n,) array of int
+        Which numbers of a row are taken.
 
-def pattern_of(raw: bytes, layout: JointStateLayout, joints: NDArray[np.intp]) -> Pattern:
-    """Return what `take_joint_state` compares with: message, fixed parts, places of joints."""
-    places = np.full((len(FIELDS), len(joints)), -1, dtype=np.int64)
-    for row, (start, count) in zip(places, layout.blocks, strict=True):
-        if count:
-            row[:] = start + 8 * joints
-    return np.frombuffer(raw, np.uint8), np.array(layout.fixed, dtype=np.int64), places
+    Attributes
+    ----------
+    values : (3, n) array
+        Of the last message; zeros where it has none.
+    given : (3,) array of int
+        1 where it has them.
+    """
+
+    def __init__(
+        self,
+        raw: bytes,
+        fixed: Sequence[tuple[int, int]],
+        starts: Sequence[int | None],
+        places: NDArray[np.intp],
+    ) -> None:
+        n = len(places)
+        self.values: Array = np.zeros((len(FIELDS), n))
+        self.given = np.zeros(len(FIELDS), dtype=np.int64)
+        rows = np.full((len(FIELDS), n), -1, dtype=np.int64)
+        for row, start in zip(rows, starts, strict=True):
+            if start is not None:
+                row[:] = start + 8 * places
+        self._bounds: Array | None = None
+        parts = np.array(fixed, dtype=np.int64)
+        pattern = np.frombuffer(raw, np.uint8)
+        self._record = np.zeros(RECORD, dtype=np.int64)
+        self._kept = parts, pattern, rows, raw  # as long as the record has their addresses
+        for at, array in (
+            (PATTERN, pattern),
+            (FIXED, parts),
+            (PLACES, rows),
+            (VALUES, self.values),
+            (GIVEN, self.given),
+        ):
+            self._record[at] = array.ctypes.data
+        self._record[[LENGTH, PARTS, JOINTS, BYTES_TYPE]] = len(raw), len(parts), n, bytes_type()
+        self._address = self._record.ctypes.data
+        ready(take_numbers)
+        self._take = entry(take_numbers)
+
+    def take(self, raw: bytes, bounds: Array) -> int:
+        """Take a message's numbers; return its stamp [ns], or OTHER as `take_numbers` does.
+
+        `bounds` (4, n) are least and largest position, least and largest velocity.
+        """
+        if bounds is not self._bounds:
+            self._bounds = np.ascontiguousarray(bounds, dtype=np.float64)
+            self._record[BOUNDS] = self._bounds.ctypes.data
+        return self._take(self._address, raw)
 
 
 def unbounded(joints: int) -> Array:
@@ -256,6 +321,8 @@ class CommandReader:
         self._map: NDArray[np.intp] = np.arange(len(joints))
         # of the last message: what stands before its numbers, their type and place, its length
         self._known, self._kind, self._start, self._length = b'', '<f8', 0, 0
+        self._taker: NumberTaker | None = None
+        self._bounds = LARGEST_EFFORT * np.outer((-1.0, 1.0, -1.0, 1.0), np.ones(len(joints)))
 
     def read(self, raw: bytes) -> None:
         """Read one message into `values`, 0 for joints that it does not name.
@@ -266,6 +333,10 @@ class CommandReader:
             Causes `malformed`, `unnamed`, `too_many_joints`, `unknown_joint`, `repeated_joint`,
             `wrong_length`, `non_finite`, `out_of_range`.
         """
+        taker = self._taker
+        if taker is not None and taker.take(raw, self._bounds) != OTHER:
+            self.values = taker.values[0].copy()
+            return
         if not (self._known and raw.startswith(self._known) and len(raw) == self._length):
             self._learn(raw)
         values = np.frombuffer(raw, self._kind, len(self._map), self._start)
@@ -277,7 +348,7 @@ class CommandReader:
         self.values = result
 
     def _learn(self, raw: bytes) -> None:
-        self._known = b''
+        self._known, self._taker = b'', None
         reader = MessageReader(raw)
         labels, dimensions = [], reader.count()
         if dimensions > MOST_JOINTS:
@@ -305,3 +376,6 @@ class CommandReader:
             raise InputError('wrong_length', f'data must have {len(names)} elements, got {count}')
         self._kind, self._start, self._length = reader.order + 'f8', start, len(raw)
         self._known = raw[:counted]
+        if reader.order == '<' and 0 < len(names) == len(self.joints):
+            places = joint_map(names, self.joints)
+            self._taker = NumberTaker(raw, [(0, counted)], (start, None, None), places)

@@ -10,6 +10,7 @@ import runpy
 import sys
 import time
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
@@ -21,7 +22,7 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes import process
+from denoc_ros.nodes import messages, process
 from denoc_ros.runtime import timing
 from denoc_ros.runtime.timing import RealtimeLoop
 
@@ -54,6 +55,7 @@ class Journal:
     def watch(self) -> None:
         """Look over the shoulder of every publisher and loop from here on."""
         publish, start, now = Publisher.publish, RealtimeLoop.start, time.perf_counter
+        raw_publish = messages.raw_publish
         timing.WINDOW = TICKS_KEPT
 
         def watched_publish(publisher: Any, message: Any) -> None:
@@ -64,11 +66,23 @@ class Journal:
             sent.keys.append(crc32(message if prebuilt else serialize_message(message)[HEAD]))
             publish(publisher, message)
 
+        def watched_raw_publish(publisher: Any) -> Callable[[bytes], None]:
+            publish_raw = raw_publish(publisher)
+            sent = self._new(publisher, True)
+
+            def watched(message: bytes) -> None:
+                sent.times.append(now())
+                sent.keys.append(crc32(message))
+                publish_raw(message)
+
+            return watched
+
         def watched_start(loop: RealtimeLoop) -> None:
             self.loops.append(loop)
             start(loop)
 
         Publisher.publish = watched_publish
+        messages.raw_publish = watched_raw_publish  # before a node's module imports it
         RealtimeLoop.start = watched_start  # type: ignore[method-assign, assignment]
 
     def _new(self, publisher: Any, whole: bool) -> Sent:

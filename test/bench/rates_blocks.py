@@ -25,6 +25,7 @@ from denoc_ros.cli.processes import Processes
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session import STOP_ORDER, Session, Task
 from denoc_ros.cli.session_file import SessionFile
+from denoc_ros.cli.time_modes import REAL
 from denoc_ros.cli.up import new_folder
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
@@ -256,8 +257,9 @@ class Bench:
         trajectory = trajectory_from_config(reference, joints)
         nodes['plant'].setdefault('start', trajectory.table(seconds)[1][0].tolist())
         self.priority = int(nodes['plant'].get('thread_priority', 0))
+        # a deadline is one of the steady clock, at this rate, on whatever machine
         self._config = dataclasses.replace(
-            config, reference=reference, nodes=nodes, phases=config.phases[-1:]
+            config, reference=reference, nodes=nodes, phases=config.phases[-1:], time=REAL
         )
         self._task = Task(trajectory, joints, seconds)
         self._rate, self._seconds = rate, seconds

@@ -29,9 +29,9 @@ from denoc_ros.kernels import (
     closing,
     compiled,
     compiling,
+    driven_step,
     forward_derivatives,
     inverse,
-    step,
 )
 from denoc_ros.kernels.cache import cache_folder, is_kept
 from denoc_ros.kernels.compiled import LongLoops, ShortLoops
@@ -262,7 +262,8 @@ def test_loops_are_vectorized_but_where_they_are_short() -> None:
     [
         (inverse.inverse_dynamics, []),
         (articulated.forward_dynamics, ['articulated.find_acceleration']),
-        (step.advance, ['articulated.find_articulated']),
+        (driven_step.advance_driven, ['articulated.find_articulated']),
+        (driven_step.driven_torque, ['articulated.find_articulated']),
         (closing.advance_tied, ['constrained.find_constrained']),
         (
             forward_derivatives.forward_dynamics_derivatives,

@@ -60,7 +60,7 @@ def test_few_calls_lead_from_a_message_to_the_kernel_and_back(
     arm = FeedforwardBench(graph, urdf, trigger=trigger, **streamed)
     robot, output = arm.node.torque.source.robot, arm.node.output
     robot._inverse = kernel = Spy(robot._inverse)
-    output._effort_out.publish = publish = Spy(output._effort_out.publish)
+    output._publish_effort = publish = Spy(output._publish_effort)
     if trigger == 'clock':
         arm.follow(point(0.0, [0.0, 0.0]), point(5.0, [0.5, -0.6]))
     else:
