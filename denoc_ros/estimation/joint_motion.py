@@ -12,10 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.errors import StateError
-from denoc_ros.types import Array
+from denoc_ros.types import Array, Flags
 
 METHODS = ('filter', 'kalman')
 DEGREE = 5  # of the local polynomials
+GAP = 10.0  # usual times between samples: no polynomial reaches over a longer one
+# of the largest eigenvalue of a window's normal matrix: with less its samples do not tell a degree
+ILL = 1e-10
 SETTLED_PERIODS = 8  # of the cutoff after which a smoother has forgotten an end of the samples
 
 
@@ -78,11 +81,11 @@ def smooth(
     usual = float(np.median(np.diff(t))) if period is None else period
     if method == 'kalman':
         return _kalman(t, q, qd, cutoff, usual)
-    half = _half_width(cutoff, usual)
+    smoothed = LocalPolynomials(t, cutoff, usual)
     if qd is None:
-        return SmoothedMotion(*_local_polynomials(t, q, half))
+        return SmoothedMotion(*smoothed(q))
     joints = q.shape[1]
-    value, slope, _ = _local_polynomials(t, np.hstack([q, qd]), half)
+    value, slope, _ = smoothed(np.hstack([q, qd]))
     return SmoothedMotion(value[:, :joints], value[:, joints:], slope[:, joints:])
 
 
@@ -126,47 +129,52 @@ class LocalPolynomials:
     """
 
     def __init__(self, t: Array, cutoff: float, period: float) -> None:
-        rows, powers, self._scale = _windows(t, _half_width(cutoff, period))
-        self._first = rows[:, 0]
-        normal = np.swapaxes(powers, 1, 2)
-        found = np.linalg.solve(normal @ powers, normal)[:, :3]
+        self._rows, powers, self._scale = _windows(t, _half_width(cutoff, period), period)
+        normal = np.swapaxes(powers, 1, 2) @ powers
+        # powers that a window has too few samples for: their coefficients are 0
+        degrees = np.arange(normal.shape[1])
+        normal[:, degrees, degrees] += ~powers.any(axis=1)
+        spread = np.linalg.eigvalsh(normal)
+        is_told = spread[:, 0] > ILL * spread[:, -1]
         self._weights = np.zeros((len(t), 3, powers.shape[1]))
-        self._weights[:, : found.shape[1]] = found
+        kept = min(3, len(degrees))
+        self._weights[is_told, :kept] = np.linalg.solve(
+            normal[is_told], np.swapaxes(powers[is_told], 1, 2)
+        )[:, :kept]
+        self._weights[~is_told, :kept] = np.linalg.pinv(powers[~is_told], np.sqrt(ILL))[:, :kept]
 
     def __call__(self, y: Array) -> tuple[Array, Array, Array]:
         """Return samples y (k, joints) smoothed, and their first and second derivatives."""
         # about the first sample: large positions do not cost digits
-        origin = y[self._first]
-        rows = self._first[:, None] + np.arange(self._weights.shape[2])
-        coefficients = self._weights @ (y[rows] - origin[:, None, :])
+        origin = y[self._rows[:, 0]]
+        coefficients = self._weights @ (y[self._rows] - origin[:, None, :])
         return _derivatives(coefficients, origin, self._scale)
 
 
-def _local_polynomials(t: Array, y: Array, half: int) -> tuple[Array, Array, Array]:
-    """Return values, first and second derivatives of polynomials fitted around each stamp."""
-    rows, powers, scale = _windows(t, half)
-    normal = np.swapaxes(powers, 1, 2)
-    # about the first sample: large positions do not cost digits
-    origin = y[rows[:, 0]]
-    samples = y[rows] - origin[:, None, :]
-    found = np.linalg.solve(normal @ powers, normal @ samples)[:, :3]
-    coefficients = np.zeros((len(t), 3, y.shape[1]))
-    coefficients[:, : found.shape[1]] = found
-    return _derivatives(coefficients, origin, scale)
+def stretch_starts(t: Array, period: float) -> Flags:
+    """Return at which stamps (k,) a stretch begins: the first, and those behind a gap."""
+    return np.concatenate([[True], np.diff(t) > GAP * period])
 
 
-def _windows(t: Array, half: int) -> tuple[NDArray[np.int64], Array, Array]:
+def _windows(t: Array, half: int, period: float) -> tuple[NDArray[np.int64], Array, Array]:
     """Return the samples around each stamp, the powers of their times in half widths, and these.
 
-    Shapes are (k, width), (k, width, degree + 1) and (k, 1) [s].
+    Shapes are (k, width), (k, width, degree + 1) and (k, 1) [s]. No window reaches over a gap:
+    powers are 0 of rows that fill a window up, and of degrees that it has too few samples for.
     """
     count = len(t)
     width = min(2 * half + 1, count)
-    degree = min(DEGREE, width - 1)
-    first = np.clip(np.arange(count) - width // 2, 0, count - width)
-    rows = first[:, None] + np.arange(width)
-    scale = 0.5 * (t[first + width - 1] - t[first])[:, None]
-    powers = ((t[rows] - t[:, None]) / scale)[..., None] ** np.arange(degree + 1)
+    edges = np.append(np.flatnonzero(stretch_starts(t, period)), count)
+    stretch = np.searchsorted(edges, np.arange(count), side='right') - 1
+    begin, end = edges[stretch], edges[stretch + 1]
+    own = np.minimum(width, end - begin)
+    first = np.clip(np.arange(count) - width // 2, begin, end - own)
+    rows = np.minimum(first[:, None] + np.arange(width), (end - 1)[:, None])
+    scale = 0.5 * (t[first + own - 1] - t[first])[:, None]
+    scale = np.where(own[:, None] > 1, scale, period)
+    degrees = np.arange(min(DEGREE, width - 1) + 1)
+    powers = ((t[rows] - t[:, None]) / scale)[..., None] ** degrees
+    powers *= (np.arange(width) < own[:, None])[..., None] & (degrees < own[:, None, None])
     return rows, powers, scale
 
 

@@ -153,3 +153,59 @@ def test_search_can_be_ended() -> None:
 
     with pytest.raises(EndedError):
         rest_to_rest(two_links(), (0, 0), (1, 1), 1.0, check=check)
+
+
+ROBUST = 0.1
+
+
+@pytest.fixture(scope='module')
+def swift() -> RestMotion:
+    """Return the shortest motion within the efforts of the description."""
+    return rest_to_rest(two_links(), (0, 0), (0.5, 0.5), robustness=ROBUST)
+
+
+@pytest.mark.parametrize('longer', [1.0, 1.1, 1.7, 2.19])
+def test_a_duration_that_another_way_takes_has_a_motion(swift: RestMotion, longer: float) -> None:
+    """Of these 0.93 s was refused, though a motion of 0.42 s was known: the robot may wait."""
+    robot, duration = two_links(), longer * swift.duration
+    motion = rest_to_rest(robot, (0, 0), (0.5, 0.5), duration, robustness=ROBUST)
+    assert motion.duration == duration
+    rows = motion.joints(motion.t, 2)
+    torque, _ = robot.hybrid_dynamics(motion.states.q, motion.states.qd, rows)
+    assert (np.abs(torque).max(axis=0) <= 1.005 * joint_limits(robot).effort).all()
+    assert motion.left <= 1e-3
+
+
+def test_a_motion_by_narrower_limits_is_one_within_the_wider_ones() -> None:
+    robot = two_links()
+    narrow = joint_limits(robot, acceleration=80.0)
+    found = rest_to_rest(robot, (0, 0), (0.5, 0.5), limits=narrow)
+    for robustness in (0.0, 0.1):
+        wide = rest_to_rest(robot, (0, 0), (0.5, 0.5), found.duration, robustness=robustness)
+        assert wide.duration == found.duration
+
+
+@pytest.mark.parametrize('share', [0.5, 0.95])
+def test_a_refusal_names_the_shortest_duration_that_was_found(
+    swift: RestMotion, share: float
+) -> None:
+    """It said "a longer duration has one" of whatever was refused."""
+    with pytest.raises(SolverError, match='the shortest motion that was found takes') as refused:
+        rest_to_rest(two_links(), (0, 0), (0.5, 0.5), share * swift.duration, robustness=ROBUST)
+    shortest = float(str(refused.value).split('takes ')[1].removesuffix(' s'))
+    assert shortest == pytest.approx(swift.duration, rel=0.05)
+    again = rest_to_rest(two_links(), (0, 0), (0.5, 0.5), 1.001 * shortest, robustness=ROBUST)
+    assert again.duration > share * swift.duration
+
+
+def test_postures_that_no_effort_holds_are_named() -> None:
+    heavy = two_links((0, -9.81, 0))
+    limits = joint_limits(heavy, effort=1.0)
+    with pytest.raises(SolverError, match="effort of 'joint_1' must hold the start posture"):
+        rest_to_rest(heavy, (0, 0), (0.5, 0.5), 1.0, limits)
+
+
+def test_a_way_that_limits_make_long_is_said_to_be_long() -> None:
+    limits = joint_limits(two_links(), velocity=0.01)
+    with pytest.raises(SolverError, match='leave no motion; these limits take 1200 s at least'):
+        rest_to_rest(two_links(), (0, 0), (12.0, 12.0), 20.0, limits)

@@ -123,3 +123,26 @@ def test_wrong_ways_are_refused() -> None:
         smooth(t, q, None, 'spline', 1.0)
     with pytest.raises(StateError, match='cutoff must be > 0 Hz, got nan'):
         smooth(t, q, None, 'filter', np.nan)
+
+
+@pytest.mark.parametrize('rate', [200.0, 1000.0])
+def test_gaps_part_windows(rate: float) -> None:
+    """Few samples beside one behind a gap of 0.9 s left a singular matrix, with a traceback."""
+    t = np.arange(0.0, 4.0, 1.0 / rate)
+    # stretches of 1 to 7 samples between gaps, then long ones
+    kept = t < 0.5
+    for k in range(7):
+        first = int((0.5 + 0.4 * (k + 1)) * rate)
+        kept[first : first + k + 1] = True
+    kept |= t > 3.7
+    t = t[kept]
+    q = np.stack([np.sin(2.0 * t), t**2], axis=1)
+    found = smooth(t, q, cutoff=20.0, period=1.0 / rate)
+    np.testing.assert_allclose(found.q, q, atol=1e-4)
+    for rows in (found.qd, found.qdd):
+        assert np.isfinite(rows).all()
+        assert np.abs(rows).max() < 10.0  # the truth: 8
+    # a stretch is smoothed as if it were alone
+    last = t > 3.7
+    alone = smooth(t[last], q[last], cutoff=20.0, period=1.0 / rate)
+    np.testing.assert_array_equal(found.qdd[last], alone.qdd)

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
 from denoc_ros.estimation.joint_friction import JointFriction
-from denoc_ros.estimation.joint_motion import SmoothedMotion
+from denoc_ros.estimation.joint_motion import SmoothedMotion, stretch_starts
 from denoc_ros.estimation.torque_along import TorqueReplay
 from denoc_ros.identification.model.free_parameters import SearchPoint
 from denoc_ros.identification.model.innovations import LinkedRows, linked_rows
@@ -60,7 +60,7 @@ class PreparedRun:
         period = float(np.median(np.diff(t)))
         self._cutoff = min(cutoff, FINEST / period)
         self._measured = measured_motion(t, recording.position, recording.velocity)
-        self._starts = np.concatenate([[True], np.diff(t) > 10.0 * period])
+        self._starts = stretch_starts(t, period)
         self._kept = self._clear_rows(period)
         joints = [
             k for k in range(len(recording.joints)) if np.isfinite(recording.effort[:, k]).all()
