@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -66,12 +67,16 @@ class DeviationFilter:
         Of the model's errors, where the schedule knows what they do.
     time : float
         Of the schedule, now [s].
+    joints : (2 joints,) array
+        Deviations of the measured joints and their rates, as they were measured last.
+    joints_at : float
+        When that was [s].
     """
 
     def __init__(self, robot: Robot, schedule: GainSchedule) -> None:
         self._robot = robot = whole_robot(robot).copy()
         self._sensors = schedule.sensors
-        names = [robot.coordinate_names[index] for index in schedule.joints]
+        names = schedule.names
         self._states = MeasuredStates(robot, names)
         values = chosen_values(robot.tree, self._sensors)
         self._names = [value.name for value in values]
@@ -98,6 +103,8 @@ class DeviationFilter:
         self._slot = {int(place): 2 * self._k + at for at, place in enumerate(self._sensors)}
         self._pause: Pause | None = None
         self.errors = None if schedule.errors is None else ErrorEstimate(schedule)
+        self.joints, self.joints_at = np.zeros(2 * self._k), -np.inf
+        self._has_rates = math.isfinite(schedule.settings.velocity_noise)
         self.time = 0.0
         self.reset()
 
@@ -112,6 +119,7 @@ class DeviationFilter:
         self._doubted_at, self._age, self.blind = np.nan, np.nan, True
         self._began = np.nan
         self._pause = None
+        self.joints[:], self.joints_at = 0.0, -np.inf
         if self.errors is not None:
             self.errors.reset()
 
@@ -136,7 +144,7 @@ class DeviationFilter:
         y = self.state[: self._deviations]
         if self.errors is None:
             return y
-        return np.asarray(y + self.errors.seen[: self._deviations] @ self.errors.values)
+        return np.asarray(y + self.errors.seen[: self._deviations] @ self.errors.used)
 
     def follow(self, time: float, q: Array, qd: Array) -> None:
         """Take the plan's coordinates and rates (n,) at a time of the loop's clock [s].
@@ -184,8 +192,12 @@ class DeviationFilter:
             for stamp in sorted(set(stamps[new].tolist()))
         ]
         for stamp, sample, at in groups:
-            expected = self._plan.at(stamp) + self._own.at(sample)
-            innovation[at] = self._values[at] - expected[at]
+            plan = self._plan.at(stamp)
+            innovation[at] = self._values[at] - plan[at] - self._own.at(sample)[at]
+            own = at[at < 2 * self._k]
+            self.joints[own] = self._values[own] - plan[own]
+        if new[0]:
+            self.joints_at = stamps[0]
         if self._fresh and new[0]:
             self._begin(now, gains)
         elif self._pause is not None and new[0]:
@@ -197,6 +209,9 @@ class DeviationFilter:
         self._judge(now, np.abs(innovation) <= GATE * gains.spread)
         for _, sample, at in groups:
             self._take(sample, at, gains)
+        if not self._has_rates:
+            rates = slice(self._k, 2 * self._k)
+            self.joints[rates] = gains.measured[rates] @ self.state
 
     def _sample(self, now: float, stamp: float) -> float:
         """Return the time of the tick whose estimate a value of a stamp belongs to.

@@ -27,6 +27,9 @@ BIAS_TIME = 1e5  # s over which a bias stays alike: Gauss-Markov
 # factor of a gyroscope's noise in the filter: with the noise itself it would follow the rates
 # within a period or two, and a loop with values 2 ms late would not be stable
 TURNING = 10.0
+# factor of a gauge's noise in the filter: modes that the design does not have are noise in it
+STRAINING = 10.0
+KNOWN = 0.25  # share of the model's error that is left where stiffness and load are estimated
 BLIND = 30.0  # factor of the joints' noise in the filter by joints alone, which needs no speed
 DEFLECTION = 0.15  # of a beam's length, beyond which a deviation is no robot's that has a plan
 LEAST_TORQUE = 1e-3  # of the effort limit, that is never known
@@ -71,6 +74,9 @@ class PostureGains:
         Largest innovations of sensors that are listened to while they are not believed.
     virtual : (joints, m) array
         Virtual joint errors by the coordinates.
+    joints : (joints, 2 joints) array
+        Torque = -joints [deviations of the measured joints; of their rates], beside that of
+        `gain`.
     """
 
     gain: Array
@@ -82,6 +88,7 @@ class PostureGains:
     blind: Array
     reach: Array
     virtual: Array
+    joints: Array
 
 
 def virtual_joints(model: DeviationModel, settings: FeedbackSettings) -> Array:
@@ -104,7 +111,9 @@ def _weighted(model: DeviationModel, settings: FeedbackSettings) -> tuple[Array,
     return tip, model.measured[: model.joints, :m] / settings.joint_error
 
 
-def regulator(model: DeviationModel, limits: Array, settings: FeedbackSettings) -> Regulator:
+def regulator(
+    model: DeviationModel, limits: Array, settings: FeedbackSettings, inner: Array
+) -> Regulator:
     """Return the regulator's problem at a moment.
 
     Parameters
@@ -113,6 +122,8 @@ def regulator(model: DeviationModel, limits: Array, settings: FeedbackSettings) 
     limits : (joints,) array
         Effort limits [N m, N].
     settings : FeedbackSettings
+    inner : (joints, 2 joints) array
+        Gains of the joints' own feedback, which goes on beside.
     """
     m, k = model.size, model.joints
     sampled = model.sampled(settings.period, settings.delay)
@@ -124,7 +135,9 @@ def regulator(model: DeviationModel, limits: Array, settings: FeedbackSettings) 
     tip, own = _weighted(model, settings)
     integrals = k if settings.integral_time else 0
     a = np.zeros((s + integrals, s + integrals))
-    a[:s, :s] = sampled.a * unit / unit[:, None]
+    own_feedback = sampled.a.copy()
+    own_feedback[:, : 2 * m] -= sampled.b @ inner @ model.measured[: 2 * k]
+    a[:s, :s] = own_feedback * unit / unit[:, None]
     b = np.zeros((s + integrals, k))
     b[:s] = sampled.b * scale / unit[:, None]
     rows = np.zeros((len(tip) + k, s + integrals))
@@ -241,12 +254,15 @@ class Noise:
 
 def noise_of(
     robot: Robot, joints: int, sensors: Sequence[SensorValue], limits: Array,
-    settings: FeedbackSettings,
+    settings: FeedbackSettings, straining: float = 1.0,
 ) -> Noise:  # fmt: skip
-    """Return the noise of measurements and the least of the forces."""
+    """Return the noise of measurements and the least of the forces.
+
+    `straining` is a factor of that of sensors on beams.
+    """
     measured = np.concatenate([
         np.full(joints, settings.position_noise), np.full(joints, settings.velocity_noise),
-        [value.noise * (TURNING if value.kind == 'gyro' else 1.0) for value in sensors],
+        [value.noise * (TURNING if value.kind == 'gyro' else straining) for value in sensors],
     ])  # fmt: skip
     bias = np.concatenate([np.zeros(2 * joints), [value.bias for value in sensors]])
     flexible = robot.flexible_indices

@@ -12,6 +12,8 @@ POSITIVE = (
     'position_noise', 'velocity_noise', 'sensor_timeout',
 )  # fmt: skip
 
+NOT_NEGATIVE = {'delay': 's', 'sensor_delay': 's', 'integral_time': 's', 'joint_bandwidth': 'Hz'}
+
 
 @dataclass(frozen=True)
 class FeedbackSettings:
@@ -40,6 +42,9 @@ class FeedbackSettings:
         not measured where `velocity_noise` is infinite.
     sensor_timeout : float
         s without a good value of each sensor after which the estimate is not believed.
+    joint_bandwidth : float
+        Of the feedback of each joint's own deviation, which is in while the joints are measured
+        and with which the other is designed [Hz]; 0: none.
     limit : float
         Largest torque of the feedback, as a share of the effort limits.
 
@@ -62,6 +67,7 @@ class FeedbackSettings:
     position_noise: float = 1e-5
     velocity_noise: float = 1e-4
     sensor_timeout: float = 0.05
+    joint_bandwidth: float = 0.3
     limit: float = 0.5
 
     def __post_init__(self) -> None:
@@ -69,9 +75,9 @@ class FeedbackSettings:
             value = getattr(self, name)
             if not value > 0.0 or (math.isinf(value) and name != 'velocity_noise'):
                 raise StateError(f'state feedback: {name} must be > 0, got {value}')
-        for name in ('delay', 'sensor_delay', 'integral_time'):
+        for name, unit in NOT_NEGATIVE.items():
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
-                raise StateError(f'state feedback: {name} must be >= 0 s, got {value}')
+                raise StateError(f'state feedback: {name} must be >= 0 {unit}, got {value}')
         if not 0.0 < self.limit <= 1.0:
             raise StateError(f'state feedback: limit must be in (0, 1], got {self.limit}')

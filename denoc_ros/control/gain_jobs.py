@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -11,14 +11,17 @@ import numpy as np
 from denoc_ros.control.closed_loop import Settling
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_schedule import GainSchedule, design, design_along
+from denoc_ros.control.gain_schedule import LOWERED, GainSchedule, design, design_along
 from denoc_ros.control.model_errors import ModelErrors
 from denoc_ros.control.planned_states import motion_along, state_at
+from denoc_ros.control.residual_modes import with_residual_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
 KNOTS = ('times', 'q', 'qd', 'qdd')  # arrays that make a trajectory again
+CHANGED = ('joint_bandwidth', *LOWERED)  # settings that a design may change
+ERROR_ARRAYS = ('accelerations', 'ahead', 'noise')
 INDICES = ('coordinates', 'joints', 'sensors')
 
 
@@ -56,7 +59,11 @@ class GainJob:
         StateError, SolverError
             As of :func:`denoc_ros.control.gain_schedule.design`.
         """
-        robot, settings, path = robot.copy(), self.settings, self.trajectory
+        robot, settings, path = (
+            with_residual_modes(robot, self.joints),
+            self.settings,
+            self.trajectory,
+        )
         if path is None:
             torque = settings.effort_share * self.limits
             states = [state_at(robot, self.joints, self.position, torque, self.posture)]
@@ -110,32 +117,38 @@ def schedule_message(schedule: GainSchedule) -> tuple[dict[str, Any], dict[str, 
         )
     errors = schedule.errors
     if errors is not None:
-        arrays |= {'accelerations': errors.accelerations, 'ahead': errors.ahead}
-    proof = slowest.modulus, slowest.stiffness, slowest.load
+        arrays |= {name: getattr(errors, name) for name in ERROR_ARRAYS}
+    proof = (
+        slowest.modulus, slowest.stiffness, slowest.load, slowest.frequency, slowest.plant,
+        slowest.share,
+    )  # fmt: skip
     step = None if errors is None else errors.step
-    return {'slowest': list(proof), 'step': step}, arrays
+    lower = {name: str(getattr(schedule.settings, name)) for name in CHANGED}
+    return {'slowest': list(proof), 'step': step, 'lower': lower}, arrays
 
 
 def read_schedule(
     header: Mapping[str, Any], arrays: Mapping[str, Array], job: GainJob
 ) -> GainSchedule:
     """Return the gains that answer a job."""
-    modulus, stiffness, load = header['slowest']
+    modulus, stiffness, load, *rest = header['slowest']
     names = [entry.name for entry in fields(PostureGains)]
     rows = [arrays[f'gains_{name}'] for name in names]
     coordinates, joints, sensors = (arrays[name].astype(np.intp) for name in INDICES)
+    lower = {name: float(value) for name, value in header['lower'].items()}
     errors = None
     if header['step'] is not None:
-        errors = ModelErrors(header['step'], arrays['accelerations'], arrays['ahead'])
+        errors = ModelErrors(header['step'], *(arrays[name] for name in ERROR_ARRAYS))
     return GainSchedule(
         times=arrays['times'],
         gains=tuple(PostureGains(*one) for one in zip(*rows, strict=True)),
         postures=arrays['postures'],
         coordinates=coordinates,
+        names=job.joints,
         joints=joints,
         sensors=sensors,
         limits=job.limits,
-        settings=job.settings,
-        slowest=Settling(modulus, arrays['slowest_posture'], stiffness, load),
+        settings=replace(job.settings, **lower),
+        slowest=Settling(modulus, arrays['slowest_posture'], stiffness, load, *rest),
         errors=errors,
     )

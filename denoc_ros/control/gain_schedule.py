@@ -9,14 +9,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.control.closed_loop import Settling, settling
+from denoc_ros.control.closed_loop import Settling
 from denoc_ros.control.deviation_model import (
+    DeviationModel,
     PlannedState,
     deviation_model,
     require_same_coordinates,
 )
 from denoc_ros.control.feedback_design import (
     CORRELATION,
+    KNOWN,
+    STRAINING,
+    Noise,
     PostureGains,
     Regulator,
     earlier_cost,
@@ -28,7 +32,9 @@ from denoc_ros.control.feedback_design import (
     settled_cost,
     whole_rows,
 )
+from denoc_ros.control.feedback_proof import Proof
 from denoc_ros.control.feedback_settings import FeedbackSettings
+from denoc_ros.control.joint_feedback import joint_gains
 from denoc_ros.control.model_errors import (
     ModelErrors,
     error_accelerations,
@@ -37,6 +43,7 @@ from denoc_ros.control.model_errors import (
 )
 from denoc_ros.control.planned_states import PlannedMotion
 from denoc_ros.control.read_values import chosen_values, read_sensors
+from denoc_ros.control.residual_modes import is_hardened
 from denoc_ros.dynamics.measured_side import MeasuredStates, whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
@@ -47,6 +54,11 @@ from denoc_ros.types import Array
 Int = NDArray[np.intp]
 
 TRIED = 17  # postures of a plan at which stability is shown, at most
+LOWER = (1.0, 2.0, 4.0, 8.0)  # factors of the errors until the loop is stable
+LOWERED = ('tip_error', 'tip_turn', 'joint_error', 'integral_time')  # times these factors
+OTHERS = ', and with other modes of the links'
+HALVINGS = 5  # of the joints' bandwidth
+NEUTRAL = 1e-9  # what rounding makes of a modulus of 1
 
 
 @dataclass(frozen=True)
@@ -62,15 +74,19 @@ class GainSchedule:
         Of the driven joints [rad, m], as joint states have them.
     coordinates : (m,) int array
         Where the minimal coordinates stand among those of the robot with all its springs.
+    names : tuple of str
+        The driven joints.
     joints, sensors : (driven,) and (read,) int arrays
-        Coordinates of the driven joints; places of the values that are read among those of
-        :func:`denoc_ros.control.read_values.numbered_values`.
+        Coordinates of the driven joints, of the robot of the design; places of the values that
+        are read among those of :func:`denoc_ros.control.read_values.numbered_values`.
     limits : (driven,) array
         Effort limits [N m, N].
     settings : FeedbackSettings
+        With a bandwidth of the joints and errors of tip and joints for which the loop is stable:
+        lower and larger ones than those asked for, where these were not.
     slowest : Settling
-        The proof: the slowest mode over the postures tried, the model's stiffness and load off
-        by 20 % either way.
+        The proof: the slowest mode over the postures tried, stiffness and load off by 20 % either
+        way, and other modes of the links.
     errors : ModelErrors or None
         Errors of the model that are estimated on the way.
     """
@@ -79,6 +95,7 @@ class GainSchedule:
     gains: tuple[PostureGains, ...]
     postures: Array
     coordinates: Int
+    names: tuple[str, ...]
     joints: Int
     sensors: Int
     limits: Array
@@ -105,7 +122,7 @@ def design(
     settings: FeedbackSettings,
     solved: list[tuple[Regulator, Array]] | None = None,
 ) -> GainSchedule:
-    """Return the gains along a plan, shown to be stable for models that are 20 % off.
+    """Return the gains along a plan, shown to be stable for robots that are not the model.
 
     Parameters
     ----------
@@ -143,51 +160,84 @@ def design(
     rows = [value.place for value in values]
     models = [deviation_model(robot, joints, rows, settings.tip, state) for state in states]
     require_same_coordinates(models)
-    noise = noise_of(robot, len(joints), values, limits, settings)
-    stiff = robot.stiffness[robot.flexible_indices]
-    cost: Array | None = None
-    gains: list[PostureGains] = []
-    for model, state in zip(reversed(models), reversed(states), strict=True):
-        problem = regulator(model, limits, settings)
-        cost = settled_cost(problem) if cost is None else earlier_cost(problem, cost, doublings)
-        if solved is not None:
-            solved.append((problem, cost))
-        forces = noise.forces(state, stiff, settings.model_error)
-        transition = noise.with_biases(
-            model.disturbed(settings.period, CORRELATION), settings.period
-        )
-        measured = whole_rows(model, noise)
-        correction, spread = estimator(measured, transition, noise, forces, len(measured))
-        blind, _ = estimator(measured, transition, noise, forces, 2 * len(joints))
-        sampled = model.sampled(settings.period, settings.delay)
-        s = 2 * model.size
-        push = np.hstack([sampled.a[:s, s:], sampled.b[:s]])
-        gains.append(PostureGains(
-            gain_of(problem, cost, limits, settings), transition, push, correction,
-            measured, spread, blind, reach_of(model, noise), problem.virtual,
-        ))  # fmt: skip
-    gains.reverse()
+    hard = is_hardened(robot, joints)
+    noise = noise_of(robot, len(joints), values, limits, settings, STRAINING if hard else 1.0)
     chosen = np.unique(np.linspace(0, len(states) - 1, min(TRIED, len(states))).astype(int))
-    slowest = settling(
-        robot, joints, rows, [states[k] for k in chosen],
-        [gains[k] for k in chosen], settings,
-    )  # fmt: skip
-    if not slowest.modulus < 1.0:
+    proof = Proof(robot, joints, rows, [states[k] for k in chosen], settings, hard)
+    settings = _with_stable_joints(settings, proof, [models[k] for k in chosen])
+    share = (KNOWN if hard and knows_errors(robot) else 1.0) * settings.model_error
+    for factor in LOWER if hard else LOWER[:1]:
+        lower = replace(settings, **{name: factor * getattr(settings, name) for name in LOWERED})
+        gains, problems = _gains(robot, models, states, limits, lower, noise, doublings, share)
+        slowest = proof.slowest([gains[k] for k in chosen])
+        if slowest.modulus < 1.0:
+            break
+    else:
         raise StateError(
             'state feedback: the sampled closed loop must be stable for 0.8 to 1.2 of the '
-            f'stiffness and of the load at the tip, got {slowest}; a larger tip_error, '
-            'joint_error or integral_time, or a smaller effort_share, model_error or delay '
-            'may help'
+            f'stiffness and of the load at the tip{OTHERS if hard else ""}, got '
+            f'{slowest}; a larger tip_error, joint_error or integral_time, or a smaller '
+            'effort_share, joint_bandwidth, model_error or delay may help'
         )
+    if solved is not None:
+        solved.extend(problems)
     names = models[0].linear.state_names[: models[0].size]
     coordinates = np.array([robot.coordinate_names.index(name) for name in names], dtype=np.intp)
     index = np.asarray(robot.indices(joints), dtype=np.intp)
     seen = MeasuredStates(robot, joints)
     postures = np.array([seen.posture(state.q) for state in states])
     return GainSchedule(
-        np.asarray(times), tuple(gains), postures, coordinates, index, sensors, limits, settings,
-        slowest,
+        np.asarray(times), tuple(gains), postures, coordinates, tuple(joints), index, sensors,
+        limits, lower, slowest,
     )  # fmt: skip
+
+
+def _gains(
+    robot: Robot, models: Sequence[DeviationModel], states: Sequence[PlannedState],
+    limits: Array, settings: FeedbackSettings, noise: Noise, doublings: int, share: float,
+) -> tuple[list[PostureGains], list[tuple[Regulator, Array]]]:  # fmt: skip
+    """Return the gains at each state, and its problem with the cost one period later.
+
+    The problems begin with that of the last state.
+    """
+    cost: Array | None = None
+    gains: list[PostureGains] = []
+    problems: list[tuple[Regulator, Array]] = []
+    stiff = robot.stiffness[robot.flexible_indices]
+    for model, state in zip(reversed(models), reversed(states), strict=True):
+        inner = joint_gains(model, settings.joint_bandwidth)
+        problem = regulator(model, limits, settings, inner)
+        cost = settled_cost(problem) if cost is None else earlier_cost(problem, cost, doublings)
+        problems.append((problem, cost))
+        forces = noise.forces(state, stiff, share)
+        transition = noise.with_biases(
+            model.disturbed(settings.period, CORRELATION), settings.period
+        )
+        measured = whole_rows(model, noise)
+        correction, spread = estimator(measured, transition, noise, forces, len(measured))
+        blind, _ = estimator(measured, transition, noise, forces, 2 * model.joints)
+        sampled = model.sampled(settings.period, settings.delay)
+        s = 2 * model.size
+        push = np.hstack([sampled.a[:s, s:], sampled.b[:s]])
+        gains.append(PostureGains(
+            gain_of(problem, cost, limits, settings), transition, push, correction,
+            measured, spread, blind, reach_of(model, noise), problem.virtual, inner,
+        ))  # fmt: skip
+    gains.reverse()
+    return gains, problems
+
+
+def _with_stable_joints(
+    settings: FeedbackSettings, proof: Proof, models: Sequence[DeviationModel]
+) -> FeedbackSettings:
+    """Return settings with a bandwidth of the joints with which they are stable by themselves."""
+    bandwidth = settings.joint_bandwidth if proof.hard else 0.0
+    for _ in range(HALVINGS):
+        slowest = proof.slowest_of_joints([joint_gains(model, bandwidth) for model in models])
+        if slowest.modulus <= 1.0 + NEUTRAL:
+            return replace(settings, joint_bandwidth=bandwidth)
+        bandwidth *= 0.5
+    return replace(settings, joint_bandwidth=0.0)
 
 
 def design_along(
@@ -209,8 +259,11 @@ def design_along(
         return found
     accelerations = error_accelerations(robot, settings.tip, found.coordinates, motion.rows)
     problems, costs = zip(*reversed(solved), strict=True)
-    ahead = preview(problems, costs, accelerations, motion.step, limits, settings)
-    return replace(found, errors=ModelErrors(motion.step, accelerations, ahead))
+    ahead = preview(problems, costs, accelerations, motion.step, limits, found.settings)
+    own = np.repeat([settings.position_noise, settings.velocity_noise], len(joints))
+    sensors = [value.noise for value in chosen_values(robot.tree, found.sensors)]
+    noise = np.concatenate([own, sensors]) if is_hardened(robot, joints) else np.zeros(0)
+    return replace(found, errors=ModelErrors(motion.step, accelerations, ahead, noise))
 
 
 def _doublings(times: Array, settings: FeedbackSettings) -> int:

@@ -31,11 +31,15 @@ class ModelErrors:
         Of the minimal coordinates, by unit errors.
     ahead : (k, joints, errors) array
         Torque to add = -ahead @ errors [N m, N]: it knows what is still to come.
+    noise : (measured,) array
+        Standard deviations of the measurements by which the errors are found; (0,) where the
+        design has all modes that are allowed for.
     """
 
     step: float
     accelerations: Array
     ahead: Array
+    noise: Array
 
     def between(self, rows: Array, time: float, out: Array) -> Array:
         """Write rows of one of the arrays, interpolated at a time of the plan [s], to `out`."""

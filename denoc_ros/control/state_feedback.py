@@ -11,12 +11,69 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.types import Array
 
 RAMP = 0.5  # s in which feedback comes in
+FADE = 0.2  # s in which the last torque of a feedback goes that may no longer act
 ROUNDING = 1e-9  # of the largest torque: a change that no limit made
 LONGEST = 0.5  # s without a tick after which the estimate starts anew
 
 
+class HandOver:
+    """Torque that comes and goes without a jump: in by a growing share, out by fading.
+
+    Parameters
+    ----------
+    count : int
+        Joints.
+
+    Attributes
+    ----------
+    share : float
+        Of the torque that is in: 0 while there is none.
+    torque : (joints,) array
+        As it was returned last [N m, N].
+
+    Notes
+    -----
+    What fades is the last torque, a signal of the time alone: it closes no loop.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.share, self.torque = 0.0, np.zeros(count)
+        self._kept, self._left = np.zeros(count), 0.0
+
+    def reset(self) -> None:
+        """Begin with no torque at all."""
+        self.share, self._left = 0.0, 0.0
+        self.torque[:] = 0.0
+
+    def take(self, asked: Array | None, elapsed: float) -> Array:
+        """Return the torque (joints,) that may act; the same array each time.
+
+        Parameters
+        ----------
+        asked : (joints,) array or None
+            By the feedback [N m, N]; None while it may not act.
+        elapsed : float
+            Since the last call [s].
+        """
+        self._left = max(0.0, self._left - elapsed / FADE)
+        if asked is None:
+            if self.share > 0.0:
+                self._kept[:], self._left, self.share = self.torque, 1.0, 0.0
+            self.torque[:] = 0.0
+        else:
+            self.share = min(1.0, self.share + elapsed / RAMP)
+            np.multiply(asked, self.share, out=self.torque)
+        if self._left:
+            self.torque += self._left * self._kept
+        return self.torque
+
+
 class StateFeedback:
-    """Torque -K [y; torques on their way; integrals] of the deviations y from a plan.
+    """Torque of the joints' own feedback and, on top, of all deviations y from a plan.
+
+    The joints': -[stiffness, damping] of their measured deviations, while they are measured. On
+    top, while the estimate is believed, -K [y; torques on their way; integrals]. Each comes and
+    goes without a jump: while the estimate is in doubt, the plan acts with damped joints.
 
     Each tick: `follow` the plan, take measurements into `filter`, ask for the `torque`, and say
     with `applied` what became of it.
@@ -36,7 +93,9 @@ class StateFeedback:
     integrals : (joints,) array
         Of the virtual joint errors [rad s, m s].
     share : float
-        Of the feedback that is in: 0 while the estimate is not believed.
+        Of the feedback of all deviations that is in: 0 while the estimate is not believed.
+    joint_share : float
+        Of the joints' own feedback that is in: 0 while they are not measured.
     limited : int
         Ticks in which the feedback was at its own limit.
 
@@ -56,23 +115,37 @@ class StateFeedback:
         self._way, self.integrals = np.zeros(past), np.zeros(k)
         self._most = schedule.settings.limit * schedule.limits
         self._asked, self._torque, self._left = np.zeros((3, k))
+        self._own, self._state = HandOver(k), HandOver(k)
         self._plan: Array | None = None  # torque of the plan at the last tick
         self._deviations = self.filter.deviations()
         self._gain = np.zeros_like(schedule.gains[0].gain)
-        self.share, self.limited = 0.0, 0
+        self._joint_gain = np.zeros_like(schedule.gains[0].joints)
+        self.limited = 0
         self._last = -np.inf
         self._at = 0
 
     @property
+    def share(self) -> float:
+        """How much of the feedback of all deviations is in."""
+        return self._state.share
+
+    @property
+    def joint_share(self) -> float:
+        """How much of the joints' own feedback is in."""
+        return self._own.share
+
+    @property
     def active(self) -> bool:
-        """Whether there is a torque of the feedback."""
+        """Whether there is a torque of the feedback of all deviations."""
         return self.share > 0.0
 
     def reset(self) -> None:
         """Forget deviations, integrals and torques on their way."""
         self.filter.reset()
         self._way[:] = self.integrals[:] = self._left[:] = 0.0
-        self.share, self._last = 0.0, -np.inf
+        self._own.reset()
+        self._state.reset()
+        self._last = -np.inf
 
     def adopt(self, other: StateFeedback) -> bool:
         """Go on from another one of the same coordinates; False if it has others."""
@@ -87,8 +160,8 @@ class StateFeedback:
         if same:
             other.filter.take_model(self.filter)
             self.filter, self._way, self.integrals = other.filter, other._way, other.integrals
-            self._left = other._left
-            self.share, self._last, self.limited = other.share, other._last, other.limited
+            self._left, self._own, self._state = other._left, other._own, other._state
+            self._last, self.limited = other._last, other.limited
         return same
 
     def is_near(self, now: float, position: Array, reach: float) -> bool:
@@ -112,7 +185,8 @@ class StateFeedback:
     def torque(self, now: float, plan: Array | None = None) -> Array:
         """Return the torque (joints,) to add to the plan's; the same array each time.
 
-        Zero, within this very call, while the estimate is not believed.
+        While the estimate is not believed, that of the joints' own feedback, to which it hands
+        over within `FADE`.
 
         Parameters
         ----------
@@ -128,27 +202,40 @@ class StateFeedback:
         self._at = before if share < 0.5 else min(before + 1, len(schedule.gains) - 1)
         time = self.filter.time = now - self._start
         self.filter.correct(now, schedule.gains[self._at])
-        elapsed = min(now - self._last, RAMP)
+        elapsed = 0.0 if self._last == -np.inf else min(now - self._last, RAMP)
         self._last = now
-        if not self.filter.believed:
-            self.share = 0.0
-            self.integrals[:] = self._asked[:] = self._torque[:] = 0.0
-            return self._torque
-        self.share = min(1.0, self.share + elapsed / RAMP)
-        gain = schedule.gains[before].gain
-        if share:
-            after = schedule.gains[before + 1].gain
-            gain = np.add((1.0 - share) * gain, share * after, out=self._gain)
-        self._deviations = self.filter.deviations()
-        known = np.concatenate((self._deviations, self._way, self.integrals))
-        np.dot(gain, known, out=self._asked)
-        if self.filter.errors is not None:
-            self._asked -= self.filter.errors.torque(time)
-        self._asked *= -self.share
+        after = min(before + 1, len(schedule.gains) - 1)
+        own = self._state_torque(before, after, share, time)
+        np.copyto(self._torque, self._joint_torque(before, after, share, now, elapsed))
+        self._torque += self._state.take(own, elapsed)
+        np.copyto(self._asked, self._torque)
         np.minimum(self._asked, self._most, out=self._torque)
         np.maximum(self._torque, -self._most, out=self._torque)
         self.limited += bool((self._torque != self._asked).any())
         return self._torque
+
+    def _joint_torque(
+        self, before: int, after: int, share: float, now: float, elapsed: float
+    ) -> Array:
+        """Return the torque (joints,) by what the joints themselves are off."""
+        known, gains = self.filter, self.schedule.gains
+        if now - known.joints_at > self.schedule.settings.sensor_timeout:
+            return self._own.take(None, elapsed)
+        gain = _between(gains[before].joints, gains[after].joints, share, self._joint_gain)
+        return self._own.take(-(gain @ known.joints), elapsed)
+
+    def _state_torque(self, before: int, after: int, share: float, time: float) -> Array | None:
+        """Return the torque (joints,) by all deviations, None while they are not believed."""
+        if not self.filter.believed:
+            self.integrals[:] = 0.0
+            return None
+        gains = self.schedule.gains
+        gain = _between(gains[before].gain, gains[after].gain, share, self._gain)
+        self._deviations = self.filter.deviations()
+        torque = gain @ np.concatenate((self._deviations, self._way, self.integrals))
+        if self.filter.errors is not None:
+            torque -= self.filter.errors.torque(time)
+        return np.asarray(np.negative(torque, out=torque))
 
     def _catch_up(self, now: float, plan: Array | None) -> None:
         """Bring the estimate over the periods since the last tick that had none."""
@@ -185,3 +272,11 @@ class StateFeedback:
             self.integrals += step * (gains.virtual @ self._deviations[:m])
         self._go_on(gains, change)
         self._left[:] = change
+
+
+def _between(before: Array, after: Array, share: float, out: Array) -> Array:
+    """Return a gain a share of the way from one to another; `out` may hold it."""
+    if not share:
+        return before
+    np.multiply(before, 1.0 - share, out=out)
+    return np.add(out, share * after, out=out)

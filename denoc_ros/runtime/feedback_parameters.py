@@ -18,7 +18,8 @@ SETTINGS = (
     ('velocity_noise', 'standard deviation of measured joint velocities', 'rad/s, m/s'),
     (
         'sensor_timeout',
-        'longest time without a good value of every sensor; then the plan alone',
+        "longest time without a good value of every sensor; then the plan and the joints' own "
+        'feedback alone',
         's',
     ),
 )
@@ -37,7 +38,8 @@ def _state_parameters() -> tuple[Parameter, ...]:
             Kind.STRING,
             'off',
             'lqr: torque against the deviation of all coordinates from the plan, estimated '
-            'from joints and sensors; refused unless stable with stiffness and load 20 % off',
+            'from joints and sensors; refused unless stable with stiffness and load 20 % off, and '
+            'with other modes of the links',
             choices=STATES,
             live=True,
         ),
@@ -59,6 +61,16 @@ def _state_parameters() -> tuple[Parameter, ...]:
             'state feedback: time after which the integral of a constant error doubles the '
             'torque; 0: no integral',
             's',
+            0.0,
+            live=True,
+        ),
+        Parameter(
+            'feedback.joint_bandwidth',
+            Kind.DOUBLE,
+            FeedbackSettings.joint_bandwidth,
+            "state feedback: bandwidth of each joint's own feedback, which goes on while sensors "
+            'are silent or wrong; lowered where it is not stable; 0: none',
+            'Hz',
             0.0,
             live=True,
         ),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.control.feedback_settings import FeedbackSettings
+from denoc_ros.control.gain_jobs import CHANGED
 from denoc_ros.control.gain_schedule import require_sensors
 from denoc_ros.control.read_values import unread_values
 from denoc_ros.control.state_feedback import RAMP, StateFeedback
@@ -66,6 +67,7 @@ class LiveStateFeedback:
         self._fades_from = -np.inf  # s of the clock of ticks
         self._stamps = StampClock()
         self._fallbacks = self._told = 0
+        self._acted = False  # there was a torque by gains in the last tick
         self.active, self.cause = False, 'no gains yet'
         self._has_rates, self._unread = True, list[str]()
 
@@ -104,6 +106,7 @@ class LiveStateFeedback:
             delay=settings.number('feedback.delay') * period,
             sensor_delay=settings.number('feedback.sensor_delay'),
             integral_time=settings.number('feedback.integral_time'),
+            joint_bandwidth=settings.number('feedback.joint_bandwidth'),
             limit=settings.number('feedback.state_limit'),
             **{name: settings.number(f'feedback.{name}') for name, *_ in SETTINGS},
         )
@@ -244,7 +247,8 @@ class LiveStateFeedback:
         """
         changed = self._swap(now)
         torque = self._torque(now, lead, wanted, q, qd, plan)
-        if changed and self._left.any():
+        left, self._acted = self._acted and torque is None, torque is not None
+        if (changed or left) and self._left.any():
             self._fading = self._left - (0.0 if torque is None else torque)
             self._fades_from = now
         if self._fading is None:
@@ -338,7 +342,11 @@ class LiveStateFeedback:
         }
         if feedback is not None:
             status.values['share'] = round(feedback.share, 3)
+            status.values['joint_share'] = round(feedback.joint_share, 3)
             status.values['slowest'] = str(feedback.schedule.slowest)
+            status.values['lowered'] = lowered = self._lowered(feedback.schedule.settings)
+            if lowered:
+                status.worsen(WARN, f'made stable: {lowered}')
             status.values['limited'] = feedback.limited
             status.values['outliers'] = ' '.join(map(str, feedback.filter.refused.tolist()))
         if worker.refusal:
@@ -347,6 +355,15 @@ class LiveStateFeedback:
             status.worsen(WARN, f'plan alone: {self.cause}' if self.cause else 'was plan alone')
         self._told = self._fallbacks
         return status
+
+    def _lowered(self, settings: FeedbackSettings) -> str:
+        """Return which settings a design has changed so that the loop is stable."""
+        given = None if self._made_for is None else self._made_for.settings
+        return ', '.join(
+            f'{name} {getattr(settings, name):.3g} in place of {getattr(given, name):.3g}'
+            for name in CHANGED
+            if given is not None and getattr(settings, name) != getattr(given, name)
+        )
 
 
 def _description(robot: Robot, settings: Settings) -> dict[str, Any]:

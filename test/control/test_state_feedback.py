@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from feedback_runs import PERIOD, Loop, Outcome, Planned, canadarm, closed, tip_exact
 
-from denoc_ros.control.state_feedback import RAMP, StateFeedback
+from denoc_ros.control.state_feedback import FADE, RAMP, StateFeedback
 
 
 @cache
@@ -133,7 +133,7 @@ def test_without_deviation_the_torque_is_exactly_the_plans() -> None:
     assert feedback.share == 1.0
 
 
-def test_silent_gauge_leaves_the_plan_alone_within_a_tick_and_comes_back_gently() -> None:
+def test_silent_gauge_leaves_the_plan_alone_and_comes_back_without_a_jump() -> None:
     planned, truth = tip_exact(4.0, 0.1), canadarm(0.9, 1.2)
     loop = closed(planned, truth)
     begin, end = 2.0, 2.3
@@ -142,10 +142,16 @@ def test_silent_gauge_leaves_the_plan_alone_within_a_tick_and_comes_back_gently(
     timeout = planned.schedule().settings.sensor_timeout
     fell = round((begin + timeout) / PERIOD)
     assert run.share[fell - 2] == 1.0
-    # from the first tick after the timeout on
+    # from the first tick after the timeout on nothing answers any more: the last torque fades
     quiet = slice(fell + 1, round(end / PERIOD))
     assert not run.share[quiet].any()
-    np.testing.assert_array_equal(run.torque[quiet], planned.torque[quiet])
+    gone = slice(fell + 1 + round(FADE / PERIOD), quiet.stop)
+    np.testing.assert_array_equal(run.torque[gone], planned.torque[gone])
+    added = run.torque - planned.torque[: len(run.torque)]
+    before = np.abs(added[fell - 1]).max()
+    assert before > 0.0
+    fading = np.abs(np.diff(added[fell + 1 : gone.start], axis=0))
+    assert fading.max() < 1.001 * before * PERIOD / FADE
     back = np.flatnonzero(run.share[quiet.stop :])[0] + quiet.stop
     assert 0.15 < back * PERIOD - end < 0.6
     assert run.share[back] <= 1.1 * PERIOD / RAMP

@@ -15,6 +15,7 @@ from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_schedule import GainSchedule, design_along
 from denoc_ros.control.planned_states import motion_along
 from denoc_ros.control.read_values import numbered_values
+from denoc_ros.control.residual_modes import with_residual_modes
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
@@ -52,10 +53,10 @@ class Planned:
 
     def schedule(self, **more: float) -> GainSchedule:
         settings = FeedbackSettings(period=PERIOD, tip='tool', delay=DELAY * PERIOD, **more)
-        motion = motion_along(
-            self.robot, self.robot.joint_names, self.trajectory.sample, self.duration, PERIOD
-        )
-        return design_along(self.robot, self.robot.joint_names, self.limits, motion, settings)
+        names = self.robot.joint_names
+        robot = with_residual_modes(self.robot, names)
+        motion = motion_along(robot, names, self.trajectory.sample, self.duration, PERIOD)
+        return design_along(robot, names, self.limits, motion, settings)
 
 
 def canadarm(stiffness: float = 1.0, load: float = 1.0, source: str = str(CANADARM)) -> Robot:
@@ -123,6 +124,7 @@ class Loop:
     noise: float = 1.0
     stall: float = 0.0  # share of ticks that begin a pause of up to 20 periods
     away: dict[float, float] = field(default_factory=dict)  # s of pauses by their begin [s]
+    joints_alone: bool = False  # no sensor is heard: the joints' own feedback
     backlog: int = 0  # ticks after a pause in which what was measured in it arrives
 
     def __post_init__(self) -> None:
@@ -138,7 +140,7 @@ class Loop:
         whole = len(plan.q) - 1
         count = whole if duration is None else min(whole, round(duration / PERIOD))
         stepper, joints = dn.Stepper(truth, PERIOD / SUBSTEPS), len(truth.joint_names)
-        q, qd, tau = plan.q[0].copy(), plan.qd[0].copy(), np.zeros(truth.n)
+        q, qd, tau = self._start()
         queue = deque([plan.torque[0]] * round(DELAY * SUBSTEPS))
         error, torque, share = np.zeros(count), np.zeros((count, joints)), np.zeros(count)
         generator = np.random.default_rng(self.seed)
@@ -168,6 +170,14 @@ class Loop:
             error[k] = np.linalg.norm(there - plan.robot.frame_pose('tool', plan.q[k + 1])[:3, 3])
         return Outcome(error, torque, share, round(plan.duration / PERIOD))
 
+    def _start(self) -> tuple[Array, Array, Array]:
+        """Return coordinates, rates and torques (n,) of the truth at the plan's beginning."""
+        plan, truth = self.planned, self.truth
+        if truth.coordinate_names == plan.robot.coordinate_names:
+            return plan.q[0].copy(), plan.qd[0].copy(), np.zeros(truth.n)
+        q = truth.static_deflection(plan.q[0][plan.robot.joint_indices])
+        return q, np.zeros(truth.n), np.zeros(truth.n)
+
     def _torque(self, k: int, measured: Measured, generator: np.random.Generator) -> Array:
         """Return what leaves in a period (joints,): the plan's torque and the feedback's."""
         plan, feedback, now = self.planned, self.feedback, k * PERIOD
@@ -191,7 +201,7 @@ class Loop:
                 said = self._sensors[place]
                 silent = said == self._sensors[0] and self.silent[0] <= now < self.silent[1]
                 gone = generator.random() < self.lost or silent
-            if not gone:
+            if not gone and not self.joints_alone:
                 reading = readings[value.place] + bias + value.noise * normal[2 * joints + place]
                 feedback.filter.take_sensor(place, stamp, reading)
         wanted = plan.torque[k] + feedback.torque(now, plan.torque[k])
