@@ -126,7 +126,7 @@ def joint_loop(model: DeviationModel, gains: Array, settings: FeedbackSettings) 
         Of [plant y; torques on their way].
     """
     sampled = model.sampled(settings.period, settings.delay)
-    step = sampled.a.copy()
+    step: Array = sampled.a.copy()
     step[:, : 2 * model.size] -= sampled.b @ gains @ model.measured[: 2 * model.joints]
     return step
 

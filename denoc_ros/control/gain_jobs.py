@@ -135,7 +135,7 @@ def read_schedule(
     names = [entry.name for entry in fields(PostureGains)]
     rows = [arrays[f'gains_{name}'] for name in names]
     coordinates, joints, sensors = (arrays[name].astype(np.intp) for name in INDICES)
-    lower = {name: float(value) for name, value in header['lower'].items()}
+    lower: dict[str, Any] = {name: float(value) for name, value in header['lower'].items()}
     errors = None
     if header['step'] is not None:
         errors = ModelErrors(header['step'], *(arrays[name] for name in ERROR_ARRAYS))

@@ -14,20 +14,27 @@ SEGMENTS = 8
 
 
 def without_armature(robot: Robot, joints: Sequence[str]) -> list[str]:
-    """Return those of some joints that have no rotor inertia, if there are flexible links.
+    """Return those of some joints that have no rotor inertia, if there are beams.
 
     At high frequency such a joint moves the root of a beam alone, which has no inertia: any
     feedback of its rate is unstable with any delay, if the beam has modes enough.
     """
-    if not any(map(is_flexible, robot.tree.bodies)):
+    if not _has_beams(robot):
         return []
     moved = [body.joint for body in robot.tree.bodies if body.joint is not None]
     return [one.name for one in moved if one.name in joints and not one.armature]
 
 
 def is_hardened(robot: Robot, joints: Sequence[str]) -> bool:
-    """Say whether feedback of some joints is designed for modes that nobody knows."""
-    return not without_armature(robot, joints)
+    """Say whether feedback of some joints is designed for modes that nobody knows.
+
+    Of robots with beams whose driven joints all have rotor inertia.
+    """
+    return _has_beams(robot) and not without_armature(robot, joints)
+
+
+def _has_beams(robot: Robot) -> bool:
+    return any(body.beam is not None and any(body.beam.modes) for body in robot.tree.bodies)
 
 
 def with_residual_modes(robot: Robot, joints: Sequence[str]) -> Robot:

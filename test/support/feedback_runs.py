@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -20,6 +21,7 @@ from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.model.overrides import edited_description
 from denoc_ros.trajectories import CycloidalTrajectory, SplineTrajectory
 
 Array = NDArray[np.float64]
@@ -30,6 +32,7 @@ DELAY = 1.5  # periods
 SUBSTEPS = 2  # per period, so that the torque changes within one
 START, WAY = np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0])
 AFTER = 5.0  # s
+ROTORS = {'joint_1': 300.0, 'joint_2': 150.0, 'joint_3': 20.0}  # kg m^2
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,21 @@ def canadarm(stiffness: float = 1.0, load: float = 1.0, source: str = str(CANADA
     robot = dn.load_robot(source, gravity=(0.0, 0.0, 0.0))
     rigidity = {'beam.link_1.y.ei': 1e5 * stiffness, 'beam.link_2.y.ei': 2e5 * stiffness}
     return robot.with_overrides(rigidity).with_scaled_load('tool', load)
+
+
+@cache
+def described(
+    shape: str = 'craig-bampton', modes: int = 2, segments: int = 1, rotors: bool = True
+) -> str:
+    """Return the Canadarm's description with other beams, and rotor inertia of 1 % of the arm's."""
+    found: dict[str, float | str] = {}
+    for link in ('link_1', 'link_2'):
+        found |= {f'beam.{link}.shape': shape, f'beam.{link}.y.modes': modes}
+        if segments > 1:
+            found[f'beam.{link}.segments'] = segments
+    for joint, inertia in ROTORS.items():
+        found[f'joint.{joint}.armature'] = inertia if rotors else 0.0
+    return edited_description(str(CANADARM), found)
 
 
 @cache
@@ -125,6 +143,8 @@ class Loop:
     stall: float = 0.0  # share of ticks that begin a pause of up to 20 periods
     away: dict[float, float] = field(default_factory=dict)  # s of pauses by their begin [s]
     joints_alone: bool = False  # no sensor is heard: the joints' own feedback
+    # what the first sensor says of a value at a time [s]
+    wrong: Callable[[float, float], float] | None = None
     backlog: int = 0  # ticks after a pause in which what was measured in it arrives
 
     def __post_init__(self) -> None:
@@ -203,6 +223,8 @@ class Loop:
                 gone = generator.random() < self.lost or silent
             if not gone and not self.joints_alone:
                 reading = readings[value.place] + bias + value.noise * normal[2 * joints + place]
+                if place == 0 and self.wrong is not None:
+                    reading = self.wrong(now, reading)
                 feedback.filter.take_sensor(place, stamp, reading)
         wanted = plan.torque[k] + feedback.torque(now, plan.torque[k])
         left = np.clip(wanted, -plan.limits, plan.limits)
