@@ -73,7 +73,7 @@ def canadarm(stiffness: float = 1.0, load: float = 1.0, source: str = str(CANADA
 def described(
     shape: str = 'craig-bampton', modes: int = 2, segments: int = 1, rotors: bool = True
 ) -> str:
-    """Return the Canadarm's description with other beams, and rotor inertia of 1 % of the arm's."""
+    """Return the Canadarm with other beams, and with rotor inertia of 1 % of its own."""
     found: dict[str, float | str] = {}
     for link in ('link_1', 'link_2'):
         found |= {f'beam.{link}.shape': shape, f'beam.{link}.y.modes': modes}
