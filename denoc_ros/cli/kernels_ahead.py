@@ -20,11 +20,15 @@ from denoc_ros.errors import DenocError
 ORDERS = ('first', 'last')  # from which end of the list a process begins
 # s of a processor, on the machine of docs/rates.md
 HEAVY = {
-    'articulated_dynamics': 16.0,
+    'constrained_derivatives_rows': 60.0,
+    'advance_tied': 17.0,
     'forward_dynamics': 16.0,
     'inverse_dynamics_derivatives': 15.0,
+    'frame_acceleration_derivatives': 5.0,
 }
 USUAL = 1.5  # s of any other
+# that the speed is measured by: the first loads the compiler, neither calls an algorithm apart
+PROBES, PROBED = ('limit_torque', 'energies'), 3.0  # s of the second
 LOADING = 3.0  # s until a process has loaded the compiler
 LOOK = 0.1  # s
 OF_LOOPS = ('clos', 'constrain')  # how modules begin that only robots with constraints need
@@ -94,19 +98,19 @@ def estimate(wanted: Sequence[Any], speed: float = 1.0) -> float:
 
 
 def measured_speed(wanted: Sequence[Any]) -> float:
-    """Compile one kernel that is missing; return how fast, 1 on the machine of docs/rates.md.
+    """Compile a small kernel that is missing; return how fast, 1 on the machine of docs/rates.md.
 
-    By wall time: what others take of the processors slows the rest as well.
+    By wall time: what others take of the processors slows the rest as well. Without it, 1.
     """
     from denoc_ros.kernels.compiled import ready
 
-    usual = [each for each in missing(wanted) if _seconds(each) == USUAL]
-    if len(usual) < 2:  # the first one loads the compiler
+    left = {each.py_func.__name__: each for each in missing(wanted)}
+    if not set(PROBES) <= set(left):
         return 1.0
-    ready(usual[0])
+    ready(left[PROBES[0]])
     began = time.perf_counter()
-    ready(usual[1])
-    return USUAL / (time.perf_counter() - began)
+    ready(left[PROBES[1]])
+    return PROBED / (time.perf_counter() - began)
 
 
 def counted(wanted: Sequence[Any]) -> str:

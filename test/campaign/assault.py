@@ -9,6 +9,7 @@ import signal
 import threading
 import time
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
@@ -31,8 +32,16 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from denoc_ros.cli.kernels_ahead import HEAVY, all_kernels
+from denoc_ros.kernels.cache import SUFFIX
+from denoc_ros.trajectories import SplineTrajectory
+
+STROKE, LASTING = 0.05, 1.0  # rad or m, and s, of a motion that is stopped on its way
+STARTING, STOPPING = 5.0, 2.0  # s until a motion is planned, and until it is over
+SAME_PLACE, SAME_RATE = 1e-4, 1e-3  # rad or m, and per s
+TRIGGER = 'std_srvs/srv/Trigger'
 END = 20.0  # s within which a process that is told to has ended
 NOTICED = 0.5  # s until a process that is busy has said that it lets go
 TOPICS = 12  # names of strange topics
@@ -255,6 +264,46 @@ class Assault:
             self.stage.broken.append(f'{node}: must end within {END:g} s of {attack["signals"]}')
             self.stage.abort(node)
 
+    def _cache(self, attack: Attack) -> None:
+        """Damage some of the compiled kernels, then have a node start from them."""
+        rng = np.random.default_rng(attack['seed'])
+        files = kernel_files(self.stage.kernels)
+        count = min(attack['count'], len(files))
+        for place in rng.choice(len(files), count, replace=False):
+            damage(files[int(place)], attack['what'], rng)
+        self._count(attack['node'], 'files', count)
+        self._end(attack)
+
+    def _brake(self, attack: Attack) -> None:
+        """Stop in the middle of a motion, perhaps ask for another one at once, then go back.
+
+        A shaper's references must go on where the one before is: no joint jumps.
+        """
+        stage, node, goal = self.stage, attack['node'], self.stage.scene.goal
+        told: list[Any] = []
+        heard = stage.node.create_subscription(JointTrajectory, '/reference', told.append, 10)
+        away = [each + STROKE for each in goal]
+        stage.planned.publish(moving(stage, goal, away))
+        self._count(node, 'messages')
+        stage.comes(lambda: any(len(message.points) > 1 for message in told), STARTING)
+        begin = time.perf_counter()
+        stage.comes(lambda: time.perf_counter() - begin > attack['after'], STARTING)
+        if attack['how'] == 'stop':
+            self._ask(node, f'/{node}/stop', TRIGGER, Trigger.Request())
+        else:
+            stage.planned.publish(JointTrajectory(joint_names=list(stage.scene.joints)))
+        if attack['again']:
+            stage.planned.publish(moving(stage, away, goal))
+        time.sleep(STOPPING)
+        stage.node.destroy_subscription(heard)
+        if node == 'shaper':
+            for law in jumps(told):
+                stage.broken.append(f'shaper: {law}')
+            whole = [message for message in told if len(message.points) > 1]
+            if whole:  # back from where it stands
+                stage.planned.publish(moving(stage, whole[-1].points[-1].positions, goal))
+                time.sleep(STOPPING)
+
     def _gauges(self, attack: Attack) -> None:
         """Let the gauges fail for a while; what is fed back must not hear them meanwhile."""
         stage, begin = self.stage, time.perf_counter()
@@ -394,6 +443,68 @@ class Assault:
         else:
             with files[-1].open('r+b') as file:
                 file.write(b'\0' * 4096)
+
+
+def moving(stage: SiegeStage, begin: Sequence[float], end: Sequence[float]) -> JointTrajectory:
+    """Return a motion of a second from rest to rest."""
+    message = stage.trajectory(LASTING)
+    message.points[0].positions, message.points[1].positions = list(begin), list(end)
+    return message
+
+
+def jumps(told: Sequence[JointTrajectory]) -> list[str]:
+    """Return where a trajectory does not go on as the one before does at its start."""
+    found: list[str] = []
+    before: tuple[float, SplineTrajectory] | None = None
+    for message in told:
+        if len(message.points) < 2:
+            continue
+        start = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        if not start:  # now: of somebody who says no time
+            before = None
+            continue
+        rows = [(each.positions, each.velocities, each.accelerations) for each in message.points]
+        times = np.array(
+            [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in message.points]
+        )
+        q, qd, qdd = (np.array(each, dtype=float) for each in zip(*rows, strict=True))
+        if before is not None:
+            was = np.zeros((3, q.shape[1]))
+            before[1].sample(start - before[0], *was)
+            if (
+                np.abs(was[0] - q[0]).max() > SAME_PLACE
+                or np.abs(was[1] - qd[0]).max() > SAME_RATE
+            ):
+                found.append(
+                    'a reference must go on where the one before is, got '
+                    f'{q[0].tolist()} {qd[0].tolist()} after {was[0].tolist()} {was[1].tolist()}'
+                )
+        before = start, SplineTrajectory(times, q, qd, qdd)
+    return found
+
+
+def kernel_files(folder: Path) -> list[Path]:
+    """Return the files of kernels that Python calls and that compile within seconds."""
+    quick = [each for each in all_kernels() if each.py_func.__name__ not in HEAVY]
+    names = {f'{each.py_func.__module__.rpartition(".")[2]}.{each.py_func.__qualname__}-'
+             for each in quick}  # fmt: skip
+    return [
+        file for file in sorted(folder.rglob(f'*{SUFFIX}')) if file.name.startswith(tuple(names))
+    ]
+
+
+def damage(file: Path, what: str, rng: np.random.Generator) -> None:
+    """Spoil a file as a full disk, a crash or a bad one does."""
+    content = bytearray(file.read_bytes())
+    if what == 'remove':
+        file.unlink()
+    elif what == 'garbage':
+        file.write_bytes(rng.bytes(len(content)))
+    elif what == 'flip':
+        content[int(rng.integers(len(content)))] ^= 1 << int(rng.integers(8))
+        file.write_bytes(content)
+    else:
+        file.write_bytes(content[: len(content) // 2] if what == 'truncate' else b'')
 
 
 def children(pid: int) -> list[int]:

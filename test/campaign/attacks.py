@@ -20,9 +20,11 @@ Step = list[Attack]
 WEIGHTS = {
     'messages': 30, 'huge': 4, 'trajectories': 3, 'requests': 26, 'transitions': 8, 'pause': 6,
     'end': 4, 'clock': 4, 'description': 4, 'socket': 4, 'files': 3, 'join': 3, 'topics': 3,
+    'brake': 4, 'cache': 2,
 }  # fmt: skip
 # where there are gauges, and a shaper
 MORE = {'gauges': 12, 'kill': 5, 'halt': 5, 'endless': 3}
+SIGNALLING = ('pause', 'end', 'kill', 'halt', 'cache')
 COUNTS, RATES = (1, 3, 20, 100, 400), (0.0, 100.0, 500.0, 2000.0)  # of messages; Hz, 0: at once
 LONGEST = 2.0  # s of messages
 LENGTHS = (2_000, 30_000, 300_000)  # elements of a huge message
@@ -30,6 +32,7 @@ DESCRIPTIONS = (
     'bytes', 'spoilt', 'spoilt', 'spoilt', 'empty', 'path', 'folder', 'fifo', 'bomb', 'huge',
 )  # fmt: skip
 ENDS = (['TERM'], ['INT'], ['HUP'], ['TERM', 'TERM'], ['INT', 'INT'], ['HUP', 'TERM'])
+DAMAGES = ('truncate', 'empty', 'garbage', 'flip', 'remove')  # to files of compiled kernels
 FILES = ('folder', 'file', 'truncate', 'overwrite')
 PARAMETERS = 'rcl_interfaces/srv/'
 # kinds of ParameterValue: bool, integer, double, string, bytes and arrays of these
@@ -129,11 +132,15 @@ def draw_step(rng: np.random.Generator, inventory: Inventory, mortal: tuple[str,
     """
     count = int(rng.choice((1, 2, 3), p=(0.5, 0.3, 0.2)))
     step = [draw_attack(rng, inventory, mortal) for _ in range(count)]
+    # nobody else speaks while a reference is held to what it was before a stop
+    alone = [attack for attack in step if attack['do'] == 'brake']
+    if alone:
+        return alone[:1]
     # what stops a process and what ends it do not go together: nobody could say who hung
     signalled: set[str] = set()
     kept = []
     for attack in step:
-        if attack['do'] in ('pause', 'end', 'kill', 'halt'):
+        if attack['do'] in SIGNALLING:
             if attack['node'] in signalled:
                 continue
             signalled.add(attack['node'])
@@ -207,6 +214,14 @@ def draw_attack(rng: np.random.Generator, inventory: Inventory, mortal: tuple[st
         attack.update(
             node='shaper', seconds=one_of((3e4, 1e6, 2e9)), stop=bool(rng.random() < 0.5)
         )
+    elif kind == 'brake':
+        node = one_of(('shaper', 'shaper', 'feedforward') if inventory.has_gauges else
+                      ('feedforward',))  # fmt: skip
+        attack.update(node=node, how=one_of(('stop', 'cancel')), again=bool(rng.random() < 0.5))
+        attack['after'] = one_of((0.0, 0.1, 0.4, 0.9))
+    elif kind == 'cache':
+        attack.update(node=one_of(mortal), what=one_of(DAMAGES), count=one_of((1, 3)))
+        attack.update(signals=['TERM'], gap=0.0, after=0.0)
     elif kind == 'topics':
         attack.update(node='recorder', count=one_of((3, 20)))
     return attack

@@ -8,6 +8,7 @@ itself was away (see `campaign.absence`).
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -41,6 +42,7 @@ from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.cli.node_parameters import write_parameters
+from denoc_ros.kernels.cache import cache_folder
 from denoc_ros.nodes.session_client import time_message
 from denoc_ros.runtime.realtime import make_thread_timely
 
@@ -64,6 +66,8 @@ class SiegeStage:
     Attributes
     ----------
     witness : Witness
+    kernels : Path
+        Compiled ones that the nodes load, of this stage only.
     heard : dict of str to float
         When (perf_counter, s) each node's output came last.
     broken : list of str
@@ -75,6 +79,8 @@ class SiegeStage:
     ) -> None:
         self.folder, self.scene = folder, scene
         (folder / 'logs').mkdir(parents=True)
+        self.kernels = own_kernels(folder)
+        environment = {**environment, 'NUMBA_CACHE_DIR': str(self.kernels)}
         self.processes = StageProcesses(folder / 'logs', environment)
         self.heard: dict[str, float] = {}
         self.statuses: dict[str, Any] = {}
@@ -350,6 +356,15 @@ class SiegeStage:
             node.destroy_node()
         self.executor.shutdown()
         rclpy.try_shutdown()
+
+
+def own_kernels(folder: Path) -> Path:
+    """Return a folder with a copy of the user's compiled kernels, which attacks may damage."""
+    kept, own = cache_folder(), folder / 'kernels'
+    own.mkdir(mode=0o700)
+    if kept is not None and kept.is_dir():
+        shutil.copytree(kept, own / kept.name)
+    return own
 
 
 @contextmanager

@@ -16,18 +16,20 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from campaign.adversary import FLOATS, Adversary, leaves
-from campaign.attacks import MORE, WEIGHTS, Inventory, Step, adversary, draw_step
+from campaign.assault import damage, jumps, kernel_files
+from campaign.attacks import DAMAGES, MORE, WEIGHTS, Inventory, Step, adversary, draw_step
 from campaign.laws import Life, Span, TorqueLedger, slope, unexplained
 from campaign.mending import Mending
 from campaign.shrinking import shrink
 from campaign.siege import Failure, Round, kind_of, write_steps
 from campaign.siege_gauges import FAULTS, Gauges
 from campaign.siege_scenes import NODES
-from campaign.siege_stage import PATIENCE, RECOVERY
+from campaign.siege_stage import PATIENCE, RECOVERY, own_kernels
 from campaign.witness import Witness
 from rcl_interfaces.msg import ParameterValue
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 TEST = Path(__file__).resolve().parents[1]
 BOUND = 1200.0  # s: for a minute, new starts, and kernels to compile, on a slow machine
@@ -71,6 +73,55 @@ def test_gauges_and_planners_are_attacked_where_there_are_some() -> None:
     halted = {(attack['node'], attack['then']) for attack in drawn['halt']}
     assert len(halted) == 6
     assert {attack['stop'] for attack in drawn['endless']} == {True, False}
+
+
+def test_a_stop_on_the_way_is_attacked_alone_and_caches_with_an_end() -> None:
+    steps = draws(0, 600)
+    alone = [step for step in steps if any(attack['do'] == 'brake' for attack in step)]
+    assert {len(step) for step in alone} == {1}
+    attacks = [attack for step in steps for attack in step]
+    stops = [attack for attack in attacks if attack['do'] == 'brake']
+    assert {attack['how'] for attack in stops} == {'stop', 'cancel'}
+    caches = [attack for attack in attacks if attack['do'] == 'cache']
+    assert {attack['what'] for attack in caches} == set(DAMAGES)
+    assert {attack['node'] for attack in caches} == {'plant'}
+
+
+def reference(stamp: float, *points: tuple[float, float, float]) -> JointTrajectory:
+    """Return a motion of one joint: rows of time, position and velocity."""
+    message = JointTrajectory(joint_names=['j'])
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(1e9 * stamp), 10**9)
+    for time, position, velocity in points:
+        point = JointTrajectoryPoint(positions=[position], velocities=[velocity])
+        point.accelerations = [0.0]
+        point.time_from_start.nanosec = round(1e9 * time)
+        message.points.append(point)
+    return message
+
+
+def test_references_that_jump_are_told_and_those_that_go_on_are_not() -> None:
+    first = reference(10.0, (0.0, 0.0, 1.0), (0.8, 0.8, 1.0))
+    goes_on = reference(10.5, (0.0, 0.5, 1.0), (0.3, 0.6, 0.0))
+    assert jumps([first, goes_on, reference(11.0, (0.0, 0.6, 0.0), (0.5, 0.7, 0.0))]) == []
+    (place,) = jumps([first, reference(10.5, (0.0, 0.4, 1.0), (0.3, 0.6, 0.0))])
+    (rate,) = jumps([first, reference(10.5, (0.0, 0.5, 0.0), (0.3, 0.6, 0.0))])
+    assert 'must go on where the one before is, got [0.4] [1.0] after [0.5' in place
+    assert 'got [0.5] [0.0] after [0.5' in rate
+
+
+@pytest.mark.parametrize('what', DAMAGES)
+def test_kernels_are_damaged(what: str, tmp_path: Path) -> None:
+    file = tmp_path / 'a.kernel'
+    file.write_bytes(bytes(range(200)))
+    damage(file, what, np.random.default_rng(0))
+    assert not file.exists() if what == 'remove' else file.read_bytes() != bytes(range(200))
+
+
+def test_what_is_damaged_are_kernels_of_the_stages_own(tmp_path: Path) -> None:
+    files = kernel_files(own_kernels(tmp_path))
+    assert all(file.is_relative_to(tmp_path) for file in files)
+    assert any(file.name.startswith('inverse.inverse_dynamics-') for file in files)
+    assert not any(file.name.startswith('articulated.forward_dynamics-') for file in files)
 
 
 def test_gauges_fail_as_they_are_told_to() -> None:

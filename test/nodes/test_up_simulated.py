@@ -32,6 +32,20 @@ nodes:
 plant: {noise: {position: 1.0e-5}}
 phases: [{name: first}, {name: second, feedforward: {model: rigid}, plant: {start: [0.1, 0]}}]
 """
+# the shaper plans while time stands, and is a partner of the plant
+SHAPED = """
+robot: arm.urdf
+time: simulated
+reference: {kind: points, times: [0, 0.6], positions: [[0, 0], [0.2, 0.1]]}
+duration: 1
+nodes:
+  plant: {update_rate: 200}
+  feedforward: {update_rate: 200}
+  shaper: {method: zvd, update_rate: 200}
+  predictor: false
+plant: {noise: {position: 1.0e-5}}
+phases: [{name: first}, {name: second, plant: {start: [0.05, 0]}}]
+"""
 FIRST_PHASE = 1_000_000_000  # ns
 
 
@@ -47,7 +61,7 @@ def contents(bag: Path) -> dict[str, str]:
     for topic, _, log_ns, raw in read_raw(bag):
         if (
             topic not in (*OF_THE_MACHINE, *PADDED)
-            and not topic.endswith('/time')
+            and not topic.endswith(('/time', '/transition_event'))
             and log_ns > FIRST_PHASE
         ):
             digest = found.setdefault(topic, hashlib.sha256())
@@ -55,11 +69,19 @@ def contents(bag: Path) -> dict[str, str]:
     return {topic: digest.hexdigest() for topic, digest in found.items()}
 
 
+@pytest.mark.parametrize(
+    ('session', 'topics'),
+    [
+        (SESSION, {'/predictor/modal_state'}),
+        (SHAPED, {'/shaper/input', '/reference', '/plant/true_modal_state'}),
+    ],
+    ids=['predictor', 'shaper'],
+)
 def test_two_simulated_sessions_give_the_same_messages(
-    tmp_path: Path, environment: dict[str, str]
+    session: str, topics: set[str], tmp_path: Path, environment: dict[str, str]
 ) -> None:
     (tmp_path / 'arm.urdf').write_text(two_links())
-    (tmp_path / 'session.yaml').write_text(SESSION)
+    (tmp_path / 'session.yaml').write_text(session)
     bags = []
     for name in ('one', 'two'):
         command = [
@@ -85,5 +107,5 @@ def test_two_simulated_sessions_give_the_same_messages(
         assert list(summary['phases']) == ['first', 'second']
         bags.append(contents(tmp_path / name / 'bag'))
     one, two = bags
-    assert {'/joint_states', '/feedforward/effort', '/predictor/modal_state'} <= set(one)
+    assert {'/joint_states', '/feedforward/effort', *topics} <= set(one)
     assert [topic for topic in one if one[topic] != two.get(topic)] == []
