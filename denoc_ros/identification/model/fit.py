@@ -38,6 +38,7 @@ NEGLIGIBLE = 0.02  # of a channel: so little may be left of a held-out part
 SHAKEN = 2.0  # times what noise of the joints makes of a channel: no fault of the model
 FAR = 2.0  # deviations of the prior: a stiffness beyond has the search begin anew
 RESTARTS = 3
+AGREES = 0.8  # of a channel's residuals: with less a recording alone has other numbers
 WORSE = 1.5  # times the rms of what was fitted: a held-out part that is not explained
 
 
@@ -48,7 +49,8 @@ class ChannelFit:
     `size` is the channel's own deviation, `louder` how much more it moves while it is held out.
     `shaken` and `held_out_shaken` are what noise of the measured joints makes of the prediction;
     `unforeseen` and `held_out_unforeseen` what could not be foreseen of the residuals, in their
-    deviations: where links vibrate, less hangs on how they happen to do so.
+    deviations: where links vibrate, less hangs on how they happen to do so. `alone` is about which
+    share of the residuals a fit to this run alone would leave.
     """
 
     run: str
@@ -65,6 +67,7 @@ class ChannelFit:
     held_out_shaken: float = 0.0
     unforeseen: float = 1.0
     held_out_unforeseen: float = np.inf
+    alone: float = 1.0
 
     @property
     def group(self) -> tuple[str, str]:
@@ -168,6 +171,7 @@ def identify_model(
     whole = [
         r if isinstance(r, Recording) else read_recording(r, robot, poses=poses) for r in given
     ]
+    whole = _named_apart(whole)
     found = _fitted(robot, whole, free, cutoff, held_out, step)
     start, seconds, evaluations = found.start, found.seconds, found.evaluations
     for _ in range(RESTARTS):
@@ -179,6 +183,18 @@ def identify_model(
         found = _fitted(again, whole, free, cutoff, held_out, step)
         seconds, evaluations = seconds + found.seconds, evaluations + found.evaluations
     return replace(_doubted(found), start={**start}, seconds=seconds, evaluations=evaluations)
+
+
+def _named_apart(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return recordings whose names differ: `bag`, `bag (2)`."""
+    found: list[Recording] = []
+    for recording in recordings:
+        taken, name, count = {each.name for each in found}, recording.name, 1
+        while name in taken:
+            count += 1
+            name = f'{recording.name} ({count})'
+        found.append(replace(recording, name=name))
+    return found
 
 
 def _far_stiffness(found: IdentifiedModel) -> list[str]:
@@ -228,8 +244,16 @@ def _fitted(
     judged = [search.rms(each, held) for each in (zero, judge)]
     shaken = [search.shaken(theta, rows) for rows in (~held, held)]
     unforeseen = [search.unforeseen(judge, rows) for rows in (~held, held)]
+    alone = search.alone(theta) if len(runs) > 1 else np.ones(len(search.labels))
     sides = zip(
-        search.sizes, search.louder(held), *fitted, *judged, *shaken, *unforeseen, strict=True
+        search.sizes,
+        search.louder(held),
+        *fitted,
+        *judged,
+        *shaken,
+        *unforeseen,
+        alone,
+        strict=True,
     )
     channels = tuple(
         ChannelFit(*label, int(samples), *map(float, row))
@@ -242,7 +266,8 @@ def free_parameters(
     robot: Robot, free: Sequence[str], recordings: Sequence[Recording]
 ) -> FreeParameters:
     """Return the free numbers of a robot, their sizes by what was recorded."""
-    return FreeParameters(robot, free, _largest_efforts(recordings), _spreads(robot, recordings))
+    sizes = _largest_efforts(recordings), _spreads(robot, recordings)
+    return FreeParameters(robot, free, *sizes, [each.name for each in recordings])
 
 
 def _largest_efforts(recordings: Sequence[Recording]) -> dict[str, float]:
@@ -302,7 +327,7 @@ def _concluded(
         {
             path: value
             for path, value in parameters.overrides(parameters.settings(kept)).items()
-            if path in told or any(each.startswith(f'{path}.') for each in told)
+            if path in told or any(each.startswith((f'{path}.', f'{path}[')) for each in told)
         },
         parameters.changes(theta),
         parameters.robot_at(settings),
@@ -338,7 +363,14 @@ def _reasons(channels: tuple[ChannelFit, ...]) -> tuple[str, ...]:
         )
         and one.held_out_unforeseen > WORSE * one.unforeseen * max(1.0, one.louder)
     ]
-    return (*unexplained, *worse)
+    apart = [
+        f'{one.run}: {one.name}: recordings that are fitted together must agree, got a residual '
+        f'of {one.after:.3g} {one.unit} where this one alone leaves about '
+        f'{one.alone * one.after:.3g}'
+        for one in channels
+        if one.alone < AGREES and (1.0 - one.alone) * one.after > NEGLIGIBLE * sizes[one.group]
+    ]
+    return (*unexplained, *worse, *apart)
 
 
 def _by_path(parameters: FreeParameters, values: Array) -> dict[str, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,12 +36,24 @@ class Number:
         What it changes by per theta; of a positive one the least size that counts.
     positive : bool
         It is value times exp(theta).
+    run : str
+        The recording whose number it is; '': all of them share it.
     """
 
     path: str
     value: float
     scale: float
     positive: bool
+    run: str = ''
+
+    @property
+    def shared_path(self) -> str:
+        """The path without the recording."""
+        return self.path.removesuffix(f'[{self.run}]') if self.run else self.path
+
+    def in_run(self, run: str) -> Number:
+        """Return the same number of one recording: `effort.joint_1.offset[monday.mcap]`."""
+        return replace(self, path=f'{self.path}[{run}]', run=run)
 
     def at(self, theta: float) -> float:
         """Return the number at a coordinate of the search."""
@@ -135,7 +147,7 @@ def _payload_scale(robot: Robot) -> float:
 
 def unit_of(path: str) -> str:
     """Return the unit of a number that may have any sign, '' of a sensor's own."""
-    kind, _, rest = path.partition('.')
+    kind, _, rest = path.partition('[')[0].partition('.')
     if kind == 'link':
         return 'kg m' if '.first_moment.' in rest else 'kg m^2'
     if kind == 'pose':

@@ -38,12 +38,15 @@ PRIOR = 0.5
 KINDS = ('beam.', 'joint.', 'payload.', 'link.', 'sensor.', 'effort.', 'pose.', 'delay.')
 SHOWN = 12  # paths in a message
 ROUNDING = 1e-9  # of a pseudo-inertia: what arithmetic leaves of an exact zero
+STEP = 1e-6  # of theta, for derivatives of numbers
 SMALLEST = 1e-6  # of a body's pseudo-inertia: point masses and flat plates get so much
 INERTIAL = (
     'mass', 'first_moment.x', 'first_moment.y', 'first_moment.z',
     'inertia.ixx', 'inertia.ixy', 'inertia.ixz', 'inertia.iyy', 'inertia.iyz', 'inertia.izz',
 )  # fmt: skip
 UPPER = np.triu_indices(4)
+# what drifts: each recording has its own
+DRIFTING = re.compile(r'(effort|sensor)\..+\.offset(\.(gyro|accel)_[xyz])?')
 SENSOR_OFFSET = re.compile(r'sensor\..+\.offset(\.(gyro|accel)_[xyz])?')
 
 
@@ -65,6 +68,8 @@ class SearchPoint:
         By channel [s]: how much later than the joints it is stamped.
     channels : dict of str to float
         Gains and offsets of sensors, axes of trackers, by dotted path.
+    by_run : dict of str to dict of str to float
+        Offsets of effort and sensors that each recording has of its own, by its name and path.
     """
 
     overrides: dict[str, float | list[float]] = field(default_factory=dict)
@@ -73,6 +78,19 @@ class SearchPoint:
     offsets: dict[str, float] = field(default_factory=dict)
     delays: dict[str, float] = field(default_factory=dict)
     channels: dict[str, float] = field(default_factory=dict)
+    by_run: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def of_run(self, run: str) -> SearchPoint:
+        """Return the point as it holds in one recording."""
+        if not (own := self.by_run.get(run)):
+            return self
+        offsets, channels = dict(self.offsets), dict(self.channels)
+        for path, value in own.items():
+            if path.startswith('effort.'):
+                offsets[path.removeprefix('effort.').removesuffix('.offset')] = value
+            else:
+                channels[path] = value
+        return replace(self, offsets=offsets, channels=channels)
 
 
 class InertialBlock:
@@ -148,6 +166,9 @@ class FreeParameters:
         The largest measured torque of each joint: the scale of what it is made of.
     spreads : dict of str to float, optional
         By how much the value of each sensor was measured to vary: the scale of its offset.
+    runs : sequence of str, optional
+        Names of the recordings. Of several, each has offsets of effort and sensors of its own:
+        they drift with temperature and time. Their paths end with `[name]`.
 
     Raises
     ------
@@ -161,6 +182,7 @@ class FreeParameters:
         free: Sequence[str],
         efforts: Mapping[str, float] | None = None,
         spreads: Mapping[str, float] | None = None,
+        runs: Sequence[str] = (),
     ) -> None:
         self.robot = robot
         numbers = {n.path: n for n in free_numbers(robot, efforts or {}, spreads or {})}
@@ -169,7 +191,10 @@ class FreeParameters:
         chosen = _chosen(
             free, [path for path in (*numbers, *blocks) if path not in hidden], hidden
         )
-        self.numbers = [numbers[path] for path in chosen if path in numbers]
+        self.numbers = []
+        for number in (numbers[path] for path in chosen if path in numbers):
+            drifts = len(runs) > 1 and DRIFTING.fullmatch(number.path) is not None
+            self.numbers += [number.in_run(run) for run in runs] if drifts else [number]
         self.blocks = [blocks[path] for path in chosen if path in blocks]
         self.paths = tuple(
             [number.path for number in self.numbers]
@@ -185,7 +210,8 @@ class FreeParameters:
     @property
     def is_sensor_offset(self) -> NDArray[np.bool_]:
         """Which reported numbers are what a sensor shows of nothing (p,)."""
-        return np.array([SENSOR_OFFSET.fullmatch(path) is not None for path in self.paths])
+        of_numbers = [SENSOR_OFFSET.fullmatch(n.shared_path) is not None for n in self.numbers]
+        return np.array(of_numbers + [False] * (10 * len(self.blocks)))
 
     @property
     def moves_robot(self) -> NDArray[np.bool_]:
@@ -196,6 +222,11 @@ class FreeParameters:
             for number in self.numbers
         ]
         return np.array(found + [True] * (10 * len(self.blocks)))
+
+    @property
+    def runs(self) -> list[str]:
+        """The recording that each number is of; '': of all (p,)."""
+        return [number.run for number in self.numbers] + [''] * (10 * len(self.blocks))
 
     def values(self, theta: Array) -> Array:
         """Return the reported numbers (p,), in the order of `paths`."""
@@ -234,11 +265,15 @@ class FreeParameters:
 
     def slopes(self, theta: Array) -> Array:
         """Return the derivatives of the reported numbers by theta (p, p)."""
-        step, found = 1e-6, np.empty((self.size, self.size))
-        for k in range(self.size):
-            change = np.zeros(self.size)
-            change[k] = step
-            found[:, k] = (self.values(theta + change) - self.values(theta - change)) / (2 * step)
+        found = np.zeros((self.size, self.size))
+        for k, (number, t) in enumerate(zip(self.numbers, theta, strict=False)):
+            found[k, k] = (number.at(t + STEP) - number.at(t - STEP)) / (2.0 * STEP)
+        first = len(self.numbers)
+        for block, own in self._of_blocks(theta):
+            for k, change in enumerate(STEP * np.eye(10)):
+                sides = block.numbers(own + change) - block.numbers(own - change)
+                found[first : first + 10, first + k] = sides[:] / (2.0 * STEP)
+            first += 10
         return found
 
     @property
@@ -259,7 +294,9 @@ class FreeParameters:
         for number, t in zip(self.numbers, theta, strict=False):
             value = number.at(t)
             kind, _, rest = number.path.partition('.')
-            if kind == 'effort' and rest.endswith('.offset'):
+            if number.run:
+                found.by_run.setdefault(number.run, {})[number.shared_path] = value
+            elif kind == 'effort' and rest.endswith('.offset'):
                 found.offsets[rest.removesuffix('.offset')] = value
             elif kind == 'effort':
                 found.gains[rest.removesuffix('.gain')] = value
@@ -290,11 +327,19 @@ class FreeParameters:
         return zip(self.blocks, theta[len(self.numbers) :].reshape(-1, 10), strict=True)
 
     def overrides(self, settings: SearchPoint) -> dict[str, float | list[float]]:
-        """Return what a point of the search changes of the robot, but for its bodies."""
+        """Return what a point of the search changes of the robot, but for its bodies.
+
+        A sensor whose offset each recording has of its own gets their mean.
+        """
         beams = {sensor.name for sensor in self.robot.tree.sensors}
+        by_path: dict[str, list[float]] = {}
+        for own in settings.by_run.values():
+            for path, value in own.items():
+                by_path.setdefault(path, []).append(value)
+        means = {path: float(np.mean(values)) for path, values in by_path.items()}
         of_sensors = {
             path: value
-            for path, value in settings.channels.items()
+            for path, value in {**settings.channels, **means}.items()
             if path.removeprefix('sensor.').rpartition('.')[0] in beams
         }
         return {**settings.overrides, **of_sensors}

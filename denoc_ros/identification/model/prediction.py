@@ -235,6 +235,7 @@ class PreparedRun:
         motion : (states, torques), optional
             As `motion` gives them for this robot.
         """
+        settings = settings.of_run(self.name)
         states, torques = self.motion(robot) if motion is None else motion
         torque = np.zeros((len(self.recording.t), len(self._joints)))
         torques = torques[:, self._joints] + self._own_torque(robot, states, settings)

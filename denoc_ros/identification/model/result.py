@@ -52,6 +52,7 @@ def result_of(found: IdentifiedModel) -> Document:
                 'samples': one.samples,
                 'rms_before': one.before,
                 'rms_after': one.after,
+                'rms_alone': one.alone * one.after,
                 'held_out_before': _finite(one.held_out_before),
                 'held_out_after': _finite(one.held_out_after),
             }

@@ -262,6 +262,10 @@ class ModelSearch:
             found[:, rest] = self.whitening(slopes_of(theta, rest))
             return found
         of_robot = parameters.moves_robot
+        own = [k for k in rest if parameters.runs[k]]
+        if own:  # of one recording each: the others need not be worked out
+            found[:, own] = self.whitening(self._simulated.slopes_by_run(theta, own))
+            rest = [k for k in rest if not parameters.runs[k]]
         # what moves nothing first: it shares the motion that was just worked out
         for k in sorted(rest, key=lambda k: of_robot[k]):
             change = np.zeros(parameters.size)
@@ -288,6 +292,26 @@ class ModelSearch:
             gtol=1e-8 * count, max_nfev=most,
         )  # fmt: skip
         return np.asarray(found.x)
+
+    def alone(self, theta: Array) -> Array:
+        """Return about which share of each channel's residuals its run would leave by itself.
+
+        To first order, with the prior: what one recording would have other numbers for.
+        """
+        residual, jacobian = self.whitened(theta), self.jacobian(theta)
+        left = residual.copy()
+        run_of = np.array([run for run, _, _ in self.labels])
+        prior = np.eye(len(theta)) / PRIOR
+        for run in dict.fromkeys(run_of):
+            rows = (run_of == run)[self._channel]
+            weights = bending_slope(residual[rows])
+            design = np.vstack([weights[:, None] * jacobian[rows], prior])
+            wanted = np.concatenate([weights * residual[rows], np.zeros(len(theta))])
+            change = np.linalg.lstsq(design, wanted)[0]
+            left[rows] -= jacobian[rows] @ change
+        every = np.ones(len(residual), dtype=bool)
+        sides = [self._by_channel(each, every, held_rms) for each in (left, residual)]
+        return np.asarray(np.minimum(sides[0] / np.maximum(sides[1], 1e-300), 1.0))
 
     def information(self, theta: Array) -> Information:
         """Return what the data alone tell of the reported numbers, in sizes of theirs."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -38,7 +39,9 @@ class SimulatedRuns:
     def __init__(self, runs: Sequence[PreparedRun], parameters: FreeParameters) -> None:
         self.parameters, self._runs = parameters, runs
         self._candidates = Candidates(parameters)
-        self._count = sum(len(channel.t) for run in runs for channel in run.channels)
+        edges = np.cumsum([0, *(sum(len(c.t) for c in run.channels) for run in runs)])
+        self._rows = [slice(int(a), int(b)) for a, b in pairwise(edges)]
+        self._count = int(edges[-1])
         self.until, self.evaluations = 1.0, 0
         self._last: tuple[bytes, float, Array] | None = None
         self._motions: tuple[object, Robot, list[Motion]] | None = None
@@ -89,6 +92,11 @@ class SimulatedRuns:
             self._nearby = key, [run.nearby(robot, motion) for run, motion in pairs]
         return self._nearby[1]
 
+    def slopes_by_run(self, theta: Array, places: Sequence[int]) -> Array:
+        """Return derivatives of the residuals (m, c) by numbers that move nothing."""
+        motions = self.moved(self.parameters.settings(theta))[1]
+        return self._differences(theta, places, lambda _: motions)
+
     def slopes_nearby(self, theta: Array, places: Sequence[int]) -> Array:
         """Return derivatives of the residuals (m, c), motions nearby by their linear model."""
         nearby = self.linear_motions(self.parameters.settings(theta))
@@ -127,15 +135,15 @@ class SimulatedRuns:
             point = self.parameters.settings(theta + change)
             moved, those = robot, motions
             if of_robot[k]:
-                own = SearchPoint(overrides=self.parameters.moving(point), bodies=point.bodies)
-                moved = self._candidates.at(own)
+                moving = SearchPoint(overrides=self.parameters.moving(point), bodies=point.bodies)
+                moved = self._candidates.at(moving)
                 those = motions_of(moved)
-            parts = [
-                each
-                for run, motion in zip(self._runs, those, strict=True)
-                for each in run.residuals(moved, point, motion)
-            ]
-            found[:, column] = (np.concatenate(parts) - here) / STEP
+            own = self.parameters.runs[k]
+            found[:, column] = 0.0
+            for run, motion, rows in zip(self._runs, those, self._rows, strict=True):
+                if own in ('', run.name):
+                    there = np.concatenate(run.residuals(moved, point, motion))
+                    found[rows, column] = (there - here[rows]) / STEP
         return found
 
 

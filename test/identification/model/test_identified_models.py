@@ -291,3 +291,86 @@ def test_recordings_that_cannot_be_are_refused(arm: Robot) -> None:
     silent = dn.Recording(t, joints, zero, zero + np.nan)
     with pytest.raises(dn.IdentificationError, match='measured effort or sensors'):
         dn.identify_model(arm, silent, ['beam.*.ei'])
+
+
+@pytest.fixture(scope='module')
+def two_runs() -> tuple[Robot, list[dn.Recording]]:
+    """Return an arm, and two runs whose effort is off by as much either way."""
+    arm = dn.load_robot(ROBOTS / 'two_link_rr.urdf', gravity=(0.0, -9.81, 0.0))
+    numbers = {'damping': 1.0, 'friction': 0.5}
+    true = arm.with_overrides(
+        {f'joint.{name}.{term}': v for name in arm.joint_names for term, v in numbers.items()}
+    )
+    runs = [recorded(true, sweeping(2, k + 1), 4.0, noise=0.01, seed=k) for k in range(2)]
+    off = (-DRIFT, DRIFT)
+    return arm, [replace(run, effort=run.effort + by) for run, by in zip(runs, off, strict=True)]
+
+
+DRIFT = 5.0  # N m
+FRICTION = ['joint.*.damping', 'joint.*.friction', 'effort.*.offset']
+
+
+def test_runs_together_are_no_worse_than_alone(
+    two_runs: tuple[Robot, list[dn.Recording]],
+) -> None:
+    """One offset for both followed one of them: of 0.13 N m one channel left 10."""
+    arm, runs = two_runs
+    alone = [dn.identify_model(arm, run, FRICTION, held_out=0.0) for run in runs]
+    both = dn.identify_model(arm, runs, FRICTION, held_out=0.0)
+    assert not both.reasons
+    apart = [channel for one in alone for channel in one.channels]
+    for one, together in zip(apart, both.channels, strict=True):
+        assert together.after < 1.05 * one.after
+        assert together.alone > 0.95
+    for joint in arm.joint_names:
+        for run, drift in (('truth', -DRIFT), ('truth (2)', DRIFT)):
+            path = f'effort.{joint}.offset[{run}]'
+            assert both.verdict[path] == 'found'
+            assert both.values[path] == pytest.approx(drift, abs=0.05)
+            low, high = both.interval[path]
+            assert low < drift < high
+    # the search is about as long as those of both runs
+    assert both.evaluations <= sum(one.evaluations for one in alone)
+
+
+def test_runs_that_do_not_agree_are_named(two_runs: tuple[Robot, list[dn.Recording]]) -> None:
+    """A friction that differs between runs made both worse, without a word."""
+    arm, runs = two_runs
+    rough = arm.joint_names[-1]
+    true = arm.with_overrides(
+        {
+            f'joint.{n}.{t}': v
+            for n in arm.joint_names
+            for t, v in (('damping', 1), ('friction', 1))
+        }
+    )
+    other = recorded(true, sweeping(2, 2), 4.0, noise=0.01, seed=1)
+    found = dn.identify_model(arm, [runs[0], other], FRICTION, held_out=0.0)
+    told = [reason for reason in found.reasons if 'must agree' in reason]
+    assert told
+    assert any(f'effort {rough}' in reason for reason in told)
+    assert 'found' not in found.verdict.values()
+    rows = result_of(found)['channels']
+    assert min(row['rms_alone'] / row['rms_after'] for row in rows) < 0.8
+
+
+def test_an_offset_of_each_run_is_written_as_their_mean() -> None:
+    arm = dn.load_robot(ROBOTS / 'canadarm_gauges.urdf', gravity=(0, 0, 0))
+    free = ['sensor.link_1_y_root.offset', 'sensor.link_1_y_root.gain', 'effort.*.offset']
+    parameters = FreeParameters(arm, free, runs=['a.mcap', 'b.mcap'])
+    offsets = [f'sensor.link_1_y_root.offset[{run}]' for run in ('a.mcap', 'b.mcap')]
+    assert [path for path in parameters.paths if path.startswith('sensor.')][:2] == offsets
+    assert parameters.is_sensor_offset.sum() == 2
+    theta = parameters.point({offsets[0]: 2e-5, offsets[1]: 4e-5})
+    point = parameters.settings(theta)
+    for run, value in (('a.mcap', 2e-5), ('b.mcap', 4e-5)):
+        own = point.of_run(run).channels['sensor.link_1_y_root.offset']
+        assert own == pytest.approx(value)
+    written = parameters.overrides(point)
+    assert written['sensor.link_1_y_root.offset'] == pytest.approx(3e-5)
+    # derivatives of the numbers are those of differences
+    step, slopes = 1e-6, parameters.slopes(theta)
+    for k in range(parameters.size):
+        change = step * np.eye(parameters.size)[k]
+        sides = parameters.values(theta + change) - parameters.values(theta - change)
+        np.testing.assert_allclose(slopes[:, k], sides / (2 * step), rtol=1e-6, atol=1e-9)
