@@ -211,6 +211,8 @@ class SplineTrajectory(Trajectory):
         self._motion = np.concatenate((self._pieces, rates, bends), axis=2)
         self._powers = np.ones(6)
         self._result = np.zeros(3 * self.n)
+        # views of it
+        self._position, self._rate, self._acceleration = self._result.reshape(3, self.n)
 
     def knots(self) -> tuple[Array, Array, Array, Array]:
         """Return times (k,) and position, velocity, acceleration (k, n) of the same spline."""
@@ -245,13 +247,11 @@ class SplineTrajectory(Trajectory):
     def _inside(self, t: float, q: Array, qd: Array, qdd: Array) -> None:
         piece = min(bisect_right(self._times, t), len(self._times) - 1) - 1
         s = t - self._times[piece]
-        s2 = s * s
-        n, result = self.n, self._result
-        self._powers[1:] = (s, s2, s2 * s, s2 * s2, s2 * s2 * s)
-        np.dot(self._powers, self._motion[piece], out=result)
-        q[:] = result[:n]
-        qd[:] = result[n : 2 * n]
-        qdd[:] = result[2 * n :]
+        s2, powers = s * s, self._powers
+        powers[1], powers[2], powers[3], powers[4] = s, s2, s2 * s, s2 * s2
+        powers[5] = s2 * s2 * s
+        np.dot(powers, self._motion[piece], out=self._result)
+        q[:], qd[:], qdd[:] = self._position, self._rate, self._acceleration
 
 
 def _quintics(times: Array, q: Array, qd: Array, qdd: Array) -> Array:

@@ -6,7 +6,7 @@ import shutil
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,6 +20,8 @@ _ROUNDS_PER_FLUSH = 10
 CHECK_PERIOD = 0.25  # s between looks whether what was written is still there
 QUEUE_BYTES = 256 << 20
 MESSAGE_OVERHEAD = 200  # bytes that a message in the queue takes beyond its own
+# topic, stamp [ns], bytes, publish time [ns]
+Waiting = tuple[str, int, bytes, int | None]
 # why a message is lost
 BY_NUMBER = 'queue_size'
 BY_BYTES = 'queue_bytes'
@@ -119,7 +121,7 @@ class BackgroundWriter:
         self._min_free_space = min_free_space
         self._free_space = free_space
         # append and popleft of a deque are atomic: no lock that the producer could wait for
-        self._queue: deque[tuple[str, int, bytes, int | None] | Callable[[], None]] = deque()
+        self._queue: deque[Waiting | Callable[[], None]] = deque()
         self._offered: Counter[str] = Counter()
         self._lost = {cause: Counter[str]() for cause in (BY_NUMBER, BY_BYTES, BY_DISK)}
         # each is changed by one thread only; the difference is what waits
@@ -148,6 +150,24 @@ class BackgroundWriter:
         self._bytes_put += size
         self._queue.append((topic, stamp_ns, raw, publish_ns))
         return True
+
+    def put_all(self, messages: Sequence[Waiting]) -> None:
+        """Take messages as :meth:`put` does one, all at once where there is room for all.
+
+        Parameters
+        ----------
+        messages : sequence of (topic, stamp [ns], bytes, publish time [ns])
+        """
+        size = sum([len(raw) for _, _, raw, _ in messages]) + MESSAGE_OVERHEAD * len(messages)
+        waiting = self._bytes_put - self._bytes_taken + size
+        fits = len(self._queue) + len(messages) <= self._queue_size
+        if not fits or waiting > self._queue_bytes or self._failure or self._stopping.is_set():
+            for message in messages:
+                self.put(*message)
+            return
+        self._offered.update([topic for topic, *_ in messages])
+        self._bytes_put += size
+        self._queue.extend(messages)
 
     @property
     def share_queued(self) -> float:

@@ -254,7 +254,9 @@ class FeedforwardNode(LiveFeedforward):
             self.safe.end()
             if self._fresh:
                 self._start_torque(now)
-            left = self.limiter.apply(self.feedback.add(torque, *self._plan()))
+            if self.feedback.wanted:
+                torque = self.feedback.add(torque, *self._plan())
+            left = self.limiter.apply(torque)
             self.feedback.applied(left)
             self._publish(left)
             if self.wrench is not None:

@@ -277,7 +277,9 @@ class Recorder(DenocNode):
         taken = []
         for topic, recorded in self._topics.items():
             waiting = list(arrived(recorded.subscription, QUEUE_DEPTH))
-            publishers = recorded.subscription.handle.get_publisher_count() if waiting else 0
+            if not waiting:
+                continue
+            publishers = recorded.subscription.handle.get_publisher_count()
             for raw, received_ns, sent_ns, number in waiting:
                 if missed := recorded.gaps.missed(number, publishers):
                     self._missed[topic] += missed
@@ -288,9 +290,13 @@ class Recorder(DenocNode):
             now_ns = self.stamp_ns()
             taken = [(log or now_ns, topic, raw, sent or log) for log, topic, raw, sent in taken]
         taken.sort(key=itemgetter(0))
-        for log_ns, topic, raw, sent_ns in taken:
-            # a bag has no time before 1970, which a publisher's clock or /clock may tell
-            writer.put(topic, max(log_ns, 0), raw, max(sent_ns or log_ns, 0))
+        writer.put_all(
+            [
+                # a bag has no time before 1970, which a publisher's clock or /clock may tell
+                (topic, log_ns if log_ns > 0 else 0, raw, max(sent_ns or log_ns, 0))
+                for log_ns, topic, raw, sent_ns in taken
+            ]
+        )
         if writer.share_queued < 0.5:
             self._tell_progress(self.clock.now() + AHEAD)
 

@@ -92,6 +92,41 @@ def test_stalled_disk_delays_nobody_and_losses_are_counted_by_topic(
     assert len(list(read_bag(tmp_path / 'run'))) == 102
 
 
+@pytest.mark.parametrize(('number', 'room'), [(100, 1 << 20), (5000, 20_000)])
+def test_messages_put_together_are_kept_and_lost_as_one_by_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, room: int
+) -> None:
+    batches = [
+        [('/b' if stamp % 4 else '/a', 100 * batch + stamp, RAW, None) for stamp in range(90)]
+        for batch in range(3)
+    ]
+    found = []
+    for name in ('together', 'one by one'):
+        writer = BackgroundWriter(
+            BagWriter(tmp_path / name), number, flush_period=0.02, queue_bytes=room
+        )
+        for topic in ('/a', '/b'):
+            writer.add_topic(topic, JOINT_STATE)
+        writer.put('/a', 0, RAW)
+        wait_for(lambda writer=writer: writer.status().written == 1)  # type: ignore[misc]
+        with monkeypatch.context() as patch:
+            released = freeze_disk(patch)
+            writer.put('/a', 1, RAW)
+            wait_for(lambda writer=writer: writer.status().stalled > 0.1)  # type: ignore[misc]
+            for batch in batches:
+                if name == 'together':
+                    writer.put_all(batch)
+                else:
+                    for message in batch:
+                        writer.put(*message)
+            released.set()
+            status = writer.close()
+        kept = [(each.topic, each.log_ns) for each in read_bag(tmp_path / name)]
+        found.append((status.written, status.lost, kept))
+    assert found[0] == found[1]
+    assert found[0][1]
+
+
 def test_disk_that_never_comes_back_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
