@@ -24,7 +24,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint style types bench mechanisms rates soak siege longbag fuzz load watched requests bounds identification strangers longload ends peers readme counts venv clean
+.PHONY: demo test check browser lint style types bench mechanisms rates soak siege longbag fuzz load watched requests bounds identification strangers longload ends peers tips readme counts venv clean
 
 venv: $(STAMP)
 
@@ -93,6 +93,10 @@ peers: $(STAMP)
 mechanisms: $(STAMP)
 	PYTHONPATH=test:test/support $(BIN)/python -m bench.exudyn_five_bar
 	PYTHONPATH=test:test/support $(BIN)/python -m bench.platform_circle docs/platform_circle.png
+
+# half an hour: tip-exact plans by their torque alone and with joints on the plan, in MuJoCo
+tips: $(STAMP)
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.mujoco_tips
 
 # seven minutes: the demo's nodes at 1000 and at 500 Hz beside bare ones
 rates: $(STAMP)

@@ -1,4 +1,4 @@
-"""`denoc export mjcf ROBOT -o ARM.xml`: the robot as another simulator's model."""
+"""`denoc export mjcf|sdf ROBOT -o ARM`: the robot as another simulator's model."""
 
 from __future__ import annotations
 
@@ -24,12 +24,14 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'export',
-        help="write a robot as MuJoCo's model, each beam a chain of rods on sprung hinges",
-        description="Write a robot as MuJoCo's model: each beam becomes a chain of rigid rods on "
-        'sprung hinges, which has nothing of the shape functions. What MJCF cannot hold is '
-        'refused by name.',
+        help="write a robot as MuJoCo's or Gazebo's model, beams as chains of sprung rods",
+        description="Write a robot as MuJoCo's or Gazebo's model: each beam becomes a chain of "
+        'rigid rods on sprung hinges, which has nothing of the shape functions. What the format '
+        'cannot hold is refused by name.',
     )
-    parser.add_argument('format', choices=('mjcf',), help='mjcf: an XML file of MuJoCo')
+    parser.add_argument(
+        'format', choices=('mjcf', 'sdf'), help='mjcf: an XML file of MuJoCo; sdf: of Gazebo'
+    )
     parser.add_argument('robot', help='the URDF file')
     parser.add_argument(
         '-o', '--output', type=Path, required=True, help='the file to write, a new file'
@@ -52,15 +54,21 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
     from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.errors import ConfigError
     from denoc_ros.model.mjcf import mjcf
     from denoc_ros.model.overrides import with_overrides
+    from denoc_ros.model.sdf import sdf
     from denoc_ros.output_files import require_new, write_new
 
     require_new(args.output)
+    if args.verify and args.format == 'sdf':
+        rule = '--verify must come with mjcf: no Gazebo is run, and SDF has the same chain'
+        raise ConfigError('denoc export', [f'{rule}, got sdf'])
     file = given_file(args.robot, 'robot')
     tree = with_overrides(file, overrides_of(args.set, args.payload))
     robot = Robot(tree, gravity=tuple(args.gravity))
-    made = mjcf(tree, robot.gravity, args.segments, file.parent)
+    export = mjcf if args.format == 'mjcf' else sdf
+    made = export(tree, robot.gravity, args.segments, file.parent)
     summary: dict[str, Any] = {'output': str(args.output), 'notes': list(made.notes)}
     if args.verify:
         summary['verified'] = _verify(robot, made.text, args.at)

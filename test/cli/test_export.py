@@ -30,6 +30,19 @@ def test_an_exported_robot_has_its_joints_motors_and_frames(tmp_path: Path) -> N
     assert [s.get('name') for s in root.iter('tendonpos')] == [s.get('name') for s in described]
 
 
+def test_an_sdf_is_written_and_is_not_verified(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = str(ROBOTS / 'canadarm.urdf')
+    command = ['export', 'sdf', robot, '-o', str(tmp_path / 'arm.sdf'), '--segments', '4']
+    assert main([*command, '--verify']) == 1
+    assert '--verify must come with mjcf' in capsys.readouterr().err
+    assert main(command) == 0
+    assert 'note: gravity: that of the world' in capsys.readouterr().err
+    root = ElementTree.parse(tmp_path / 'arm.sdf').getroot()
+    assert {'joint_1', 'link_2/rod4/y'} <= {joint.get('name') for joint in root.iter('joint')}
+
+
 def test_verify_prints_frequencies_and_sag_beside_ours(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
