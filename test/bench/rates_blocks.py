@@ -156,22 +156,27 @@ def read_recording(file: Path) -> Recording:
     return Recording(whole, head, types, first)
 
 
-def missing_messages(published: NDArray[np.int64], recorded: NDArray[np.int64]) -> int:
-    """Return how many of the published, in order, the end of the recorded does not hold."""
-    n = len(published)
-    if n == 0 or (len(recorded) >= n and np.array_equal(recorded[-n:], published)):
-        return 0
-    gone, place = 0, len(recorded)
+def missing_messages(
+    published: NDArray[np.int64], recorded: NDArray[np.int64], begin: int = 0
+) -> int:
+    """Return how many of the published, from an index on, the recorded do not hold.
+
+    Both are in order. Commands at rest are the same each time: so the recorded are found among the
+    published, the last one first, and not the other way round, in which one that is gone would be
+    taken for an equal one long before, and all between them for gone.
+    """
     places: dict[int, list[int]] = {}
-    for index, key in enumerate(recorded.tolist()):
+    for index, key in enumerate(published.tolist()):
         places.setdefault(key, []).append(index)
-    for key in reversed(published.tolist()):
-        found = [index for index in places.get(key, ()) if index < place]
-        if found:
-            place = found[-1]
-        else:
-            gone += 1
-    return gone
+    held, place = np.zeros(len(published), dtype=bool), len(published)
+    for key in reversed(recorded.tolist()):
+        same = places.get(key, [])
+        while same and same[-1] >= place:
+            same.pop()
+        if same:
+            place = same.pop()
+            held[place] = True
+    return int(np.count_nonzero(~held[begin:]))
 
 
 def loop_share(entries: Entries, window: Window) -> LoopShare:
@@ -207,7 +212,8 @@ def judge(
         held = found.get(topic, np.zeros(0, dtype=np.int64))
         count = sum(map(len, in_block))
         if len(in_block) == 1:
-            lost = missing_messages(in_block[0], held)
+            whole = sent[0][1]
+            lost = missing_messages(whole, held, len(whole) - len(in_block[0]))
         else:  # /diagnostics: what several nodes say comes in any order
             left = Counter(np.concatenate(in_block).tolist()) - Counter(held.tolist())
             lost = sum(left.values())

@@ -16,12 +16,21 @@ def keys(*values: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
 
 
 def test_missing_messages_are_counted_wherever_they_are() -> None:
-    published = keys(3, 4, 4, 5)
-    assert missing_messages(published, keys(1, 2, 3, 4, 4, 5)) == 0
-    assert missing_messages(published, keys(1, 2, 3, 4, 4)) == 1
-    assert missing_messages(published, keys(3, 4, 5)) == 1
-    assert missing_messages(published, keys(1, 4, 4)) == 2
-    assert missing_messages(published, keys()) == 4
+    published, begin = keys(1, 2, 3, 4, 4, 5), 2
+    assert missing_messages(published, keys(1, 2, 3, 4, 4, 5), begin) == 0
+    assert missing_messages(published, keys(3, 4, 4, 5), begin) == 0
+    assert missing_messages(published, keys(1, 2, 3, 4, 4), begin) == 1
+    assert missing_messages(published, keys(3, 4, 5), begin) == 1
+    assert missing_messages(published, keys(1, 4, 4), begin) == 2
+    assert missing_messages(published, keys(), begin) == 4
+
+
+def test_one_of_equal_messages_that_is_gone_is_one() -> None:
+    still = [9] * 5  # before and after a motion, as commands at rest
+    published = keys(*still, *range(1000, 1200), *still)
+    recorded = keys(*still, *range(1000, 1200), *still[1:])
+    assert missing_messages(published, recorded, 5) == 1
+    assert missing_messages(published, np.delete(recorded, 100), 5) == 2
 
 
 def test_deadlines_passed_over_count_as_missed() -> None:
