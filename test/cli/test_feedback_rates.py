@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from data_files import CLAMPED_FREE_CANADARM
 
 from denoc_ros.cli.config import load_config
 from denoc_ros.cli.feedback_rates import feedback_refusal
 from denoc_ros.dynamics.robot import load_robot
 
 SESSION = """
-robot: robots/canadarm_gauges.urdf
+robot: ROBOT
 gravity: [0, 0, 0]
 reference: {kind: sine, amplitude: 0.1, frequency: 0.2, duration: 5}
 phases:
@@ -42,7 +43,8 @@ def test_the_designs_own_check_decides(
     feedback: str, rate: float, says: str, tmp_path: Path
 ) -> None:
     file = tmp_path / 'session.yaml'
-    file.write_text(SESSION.replace('FEEDBACK', feedback))
+    text = SESSION.replace('FEEDBACK', feedback)
+    file.write_text(text.replace('ROBOT', str(CLAMPED_FREE_CANADARM)))
     config = load_config(file, [])
     robot = load_robot(config.robot, gravity=config.gravity)
     said = feedback_refusal(config, robot, rate, LONG)

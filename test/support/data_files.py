@@ -13,6 +13,9 @@ SERVO_SWING = DATA / 'servo_pendulum' / 'lift_and_drop.json'
 FLEXIBLE_ARM = DATA / 'daisy' / 'robot_arm_dat.mat'
 RIG_RECORDS = DATA / 'two_flexible_links'
 
+# the Canadarm with gauges, two clamped-free shapes a beam and no rotors, as it was shipped once
+CLAMPED_FREE_CANADARM = DATA / 'canadarm_clamped_free.urdf'
+
 
 def rig_run(name: str) -> Path:
     """Return the record of a step of the rig of two flexible links, as `30deg_run01`."""

@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
-from pathlib import Path
 
 import numpy as np
+from data_files import CLAMPED_FREE_CANADARM
 from numpy.typing import NDArray
 
 import denoc_ros as dn
@@ -25,7 +25,8 @@ from denoc_ros.model.overrides import edited_description
 from denoc_ros.trajectories import CycloidalTrajectory, SplineTrajectory
 
 Array = NDArray[np.float64]
-CANADARM = Path(__file__).parents[2] / 'config/robots/canadarm_gauges.urdf'
+# gains and bounds of these tests are those of this robot
+CANADARM = CLAMPED_FREE_CANADARM
 Measured = tuple[int, Array, Array]  # period, coordinates, rates
 PERIOD = 1e-3
 DELAY = 1.5  # periods

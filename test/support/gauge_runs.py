@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from data_files import CLAMPED_FREE_CANADARM
 from numpy.typing import NDArray
 
 import denoc_ros as dn
@@ -22,6 +23,7 @@ from denoc_ros.trajectories import CycloidalTrajectory
 Array = NDArray[np.float64]
 
 ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
+CLAMPED_FREE = 'clamped-free canadarm'
 STEP = 1e-3
 END = 4.0
 PAYLOAD = 100.0  # kg at the tool, as the observer knows it
@@ -39,12 +41,13 @@ class Recording:
 
 
 def load(name: str) -> dn.Robot:
-    return dn.load_robot(ROBOTS / f'{name}_gauges.urdf', gravity=(0, 0, 0))
+    file = CLAMPED_FREE_CANADARM if name == CLAMPED_FREE else ROBOTS / f'{name}_gauges.urdf'
+    return dn.load_robot(file, gravity=(0, 0, 0))
 
 
 def motion(name: str, joints: int) -> CycloidalTrajectory:
     """The book's motions: eq. 3.56, section 4.2."""
-    if name == 'canadarm':
+    if name in ('canadarm', CLAMPED_FREE):
         rate, period = np.array([0.075, 0.05, 0.1]), np.array([10.0, 5.0, 5.0])
         return CycloidalTrajectory(np.zeros(3), rate, period, 'half', 10.0)
     return CycloidalTrajectory(np.zeros(joints), np.full(joints, 0.05), np.full(joints, 10.0))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
-FILE = Path(__file__).resolve().parents[2] / 'config' / 'robots' / 'canadarm_gauges.urdf'
+from data_files import CLAMPED_FREE_CANADARM as FILE
+
 ENDS = {'link_1': 6, 'link_2': 7}  # m
 GYRO, ACCEL = 'gyro_noise="1e-4" gyro_bias="5e-3"', 'accel_noise="2e-3" accel_bias="0.05"'
 
