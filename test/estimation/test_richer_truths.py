@@ -17,6 +17,7 @@ from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.model.plant_description import PlantDescription
 
 Array = NDArray[np.float64]
+Law = Callable[[float], tuple[float, float, float]]
 NAME = 'canadarm'
 BENT = ('link_1/uy', 'link_1/rz', 'link_2/uy', 'link_2/rz')
 POSTURE = np.radians([10.0, 40.0, 30.0])
@@ -28,25 +29,29 @@ def divided(segments: int, modes: int = 0) -> dn.Robot:
     return robot.with_overrides(plant.overrides(robot.tree)) if plant else robot
 
 
-@cache
-def truth() -> Recording:
-    """The arm of eight segments a beam on the book's motion, its joints driven, 100 kg held."""
-    robot = divided(8)
-    robot.set_payload('tool', PAYLOAD)
+def driven(robot: dn.Robot) -> dict[str, Law]:
+    """The book's motion, joint by joint."""
     wanted = reference(NAME, 3)
 
-    def of(index: int) -> Callable[[float], tuple[float, float, float]]:
+    def of(index: int) -> Law:
         def law(t: float) -> tuple[float, float, float]:
             q, qd, qdd = wanted(t)
             return float(q[index]), float(qd[index]), float(qdd[index])
 
         return law
 
-    laws = {joint: of(k) for k, joint in enumerate(robot.joint_names)}
+    return {joint: of(k) for k, joint in enumerate(robot.joint_names)}
+
+
+@cache
+def truth() -> Recording:
+    """The arm of eight segments a beam on the book's motion, its joints driven, 100 kg held."""
+    robot = divided(8)
+    robot.set_payload('tool', PAYLOAD)
     times = np.arange(0.0, END, STEP)
     zero = np.zeros(robot.n)
     run = dn.simulate(
-        robot, zero, zero, times, prescribed=laws, rtol=1e-6, atol=1e-8, method='Radau'
+        robot, zero, zero, times, prescribed=driven(robot), rtol=1e-6, atol=1e-8, method='Radau'
     )
     strain = run.q @ sensor_rows(robot).T
     noise = 0.01 * np.abs(strain).max(axis=0)
@@ -101,13 +106,8 @@ def test_strain_in_motion_is_that_of_segments(modes: int, share: tuple[float, fl
     """Inertia along the beam bends it by a moment that is not linear: the second shape's work."""
     data, robot = truth(), divided(1, modes)
     robot.set_payload('tool', PAYLOAD)
-    wanted = reference(NAME, 3)
-    laws = {
-        joint: lambda t, k=k: tuple(part[k] for part in wanted(t))
-        for k, joint in enumerate(robot.joint_names)
-    }
     zero, times = np.zeros(robot.n), data.run.t[::20]
-    run = dn.simulate(robot, zero, zero, times, prescribed=laws, rtol=1e-6, atol=1e-8)
+    run = dn.simulate(robot, zero, zero, times, prescribed=driven(robot), rtol=1e-6, atol=1e-8)
     true = data.run.q[::20] @ sensor_rows(divided(8)).T
     found = np.abs(run.q @ sensor_rows(robot).T - true).max(axis=0) / np.abs(true).max(axis=0)
     assert found[:2].max() < share[0]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 
-from data_files import CLAMPED_FREE_CANADARM as FILE
+from data_files import CLAMPED_FREE_CANADARM
 
+FILE = CLAMPED_FREE_CANADARM
 ENDS = {'link_1': 6, 'link_2': 7}  # m
 GYRO, ACCEL = 'gyro_noise="1e-4" gyro_bias="5e-3"', 'accel_noise="2e-3" accel_bias="0.05"'
 
