@@ -12,6 +12,11 @@ from denoc_ros.types import Array
 
 RAMP = 0.5  # s in which feedback comes in
 FADE = 0.2  # s in which the last torque of a feedback goes that may no longer act
+# rad, m that the feedback of all deviations may push the joints from the plan against their own
+REACH = 0.03
+SLEW = 0.05  # s in which it may change by as much as it may be
+AT_LIMIT = 1.0  # s at that limit after which the estimate is in doubt
+PARDON = 2.0  # s until it is heard again
 ROUNDING = 1e-9  # of the largest torque: a change that no limit made
 LONGEST = 0.5  # s without a tick after which the estimate starts anew
 
@@ -114,7 +119,7 @@ class StateFeedback:
         past = schedule.gains[0].push.shape[1] - k
         self._way, self.integrals = np.zeros(past), np.zeros(k)
         self._most = schedule.settings.limit * schedule.limits
-        self._asked, self._torque, self._left = np.zeros((3, k))
+        self._asked, self._torque, self._left, self._governed_last = np.zeros((4, k))
         self._own, self._state = HandOver(k), HandOver(k)
         self._plan: Array | None = None  # torque of the plan at the last tick
         self._deviations = self.filter.deviations()
@@ -123,6 +128,7 @@ class StateFeedback:
         self.limited = 0
         self._last = -np.inf
         self._at = 0
+        self._at_limit, self._heard_from, self._governs = 0.0, -np.inf, False
 
     @property
     def share(self) -> float:
@@ -135,6 +141,13 @@ class StateFeedback:
         return self._own.share
 
     @property
+    def cause(self) -> str:
+        """Why no torque of the feedback of all deviations is in, '' if it is or soon will be."""
+        if self._last < self._heard_from:
+            return 'feedback was at its limit for long'
+        return self.filter.cause
+
+    @property
     def active(self) -> bool:
         """Whether there is a torque of the feedback of all deviations."""
         return self.share > 0.0
@@ -145,7 +158,9 @@ class StateFeedback:
         self._way[:] = self.integrals[:] = self._left[:] = 0.0
         self._own.reset()
         self._state.reset()
+        self._governed_last[:] = 0.0
         self._last = -np.inf
+        self._at_limit, self._heard_from = 0.0, -np.inf
 
     def adopt(self, other: StateFeedback) -> bool:
         """Go on from another one of the same coordinates; False if it has others."""
@@ -162,6 +177,8 @@ class StateFeedback:
             self.filter, self._way, self.integrals = other.filter, other._way, other.integrals
             self._left, self._own, self._state = other._left, other._own, other._state
             self._last, self.limited = other._last, other.limited
+            self._governed_last = other._governed_last
+            self._at_limit, self._heard_from = other._at_limit, other._heard_from
         return same
 
     def is_near(self, now: float, position: Array, reach: float) -> bool:
@@ -205,9 +222,15 @@ class StateFeedback:
         elapsed = 0.0 if self._last == -np.inf else min(now - self._last, RAMP)
         self._last = now
         after = min(before + 1, len(schedule.gains) - 1)
-        own = self._state_torque(before, after, share, time)
         np.copyto(self._torque, self._joint_torque(before, after, share, now, elapsed))
-        self._torque += self._state.take(own, elapsed)
+        asked, self._governs = self._state_torque(before, after, share, time), False
+        if asked is not None and now < self._heard_from:
+            self.integrals[:], asked = 0.0, None
+        if asked is not None:
+            asked = self._governed(asked, before, now, elapsed)
+        if asked is None:
+            self._governed_last[:] = 0.0
+        self._torque += self._state.take(asked, elapsed)
         np.copyto(self._asked, self._torque)
         np.minimum(self._asked, self._most, out=self._torque)
         np.maximum(self._torque, -self._most, out=self._torque)
@@ -236,6 +259,28 @@ class StateFeedback:
         if self.filter.errors is not None:
             torque -= self.filter.errors.torque(time)
         return np.asarray(np.negative(torque, out=torque))
+
+    def _governed(self, asked: Array, before: int, now: float, elapsed: float) -> Array | None:
+        """Return as much of a torque (joints,) as the joints' own feedback can stand against.
+
+        All of it gets smaller together, so that it is less of the same feedback. None when it has
+        been too large for long: then no deviation is that large, but something is wrong.
+        """
+        most = REACH * np.abs(self.schedule.gains[before].joints[:, : self._k]).sum(axis=1)
+        if not most.any():
+            return asked
+        share = _within(asked, most)
+        self._governs = share < 1.0
+        self._at_limit = self._at_limit + elapsed if share < 1.0 else 0.0
+        if self._at_limit > AT_LIMIT:
+            self._at_limit, self._heard_from = 0.0, now + PARDON
+            self.integrals[:] = 0.0
+            return None
+        asked *= share
+        change = asked - self._governed_last
+        asked = self._governed_last + _within(change, elapsed / SLEW * most) * change
+        self._governed_last[:] = asked
+        return asked
 
     def _catch_up(self, now: float, plan: Array | None) -> None:
         """Bring the estimate over the periods since the last tick that had none."""
@@ -266,12 +311,18 @@ class StateFeedback:
     def applied(self, change: Array) -> None:
         """Take what was added to the plan's torque after all limits (joints,) [N m, N]."""
         gains = self.schedule.gains[self._at]
-        if self.active and np.abs(change - self._asked).max() <= ROUNDING * self._most.max():
+        free = self.active and not self._governs
+        if free and np.abs(change - self._asked).max() <= ROUNDING * self._most.max():
             m = gains.virtual.shape[1]
             step = self.schedule.settings.period
             self.integrals += step * (gains.virtual @ self._deviations[:m])
         self._go_on(gains, change)
         self._left[:] = change
+
+
+def _within(torque: Array, most: Array) -> float:
+    """Return the share of a torque (joints,) that is within limits, at most 1."""
+    return float(min(1.0, np.min(most / np.maximum(np.abs(torque), most * 1e-12 + 1e-300))))
 
 
 def _between(before: Array, after: Array, share: float, out: Array) -> Array:

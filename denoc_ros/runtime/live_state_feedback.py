@@ -273,7 +273,7 @@ class LiveStateFeedback:
             self._note('no gains for this posture yet', False)
             return None
         torque = feedback.torque(now, plan)
-        self._note(feedback.filter.cause, feedback.active)
+        self._note(feedback.cause, feedback.active)
         return torque
 
     def wait(

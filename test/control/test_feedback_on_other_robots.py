@@ -1,0 +1,135 @@
+"""State feedback on robots with modes that it does not know: what it holds, how it hands over."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from feedback_runs import PERIOD, START, Array, Loop, canadarm, described, tip_exact
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from denoc_ros.control.closed_loop import closed_loop, joint_loop, slow_modes, slowest_mode
+from denoc_ros.control.deviation_model import DeviationModel, deviation_model
+from denoc_ros.control.feedback_settings import FeedbackSettings
+from denoc_ros.control.gain_schedule import GainSchedule, design
+from denoc_ros.control.joint_feedback import joint_gains, joint_inertia
+from denoc_ros.control.planned_states import state_at
+from denoc_ros.control.read_values import chosen_values, read_sensors
+from denoc_ros.control.residual_modes import with_residual_modes, without_armature
+from denoc_ros.control.state_feedback import FADE, RAMP, HandOver, StateFeedback
+from denoc_ros.dynamics.robot import Robot
+
+LIMITS = np.full(3, 5000.0)
+SETTINGS = FeedbackSettings(period=PERIOD, tip='tool', delay=1.5 * PERIOD)
+# beams that neither the design nor its proof has
+STRANGERS = ({'modes': 6}, {'shape': 'clamped-free', 'modes': 8}, {'segments': 16})
+
+
+def model(robot: Robot) -> DeviationModel:
+    """Return small deviations from rest at the start."""
+    values = chosen_values(robot.tree, read_sensors(robot.tree))
+    state = state_at(robot, robot.joint_names, START, 0.1 * LIMITS)
+    rows = [value.place for value in values]
+    return deviation_model(robot, robot.joint_names, rows, 'tool', state)
+
+
+@cache
+def posture() -> GainSchedule:
+    """Return the gains at the start, of the arm with rotors."""
+    arm = canadarm(source=described())
+    robot = with_residual_modes(arm, arm.joint_names)
+    state = state_at(robot, robot.joint_names, START, 0.1 * LIMITS)
+    return design(robot, robot.joint_names, LIMITS, np.zeros(1), [state], SETTINGS)
+
+
+def test_joint_inertia_is_that_of_the_rigid_arm() -> None:
+    arm = canadarm(source=described())
+    q = arm.static_deflection(START)
+    block = arm.inertia_matrix(q)[np.ix_(arm.joint_indices, arm.joint_indices)]
+    np.testing.assert_allclose(joint_inertia(model(arm)), block, rtol=1e-9)
+
+
+@pytest.mark.parametrize('beams', [{'modes': 4}, *STRANGERS])
+def test_damped_joints_take_energy_out_of_modes_that_nobody_knows(beams: dict[str, int]) -> None:
+    gains = joint_gains(model(canadarm(source=described())), SETTINGS.joint_bandwidth)
+    for stiffness, load in ((1.0, 1.0), (0.8, 1.2), (1.2, 0.8)):
+        truth = slow_modes(model(canadarm(stiffness, load, described(**beams))))  # type: ignore[arg-type]
+        modulus, _ = slowest_mode(joint_loop(truth, gains, SETTINGS), PERIOD)
+        assert modulus <= 1.0 + 1e-9
+
+
+def test_without_rotors_the_smallest_feedback_of_a_joints_rate_is_unstable() -> None:
+    bare = canadarm(source=described(rotors=False))
+    assert without_armature(bare, bare.joint_names) == ['joint_1', 'joint_2', 'joint_3']
+    assert with_residual_modes(bare, bare.joint_names) is bare
+    truth = model(canadarm(source=described(modes=8, rotors=False)))
+    gains = joint_gains(model(bare), 0.05)
+    modulus, hertz = slowest_mode(joint_loop(truth, gains, SETTINGS), PERIOD)
+    assert modulus > 1.001
+    assert hertz > 20.0
+
+
+@pytest.mark.parametrize('beams', STRANGERS)
+def test_feedback_is_stable_on_beams_that_its_proof_has_not_tried(beams: dict[str, int]) -> None:
+    schedule = posture()
+    assert 0.0 < schedule.settings.joint_bandwidth <= SETTINGS.joint_bandwidth
+    for stiffness, load in ((1.0, 1.0), (0.8, 1.2), (1.2, 0.8)):
+        truth = slow_modes(model(canadarm(stiffness, load, described(**beams))))  # type: ignore[arg-type]
+        for share in (0.5, 1.0):
+            step = closed_loop(truth, schedule.gains[0], schedule.settings, share)
+            assert slowest_mode(step, PERIOD)[0] < 1.0
+
+
+@given(st.lists(st.tuples(st.booleans(), st.floats(-1.0, 1.0)), min_size=1, max_size=200))
+@settings(max_examples=100, deadline=None)
+def test_torque_that_comes_and_goes_never_jumps(calls: list[tuple[bool, float]]) -> None:
+    hand_over, before, asked = HandOver(1), 0.0, 0.0
+    for is_in, step in calls:
+        change = step if is_in else 0.0
+        asked = float(np.clip(asked + 0.01 * change, -1.0, 1.0))
+        torque = float(hand_over.take(np.array([asked]) if is_in else None, PERIOD)[0])
+        # what fades is at most what was there, the new share and the rest of an older one
+        assert abs(torque - before) <= 0.01 + PERIOD * (1.0 / RAMP + 3.0 / FADE)
+        before = torque
+
+
+def at_rest_with(readings: Array) -> tuple[Array, Array]:
+    """Return the torques (k, joints) and shares (k,) of feedback at rest, the first gauge off."""
+    arm, schedule = canadarm(source=described()), posture()
+    feedback = StateFeedback(arm, schedule)
+    q = arm.static_deflection(START)
+    still = arm.sensor_values(q, np.zeros(arm.n))
+    torques, shares = np.zeros((len(readings), 3)), np.zeros(len(readings))
+    for k, reading in enumerate(readings):
+        now = k * PERIOD
+        feedback.follow(now, q, np.zeros(arm.n))
+        feedback.filter.take_joints(now, q[arm.joint_indices], np.zeros(3))
+        for place, value in enumerate(still):
+            feedback.filter.take_sensor(place, now, value + (reading if place == 0 else 0.0))
+        torques[k], shares[k] = feedback.torque(now), feedback.share
+        feedback.applied(torques[k])
+    return torques, shares
+
+
+@pytest.mark.parametrize('size', [1e-4, 1e-3, 1e-2])
+def test_gauge_that_jumps_moves_the_torque_slowly_and_within_the_joints_reach(size: float) -> None:
+    readings = np.zeros(3000)
+    readings[1000:2000] = size
+    torques, shares = at_rest_with(readings)
+    assert shares[999] == 1.0
+    assert np.abs(torques[:999]).max() == 0.0
+    most = 0.03 * np.abs(posture().gains[0].joints[:, :3]).sum(axis=1)
+    # the feedback's own limit of change, and twice that of handing over
+    assert (np.abs(np.diff(torques, axis=0)) <= most * PERIOD * (20 + 2 * 5 + 2) + 1e-9).all()
+    assert (np.abs(torques) <= most + 1e-9).all()
+
+
+@pytest.mark.parametrize('beams', [{'modes': 4}, {'segments': 8}], ids=['4 modes', '8 segments'])
+def test_right_numbers_with_other_modes_keep_the_tip(beams: dict[str, int]) -> None:
+    planned = tip_exact(4.0, 0.3, described())
+    truth = canadarm(source=described(**beams))  # type: ignore[arg-type]
+    run = Loop(planned, truth, StateFeedback(planned.robot, planned.schedule())).run(7.0)
+    assert run.rms < 0.005
+    assert (run.share[1000:] == 1.0).all()
