@@ -15,8 +15,8 @@ FADE = 0.2  # s in which the last torque of a feedback goes that may no longer a
 # rad, m that the feedback of all deviations may push the joints from the plan against their own
 REACH = 0.03
 SLEW = 0.05  # s in which it may change by as much as it may be
-AT_LIMIT = 1.0  # s at that limit after which the estimate is in doubt
-PARDON = 2.0  # s until it is heard again
+AT_LIMIT = 3.0  # s at that limit after which the estimate is in doubt
+PARDON = 5.0  # s until it is heard again
 ROUNDING = 1e-9  # of the largest torque: a change that no limit made
 LONGEST = 0.5  # s without a tick after which the estimate starts anew
 

