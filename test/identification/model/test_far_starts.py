@@ -1,0 +1,55 @@
+"""Searches that begin far outside of the stated 40 %: found rightly, or not called found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from identification_runs import recorded, sweeping
+from truth_robots import truth_case
+from truth_runs import truth_run
+
+import denoc_ros as dn
+from denoc_ros.identification.model.fit import IdentifiedModel
+
+ROBOT = Path(__file__).resolve().parents[3] / 'config' / 'robots' / 'canadarm_gauges.urdf'
+
+
+def require_law(found: IdentifiedModel, truth: dict[str, float]) -> None:
+    """What is found is within 5 % and has an interval that ends."""
+    for path, value in truth.items():
+        if found.verdict[path] == 'found':
+            assert np.isfinite(found.interval[path]).all()
+            assert abs(found.values[path] / value - 1.0) <= 0.05
+
+
+@pytest.mark.parametrize('factor', [0.1, 5.2])
+def test_rigidities_of_another_size_are_found(factor: float) -> None:
+    """With 5.2 times the rigidity it was found 24 % too low, without an interval."""
+    arm = dn.load_robot(ROBOT, gravity=(0, 0, 0))
+    truth = {'beam.link_1.y.ei': factor * 1e5, 'beam.link_2.y.ei': factor * 2e5}
+    run = recorded(arm.with_overrides(truth), sweeping(3, 1), 4.0)
+    found = dn.identify_model(arm, run, list(truth))
+    require_law(found, truth)
+    for path, value in truth.items():  # 0.0 %
+        assert found.verdict[path] == 'found'
+        assert found.values[path] == pytest.approx(value, rel=0.01)
+
+
+def test_what_a_stiff_link_hardly_shows_is_not_called_found() -> None:
+    case = truth_case(8, joints=2, trap='none')
+    theta = case.theta.copy()
+    for k, number in enumerate(case.parameters.numbers):
+        if number.path.endswith('.ei'):
+            theta[k] = np.log(5.2)
+    case = replace(case, theta=theta)
+    values = case.parameters.values(theta)
+    truth = {
+        path: value
+        for path, value in zip(case.parameters.paths, values, strict=True)
+        if path.endswith('.ei')
+    }
+    found = dn.identify_model(case.robot, truth_run(case, 3.0).recording, case.free)
+    require_law(found, truth)  # 4.3 % too low, doubtful, -23 to 18 %
