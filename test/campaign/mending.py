@@ -152,9 +152,9 @@ class Mending:
                 self._trigger(node, 'reload_model')
             if node == 'recorder':
                 self._trigger(node, 'start')
-            if node == 'feedforward':
-                request = SetBool.Request(data=True)
-                stage.ask_again('/feedforward/enable', 'std_srvs/srv/SetBool', request)
+        if node == 'feedforward' and does & {'requests', 'description', 'brake'}:
+            request = SetBool.Request(data=True)
+            stage.ask_again('/feedforward/enable', 'std_srvs/srv/SetBool', request)
 
     def _trigger(self, node: str, name: str) -> Any:
         return self.stage.ask_again(f'/{node}/{name}', TRIGGER, Trigger.Request())
