@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,6 +29,7 @@ SEEN = 3.5  # time constants that a mode is seen for: 0.1 % of its energy is lef
 NEAR = 2.0  # over the time that both of two modes are seen for [Hz]: maybe they are one
 DRIFT_LEAVES = 0.02  # of a group's energy
 AS_LONG = 3.0  # times the time constant of what is no free decay
+COMPARABLE = 0.05  # of the larger amplitude: a smaller one is no part of one mode
 SMALLEST = 0.01  # of the largest: what a coloured residual lets pass for a mode
 
 
@@ -89,7 +91,8 @@ def components(t: Array, fit: Damped, span: float) -> tuple[list[Component], tup
         replace(
             _component(t, fit, group, span),
             origin=origins.get(group[0], ''),
-            overlap=overlapping(fit.poles, size, group[0]) if len(group) == 1 else '',
+            overlap=(overlapping(fit.poles, size, group[0]) if len(group) == 1 else '')
+            or _not_told_apart(fit, group, kept),
         )
         for group in _groups(t, fit, kept, span)
     ]
@@ -122,6 +125,8 @@ def _groups(t: Array, fit: Damped, kept: list[int], span: float) -> list[list[in
 
     Those that one over the duration does not tell apart are one; those that are hardly farther
     apart than the time they are seen for tells are one where one drifting mode explains them too.
+    Where their widths overlap, no beat is seen before they have decayed, and only the shape of the
+    envelope tells two steady modes from one that depends on its amplitude.
     """
     groups: list[list[int]] = []
     for k in kept:
@@ -134,9 +139,45 @@ def _groups(t: Array, fit: Damped, kept: list[int], span: float) -> list[list[in
         whole = sorted(k for group in chain for k in group)
         if len(chain) > 1 and _one_drifts(t, fit, whole, span):
             merged.append(whole)
-        else:
-            merged += chain
+            continue
+        for close in _overlapping_groups(fit, chain):
+            one = sorted(k for group in close for k in group)
+            if len(close) > 1 and _one_drifts(t, fit, one, span):
+                merged.append(one)
+            else:
+                merged += close
     return merged
+
+
+def _overlap(fit: Damped, i: int, j: int) -> bool:
+    """Say whether the widths of two cosines of comparable size overlap."""
+    near = abs(fit.poles[i, 1] - fit.poles[j, 1]) < abs(fit.poles[i, 0]) + abs(fit.poles[j, 0])
+    sizes = np.abs(fit.complex_amplitudes[[i, j]])
+    return bool(near and sizes.min() > COMPARABLE * sizes.max())
+
+
+def _overlapping_groups(fit: Damped, chain: list[list[int]]) -> list[list[list[int]]]:
+    """Put the neighbours of a chain together whose widths overlap."""
+    found: list[list[list[int]]] = []
+    for group in chain:
+        if found and any(_overlap(fit, i, j) for i in found[-1][-1] for j in group):
+            found[-1].append(group)
+        else:
+            found.append([group])
+    return found
+
+
+def _not_told_apart(fit: Damped, group: list[int], kept: list[int]) -> str:
+    """Return which other cosine's width one's overlaps with; '' where there is none."""
+    own = group[int(np.argmax(np.abs(fit.complex_amplitudes[group])))]
+    others = [k for k in kept if k not in group and _overlap(fit, own, k)]
+    if not others:
+        return ''
+    nearest = min(others, key=lambda k: abs(float(fit.poles[k, 1] - fit.poles[own, 1])))
+    return (
+        f'overlaps with {float(np.hypot(*fit.poles[nearest])) / (2.0 * np.pi):.4g} Hz, and both '
+        'decay before they beat: maybe one mode that depends on its amplitude'
+    )
 
 
 def _apart(fit: Damped, i: int, j: int) -> float:
@@ -168,7 +209,8 @@ def _own(t: Array, fit: Damped, group: list[int], span: float) -> Array:
 def _one_drifts(t: Array, fit: Damped, group: list[int], span: float) -> bool:
     """Say whether one drifting mode explains a group as well as its steady modes.
 
-    By BIC; beside a coloured residual, which no number of modes explains, by what it leaves.
+    By BIC; by what it leaves, where the residual is coloured, which no number of modes explains,
+    or the widths of all overlap, so that the tail of the one is the head of the other.
     """
     own = _own(t, fit, group, span)
     index = group[int(np.argmax(np.abs(fit.complex_amplitudes[group])))]
@@ -179,7 +221,9 @@ def _one_drifts(t: Array, fit: Damped, group: list[int], span: float) -> bool:
     if any(count * np.log(rss) + n * np.log(count) < steady for n, rss in drifts):
         return True
     left = min(rss for _, rss in drifts) - fit.rss
-    return coloured(fit.residual) and left < DRIFT_LEAVES * float(own @ own)
+    order = sorted(group, key=lambda k: float(fit.poles[k, 1]))
+    overlap = all(_overlap(fit, i, j) for i, j in pairwise(order))
+    return (overlap or coloured(fit.residual)) and left < DRIFT_LEAVES * float(own @ own)
 
 
 def _component(t: Array, fit: Damped, group: list[int], span: float) -> Component:

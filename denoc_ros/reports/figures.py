@@ -47,6 +47,8 @@ POINTS = 72.0  # per inch
 PAD = 3.0  # points around all that a panel shows
 MARGINS = (46.0, 33.0, 6.0, 4.0)  # points left, below, right and above the axes, about
 LAST_PERIOD = 2.0  # nominal periods a histogram shows
+OVERFLOW_ROOM = 0.12  # of those, for the bar of all that are longer
+OVERFLOW = 'overflow'  # class of that bar
 SMALLEST = 1e-6  # prefix on an axis
 MOST_FITS = 3
 CLOSE = 0.8  # decades: a shorter logarithmic axis has marks of every digit
@@ -208,7 +210,7 @@ def _draw_lines(axis: Axes, panel: Panel) -> str:
 
 
 def _draw_histogram(axis: Axes, loop: LoopMeasure) -> str:
-    """Draw the bars up to LAST_PERIOD nominal periods; what is beyond is said in words."""
+    """Draw the bars up to LAST_PERIOD nominal periods, and one for all that are longer."""
     edges = loop.edges * loop.nominal * 1e3
     shown = int(np.searchsorted(loop.edges, LAST_PERIOD, side='right')) - 1
     counts = loop.counts[:shown]
@@ -216,12 +218,22 @@ def _draw_histogram(axis: Axes, loop: LoopMeasure) -> str:
     axis.stairs(counts, edges[: shown + 1], fill=True, color=_stand_in(BAR_COLOUR))
     axis.axvline(1e3 * loop.nominal, color=_stand_in(PHASE_COLOURS[0]), lw=0.9)
     axis.set_yscale('log')
+    axis.set_ylim(0.7, 3.0 * max(float(counts.max(initial=1.0)), float(beyond), 1.0))
     _label_powers(axis.yaxis)
-    axis.set_ylim(bottom=0.7)
-    axis.set_xlim(0.0, LAST_PERIOD * loop.nominal * 1e3)
+    last = LAST_PERIOD * loop.nominal * 1e3
+    axis.set_xlim(0.0, last * (1.0 + OVERFLOW_ROOM))
     label = 'period [ms]'
     if beyond:
-        label += f'   (longer: {beyond}, max {1e3 * loop.longest:.3g} ms)'
+        middle = last * (1.0 + 0.5 * OVERFLOW_ROOM)
+        (bar,) = axis.bar(
+            middle, beyond, 0.6 * OVERFLOW_ROOM * last, color=_stand_in(PHASE_COLOURS[4])
+        )
+        bar.set_gid(OVERFLOW)
+        axis.annotate(
+            f'{beyond} longer', (middle, beyond), (0.0, 3.0), textcoords='offset points',
+            ha='right', fontsize=9, color=_stand_in(TRUTH_COLOUR),
+        )  # fmt: skip
+        label += f'   (the last bar: longer, max {1e3 * loop.longest:.3g} ms)'
     axis.set_xlabel(label)
     axis.set_ylabel('ticks [1]')
     _tidy(axis)
@@ -311,7 +323,8 @@ def _svg(draw: Callable[[Axes], str], width: float, height: float) -> Markup:
     svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r'(\.\d{2})\d+', r'\1', path[0]), svg)
     for colour in COLOURS:
         svg = svg.replace(_stand_in(colour), f'var(--{colour})')
-    svg = svg.replace(f'id="{AXIS_LABEL}"', f'class="{AXIS_LABEL}"')
+    for name in (AXIS_LABEL, OVERFLOW):
+        svg = svg.replace(f'id="{name}"', f'class="{name}"')
     # what nothing refers to need not have a name, which would not be the only one on the page
     svg = re.sub(r' id="[A-Za-z0-9.]+_\d+"', '', svg)
     described = f'role="img" aria-label="{escape(label)}"'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
@@ -17,6 +18,11 @@ if TYPE_CHECKING:
 Tone = Literal['good', 'doubtful', 'bad']
 
 UNKNOWN = '–'
+# a number, and the unit behind it; the exponents and prefixes of this page's texts
+QUANTITY = re.compile(
+    r'[-+−±]?\d[\d.,]*(?:e[-+]?\d+)? (?:[pnuµmkMG]?(?:rad|m|s|Hz|N|g|J|W|V|A|strain)\b'
+    r'(?:[·/*² ]*(?:m|s|rad|kg|Hz)\b[²^2]*)*|kg\b|°|%|dB\b|min\b|deg\b|MB\b|kB\b)'
+)
 
 
 @dataclass(frozen=True)
@@ -37,7 +43,7 @@ class PageSection:
     text: str
     figures: Sequence[Figure] = ()
     tables: Sequence[PageTable] = ()
-    picture: Markup | None = None  # an `<img>` element, whole by itself
+    picture: Markup | None = None  # `<img>` elements, whole by themselves
 
 
 @dataclass(frozen=True)
@@ -92,7 +98,15 @@ class ReportPage:
             trim_blocks=True,
             lstrip_blocks=True,
         )
+        environment.filters['quantities'] = quantities
         return str(environment.get_template('page.html.j2').render(page=self))
+
+
+def quantities(text: str) -> Markup:
+    """Return a text, escaped, whose numbers stay on one line with their units."""
+    from markupsafe import Markup, escape
+
+    return Markup(QUANTITY.sub(r'<span class="quantity">\g<0></span>', str(escape(text))))
 
 
 def engineering(value: float, unit: str) -> str:

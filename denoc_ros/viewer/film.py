@@ -221,12 +221,35 @@ def strip_image(
     ConfigError
         When count is not 1 .. 24.
     """
+    look = look or Look()
+    times, staging = _staged_moments(run, robot, look, count)
+    pixels = strip(run, staging, look.title or robot.tree.name, look.size, times)
+    return _few_colours(pixels)
+
+
+def moment_images(
+    run: RecordedRun, robot: Robot, look: Look | None = None, count: int = 6
+) -> list[Image.Image]:
+    """Return a picture of each of some instants, from one view: see :func:`strip_image`."""
+    look = look or Look()
+    times, staging = _staged_moments(run, robot, look, count)
+    title = look.title or robot.tree.name
+    return [
+        _few_colours(strip(run, staging, title, look.size, times[k : k + 1]))
+        for k in range(len(times))
+    ]
+
+
+def _staged_moments(
+    run: RecordedRun, robot: Robot, look: Look, count: int
+) -> tuple[Array, SceneSetup]:
     if not 1 <= count <= 24:
         raise ConfigError('strip', [f'the number of moments must be 1 to 24, got {count}'])
-    look = look or Look()
     times = run.moments(count)
-    staging = SceneSetup(robot, run.at(times), look.scale, look.view, look.folder)
-    pixels = strip(run, staging, look.title or robot.tree.name, look.size, times)
+    return times, SceneSetup(robot, run.at(times), look.scale, look.view, look.folder)
+
+
+def _few_colours(pixels: Pixels) -> Image.Image:
     return Image.fromarray(pixels).quantize(256, dither=Image.Dither.NONE)
 
 

@@ -1,4 +1,4 @@
-"""`denoc identify modal` on records as strangers make them: what is called good, and is not.
+"""`denoc identify modal` on files as strangers make them: what is called good, and is not.
 
 Run with `make strangers`, or `PYTHONPATH=test:test/support python -m bench.identify_strangers`.
 """
@@ -8,13 +8,18 @@ from __future__ import annotations
 import argparse
 import time
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+from strange_files import strange_file
 from strange_records import StrangeRecord, strange_record
 
-from denoc_ros.errors import IdentificationError
+from denoc_ros.errors import BagError, IdentificationError
 from denoc_ros.identification.analysis import analyse_decay
+from denoc_ros.identification.channel import read_record
 from denoc_ros.identification.modes import GOOD, strongest
 from denoc_ros.identification.records import Record
 
@@ -34,9 +39,20 @@ class Judged:
 def judged(seed: int) -> Judged:
     """Return what is said of the record of a seed."""
     made = strange_record(seed)
+    return _judged(made, lambda: Record(made.t, made.y, made.shape))
+
+
+def judged_file(seed: int, folder: Path) -> Judged:
+    """Return what is said of the file of a seed, written into a folder."""
+    written = strange_file(seed, folder)
+    made = replace(written.record, shape=f'{written.record.shape} | {written.shape}')
+    return _judged(made, lambda: read_record(written.path, written.channel).record)
+
+
+def _judged(made: StrangeRecord, read: Callable[[], Record]) -> Judged:
     try:
-        found = analyse_decay(Record(made.t, made.y, made.shape), given=made.is_clean).modes
-    except IdentificationError as error:
+        found = analyse_decay(read(), given=made.is_clean).modes
+    except (IdentificationError, BagError) as error:
         return Judged(made, 'refused', False, str(error))
     if not len(found.frequency):
         return Judged(made, 'refused', False, '; '.join(found.remarks))
@@ -59,26 +75,24 @@ def main() -> int:
     parser.add_argument('--first', type=int, default=0, help='the first seed')
     args = parser.parse_args()
     began, words, false = time.process_time(), Counter[tuple[str, str]](), []
-    for seed in range(args.first, args.first + args.count):
-        one = judged(seed)
-        words[one.record.shape, one.verdict] += 1
-        if one.is_false_good or (one.record.is_clean and one.verdict != GOOD):
-            print(f'{seed}: {one.record.shape}: {one.verdict}: {one.said}', flush=True)
-        false += [seed] if one.is_false_good else []
+    kinds, whole, good = set(), 0, 0
+    with TemporaryDirectory() as folder:
+        for seed in range(args.first, args.first + args.count):
+            one = judged_file(seed, Path(folder))
+            kinds.add(one.record.shape)
+            words[one.record.shape.partition(' | ')[0], one.verdict] += 1
+            whole += one.record.is_clean
+            good += one.record.is_clean and one.verdict == GOOD
+            if one.is_false_good or (one.record.is_clean and one.verdict != GOOD):
+                print(f'{seed}: {one.record.shape}: {one.verdict}: {one.said}', flush=True)
+            false += [seed] if one.is_false_good else []
     for (shape, verdict), count in sorted(words.items()):
         print(f'{shape:18} {verdict:17} {count}')
-    clean = {shape for shape, _ in words} & {
-        'free decay', 'drift', 'coarse', 'clipped', 'two modes', 'lossy',
-    }  # fmt: skip
-    whole = sum(count for (shape, _), count in words.items() if shape in clean)
-    good = sum(
-        count for (shape, verdict), count in words.items() if shape in clean and verdict == GOOD
-    )
     print(
-        f'{args.count} records in {time.process_time() - began:.0f} s: {len(false)} false good, '
-        f'{whole - good} of {whole} clean decays not good'
+        f'{args.count} files of {len(kinds)} kinds in {time.process_time() - began:.0f} s: '
+        f'{len(false)} false good, {whole - good} of {whole} clean decays not good'
     )
-    return int(bool(false) or whole - good > MOST_REFUSED * whole)
+    return int(bool(false) or whole - good >= MOST_REFUSED * whole)
 
 
 if __name__ == '__main__':

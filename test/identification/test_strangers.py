@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from bench.identify_strangers import judged
-from strange_records import CLEAN, STRANGE
+from bench.identify_strangers import judged, judged_file
+from strange_files import PHYSICS, SHAPES
+from strange_records import CLEAN, STRANGE, Ring
 
 from denoc_ros.identification.analysis import analyse_decay
 from denoc_ros.identification.fit import identify_modes
@@ -53,3 +56,35 @@ def test_a_window_that_is_looked_for_ends_before_the_next_step() -> None:
     assert found.record.t[-1] < second
     np.testing.assert_allclose(found.modes.frequency[0], 1.776, rtol=2e-3)
     np.testing.assert_allclose(found.modes.damping_ratio[0], zeta, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ('ring', 'cycles'),
+    [
+        (Ring(5.29, 0.0055, 0.0, 0.0124, 0.041), 113),
+        (Ring(7.66, 0.0074, 0.0, 0.0, 0.117), 105),
+    ],
+)
+def test_one_mode_that_depends_on_its_amplitude_is_not_split(ring: Ring, cycles: int) -> None:
+    """They were two (5.30 and 5.37 Hz) and three (7.69, 7.75 and 7.92 Hz)."""
+    t = np.arange(20 * cycles) / (20.0 * ring.frequency)
+    noise = 3e-3 * np.random.default_rng(cycles).standard_normal(t.size)
+    found = identify_modes(t, ring.values(t) + noise)
+    near = np.flatnonzero(np.abs(found.frequency / ring.frequency - 1.0) < 0.08)
+    strong = [k for k in near if found.amplitude[k] > 0.03]
+    assert len(strong) == 1, found.frequency[near]
+    assert found.verdict[strong[0]] != GOOD
+    assert any('amplitude dependent' in reason for reason in found.reasons[strong[0]])
+
+
+# every physics and every shape of a file, and pairs that were refused or wrong
+@pytest.mark.parametrize('seed', range(0, 551, 23))
+def test_files_of_strangers_are_good_only_where_it_is_true(seed: int, tmp_path: Path) -> None:
+    one = judged_file(seed, tmp_path)
+    assert not one.is_false_good, one.said
+    assert one.verdict != 'refused' or not one.record.is_clean, one.said
+
+
+def test_a_campaign_has_forty_kinds_and_more() -> None:
+    pairs = {(seed % len(PHYSICS), seed % len(SHAPES)) for seed in range(500)}
+    assert len(pairs) > 40 + KINDS

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from browser import chromium
+from markupsafe import Markup
 from page_look import VISIBLE, contrast
 from playwright.sync_api import Browser
 from playwright.sync_api import Page as Tab
 
-from denoc_ros.reports.figures import PHASE_COLOURS, Curve, Panel, line_figure
+from denoc_ros.reports.figures import (
+    PHASE_COLOURS,
+    Curve,
+    Panel,
+    histogram_figure,
+    line_figure,
+)
+from denoc_ros.reports.loop_timing import LoopMeasure
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict
 
-WIDTHS = (360, 420, 768, 1200)  # pixels: phones, a tablet, a desk
+WIDTHS = (360, 390, 420, 768, 1280)  # pixels: phones, a tablet, a desk
 LEGIBLE = 8.0  # pixels of type
 LONG = 'a_name_without_any_place_to_break_it_as_topics_have_them/and_some_more'
 
@@ -22,8 +31,23 @@ LONG = 'a_name_without_any_place_to_break_it_as_topics_have_them/and_some_more'
 OUTSIDE = """() => [...document.querySelectorAll('main *')].filter(e => !e.closest('svg, .scroll'))
   .filter(e => e.getBoundingClientRect().right > document.documentElement.clientWidth + 1)
   .map(e => e.tagName + ' ' + e.textContent.slice(0, 40))"""
-SCROLLED = """() => [...document.querySelectorAll('.scroll')]
-  .filter(e => e.scrollWidth > e.clientWidth + 1).length"""
+# the page itself must not be pushed aside, nor anything on it but a table in its own box
+PUSHED = """() => [...document.querySelectorAll('html, body, section, .pictures, .panels, .cards')]
+  .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.tagName + ' ' + e.className)"""
+# numbers that stand on another line than their units, and tables that are none any more
+PARTED = """() => [...document.querySelectorAll('.quantity')]
+  .filter(e => e.getClientRects().length !== 1).map(e => e.textContent)"""
+TABLES = """() => [...document.querySelectorAll('table')].every(table =>
+  getComputedStyle(table).display === 'table' && [...table.rows].every(row =>
+    new Set([...row.cells].map(c => Math.round(c.getBoundingClientRect().top))).size === 1))"""
+# of each table, how far the first column leaves its box when the rest is pushed aside
+FIRST = """() => [...document.querySelectorAll('.scroll')].map(box => {
+  box.scrollLeft = 1e4;
+  const cell = box.querySelector('tbody th').getBoundingClientRect();
+  const left = box.getBoundingClientRect().left;
+  box.scrollLeft = 0;
+  return cell.left - left;
+})"""
 OVERLAPS = """() => [...document.querySelectorAll('figure svg')].flatMap(svg => {
   const boxes = [...svg.querySelectorAll('text')]
     .map(t => [t.textContent, t.getBoundingClientRect()]);
@@ -51,13 +75,33 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     ]
     head = ('name', *(f'column {k}' for k in range(8)))
     table = PageTable(head, [[LONG, *('123.4 mrad' for _ in head[1:])]])
+    small = PageTable(
+        ('joint', 'torque', 'share'), [['j1', '12.5 N m', '−3.4 %'], [LONG, '1 s', '']]
+    )
+    png = base64.b64encode(b'\x89PNG\r\n\x1a\n').decode()
+    pictures = Markup('').join(
+        Markup(
+            '<img alt="moment" width="460" height="360" src="data:image/png;base64,{}">'
+        ).format(png)
+        for _ in range(6)
+    )
+    loops = [
+        LoopMeasure(
+            'plant', 1e-3, 1e-3, 1.2e-3, 9e-3, np.arange(0.0, 3.1, 0.1),
+            np.concatenate([np.full(20, 40.0), np.zeros(10), [beyond]]), 1240, 40, 0,
+        )
+        for beyond in (0.0, 40.0)
+    ]  # fmt: skip
     made = ReportPage(
         f'A page of {LONG}',
         LONG,
         Verdict(f'It comes down to {LONG}.', 'doubtful'),
         [Card(LONG, '15.1 mrad → 4.2 mrad', LONG)] * 5,
         [
-            PageSection('Many panels', LONG, [line_figure(panels)], [table]),
+            PageSection(
+                'Many panels', f'{LONG} of 12.3 mm', [line_figure(panels)], [table, small]
+            ),
+            PageSection('Loops', '', [histogram_figure(loops)], picture=pictures),
             PageSection(
                 'One', '', [line_figure(panels[:1])], [PageTable(('', ''), [['key', LONG]])]
             ),
@@ -90,11 +134,33 @@ def test_nothing_is_cut_at_any_width(browser: Browser, page: str) -> None:
         assert tab.evaluate(OUTSIDE) == [], width
         assert tab.evaluate(OVERLAPS) == [], width
         assert tab.evaluate(SMALLEST) >= LEGIBLE, width
-    # a table of nine columns may be pushed aside on a tablet, on a phone it is a list
-    tab.set_viewport_size({'width': WIDTHS[0], 'height': 800})
-    assert tab.evaluate(SCROLLED) == 0
+        assert tab.evaluate(PUSHED) == [], width
+        assert tab.evaluate(PARTED) == [], width
+        assert tab.evaluate(TABLES), width
     # neither errors nor anything fetched
     assert said == []
+
+
+def test_a_wide_table_keeps_its_first_column_in_sight(browser: Browser, page: str) -> None:
+    """On a phone tables fell into lists, and a row was no longer comparable with the next."""
+    tab = browser.new_page(viewport={'width': 390, 'height': 800})
+    tab.goto(page)
+    assert np.all(np.abs(tab.evaluate(FIRST)) <= 1.0)
+    assert tab.locator('.quantity').count() > 10
+
+
+def test_what_a_histogram_does_not_show_has_a_bar(browser: Browser, page: str) -> None:
+    """Its overflow stood in the axis' label only."""
+    for width in (390, 1280):
+        tab = browser.new_page(viewport={'width': width, 'height': 800})
+        tab.goto(page)
+        bars = tab.locator('figure .overflow path')
+        assert bars.count() == 1
+        box = bars.first.bounding_box()
+        assert box is not None
+        assert box['width'] > 4.0
+        assert box['height'] > 10.0
+        assert 'longer' in tab.locator('figure:has(.overflow) svg').inner_html()
 
 
 @pytest.mark.parametrize('system', ['light', 'dark'])

@@ -56,7 +56,7 @@ class StrangeRecord:
 
 
 @dataclass(frozen=True)
-class _Ring:
+class Ring:
     """A free decay by its physics: stiffness and damping may depend on the amplitude."""
 
     frequency: float
@@ -94,81 +94,81 @@ class _Ring:
         return float(zetas.min()), float(zetas.max())
 
 
-def _grid(draw: Draw, frequency: float, cycles: float) -> Array:
+def time_grid(draw: Draw, frequency: float, cycles: float) -> Array:
     rate = frequency * draw.uniform(12.0, 60.0)
     return np.arange(int(min(max(cycles / frequency * rate, 200.0), 6000.0))) / rate
 
 
-def _steady(draw: Draw) -> tuple[_Ring, Array]:
+def steady_ring(draw: Draw) -> tuple[Ring, Array]:
     frequency = float(np.exp(draw.uniform(np.log(0.5), np.log(60.0))))
     zeta = float(np.exp(draw.uniform(np.log(0.002), np.log(0.05))))
     folds = draw.uniform(1.0, 4.0)
-    return _Ring(frequency, zeta), _grid(draw, frequency, folds / (2.0 * np.pi * zeta))
+    return Ring(frequency, zeta), time_grid(draw, frequency, folds / (2.0 * np.pi * zeta))
 
 
-def _clean(shape: str, ring: _Ring, t: Array, y: Array) -> StrangeRecord:
+def clean_decay(shape: str, ring: Ring, t: Array, y: Array) -> StrangeRecord:
     return StrangeRecord(shape, t, y, True, ring.frequency, ring.zeta, ring.zeta, ring.zeta)
 
 
-def _noise(draw: Draw, y: Array, snr_db: float) -> Array:
+def noise_of(draw: Draw, y: Array, snr_db: float) -> Array:
     return np.asarray(np.abs(y).max() * 10.0 ** (-snr_db / 20.0) * draw.standard_normal(y.size))
 
 
 def free_decay(draw: Draw) -> StrangeRecord:
     """Return a plain decay."""
-    ring, t = _steady(draw)
+    ring, t = steady_ring(draw)
     y = ring.values(t)
-    return _clean('free decay', ring, t, y + _noise(draw, y, draw.uniform(35.0, 60.0)))
+    return clean_decay('free decay', ring, t, y + noise_of(draw, y, draw.uniform(35.0, 60.0)))
 
 
 def with_drift(draw: Draw) -> StrangeRecord:
     """Return a decay on an offset that drifts."""
-    ring, t = _steady(draw)
+    ring, t = steady_ring(draw)
     y = ring.values(t)
     base = draw.uniform(-3.0, 3.0) + draw.uniform(-0.2, 0.2) * t / t[-1]
-    return _clean('drift', ring, t, y + base + _noise(draw, y, draw.uniform(35.0, 60.0)))
+    return clean_decay('drift', ring, t, y + base + noise_of(draw, y, draw.uniform(35.0, 60.0)))
 
 
 def coarse(draw: Draw) -> StrangeRecord:
     """Return a decay of a sensor with few levels."""
-    ring, t = _steady(draw)
+    ring, t = steady_ring(draw)
     y = ring.values(t)
-    y = y + _noise(draw, y, draw.uniform(40.0, 50.0))
+    y = y + noise_of(draw, y, draw.uniform(40.0, 50.0))
     level = draw.uniform(0.002, 0.006)
-    return _clean('coarse', ring, t, level * np.round(y / level))
+    return clean_decay('coarse', ring, t, level * np.round(y / level))
 
 
 def clipped(draw: Draw) -> StrangeRecord:
     """Return a decay whose release is beyond the sensor's range."""
-    ring, t = _steady(draw)
+    ring, t = steady_ring(draw)
     y = ring.values(t)
     limit = draw.uniform(0.7, 0.95)
-    noisy = y + _noise(draw, y, draw.uniform(40.0, 60.0))
-    return _clean('clipped', ring, t, np.clip(noisy, -limit, limit))
+    noisy = y + noise_of(draw, y, draw.uniform(40.0, 60.0))
+    return clean_decay('clipped', ring, t, np.clip(noisy, -limit, limit))
 
 
 def two_modes(draw: Draw) -> StrangeRecord:
     """Return a decay of two modes far apart."""
-    ring, t = _steady(draw)
-    second = _Ring(ring.frequency * draw.uniform(1.8, 3.5), ring.zeta * draw.uniform(0.5, 2.0))
+    ring, t = steady_ring(draw)
+    second = Ring(ring.frequency * draw.uniform(1.8, 3.5), ring.zeta * draw.uniform(0.5, 2.0))
     y = ring.values(t) + draw.uniform(0.05, 0.3) * second.values(t)
-    return _clean('two modes', ring, t, y + _noise(draw, y, draw.uniform(40.0, 60.0)))
+    return clean_decay('two modes', ring, t, y + noise_of(draw, y, draw.uniform(40.0, 60.0)))
 
 
 def lossy(draw: Draw) -> StrangeRecord:
     """Return a decay with lost samples and uneven stamps."""
-    ring, t = _steady(draw)
+    ring, t = steady_ring(draw)
     step = float(t[1])
     t = np.abs(t + 0.2 * step * np.clip(draw.standard_normal(t.size), -2.0, 2.0))
     t = t[draw.random(t.size) > 0.05]
     y = ring.values(t)
-    return _clean('lossy', ring, t, y + _noise(draw, y, draw.uniform(40.0, 60.0)))
+    return clean_decay('lossy', ring, t, y + noise_of(draw, y, draw.uniform(40.0, 60.0)))
 
 
 def driven_tone(draw: Draw) -> StrangeRecord:
     """Return a driven vibration of slowly falling strength."""
     frequency = draw.uniform(2.0, 60.0)
-    t = _grid(draw, frequency, draw.uniform(60.0, 500.0))
+    t = time_grid(draw, frequency, draw.uniform(60.0, 500.0))
     least = draw.choice([0.001, 0.026, 0.1, 0.2])
     if draw.random() < 0.5:
         fall = np.exp(-least * t / t[-1])
@@ -177,7 +177,7 @@ def driven_tone(draw: Draw) -> StrangeRecord:
     turns = 2.0 * np.pi * draw.uniform(0.5, 3.0) * t / t[-1]
     wander = 1.0 + draw.choice([0.0, 1e-5, 1e-4, 5e-3]) * np.sin(turns)
     y = fall * wander * np.sin(2.0 * np.pi * frequency * t + draw.uniform(0.0, 6.0))
-    y = y + _noise(draw, y, draw.uniform(30.0, 70.0))
+    y = y + noise_of(draw, y, draw.uniform(30.0, 70.0))
     if draw.random() < 0.5:
         level = 10.0 ** draw.uniform(-3.0, -1.5)
         y = level * np.round(y / level)
@@ -194,38 +194,38 @@ def clipped_tone(draw: Draw) -> StrangeRecord:
 def two_tones(draw: Draw) -> StrangeRecord:
     """Return the beat of two driven vibrations, cut off in a falling part."""
     frequency = draw.uniform(2.0, 60.0)
-    t = _grid(draw, frequency, draw.uniform(20.0, 60.0))
+    t = time_grid(draw, frequency, draw.uniform(20.0, 60.0))
     beat = draw.uniform(0.2, 0.45) / t[-1]
     y = np.sin(2.0 * np.pi * frequency * t) + np.sin(2.0 * np.pi * (frequency + beat) * t)
-    return StrangeRecord('two tones', t, y + _noise(draw, y, draw.uniform(30.0, 60.0)), False)
+    return StrangeRecord('two tones', t, y + noise_of(draw, y, draw.uniform(30.0, 60.0)), False)
 
 
-def _changing(shape: str, ring: _Ring, draw: Draw, cycles: float) -> StrangeRecord:
-    t = _grid(draw, ring.frequency, cycles)
+def _changing(shape: str, ring: Ring, draw: Draw, cycles: float) -> StrangeRecord:
+    t = time_grid(draw, ring.frequency, cycles)
     y = ring.values(t)
     left = max(float(np.abs(y[-max(y.size // 20, 8) :]).max()), 0.02)
     low, high = ring.range(left)
-    noisy = y + _noise(draw, y, draw.uniform(35.0, 60.0))
+    noisy = y + noise_of(draw, y, draw.uniform(35.0, 60.0))
     return StrangeRecord(shape, t, noisy, False, ring.frequency, ring.zeta, low, high)
 
 
 def coulomb(draw: Draw) -> StrangeRecord:
     """Return a decay by dry friction, viscous damping beside it."""
-    ring = _Ring(draw.uniform(1.0, 20.0), draw.uniform(0.002, 0.01), draw.uniform(0.002, 0.01))
+    ring = Ring(draw.uniform(1.0, 20.0), draw.uniform(0.002, 0.01), draw.uniform(0.002, 0.01))
     return _changing('coulomb', ring, draw, draw.uniform(10.0, 40.0))
 
 
 def quadratic(draw: Draw) -> StrangeRecord:
     """Return a decay whose damping ratio grows with the amplitude, as of a joint or air."""
     zeta = draw.uniform(0.003, 0.01)
-    ring = _Ring(draw.uniform(1.0, 20.0), zeta, 0.0, zeta * draw.uniform(0.3, 4.0))
+    ring = Ring(draw.uniform(1.0, 20.0), zeta, 0.0, zeta * draw.uniform(0.3, 4.0))
     return _changing('quadratic', ring, draw, draw.uniform(15.0, 60.0))
 
 
 def hardening(draw: Draw) -> StrangeRecord:
     """Return a decay of a spring that is not linear."""
     zeta = draw.uniform(0.003, 0.02)
-    ring = _Ring(draw.uniform(1.0, 20.0), zeta, 0.0, 0.0, draw.uniform(0.01, 0.1))
+    ring = Ring(draw.uniform(1.0, 20.0), zeta, 0.0, 0.0, draw.uniform(0.01, 0.1))
     made = _changing('hardening', ring, draw, draw.uniform(15.0, 60.0))
     # the frequency at the release
     return StrangeRecord(made.shape, made.t, made.y, False, ring.frequency, zeta, zeta, zeta)
@@ -233,11 +233,11 @@ def hardening(draw: Draw) -> StrangeRecord:
 
 def second_step(draw: Draw) -> StrangeRecord:
     """Return a decay that a later step to another level interrupts."""
-    ring, t = _steady(draw)
+    ring, t = steady_ring(draw)
     y = ring.values(t)
     at = int(draw.uniform(0.75, 0.97) * t.size)
     y[at:] = y[at:] + draw.uniform(0.4, 1.5) * (1.0 - ring.values(t[at:] - t[at]))
-    noisy = y + _noise(draw, y, draw.uniform(35.0, 60.0))
+    noisy = y + noise_of(draw, y, draw.uniform(35.0, 60.0))
     return StrangeRecord(
         'second step', t, noisy, False, ring.frequency, ring.zeta, ring.zeta, ring.zeta
     )
@@ -245,13 +245,13 @@ def second_step(draw: Draw) -> StrangeRecord:
 
 def ramp_then_ring(draw: Draw) -> StrangeRecord:
     """Return a motion, the decay after it, and a rest."""
-    ring, t = _steady(draw)
+    ring, t = steady_ring(draw)
     before = np.linspace(0.0, 1.0, max(t.size // 6, 20))
     move = draw.uniform(1.0, 4.0) * (10.0 - 15.0 * before + 6.0 * before**2) * before**3
     step = float(t[1])
     y = np.concatenate([move, move[-1] + ring.values(t)])
     stamps: Array = step * np.arange(y.size, dtype=np.float64)
-    noisy = y + _noise(draw, y, draw.uniform(40.0, 60.0))
+    noisy = y + noise_of(draw, y, draw.uniform(40.0, 60.0))
     return StrangeRecord(
         'ramp then ring', stamps, noisy, False, ring.frequency, ring.zeta, ring.zeta, ring.zeta
     )
@@ -268,7 +268,7 @@ def noise_alone(draw: Draw) -> StrangeRecord:
 
 def random_excitation(draw: Draw) -> StrangeRecord:
     """Return the vibration of a mode that noise drives."""
-    ring, t = _steady(draw)
+    ring, t = steady_ring(draw)
     step = float(t[1])
     kernel = ring.values(t)
     y = np.convolve(draw.standard_normal(t.size), kernel)[: t.size] * np.sqrt(step)
