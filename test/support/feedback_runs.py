@@ -147,6 +147,8 @@ class Loop:
     # what the first sensor says of a value at a time [s]
     wrong: Callable[[float, float], float] | None = None
     backlog: int = 0  # ticks after a pause in which what was measured in it arrives
+    # force (3,) [N] on the tip by its place and velocity (3,), world axes
+    contact: Callable[[Array, Array], Array] | None = None
 
     def __post_init__(self) -> None:
         self._states = MeasuredStates(self.truth)
@@ -185,11 +187,20 @@ class Loop:
             share[k] = self.feedback.share if self.feedback else 0.0
             for _ in range(SUBSTEPS):
                 queue.append(torque[k])
-                tau[truth.joint_indices] = queue.popleft()
+                tau[:] = self._touched(q, qd)
+                tau[truth.joint_indices] += queue.popleft()
                 stepper.free(q, qd, tau)
             there = truth.frame_pose('tool', q)[:3, 3]
             error[k] = np.linalg.norm(there - plan.robot.frame_pose('tool', plan.q[k + 1])[:3, 3])
         return Outcome(error, torque, share, round(plan.duration / PERIOD))
+
+    def _touched(self, q: Array, qd: Array) -> Array | float:
+        """Generalized forces (n,) of what the tip touches."""
+        if self.contact is None:
+            return 0.0
+        jacobian = self.truth.frame_jacobian('tool', q)[:3]
+        force = self.contact(self.truth.frame_pose('tool', q)[:3, 3], jacobian @ qd)
+        return np.asarray(jacobian.T @ force)
 
     def _start(self) -> tuple[Array, Array, Array]:
         """Return coordinates, rates and torques (n,) of the truth at the plan's beginning."""
