@@ -208,7 +208,9 @@ def test_a_command_is_interrupted_while_it_compiles(tmp_path: Path) -> None:
         wait_until(lambda: any(tmp_path.rglob('*.kernel')))
         process.send_signal(signal.SIGINT)
         assert process.wait(60.0) == 130
-        assert process.stderr.read() == 'denoc warmup: interrupted\n'
+        said = process.stderr.read()
+        assert said.endswith('denoc warmup: interrupted\n')
+        assert 'Traceback' not in said
     assert not any(tmp_path.rglob('inverse.inverse_dynamics-*.kernel'))  # it did not wait for it
 
 
