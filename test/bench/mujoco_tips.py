@@ -88,7 +88,7 @@ def cases() -> list[Case]:
         Case('Canadarm, 4 modes', lambda: arm('canadarm', modes=4), way, 10.0),
         Case('SSRMS', lambda: arm('ssrms'), cycloid(regular, regular + 0.5, 20.0), 20.0),
         Case(
-            'two links, gravity', lambda: arm('two_flexible_links', gravity),
+            'two links, gravity', lambda: arm('two_link_ff', gravity),
             cycloid(np.array([-1.2, 0.4]), np.array([-0.6, -0.3]), 3.0), 3.0, by_torque=False,
         ),
         Case('Canadarm on 10 t', lambda: arm('canadarm_10t'), way, 10.0),
