@@ -99,6 +99,7 @@ class RobotModel:
         self.geometric_stiffness = bool(geometric_stiffness)
         self._adopt(to_arrays(self._modelled(tree), self.gravity, self.geometric_stiffness))
         self._payloads: dict[str, Array] = {}
+        self._load_factors: dict[str, float] = {}
 
     @staticmethod
     def _modelled(tree: Tree) -> Tree:
@@ -214,6 +215,7 @@ class RobotModel:
         if other._link_side is not None and self._link_side is not None:
             other._link_side[:] = self._link_side
         other._payloads = dict(self._payloads)
+        other._load_factors = dict(self._load_factors)
         other.move_base(self._base)
         return other
 
@@ -227,18 +229,17 @@ class RobotModel:
     def __reduce__(self) -> tuple[Any, ...]:
         # a handle is an address: it must not travel to a copy or to another process
         arguments = (self.tree, self.gravity, self.geometric_stiffness)
-        return type(self), arguments, {'payloads': self._payloads, 'base': self._base}
+        state = {'payloads': self._payloads, 'factors': self._load_factors, 'base': self._base}
+        return type(self), arguments, state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self._payloads = dict(state['payloads'])
-        for frame in self._payloads:
-            self._load_body(self._carrier(frame))
+        self._set_loads(state['payloads'], state['factors'])
         self.move_base(state['base'])
 
     def with_overrides(self: Held, overrides: Mapping[str, Any]) -> Held:
         """Return a robot with other parameters, by dotted paths such as `beam.arm.y.ei`.
 
-        Payloads that were set stay on their frames, and the base moves as it does.
+        Payloads that were set and scaled loads stay on their frames, and the base moves as it does.
 
         Raises
         ------
@@ -319,8 +320,10 @@ class RobotModel:
     def add_payload(self, frame: str, row: Array) -> None:
         """Add an inertia (10,), as kernels have it, to the payload of a frame; live."""
         self._payloads[frame] = self._payloads.get(frame, np.zeros(10)) + row
-        for _, constants, at in self._inertias(self._carrier(frame)):
-            constants[at : at + 10] += row
+        carrier = self._carrier(frame)
+        added = row * self._load_factor(carrier)
+        for _, constants, at in self._inertias(carrier):
+            constants[at : at + 10] += added
 
     def payload_mass(self, frame: str) -> float:
         """Mass [kg] of the payload that was set on a frame; 0 without one."""
@@ -328,23 +331,32 @@ class RobotModel:
         return 0.0 if row is None else float(row[0])
 
     def _take_payloads(self, other: RobotModel) -> None:
-        """Carry the payloads that another robot with the same links carries."""
-        self._payloads = dict(other._payloads)
-        for frame in self._payloads:
+        """Carry the payloads and scaled loads of another robot with the same links."""
+        self._set_loads(other._payloads, other._load_factors)
+
+    def _set_loads(self, payloads: Mapping[str, Array], factors: Mapping[str, float]) -> None:
+        self._payloads, self._load_factors = dict(payloads), dict(factors)
+        for frame in {**payloads, **factors}:
             self._load_body(self._carrier(frame))
 
     def with_scaled_load(self: Held, frame: str, factor: float) -> Held:
         """Return a copy with a scaled load at a frame, for checks with inexact models.
 
         The inertia of the body that carries the frame, payloads included, is multiplied by the
-        factor; of a beam only what is rigid on its root.
+        factor; of a beam only what is rigid on its root. Overrides and payloads that are set later
+        leave it scaled.
         """
         if not (np.isfinite(factor) and factor > 0.0):
             raise StateError(f'load at {frame!r}: factor must be > 0, got {factor}')
         other = self.copy()
-        for _, constants, at in other._inertias(self._carrier(frame)):
-            constants[at : at + 10] *= factor
+        other._load_factors[frame] = factor * other._load_factors.get(frame, 1.0)
+        other._load_body(other._carrier(frame))
         return other
+
+    def _load_factor(self, row: int) -> float:
+        """Return how many times its inertia a body counts."""
+        at_body = [f for frame, f in self._load_factors.items() if self._carrier(frame) == row]
+        return float(np.prod(at_body))
 
     def payload_centre(self, frame: str) -> Array | None:
         """Return the centre of mass (3,) of a frame's payload in its axes; None: no payload."""
@@ -359,10 +371,11 @@ class RobotModel:
         return int(self.arrays.topology[self._row(frame), PARENT])
 
     def _load_body(self, row: int) -> None:
-        """Write a body's inertia with the payloads that it carries."""
+        """Write a body's inertia with the payloads that it carries, scaled as it was asked."""
         carried = [load for name, load in self._payloads.items() if self._carrier(name) == row]
+        factor = self._load_factor(row)
         for arrays, constants, at in self._inertias(row):
-            constants[at : at + 10] = sum(carried, arrays.constants[at : at + 10])
+            constants[at : at + 10] = factor * sum(carried, arrays.constants[at : at + 10])
 
     def _inertias(self, row: int) -> Iterator[tuple[ModelArrays, Array, int]]:
         """Yield where a body's inertia stands: the arrays, the constants in use, the offset."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 
 import numpy as np
@@ -45,6 +46,27 @@ def test_payload_changes_at_run_time_without_compiling_or_rebuilding(close: Clos
     assert signatures() == compiled
     assert robot.handle is handle
     assert robot.constants is model
+
+
+def test_a_scaled_load_stays_scaled(close: Close) -> None:
+    """Whatever is changed after it, in whatever order, and in copies."""
+    robot = load_robot(seeded_robot(6))
+    frame, payload = list(robot.tree.frames)[-1], (2.0, (0.1, -0.2, 0.3))
+    s = random_state(robot.coordinate_names, 5)
+    loaded = robot.copy()
+    loaded.set_payload(frame, *payload)
+    wanted = loaded.with_scaled_load(frame, 1.5)
+    late = robot.with_scaled_load(frame, 0.5).with_scaled_load(frame, 3.0)
+    late.set_payload(frame, *payload)
+    in_two = loaded.with_scaled_load(frame, 3.0).copy().with_scaled_load(frame, 0.5)
+    for found in (late, in_two, pickle.loads(pickle.dumps(wanted))):
+        close(found.inertia_matrix(s.q), wanted.inertia_matrix(s.q), 1e-13)
+    assert np.abs(wanted.inertia_matrix(s.q) - loaded.inertia_matrix(s.q)).max() > 1e-6
+    # of a number beside the inertia, and of one for which the model is built anew
+    for change in ({f'joint.{robot.joint_names[0]}.damping': 0.7}, {f'payload.{frame}.mass': 1.0}):
+        found = wanted.with_overrides(change)
+        after = loaded.with_overrides(change).with_scaled_load(frame, 1.5)
+        close(found.inertia_matrix(s.q), after.inertia_matrix(s.q), 1e-13)
 
 
 def test_stepper_follows_the_payload_of_its_robot() -> None:
