@@ -239,7 +239,7 @@ class RobotModel:
     def with_overrides(self: Held, overrides: Mapping[str, Any]) -> Held:
         """Return a robot with other parameters, by dotted paths such as `beam.arm.y.ei`.
 
-        Payloads that were set and scaled loads stay on their frames, and the base moves as it does.
+        Payloads that were set and scaled loads stay, and the base moves as it does.
 
         Raises
         ------
