@@ -123,11 +123,14 @@ def test_the_report_of_a_run_shows_how_it_moved(
 ) -> None:
     output = tmp_path / 'page.html'
     assert main(['report', str(simulated_bag.path), '-o', str(output)]) == 0
-    found = re.search(r'alt="two_link\w* at 6 moments[^>]*base64,([^"]+)"', output.read_text())
-    assert found is not None
-    with Image.open(io.BytesIO(base64.b64decode(found[1]))) as image:
-        assert image.width == 1200
-        assert len(image.convert('RGB').getcolors(1 << 24) or ()) > 50
+    pictures = re.findall(
+        r'alt="two_link\w* at moment \d of 6[^>]*base64,([^"]+)"', output.read_text()
+    )
+    assert len(set(pictures)) == 6
+    for picture in pictures:
+        with Image.open(io.BytesIO(base64.b64decode(picture))) as image:
+            assert image.width == 460
+            assert len(image.convert('RGB').getcolors(1 << 24) or ()) > 50
 
 
 def test_without_viser_it_is_said_how_to_get_it(

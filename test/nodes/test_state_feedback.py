@@ -149,7 +149,7 @@ def test_imus_reach_the_feedback_and_a_dead_one_leaves_the_plan_alone(
         ({'enforce_command_limits': False}, 'effort limits must be finite and > 0'),
         (
             {'feedback.integral_time': 0.01},
-            r'must be stable for 0\.8 to 1\.2 of the stiffness .*, got modulus \d\.\d+ with',
+            r'must be stable for 0\.8 to 1\.2 of the stiffness .*, got modulus \d\.\d+ at',
         ),
     ],
 )
