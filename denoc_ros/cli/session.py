@@ -52,7 +52,8 @@ WORDS = 3  # reports, one a second, in which a node looks around several times
 GRAPH = 30.0  # s of wall time until a recorder has found all topics
 REHEARSAL_FOLDER = 'rehearsal'  # where a recorder writes meanwhile: nobody reads it
 FIRST = 1.0  # s of simulated time before the first phase
-ENGAGING = 2.0  # s until state feedback has gains for a motion and trusts its estimate
+DESIGNING = 60.0  # s until state feedback has gains for a posture: its process has to start
+ENGAGING = 5.0  # s until it has gains for a motion and trusts its estimate
 
 
 @dataclass(frozen=True)
@@ -150,6 +151,7 @@ class Session:
                 self._await_words(changed)
             elif changed:
                 self._await_hearing()
+                self._await_gains()
             self._run_phase(phase)
 
     def _begin(self) -> None:
@@ -159,6 +161,7 @@ class Session:
             self._await_graph()
         else:
             self._await_hearing()
+            self._await_gains()
 
     def _rehearse(self) -> None:
         """Choose the session's time by what its first motion costs.
@@ -329,6 +332,21 @@ class Session:
 
         if not client.until(hears, HEARING):
             self._progress.say(f'feedforward: no joint_states of the plant within {HEARING:g} s')
+
+    def _await_gains(self) -> None:
+        """Wait for the first gains of state feedback: the process that makes them has to start."""
+        client = self._client
+        if self._parameters.get('feedforward', {}).get('feedback.state', 'off') == 'off':
+            return
+        before = client.reports('feedforward')
+
+        def knows() -> bool:
+            told = client.diagnostics('feedforward: state feedback')
+            fresh = client.reports('feedforward') > before
+            return fresh and (told.get('designs', '0') != '0' or bool(told.get('refused')))
+
+        if not client.until(knows, DESIGNING):
+            self._progress.say(f'feedforward: no gains of its feedback within {DESIGNING:g} s')
 
     def _await_graph(self) -> None:
         """Wait, while simulated time stands, until the recorder has found all topics."""
