@@ -345,8 +345,8 @@ class LiveStateFeedback:
             status.values['joint_share'] = round(feedback.joint_share, 3)
             status.values['slowest'] = str(feedback.schedule.slowest)
             status.values['lowered'] = lowered = self._lowered(feedback.schedule.settings)
-            if lowered:
-                status.worsen(WARN, f'made stable: {lowered}')
+            if lowered and not self.cause:
+                status.message = f'active, made stable: {lowered}'
             status.values['limited'] = feedback.limited
             status.values['outliers'] = ' '.join(map(str, feedback.filter.refused.tolist()))
         if worker.refusal:

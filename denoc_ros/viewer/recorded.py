@@ -144,7 +144,11 @@ class RecordedRun(Sequence[Snapshot]):
         return (start, end) if start < end else (first, last)
 
     def moments(self, count: int) -> Array:
-        """Return times (count,) [s], evenly over the phases, or over all where none is named."""
+        """Return times (count,) [s], evenly over the phases, or over all where none is named.
+
+        Those between the first and the last of several phases are in the middle of their shares:
+        a session's phases are equally long, and all begin alike.
+        """
         first, last = self.span
         marks = pairwise([*self.phases, (last, '')])
         inside = [(max(t, first), min(end, last)) for (t, name), (end, _) in marks if name]
@@ -155,6 +159,8 @@ class RecordedRun(Sequence[Snapshot]):
         before = np.cumsum(lengths) - lengths
         # where a phase ends, the next one or none has begun
         along = np.linspace(0.0, (1.0 - INSIDE) * lengths.sum(), count)
+        if len(spans) > 1 and count > 2:
+            along[1:-1] -= 0.5 * along[1]
         which = np.searchsorted(before, along, side='right') - 1
         return np.asarray(spans[which, 0] + along - before[which])
 

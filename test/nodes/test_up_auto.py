@@ -34,7 +34,7 @@ import sys
 from denoc_ros.cli import session
 from denoc_ros.cli.main import main
 from denoc_ros.cli.rehearsal import Choice
-session.choose = lambda rehearsal, refusal: Choice('real', rehearsal.rates, 'real time, for a test')
+session.choose = lambda rehearsal, refusal: Choice('real', rehearsal.rates, 'for a test')
 sys.exit(main(sys.argv[1:]))
 """
 # rad, m; the motion is 0.4 rad, the drift before a session in real time some 0.1
