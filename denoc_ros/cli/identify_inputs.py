@@ -24,9 +24,12 @@ if TYPE_CHECKING:
     from denoc_ros.identification.channel import Channel
 
 
-def add_recording_options(parser: argparse.ArgumentParser) -> None:
-    """Declare which recording is identified, and where its result goes."""
-    parser.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
+def add_recording_options(parser: argparse.ArgumentParser, several: bool = False) -> None:
+    """Declare which recording is identified, or which several, and where the result goes."""
+    if several:
+        parser.add_argument('path', metavar='BAG', type=Path, nargs='+', help='bags or tables')
+    else:
+        parser.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
     parser.add_argument(
         '-o',
         '--output',

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.arguments import add_stamp, add_times, named_values, times_findings
+from denoc_ros.cli.identify_inputs import add_recording_options
 from denoc_ros.errors import BagError, ConfigError, IdentificationError
 from denoc_ros.reports.text_table import text_table
 
@@ -34,15 +35,7 @@ def add_actions(actions: Any) -> None:
             "the shaper's `servo.*`."
         ),
     )
-    parser.add_argument('path', metavar='BAG', type=Path, nargs='+', help='bags or tables')
-    parser.add_argument(
-        '-o',
-        '--output',
-        metavar='FOLDER',
-        type=Path,
-        help='folder for result.yaml and report.html',
-    )
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_recording_options(parser, several=True)
     group = parser.add_argument_group('the signals')
     group.add_argument(
         '--command',

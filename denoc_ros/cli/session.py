@@ -150,8 +150,7 @@ class Session:
             if (changed := self._adapt(phase)) and self._time.is_simulated:
                 self._await_words(changed)
             elif changed:
-                self._await_hearing()
-                self._await_gains()
+                self._await_feedforward()
             self._run_phase(phase)
 
     def _begin(self) -> None:
@@ -160,8 +159,7 @@ class Session:
         if self._time.is_simulated:
             self._await_graph()
         else:
-            self._await_hearing()
-            self._await_gains()
+            self._await_feedforward()
 
     def _rehearse(self) -> None:
         """Choose the session's time by what its first motion costs.
@@ -319,6 +317,11 @@ class Session:
         client = self._client
         wanted = {name: client.reports(name) + WORDS for name in names}
         client.until(lambda: all(client.reports(n) >= wanted[n] for n in names), PLANNING)
+
+    def _await_feedforward(self) -> None:
+        """Wait, in real time, until the feedforward has all that its torque is made of."""
+        self._await_hearing()
+        self._await_gains()
 
     def _await_hearing(self) -> None:
         """Wait until the feedforward hears the plant: it has to discover one that was started."""
