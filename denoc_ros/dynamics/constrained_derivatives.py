@@ -15,7 +15,7 @@ from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.tree_dynamics import Wrenches
 from denoc_ros.dynamics.validation import as_outputs, as_rows, as_vector, same_rows
-from denoc_ros.kernels.constrained_derivative_layout import FORWARD, HYBRID, INVERSE
+from denoc_ros.kernels import constrained_derivative_layout as cdiff_
 from denoc_ros.kernels.constrained_derivatives import (
     constrained_derivatives_rows,
 )
@@ -135,7 +135,7 @@ class DifferentiableMechanism(DifferentiableModel):
             return self._on_base(base, verb, q, qd, tau, out=out, wrenches=wrenches)
         n = self.n
         states = [as_rows('q', q, n), as_rows('qd', qd, n), as_rows('tau', tau, n)]
-        call = _Call(FORWARD, np.zeros(0, dtype=np.int64), wrenches)
+        call = _Call(cdiff_.FORWARD, np.zeros(0, dtype=np.int64), wrenches)
         return ConstrainedForwardDerivatives(*_find(self, call, states, out))
 
     def constrained_inverse_dynamics_derivatives(
@@ -179,7 +179,7 @@ class DifferentiableMechanism(DifferentiableModel):
             return self._on_base(base, verb, q, qd, qdd, **options)
         n = self.n
         states = [as_rows('q', q, n), as_rows('qd', qd, n), as_rows('qdd', qdd, n)]
-        call = _Call(INVERSE, self._actuated(actuated), wrenches)
+        call = _Call(cdiff_.INVERSE, self._actuated(actuated), wrenches)
         return ConstrainedInverseDerivatives(*_find(self, call, states, out))
 
     def constrained_hybrid_dynamics_derivatives(
@@ -232,7 +232,7 @@ class DifferentiableMechanism(DifferentiableModel):
         states = [as_rows('q', q, n), as_rows('qd', qd, n)]
         states.append(as_rows('qdd_actuated', qdd_actuated, len(index)))
         states.append(self._zero if tau is None else as_rows('tau', tau, n))
-        call = _Call(HYBRID, index, wrenches)
+        call = _Call(cdiff_.HYBRID, index, wrenches)
         return ConstrainedHybridDerivatives(*_find(self, call, states, out))
 
 
@@ -255,8 +255,10 @@ class _Plan(NamedTuple):
 @lru_cache(maxsize=64)
 def _plan(verb: int, a: int, n: int, rows: int) -> _Plan:
     """Return what the derivatives of a verb with a actuated joints look like."""
-    columns = (n, n, a, n) if verb == HYBRID else (n, n, n)
-    lengths = {FORWARD: (n, rows), INVERSE: (a, rows), HYBRID: (a, n, rows)}[verb]
+    columns = (n, n, a, n) if verb == cdiff_.HYBRID else (n, n, n)
+    lengths = {cdiff_.FORWARD: (n, rows), cdiff_.INVERSE: (a, rows), cdiff_.HYBRID: (a, n, rows)}[
+        verb
+    ]
     shapes = tuple((length, count) for length in lengths for count in columns)
     edges = np.cumsum([0, *(length * count for length, count in shapes)])
     return _Plan(shapes, edges[:-1].astype(np.int64), int(edges[-1]))
@@ -293,7 +295,7 @@ def _find(
     found, targets = _results(plan, () if single else (k,), out)
     if not robot.constraint_names:
         return _of_tree(robot, call, states, found)
-    if call.verb != HYBRID:
+    if call.verb != cdiff_.HYBRID:
         rows.append(robot._zero[None] if k == 1 else np.zeros((k, n)))
     choice = np.array([call.verb, *call.actuated], dtype=np.int64)
     inputs = (choice, *rows, _loads(robot, call.wrenches))
@@ -317,9 +319,9 @@ def _values(robot: DifferentiableMechanism, call: _Call, states: Sequence[Array]
     """Call the verb whose derivatives are asked for, to raise what it raises."""
     names = [robot.coordinate_names[k] for k in call.actuated]
     (q, qd, third), loads = states[:3], call.wrenches
-    if call.verb == FORWARD:
+    if call.verb == cdiff_.FORWARD:
         robot.constrained_forward_dynamics(q, qd, third, wrenches=loads)
-    elif call.verb == INVERSE:
+    elif call.verb == cdiff_.INVERSE:
         robot.constrained_inverse_dynamics(q, qd, third, names, wrenches=loads)
     else:
         robot.constrained_hybrid_dynamics(q, qd, third, names, tau=states[3], wrenches=loads)
@@ -330,10 +332,10 @@ def _of_tree(
 ) -> Sequence[Array]:
     """Write the derivatives of a robot without constraints, which are those of its tree."""
     (q, qd, third), loads, index = states[:3], call.wrenches, call.actuated
-    if call.verb == FORWARD:
+    if call.verb == cdiff_.FORWARD:
         robot.forward_dynamics_derivatives(q, qd, third, loads, out=found[:3])
         return found
-    if call.verb == INVERSE:
+    if call.verb == cdiff_.INVERSE:
         _values(robot, call, states)
         whole = robot.inverse_dynamics_derivatives(q, qd, third, loads)
         for target, each in zip(found, whole, strict=False):

@@ -8,14 +8,7 @@ import numpy as np
 
 from denoc_ros.dynamics.springs import with_motors
 from denoc_ros.kernels import constraint_layout, world
-from denoc_ros.kernels.layout import (
-    FORCE,
-    PARENT,
-    TORQUE,
-    WORK,
-    WORLD_POSITION,
-    WORLD_ROTATION,
-)
+from denoc_ros.kernels import layout as at_
 from denoc_ros.model.constraints import directions
 from denoc_ros.types import Array
 
@@ -61,27 +54,32 @@ def reactions(
     """
     robot = with_motors(robot)
     robot.inverse_dynamics(q, qd, qdd)
-    starts = robot.arrays.topology[1 : robot.arrays.bodies + 1, WORK].astype(int)
+    starts = robot.arrays.topology[1 : robot.arrays.bodies + 1, at_.WORK].astype(int)
     work = robot.work
     needed = np.array(
         [
-            work[[*range(k + FORCE, k + FORCE + 3), *range(k + TORQUE, k + TORQUE + 3)]]
+            work[
+                [
+                    *range(k + at_.FORCE, k + at_.FORCE + 3),
+                    *range(k + at_.TORQUE, k + at_.TORQUE + 3),
+                ]
+            ]
             for k in starts
         ]
     )
     world.place_bodies(robot.handle, q)
-    turns = np.array([work[k + WORLD_ROTATION :][:9].reshape(3, 3) for k in starts])
-    origins = np.array([work[k + WORLD_POSITION :][:3] for k in starts])
+    turns = np.array([work[k + at_.WORLD_ROTATION :][:9].reshape(3, 3) for k in starts])
+    origins = np.array([work[k + at_.WORLD_POSITION :][:3] for k in starts])
     joints = np.einsum('bij,bkj->bki', turns, needed.reshape(-1, 2, 3)).reshape(-1, 6)
     pins, loops = _loop_wrenches(robot, q, multipliers)
     for loop, pin, wrench in zip(robot.tree.loops, pins, loops, strict=True):
         for frame, sign in ((loop.child.frame, 1.0), (loop.parent.frame, -1.0)):
-            row = int(robot.arrays.topology[robot.arrays.frame_rows[frame], PARENT])
+            row = int(robot.arrays.topology[robot.arrays.frame_rows[frame], at_.PARENT])
             while row > 0:
                 arm = pin - origins[row - 1]
                 moment = wrench[3:] + np.cross(arm, wrench[:3])
                 joints[row - 1] -= sign * np.concatenate([wrench[:3], moment])
-                row = int(robot.arrays.topology[row, PARENT])
+                row = int(robot.arrays.topology[row, at_.PARENT])
     own = np.array(robot.arrays.body_rows, dtype=int) - 1
     return Reactions(origins[own], joints[own], pins, loops)
 

@@ -31,6 +31,7 @@ from denoc_ros.kernels import (
     inverse,
     world,
 )
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.handle import (
     ARMATURE,
@@ -41,7 +42,6 @@ from denoc_ros.kernels.handle import (
     SINGULAR,
     STIFFNESS,
 )
-from denoc_ros.kernels.layout import BODY_CONSTANTS, MASS, PARENT, SLIP_RATE
 from denoc_ros.model.arrays import ModelArrays, inertia_row, rigid_inertia, to_arrays
 from denoc_ros.model.coordinates import diagonals
 from denoc_ros.model.damping_overrides import with_other_damping
@@ -158,7 +158,7 @@ class RobotModel:
     @property
     def slip_rate(self) -> float:
         """Rate at which Coulomb friction has risen to tanh 1 [rad/s or m/s]."""
-        return float(self.arrays.constants[SLIP_RATE])
+        return float(self.arrays.constants[at_.SLIP_RATE])
 
     def _diagonal(self, row: int) -> Array:
         diagonal: Array = self.arrays.diagonals[row]
@@ -368,7 +368,7 @@ class RobotModel:
         return np.asarray(at.placement[:3, :3].T @ (centre - at.placement[:3, 3]))
 
     def _carrier(self, frame: str) -> int:
-        return int(self.arrays.topology[self._row(frame), PARENT])
+        return int(self.arrays.topology[self._row(frame), at_.PARENT])
 
     def _load_body(self, row: int) -> None:
         """Write a body's inertia with the payloads that it carries, scaled as it was asked."""
@@ -385,8 +385,8 @@ class RobotModel:
             (self.arrays.link_side, self._link_side),
         ):
             if arrays is not None and constants is not None:
-                own = arrays.topology[arrays.body_rows[body], BODY_CONSTANTS]
-                yield arrays, constants, int(own) + MASS
+                own = arrays.topology[arrays.body_rows[body], at_.BODY_CONSTANTS]
+                yield arrays, constants, int(own) + at_.MASS
 
     def held(self, index: NDArray[np.int64]) -> Array:
         """Return the (n,) flags by which kernels know the joints whose motion is given."""

@@ -9,6 +9,7 @@ the inertia M - W D^-1 W^T and the wrench p + W D^-1 y; on the way out x = L^-T 
 
 from numba import types
 
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, content, is_vector
 from denoc_ros.kernels.block import block_at, wrench_of
 from denoc_ros.kernels.body_inertia import body_inertia, flexible_block
@@ -30,14 +31,6 @@ from denoc_ros.kernels.handle import (
 )
 from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.inverse import joint_force, outward_motion
-from denoc_ros.kernels.layout import (
-    COORDINATE,
-    FREE_ACCELERATION,
-    INERTIA_WORK,
-    JOINT,
-    MODES,
-    WORK,
-)
 from denoc_ros.kernels.link_side import lacks_rotor
 from denoc_ros.kernels.rigid_elimination import along_joint, inward_rigid, outward_rigid
 from denoc_ros.kernels.vector import add, all_finite, load, scale
@@ -46,7 +39,7 @@ from denoc_ros.kernels.vector import add, all_finite, load, scale
 @inlined
 def free_joint(topology, held, i):
     """Return 1 where body i has a joint that is not held, else 0."""
-    if at(topology, i, JOINT) == 0 or held[at(topology, i, COORDINATE)] != 0.0:
+    if at(topology, i, at_.JOINT) == 0 or held[at(topology, i, at_.COORDINATE)] != 0.0:
         return 0
     return 1
 
@@ -58,7 +51,7 @@ def inward_articulated(topology, constants, work, shift, held, bodies, drive):
         body_inertia(topology, constants, work, i)
     for i in range(bodies, 0, -1):
         free = free_joint(topology, held, i)
-        m = at(topology, i, MODES)
+        m = at(topology, i, at_.MODES)
         if m == 0:
             good = inward_rigid(topology, constants, work, shift, drive, i, free)
         else:
@@ -73,7 +66,7 @@ def outward_accelerations(topology, constants, work, held, bodies, given, qdd):
     """Write the accelerations of all coordinates, from the base to the tips."""
     for i in range(1, bodies + 1):
         free = free_joint(topology, held, i)
-        m = at(topology, i, MODES)
+        m = at(topology, i, at_.MODES)
         if m == 0:
             outward_rigid(topology, constants, work, given, qdd, i, free)
         else:
@@ -83,10 +76,10 @@ def outward_accelerations(topology, constants, work, held, bodies, given, qdd):
 @inlined
 def held_force(topology, constants, work, qdd, i):
     """Return S^T of the wrench on body i when every acceleration is known."""
-    o = at(topology, i, WORK)
-    m = at(topology, i, MODES)
-    inertia = at(topology, i, INERTIA_WORK)
-    change, turn = load(work, o + FREE_ACCELERATION), load(work, o + FREE_ACCELERATION + 3)
+    o = at(topology, i, at_.WORK)
+    m = at(topology, i, at_.MODES)
+    inertia = at(topology, i, at_.INERTIA_WORK)
+    change, turn = load(work, o + at_.FREE_ACCELERATION), load(work, o + at_.FREE_ACCELERATION + 3)
     if m == 0:
         f, n = wrench_of(block_at(work, inertia), change, turn)
         return joint_force(topology, constants, work, i) + along_joint(
@@ -94,7 +87,7 @@ def held_force(topology, constants, work, qdd, i):
         )
     size = 6 + m
     f, n = wrench_of(flexible_block(work, inertia, size), change, turn)
-    j = at(topology, i, COORDINATE) + 1
+    j = at(topology, i, at_.COORDINATE) + 1
     for k in range(m):
         c = inertia + 6 + k
         f = add(f, scale(qdd[j + k], (work[c], work[c + size], work[c + 2 * size])))
@@ -170,8 +163,8 @@ def find_articulated(handle, shift, held, q, qd, given, tau, qdd, torque):
     if status != GOOD:
         return status
     for i in range(1, bodies + 1):
-        j = at(topology, i, COORDINATE)
-        if at(topology, i, JOINT) == 1 and held[j] != 0.0:
+        j = at(topology, i, at_.COORDINATE)
+        if at(topology, i, at_.JOINT) == 1 and held[j] != 0.0:
             torque[j] = (
                 held_force(topology, constants, work, qdd, i)
                 + diagonals[ARMATURE][j] * given[j]

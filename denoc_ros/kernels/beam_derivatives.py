@@ -5,41 +5,13 @@ d acc/d d_j = A B_j - (H d'')_j e_x - 2 (H d')_j w x e_x,  A = al x + w x w x,
 d acc/d d'_j = 2 w x B_j - 2 (H d')_j e_x.
 """
 
+from denoc_ros.kernels import derivative_layout as diff_
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.beam_sums import beam_sums, mode_sums, sums_of
 from denoc_ros.kernels.compiled import short_inlined, short_shared
-from denoc_ros.kernels.derivative_layout import (
-    BODY_SUMS,
-    BY_ACCELERATION,
-    BY_POSITION,
-    BY_RATE,
-    BY_TURNING,
-    COLUMN_SUMS,
-    LANES,
-    MOMENTUM,
-    OWN_SIZE,
-    TURNING,
-)
 from denoc_ros.kernels.derivative_rows import own_of
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.lanes import ones_before, put_all, put_pair, put_vector, take
-from denoc_ros.kernels.layout import (
-    ANGULAR_ACCELERATION,
-    ANGULAR_VELOCITY,
-    BEAM,
-    BODY_CONSTANTS,
-    COMPOSITE,
-    COORDINATE,
-    DERIVED,
-    FORCE,
-    JOINT,
-    MASS,
-    MODES,
-    NT,
-    NY,
-    NZ,
-    TORQUE,
-    WORK,
-)
 from denoc_ros.kernels.vector import add, load, scale, store, subtract
 
 
@@ -126,10 +98,10 @@ def bending_modes(work, own, step, g, length, planes, by_q, by_rate):
         column_sum(work, g + 9 * row, length, planes),
     )
     position = e[1], subtract(across(x[1], y[1], z[1]), acceleration)
-    put_pair(work, own + step * BY_ACCELERATION, step, (e[0], across(x[0], y[0], z[0])))
-    put_vector(work, own + step * BY_TURNING, step, velocity)
-    put_pair(work, own + step * BY_POSITION, step, position)
-    put_pair(work, own + step * BY_RATE, step, (e[2], across(x[2], y[2], z[2])))
+    put_pair(work, own + step * diff_.BY_ACCELERATION, step, (e[0], across(x[0], y[0], z[0])))
+    put_vector(work, own + step * diff_.BY_TURNING, step, velocity)
+    put_pair(work, own + step * diff_.BY_POSITION, step, position)
+    put_pair(work, own + step * diff_.BY_RATE, step, (e[2], across(x[2], y[2], z[2])))
 
 
 @short_inlined
@@ -141,13 +113,13 @@ def modes_along(planes, matrix):
 @short_inlined
 def modal_forces(topology, work, i, j, planes, by_q, by_rate):
     """Write how the forces of body i's bending modes change with some amplitudes, from j on."""
-    ny = at(topology, i, NY)
-    count = ny + at(topology, i, NZ)
+    ny = at(topology, i, at_.NY)
+    count = ny + at(topology, i, at_.NZ)
     _, _, length = sums_of(topology, i)
     _, step, forces = own_of(topology, i)
-    m = at(topology, i, MODES)
+    m = at(topology, i, at_.MODES)
     row = 4 * length
-    pairs = mode_sums(topology, i) + COLUMN_SUMS * row
+    pairs = mode_sums(topology, i) + diff_.COLUMN_SUMS * row
     shortening = pairs + 2 * count * row + j
     own_q, own_rate = modes_along(planes, by_q), modes_along(planes, by_rate)
     for n in range(count):
@@ -181,14 +153,14 @@ def modal_forces(topology, work, i, j, planes, by_q, by_rate):
 def beam_body(topology, constants, work, i):
     """Write COMPOSITE of body i alone, what its beam adds to FORCE, TORQUE, MOMENTUM, TURNING."""
     _, sums, _ = sums_of(topology, i)
-    g = sums + BODY_SUMS
+    g = sums + diff_.BODY_SUMS
     o, e, c = (
-        at(topology, i, WORK),
-        at(topology, i, DERIVED),
-        at(topology, i, BODY_CONSTANTS) + MASS,
+        at(topology, i, at_.WORK),
+        at(topology, i, at_.DERIVED),
+        at(topology, i, at_.BODY_CONSTANTS) + at_.MASS,
     )
     xx, yy, zz = work[g + 13], work[g + 26], work[g + 39]
-    k = o + COMPOSITE
+    k = o + at_.COMPOSITE
     work[k] = constants[c] + work[g]
     store(work, k + 1, add(load(constants, c + 1), load(work, g + 1)))
     work[k + 4] = constants[c + 4] + yy + zz
@@ -197,41 +169,41 @@ def beam_body(topology, constants, work, i):
     work[k + 7] = constants[c + 7] + xx + zz
     work[k + 8] = constants[c + 8] - work[g + 27]
     work[k + 9] = constants[c + 9] + xx + yy
-    store(work, e + MOMENTUM, load(work, g + 4))
+    store(work, e + diff_.MOMENTUM, load(work, g + 4))
     outward = 2.0 * (work[g + 16] + work[g + 29] + work[g + 42])
     for r in range(3):
         for n in range(3):
-            work[e + TURNING + 3 * r + n] = -2.0 * work[g + 12 * (n + 1) + 4 + r]
-        work[e + TURNING + 4 * r] += outward
-    store(work, o + FORCE, load(work, g + 8))
+            work[e + diff_.TURNING + 3 * r + n] = -2.0 * work[g + 12 * (n + 1) + 4 + r]
+        work[e + diff_.TURNING + 4 * r] += outward
+    store(work, o + at_.FORCE, load(work, g + 8))
     x, y, z = load(work, g + 20), load(work, g + 32), load(work, g + 44)
-    store(work, o + TORQUE, across(x, y, z))
+    store(work, o + at_.TORQUE, across(x, y, z))
 
 
 @short_inlined
 def torsion_derivatives(topology, constants, work, qd, qdd, i):
     """Add the share of body i's twisting sections: torque e_x L' + w x e_x L, L = int rho J y."""
-    m, nt = at(topology, i, MODES), at(topology, i, NT)
+    m, nt = at(topology, i, at_.MODES), at(topology, i, at_.NT)
     own, step, forces = own_of(topology, i)
-    o, e = at(topology, i, WORK), at(topology, i, DERIVED)
+    o, e = at(topology, i, at_.WORK), at(topology, i, at_.DERIVED)
     first = m - nt
-    d = at(topology, i, COORDINATE) + at(topology, i, JOINT) + first
-    w = load(work, o + ANGULAR_VELOCITY)
-    b = at(topology, i, BEAM)
-    work[o + COMPOSITE + 4] += constants[b]
+    d = at(topology, i, at_.COORDINATE) + at(topology, i, at_.JOINT) + first
+    w = load(work, o + at_.ANGULAR_VELOCITY)
+    b = at(topology, i, at_.BEAM)
+    work[o + at_.COMPOSITE + 4] += constants[b]
     spin, spin_up = 0.0, 0.0
     for j in range(nt):
         s = constants[b + 1 + j]
         spin += s * qd[d + j]
         spin_up += s * qdd[d + j]
         u = own + first + j
-        for row in range(OWN_SIZE):
+        for row in range(diff_.OWN_SIZE):
             work[u + step * row] = 0.0
-        work[u + step * (BY_ACCELERATION + 3)] = s
+        work[u + step * (diff_.BY_ACCELERATION + 3)] = s
         turned = (0.0, 0.5 * s * w[2], -0.5 * s * w[1])
         for k in range(3):
-            work[u + step * (BY_TURNING + k)] = turned[k]
-            work[u + step * (BY_RATE + 3 + k)] = 2.0 * turned[k]
+            work[u + step * (diff_.BY_TURNING + k)] = turned[k]
+            work[u + step * (diff_.BY_RATE + 3 + k)] = 2.0 * turned[k]
         for k in range(m):
             for part in range(3):
                 work[forces + step * (m * part + first + j) + k] = 0.0
@@ -240,11 +212,11 @@ def torsion_derivatives(topology, constants, work, qd, qdd, i):
         for k in range(nt):
             both = constants[b + 1 + nt + nt * j + k]
             work[forces + step * (2 * m + first + j) + first + k] = both
-    work[e + TURNING + 5] += spin
-    work[e + TURNING + 7] -= spin
-    work[o + TORQUE] += spin_up
-    work[o + TORQUE + 1] += w[2] * spin
-    work[o + TORQUE + 2] -= w[1] * spin
+    work[e + diff_.TURNING + 5] += spin
+    work[e + diff_.TURNING + 7] -= spin
+    work[o + at_.TORQUE] += spin_up
+    work[o + at_.TORQUE + 1] += w[2] * spin
+    work[o + at_.TORQUE + 2] -= w[1] * spin
 
 
 @short_shared
@@ -257,17 +229,17 @@ def beam_derivatives(topology, constants, work, qd, qdd, i):
     beam_sums(topology, constants, work, qd, qdd, i)
     beam_body(topology, constants, work, i)
     w, al = (
-        load(work, at(topology, i, WORK) + ANGULAR_VELOCITY),
-        load(work, at(topology, i, WORK) + ANGULAR_ACCELERATION),
+        load(work, at(topology, i, at_.WORK) + at_.ANGULAR_VELOCITY),
+        load(work, at(topology, i, at_.WORK) + at_.ANGULAR_ACCELERATION),
     )
     by_q, by_rate = acceleration_matrix(w, al), twice_turning(w)
     _, _, length = sums_of(topology, i)
     g = mode_sums(topology, i)
     own, step, _ = own_of(topology, i)
-    ny = at(topology, i, NY)
-    for j in range(0, ny + at(topology, i, NZ), LANES):
+    ny = at(topology, i, at_.NY)
+    for j in range(0, ny + at(topology, i, at_.NZ), diff_.LANES):
         planes = planes_of(ny, j)
         bending_modes(work, own + j, step, g + j, length, planes, by_q, by_rate)
         modal_forces(topology, work, i, j, planes, by_q, by_rate)
-    if at(topology, i, NT) > 0:
+    if at(topology, i, at_.NT) > 0:
         torsion_derivatives(topology, constants, work, qd, qdd, i)

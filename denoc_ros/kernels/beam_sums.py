@@ -5,48 +5,31 @@ velocity and acceleration, then per bending mode rows of lanes: h = (H d)_j, the
 and (H d'')_j. A column is B_j = (-h, s, 0) or (-h, 0, s), and dB_j/dd_k = -H_jk e_x.
 """
 
+from denoc_ros.kernels import derivative_layout as diff_
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import short_inlined, short_shared
-from denoc_ros.kernels.derivative_layout import (
-    BEAM_SCRATCH,
-    BODY_SUMS,
-    BODY_SUMS_SIZE,
-    LANES,
-    POINT_MODES,
-)
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.lanes import plus_product, put_all, spread, take, take_some
-from denoc_ros.kernels.layout import (
-    ACCELERATION,
-    ANGULAR_ACCELERATION,
-    ANGULAR_VELOCITY,
-    BEAM,
-    BEAM_WORK,
-    COORDINATE,
-    JOINT,
-    MODES,
-    NT,
-    NY,
-    NZ,
-    POINTS,
-    VELOCITY,
-    WORK,
-)
 from denoc_ros.kernels.vector import add, cross, load, scale, store
 
 
 @short_inlined
 def sums_of(topology, i):
     """Return where the records and the sums of body i's beam begin, and their rows' length."""
-    record = at(topology, 0, BEAM_SCRATCH)
-    length = (at(topology, i, NY) + at(topology, i, NZ) + LANES - 1) // LANES * LANES
-    return record, record + (POINT_MODES + 4 * length) * at(topology, i, POINTS), length
+    record = at(topology, 0, diff_.BEAM_SCRATCH)
+    length = (
+        (at(topology, i, at_.NY) + at(topology, i, at_.NZ) + diff_.LANES - 1)
+        // diff_.LANES
+        * diff_.LANES
+    )
+    return record, record + (diff_.POINT_MODES + 4 * length) * at(topology, i, at_.POINTS), length
 
 
 @short_inlined
 def mode_sums(topology, i):
     """Return where the sums begin that have a row of four times the lanes for each factor."""
     _, sums, _ = sums_of(topology, i)
-    return sums + BODY_SUMS_SIZE
+    return sums + diff_.BODY_SUMS_SIZE
 
 
 @short_inlined
@@ -78,18 +61,18 @@ def write_plane(constants, work, qd, qdd, first, count, places, k, row, length):
 @short_inlined
 def write_points(topology, constants, work, qd, qdd, i):
     """Write the records of body i's beam."""
-    ny, nz, nt = at(topology, i, NY), at(topology, i, NZ), at(topology, i, NT)
-    o = at(topology, i, WORK)
-    d = at(topology, i, COORDINATE) + at(topology, i, JOINT)
-    w, al = load(work, o + ANGULAR_VELOCITY), load(work, o + ANGULAR_ACCELERATION)
-    v, a = load(work, o + VELOCITY), load(work, o + ACCELERATION)
+    ny, nz, nt = at(topology, i, at_.NY), at(topology, i, at_.NZ), at(topology, i, at_.NT)
+    o = at(topology, i, at_.WORK)
+    d = at(topology, i, at_.COORDINATE) + at(topology, i, at_.JOINT)
+    w, al = load(work, o + at_.ANGULAR_VELOCITY), load(work, o + at_.ANGULAR_ACCELERATION)
+    v, a = load(work, o + at_.VELOCITY), load(work, o + at_.ACCELERATION)
     record, _, length = sums_of(topology, i)
-    c = at(topology, i, BEAM) + 1 + nt + nt * nt
-    k = at(topology, i, BEAM_WORK) + at(topology, i, MODES)
-    for _ in range(at(topology, i, POINTS)):
-        row = record + POINT_MODES
+    c = at(topology, i, at_.BEAM) + 1 + nt + nt * nt
+    k = at(topology, i, at_.BEAM_WORK) + at(topology, i, at_.MODES)
+    for _ in range(at(topology, i, at_.POINTS)):
+        row = record + diff_.POINT_MODES
         for n in range(4):  # lanes beyond the last mode
-            put_all(work, row + length * (n + 1) - LANES, spread(0.0))
+            put_all(work, row + length * (n + 1) - diff_.LANES, spread(0.0))
         s = c + 2
         h = s + ny + nz
         x, x_up, y, y_up = write_plane(constants, work, qd, qdd, d, ny, (s, h), k + 3, row, length)
@@ -154,7 +137,7 @@ def body_sums(work, record, stride, points, out):
 def column_sums(work, record, stride, points, length, out):
     """Write what weight, position, velocity and acceleration make of the modes (10 rows)."""
     zero = spread(0.0)
-    for j in range(POINT_MODES, POINT_MODES + 2 * length, LANES):
+    for j in range(diff_.POINT_MODES, diff_.POINT_MODES + 2 * length, diff_.LANES):
         a, b, c = (zero, zero, zero, zero), (zero, zero, zero), (zero, zero, zero)
         o = record
         for _ in range(points):
@@ -163,20 +146,20 @@ def column_sums(work, record, stride, points, length, out):
             b = three_products(work, o + 12, x, b)
             c = three_products(work, o + 16, x, c)
             o += stride
-        u = out + j - POINT_MODES
+        u = out + j - diff_.POINT_MODES
         for r in range(4):
             put_all(work, u + 4 * length * r, a[r])
         for r in range(3):
             put_all(work, u + 4 * length * (4 + r), b[r])
             put_all(work, u + 4 * length * (7 + r), c[r])
-    for j in range(POINT_MODES + 2 * length, POINT_MODES + 4 * length, LANES):
+    for j in range(diff_.POINT_MODES + 2 * length, diff_.POINT_MODES + 4 * length, diff_.LANES):
         a = (zero, zero, zero, zero)
         o = record
         for _ in range(points):
             a = four_products(work, o, take(work, o + j), a)
             o += stride
         for r in range(4):
-            put_all(work, out + j - POINT_MODES + 4 * length * r, a[r])
+            put_all(work, out + j - diff_.POINT_MODES + 4 * length * r, a[r])
 
 
 @short_inlined
@@ -187,9 +170,9 @@ def pair_sums(work, record, stride, points, length, count, out):
     """
     zero = spread(0.0)
     for n in range(count):
-        for j in range(0, length, LANES):
+        for j in range(0, length, diff_.LANES):
             a, b = (zero, zero, zero, zero), (zero, zero, zero)
-            o = record + POINT_MODES
+            o = record + diff_.POINT_MODES
             for _ in range(points):
                 h, s = spread(work[o + n]), spread(work[o + length + n])
                 other, shape = take(work, o + j), take(work, o + length + j)
@@ -216,14 +199,14 @@ def pair_sums(work, record, stride, points, length, count, out):
 @short_inlined
 def shortening_sums(topology, constants, work, i, record, stride, out):
     """Write the sums of H times the axial acceleration: H_y, then H_z."""
-    ny, nz, nt = at(topology, i, NY), at(topology, i, NZ), at(topology, i, NT)
+    ny, nz, nt = at(topology, i, at_.NY), at(topology, i, at_.NZ), at(topology, i, at_.NT)
     entries = ny * ny + nz * nz
     step = 2 + ny + nz + entries
-    for j in range(0, entries, LANES):
+    for j in range(0, entries, diff_.LANES):
         total = spread(0.0)
-        c = at(topology, i, BEAM) + 3 + nt + nt * nt + ny + nz + j
+        c = at(topology, i, at_.BEAM) + 3 + nt + nt * nt + ny + nz + j
         o = record
-        for _ in range(at(topology, i, POINTS)):
+        for _ in range(at(topology, i, at_.POINTS)):
             total = plus_product(total, spread(work[o + 16]), take_some(constants, c, entries - j))
             c += step
             o += stride
@@ -234,12 +217,12 @@ def shortening_sums(topology, constants, work, i, record, stride, out):
 def beam_sums(topology, constants, work, qd, qdd, i):
     """Write all sums over the points of body i's beam; the body's motion stands at WORK."""
     record, sums, length = sums_of(topology, i)
-    points = at(topology, i, POINTS)
-    count = at(topology, i, NY) + at(topology, i, NZ)
-    stride = POINT_MODES + 4 * length
+    points = at(topology, i, at_.POINTS)
+    count = at(topology, i, at_.NY) + at(topology, i, at_.NZ)
+    stride = diff_.POINT_MODES + 4 * length
     write_points(topology, constants, work, qd, qdd, i)
-    body_sums(work, record, stride, points, sums + BODY_SUMS)
-    modes = sums + BODY_SUMS_SIZE
+    body_sums(work, record, stride, points, sums + diff_.BODY_SUMS)
+    modes = sums + diff_.BODY_SUMS_SIZE
     column_sums(work, record, stride, points, length, modes)
     pair_sums(work, record, stride, points, length, count, modes + 40 * length)
     shortening_sums(

@@ -4,30 +4,10 @@ The inertia of a flexible body stands in work as a (6 + m) x (6 + m) row-major m
 [v; omega; d'; c'] of which only the upper half counts; that of a rigid one as a block.
 """
 
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.block import accumulate_block, rotated, shifted, six, wrench_of, write_block
 from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.layout import (
-    ARM,
-    BEAM,
-    BEAM_WORK,
-    BODY_CONSTANTS,
-    COLUMNS,
-    FIRST_MOMENT,
-    INERTIA_WORK,
-    MASS,
-    MODES,
-    NT,
-    NY,
-    NZ,
-    PARENT,
-    POINTS,
-    ROTATIONAL_INERTIA,
-    SECTION,
-    SECTION_POSITION,
-    SECTION_WORK,
-    WORK,
-)
 from denoc_ros.kernels.vector import accumulate, add, cross, dot, load
 
 
@@ -59,32 +39,32 @@ def add_spin(work, o, size, spin):
 @inlined
 def rigid_part(topology, constants, work, i, size):
     """Write the inertia of the rigid part of flexible body i, with zeros for its modes."""
-    c = at(topology, i, BODY_CONSTANTS)
-    o = at(topology, i, INERTIA_WORK)
+    c = at(topology, i, at_.BODY_CONSTANTS)
+    o = at(topology, i, at_.INERTIA_WORK)
     for k in range(size * size):
         work[o + k] = 0.0
-    mass = constants[c + MASS]
+    mass = constants[c + at_.MASS]
     for k in range(3):
         work[o + (size + 1) * k] = mass
-    add_moment(work, o, size, load(constants, c + FIRST_MOMENT))
-    add_spin(work, o, size, six(constants, c + ROTATIONAL_INERTIA))
+    add_moment(work, o, size, load(constants, c + at_.FIRST_MOMENT))
+    add_spin(work, o, size, six(constants, c + at_.ROTATIONAL_INERTIA))
 
 
 @inlined
 def beam_inertia(topology, constants, work, i):
     """Add int rho C^T C with C = [1, -p x, B] of body i's beam."""
-    ny = at(topology, i, NY)
-    nz = at(topology, i, NZ)
-    nt = at(topology, i, NT)
+    ny = at(topology, i, at_.NY)
+    nz = at(topology, i, at_.NZ)
+    nt = at(topology, i, at_.NT)
     bending = ny + nz
-    size = 6 + at(topology, i, MODES)
-    o = at(topology, i, INERTIA_WORK)
-    c = at(topology, i, BEAM) + 1 + nt + nt * nt
-    k = at(topology, i, BEAM_WORK) + at(topology, i, MODES)
+    size = 6 + at(topology, i, at_.MODES)
+    o = at(topology, i, at_.INERTIA_WORK)
+    c = at(topology, i, at_.BEAM) + 1 + nt + nt * nt
+    k = at(topology, i, at_.BEAM_WORK) + at(topology, i, at_.MODES)
     mass = 0.0
     mx = my = mz = 0.0
     xx = xy = xz = yy = yz = zz = 0.0
-    for _ in range(at(topology, i, POINTS)):
+    for _ in range(at(topology, i, at_.POINTS)):
         e = constants[c]
         x, y, z = load(work, k)
         mass += e * e
@@ -128,12 +108,12 @@ def beam_inertia(topology, constants, work, i):
 @inlined
 def torsion_inertia(topology, constants, work, i):
     """Add int rho J (omega_x + beta')^2 of body i's beam."""
-    nt = at(topology, i, NT)
-    size = 6 + at(topology, i, MODES)
-    o = at(topology, i, INERTIA_WORK)
-    b = at(topology, i, BEAM)
+    nt = at(topology, i, at_.NT)
+    size = 6 + at(topology, i, at_.MODES)
+    o = at(topology, i, at_.INERTIA_WORK)
+    b = at(topology, i, at_.BEAM)
     work[o + 3 * size + 3] += constants[b]
-    first = 6 + at(topology, i, NY) + at(topology, i, NZ)
+    first = 6 + at(topology, i, at_.NY) + at(topology, i, at_.NZ)
     for j in range(nt):
         s = constants[b + 1 + j]
         work[o + 3 * size + first + j] += s
@@ -144,27 +124,27 @@ def torsion_inertia(topology, constants, work, i):
 @inlined
 def flexible_inertia(topology, constants, work, i):
     """Write the (6 + m) inertia of flexible body i."""
-    rigid_part(topology, constants, work, i, 6 + at(topology, i, MODES))
+    rigid_part(topology, constants, work, i, 6 + at(topology, i, at_.MODES))
     beam_inertia(topology, constants, work, i)
-    if at(topology, i, NT) > 0:
+    if at(topology, i, at_.NT) > 0:
         torsion_inertia(topology, constants, work, i)
 
 
 @inlined
 def body_inertia(topology, constants, work, i):
     """Write the inertia of body i: its upper half where flexible, else a block."""
-    if at(topology, i, MODES) > 0:
+    if at(topology, i, at_.MODES) > 0:
         flexible_inertia(topology, constants, work, i)
         return
-    c = at(topology, i, BODY_CONSTANTS)
-    o = at(topology, i, INERTIA_WORK)
-    mass = constants[c + MASS]
-    x, y, z = load(constants, c + FIRST_MOMENT)
+    c = at(topology, i, at_.BODY_CONSTANTS)
+    o = at(topology, i, at_.INERTIA_WORK)
+    mass = constants[c + at_.MASS]
+    x, y, z = load(constants, c + at_.FIRST_MOMENT)
     across = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))
     write_block(
         work,
         o,
-        ((mass, 0.0, 0.0, mass, 0.0, mass), across, six(constants, c + ROTATIONAL_INERTIA)),
+        ((mass, 0.0, 0.0, mass, 0.0, mass), across, six(constants, c + at_.ROTATIONAL_INERTIA)),
     )
 
 
@@ -204,12 +184,12 @@ def add_block(work, o, size, block):
 @inlined
 def transmit_to_modes(topology, work, i, block):
     """Add to the modes of row i's carrier the block on its section, in the carrier's axes."""
-    p = at(topology, i, PARENT)
-    modes = at(topology, p, MODES)
+    p = at(topology, i, at_.PARENT)
+    modes = at(topology, p, at_.MODES)
     size = 6 + modes
-    m = at(topology, p, INERTIA_WORK)
-    place = load(work, at(topology, i, SECTION_WORK) + SECTION_POSITION)
-    columns = at(topology, i, SECTION_WORK) + COLUMNS
+    m = at(topology, p, at_.INERTIA_WORK)
+    place = load(work, at(topology, i, at_.SECTION_WORK) + at_.SECTION_POSITION)
+    columns = at(topology, i, at_.SECTION_WORK) + at_.COLUMNS
     for j in range(modes):
         u = columns + 6 * j
         f, n = wrench_of(block, load(work, u), load(work, u + 3))
@@ -226,14 +206,16 @@ def transmit_to_modes(topology, work, i, block):
 @inlined
 def transmit_inertia(topology, work, i, block):
     """Add row i's block (body axes, at its origin) to its carrier's inertia."""
-    p = at(topology, i, PARENT)
-    o = at(topology, i, WORK)
-    m = at(topology, p, INERTIA_WORK)
-    block = shifted(rotated(block, work, o), load(work, o + ARM))
-    if at(topology, i, SECTION) > 0:
+    p = at(topology, i, at_.PARENT)
+    o = at(topology, i, at_.WORK)
+    m = at(topology, p, at_.INERTIA_WORK)
+    block = shifted(rotated(block, work, o), load(work, o + at_.ARM))
+    if at(topology, i, at_.SECTION) > 0:
         transmit_to_modes(topology, work, i, block)
-        block = shifted(block, load(work, at(topology, i, SECTION_WORK) + SECTION_POSITION))
-    if at(topology, p, MODES) == 0:
+        block = shifted(
+            block, load(work, at(topology, i, at_.SECTION_WORK) + at_.SECTION_POSITION)
+        )
+    if at(topology, p, at_.MODES) == 0:
         accumulate_block(work, m, block)
     else:
-        add_block(work, m, 6 + at(topology, p, MODES), block)
+        add_block(work, m, 6 + at(topology, p, at_.MODES), block)

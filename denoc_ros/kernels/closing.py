@@ -5,27 +5,11 @@ columns of the second stage: dq = -I^-1 J^T (J I^-1 J^T)^-1 e, and the same for 
 to a state that is off by dt^2, so every pass reduces the error by this factor.
 """
 
+from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.articulated import outward_accelerations
 from denoc_ros.kernels.closure import all_rows, constraint_rows, constraints, move_bodies
 from denoc_ros.kernels.compiled import inlined, kernel
 from denoc_ros.kernels.constrained import add_rows, find_constrained, give_loads
-from denoc_ros.kernels.constraint_layout import (
-    CHILD,
-    CONSTANTS,
-    CONSTRAINTS,
-    CONSTRAINTS_WORK,
-    ERROR,
-    KIND,
-    MIMIC,
-    MULTIPLIER,
-    OFFSET,
-    OTHER,
-    RATE,
-    RESIDUAL,
-    ROWS,
-    WANTED,
-    WORST,
-)
 from denoc_ros.kernels.handle import (
     GOOD,
     MISFIT,
@@ -61,14 +45,15 @@ OPEN = 1e-6  # m, rad: what is no closed loop
 def follow(topology, constants, values, shifted):
     """Put mimic joints on their leaders; shifted is 1 for positions, 0 for their rates."""
     # as often as there are constraints: a leader may itself be a mimic joint that stands later
-    for _ in range(at(topology, 0, CONSTRAINTS)):
+    for _ in range(at(topology, 0, loop_.CONSTRAINTS)):
         for constraint in constraints(topology):
-            if at(topology, constraint, KIND) == MIMIC:
-                j = at(topology, at(topology, constraint, CHILD), COORDINATE)
-                leader = at(topology, at(topology, constraint, OTHER), COORDINATE)
-                c = at(topology, constraint, CONSTANTS)
+            if at(topology, constraint, loop_.KIND) == loop_.MIMIC:
+                j = at(topology, at(topology, constraint, loop_.CHILD), COORDINATE)
+                leader = at(topology, at(topology, constraint, loop_.OTHER), COORDINATE)
+                c = at(topology, constraint, loop_.CONSTANTS)
                 values[j] = (
-                    constants[c + MULTIPLIER] * values[leader] + shifted * constants[c + OFFSET]
+                    constants[c + loop_.MULTIPLIER] * values[leader]
+                    + shifted * constants[c + loop_.OFFSET]
                 )
 
 
@@ -77,11 +62,11 @@ def correct(handle, held, t, rows, which, values, change):
     """Take the least change from values that undoes a vector of errors over the rows."""
     topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    hard = at(topology, 0, ROWS)
+    hard = at(topology, 0, loop_.ROWS)
     y = columns_of(t, rows, n) - 2 * n
     for k in range(rows):
         error = work[vector(t, rows, which) + k]
-        work[vector(t, rows, WANTED) + k] = -error if k < hard else 0.0
+        work[vector(t, rows, loop_.WANTED) + k] = -error if k < hard else 0.0
     solve_rows(work, t, rows, rows, n)
     for j in range(n):
         work[y + j] = 0.0
@@ -100,8 +85,8 @@ def worst_of(work, t, rows, hard, which):
         error = abs(work[vector(t, rows, which) + k])
         if not error <= worst:
             worst = error
-            work[t + WORST] = k
-    work[t + RESIDUAL] = worst
+            work[t + loop_.WORST] = k
+    work[t + loop_.RESIDUAL] = worst
     return worst
 
 
@@ -111,19 +96,19 @@ def close_constraints(handle, held, q, qd, change):
     topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
     zero = diagonals[ZERO]
-    t = at(topology, 0, CONSTRAINTS_WORK)
+    t = at(topology, 0, loop_.CONSTRAINTS_WORK)
     rows = all_rows(topology)
-    hard = at(topology, 0, ROWS)
+    hard = at(topology, 0, loop_.ROWS)
     for _ in range(PASSES):
         move_bodies(topology, constants, work, bodies, q, qd, zero)
         for constraint in constraints(topology):
             constraint_rows(topology, constants, work, q, qd, zero, zero, constraint, t, rows)
-        rate = worst_of(work, t, rows, hard, RATE)
-        error = worst_of(work, t, rows, hard, ERROR)
+        rate = worst_of(work, t, rows, hard, loop_.RATE)
+        error = worst_of(work, t, rows, hard, loop_.ERROR)
         if error <= CLOSED and rate <= CLOSED:
             return GOOD
-        for which in range(ERROR, RATE + 1):
-            values = q if which == ERROR else qd
+        for which in range(loop_.ERROR, loop_.RATE + 1):
+            values = q if which == loop_.ERROR else qd
             correct(handle, held, t, rows, which, values, change)
     return GOOD if error <= OPEN and all_finite(q, n) and all_finite(qd, n) else OPENED
 

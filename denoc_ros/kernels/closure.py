@@ -1,26 +1,8 @@
 """Closure of loops and mimic joints: errors, Jacobian and acceleration bias."""
 
+from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.compiled import inlined, kernel, shared
 from denoc_ros.kernels.constraint_columns import project_loop
-from denoc_ros.kernels.constraint_layout import (
-    AXIS_ROWS,
-    BIAS,
-    CHILD,
-    CONSTANTS,
-    CONSTRAINTS,
-    CONSTRAINTS_WORK,
-    ERROR,
-    FIRST_CONSTRAINT,
-    KIND,
-    MIMIC,
-    MULTIPLIER,
-    OFFSET,
-    OTHER,
-    RATE,
-    ROW,
-    ROWS,
-    VECTORS,
-)
 from denoc_ros.kernels.handle import (
     GOOD,
     MISFIT,
@@ -41,27 +23,27 @@ from denoc_ros.kernels.vector import all_finite
 @inlined
 def constraints(topology):
     """Return the rows of topology that are constraints."""
-    first = at(topology, 0, FIRST_CONSTRAINT)
-    return range(first, first + at(topology, 0, CONSTRAINTS))
+    first = at(topology, 0, loop_.FIRST_CONSTRAINT)
+    return range(first, first + at(topology, 0, loop_.CONSTRAINTS))
 
 
 @inlined
 def all_rows(topology):
     """Return the number of rows, those of free axes included."""
-    return at(topology, 0, ROWS) + at(topology, 0, AXIS_ROWS)
+    return at(topology, 0, loop_.ROWS) + at(topology, 0, loop_.AXIS_ROWS)
 
 
 @inlined
 def mimic_row(topology, constants, work, q, qd, given, constraint, t, rows):
     """Write the row q_mimic - multiplier q_leader - offset of a mimic joint."""
-    j = at(topology, at(topology, constraint, CHILD), COORDINATE)
-    leader = at(topology, at(topology, constraint, OTHER), COORDINATE)
-    c = at(topology, constraint, CONSTANTS)
-    k = t + VECTORS + at(topology, constraint, ROW)
-    factor = constants[c + MULTIPLIER]
-    work[k + ERROR * rows] = q[j] - factor * q[leader] - constants[c + OFFSET]
-    work[k + RATE * rows] = qd[j] - factor * qd[leader]
-    work[k + BIAS * rows] = given[j] - factor * given[leader]
+    j = at(topology, at(topology, constraint, loop_.CHILD), COORDINATE)
+    leader = at(topology, at(topology, constraint, loop_.OTHER), COORDINATE)
+    c = at(topology, constraint, loop_.CONSTANTS)
+    k = t + loop_.VECTORS + at(topology, constraint, loop_.ROW)
+    factor = constants[c + loop_.MULTIPLIER]
+    work[k + loop_.ERROR * rows] = q[j] - factor * q[leader] - constants[c + loop_.OFFSET]
+    work[k + loop_.RATE * rows] = qd[j] - factor * qd[leader]
+    work[k + loop_.BIAS * rows] = given[j] - factor * given[leader]
 
 
 @shared
@@ -70,11 +52,11 @@ def constraint_rows(topology, constants, work, q, qd, given, zero, constraint, t
 
     zero stands for the amplitudes' accelerations, which the frames on sections do not have yet.
     """
-    if at(topology, constraint, KIND) == MIMIC:
+    if at(topology, constraint, loop_.KIND) == loop_.MIMIC:
         mimic_row(topology, constants, work, q, qd, given, constraint, t, rows)
         return
     for side in range(2):
-        i = at(topology, constraint, CHILD if side == 0 else OTHER)
+        i = at(topology, constraint, loop_.CHILD if side == 0 else loop_.OTHER)
         place_body(topology, constants, work, q, i)
         move_body(topology, constants, work, qd, zero, i)
         linear_velocity(topology, constants, work, qd, i)
@@ -93,11 +75,11 @@ def move_bodies(topology, constants, work, bodies, q, qd, zero):
 @inlined
 def constraint_jacobian(topology, constants, work, constraint, t, rows, out, n):
     """Add a constraint's rows, which stand in the workspace, to the Jacobian out (rows * n)."""
-    first = at(topology, constraint, ROW)
-    if at(topology, constraint, KIND) == MIMIC:
-        out[n * first + at(topology, at(topology, constraint, CHILD), COORDINATE)] += 1.0
-        factor = constants[at(topology, constraint, CONSTANTS) + MULTIPLIER]
-        out[n * first + at(topology, at(topology, constraint, OTHER), COORDINATE)] -= factor
+    first = at(topology, constraint, loop_.ROW)
+    if at(topology, constraint, loop_.KIND) == loop_.MIMIC:
+        out[n * first + at(topology, at(topology, constraint, loop_.CHILD), COORDINATE)] += 1.0
+        factor = constants[at(topology, constraint, loop_.CONSTANTS) + loop_.MULTIPLIER]
+        out[n * first + at(topology, at(topology, constraint, loop_.OTHER), COORDINATE)] -= factor
         return
     project_loop(topology, constants, work, constraint, t, rows, out, n)
 
@@ -107,22 +89,22 @@ def closure(handle, q, qd, out):
     """Write errors, their rates and the acceleration bias J' q' (3, rows)."""
     topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    rows = at(topology, 0, ROWS)
+    rows = at(topology, 0, loop_.ROWS)
     if q.shape[0] != n or qd.shape[0] != n or out.shape[0] != 3 or out.shape[1] != rows:
         return MISFIT
     zero = diagonals[ZERO]
     here, rates, result = elements(q), elements(qd), elements(out)
     move_bodies(topology, constants, work, bodies, here, rates, zero)
-    t = at(topology, 0, CONSTRAINTS_WORK)
+    t = at(topology, 0, loop_.CONSTRAINTS_WORK)
     for constraint in constraints(topology):
         constraint_rows(
             topology, constants, work, here, rates, zero, zero, constraint, t, all_rows(topology)
         )
-    o = t + VECTORS
+    o = t + loop_.VECTORS
     for k in range(rows):
-        result[k] = work[o + ERROR * all_rows(topology) + k]
-        result[rows + k] = work[o + RATE * all_rows(topology) + k]
-        result[2 * rows + k] = work[o + BIAS * all_rows(topology) + k]
+        result[k] = work[o + loop_.ERROR * all_rows(topology) + k]
+        result[rows + k] = work[o + loop_.RATE * all_rows(topology) + k]
+        result[2 * rows + k] = work[o + loop_.BIAS * all_rows(topology) + k]
     return GOOD if all_finite(result, 3 * rows) else NOT_FINITE
 
 
@@ -139,7 +121,7 @@ def closure_jacobian(handle, q, out):
     move_bodies(topology, constants, work, bodies, here, zero, zero)
     for k in range(rows * n):
         result[k] = 0.0
-    t = at(topology, 0, CONSTRAINTS_WORK)
+    t = at(topology, 0, loop_.CONSTRAINTS_WORK)
     for constraint in constraints(topology):
         constraint_rows(topology, constants, work, here, zero, zero, zero, constraint, t, rows)
         constraint_jacobian(topology, constants, work, constraint, t, rows, result, n)

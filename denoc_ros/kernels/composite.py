@@ -2,6 +2,7 @@
 
 from numba import types
 
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.array_object import (
     READABLE,
     WRITABLE,
@@ -28,32 +29,6 @@ from denoc_ros.kernels.handle import (
     model_arrays,
 )
 from denoc_ros.kernels.inverse import outward_motion
-from denoc_ros.kernels.layout import (
-    ANGULAR_VELOCITY,
-    ARM,
-    AXIS,
-    BASE_GRAVITY,
-    BLOCK,
-    BODY_CONSTANTS,
-    COLUMNS,
-    COMPOSITE,
-    COORDINATE,
-    INERTIA_WORK,
-    JOINT,
-    MASS,
-    MODES,
-    MOTION,
-    PARENT,
-    POINTS,
-    REVOLUTE_Z,
-    SECTION,
-    SECTION_POSITION,
-    SECTION_WORK,
-    VELOCITY,
-    WORK,
-    WORLD_POSITION,
-    WORLD_ROTATION,
-)
 from denoc_ros.kernels.motion import linear_velocity
 from denoc_ros.kernels.placement import place_beam, place_by_sines
 from denoc_ros.kernels.sine_cosine import write_sines
@@ -77,15 +52,15 @@ from denoc_ros.kernels.world import world_pose
 @inlined
 def own_composite(topology, constants, work, i):
     """Write mass, moment and spin of body i alone, and its (6 + m) inertia where flexible."""
-    k = at(topology, i, WORK) + COMPOSITE
-    if at(topology, i, MODES) == 0:
-        c = at(topology, i, BODY_CONSTANTS) + MASS
+    k = at(topology, i, at_.WORK) + at_.COMPOSITE
+    if at(topology, i, at_.MODES) == 0:
+        c = at(topology, i, at_.BODY_CONSTANTS) + at_.MASS
         for n in range(10):
             work[k + n] = constants[c + n]
         return
     flexible_inertia(topology, constants, work, i)
-    size = 6 + at(topology, i, MODES)
-    o = at(topology, i, INERTIA_WORK)
+    size = 6 + at(topology, i, at_.MODES)
+    o = at(topology, i, at_.INERTIA_WORK)
     work[k] = work[o]
     store(work, k + 1, (work[o + size + 5], work[o + 2 * size + 3], work[o + 4]))
     o += 3 * size + 3
@@ -120,15 +95,15 @@ def shifted_spin(spin, mass, moment, r):
 @inlined
 def modal_entries(topology, work, i, block):
     """Add to the modes of row i's carrier the composite at offset block, about the section."""
-    p = at(topology, i, PARENT)
-    size = 6 + at(topology, p, MODES)
-    o = at(topology, p, INERTIA_WORK)
-    place = load(work, at(topology, i, SECTION_WORK) + SECTION_POSITION)
-    columns = at(topology, i, SECTION_WORK) + COLUMNS
-    for j in range(at(topology, p, MODES)):
+    p = at(topology, i, at_.PARENT)
+    size = 6 + at(topology, p, at_.MODES)
+    o = at(topology, p, at_.INERTIA_WORK)
+    place = load(work, at(topology, i, at_.SECTION_WORK) + at_.SECTION_POSITION)
+    columns = at(topology, i, at_.SECTION_WORK) + at_.COLUMNS
+    for j in range(at(topology, p, at_.MODES)):
         u = columns + 6 * j
         f, n = rigid_wrench(work, block, load(work, u), load(work, u + 3))
-        for k in range(j, at(topology, p, MODES)):
+        for k in range(j, at(topology, p, at_.MODES)):
             u = columns + 6 * k
             both = dot(load(work, u), f) + dot(load(work, u + 3), n)
             work[o + (6 + j) * size + 6 + k] += both
@@ -141,10 +116,10 @@ def modal_entries(topology, work, i, block):
 @inlined
 def transmit_composite(topology, work, i):
     """Add row i's composite body to its carrier's."""
-    o = at(topology, i, WORK)
-    k = o + COMPOSITE
+    o = at(topology, i, at_.WORK)
+    k = o + at_.COMPOSITE
     mass = work[k]
-    r = load(work, o + ARM)
+    r = load(work, o + at_.ARM)
     moment = rotate(work, o, load(work, k + 1))
     spin = shifted_spin(
         turned(six(work, k + 4), load(work, o), load(work, o + 3), load(work, o + 6)),
@@ -153,16 +128,16 @@ def transmit_composite(topology, work, i):
         r,
     )
     moment = add(moment, scale(mass, r))
-    if at(topology, i, SECTION) > 0:
-        work[BLOCK] = mass
-        store(work, BLOCK + 1, moment)
-        store(work, BLOCK + 4, (spin[0], spin[1], spin[2]))
-        store(work, BLOCK + 7, (spin[3], spin[4], spin[5]))
-        modal_entries(topology, work, i, BLOCK)
-        r = load(work, at(topology, i, SECTION_WORK) + SECTION_POSITION)
+    if at(topology, i, at_.SECTION) > 0:
+        work[at_.BLOCK] = mass
+        store(work, at_.BLOCK + 1, moment)
+        store(work, at_.BLOCK + 4, (spin[0], spin[1], spin[2]))
+        store(work, at_.BLOCK + 7, (spin[3], spin[4], spin[5]))
+        modal_entries(topology, work, i, at_.BLOCK)
+        r = load(work, at(topology, i, at_.SECTION_WORK) + at_.SECTION_POSITION)
         spin = shifted_spin(spin, mass, moment, r)
         moment = add(moment, scale(mass, r))
-    k = at(topology, at(topology, i, PARENT), WORK) + COMPOSITE
+    k = at(topology, at(topology, i, at_.PARENT), at_.WORK) + at_.COMPOSITE
     work[k] += mass
     accumulate(work, k + 1, moment)
     accumulate(work, k + 4, (spin[0], spin[1], spin[2]))
@@ -175,45 +150,45 @@ def carrier_entries(topology, constants, work, i, f, n, c, size, out):
 
     out is the (size, size) matrix, row by row.
     """
-    p = at(topology, i, PARENT)
+    p = at(topology, i, at_.PARENT)
     while p > 0:
-        o = at(topology, i, WORK)
+        o = at(topology, i, at_.WORK)
         f = rotate(work, o, f)
-        n = add(rotate(work, o, n), cross(load(work, o + ARM), f))
-        j = at(topology, p, COORDINATE)
-        if at(topology, i, SECTION) > 0:
-            s = at(topology, i, SECTION_WORK)
-            u = s + COLUMNS
-            d = j + at(topology, p, JOINT)
-            for k in range(d, d + at(topology, p, MODES)):
+        n = add(rotate(work, o, n), cross(load(work, o + at_.ARM), f))
+        j = at(topology, p, at_.COORDINATE)
+        if at(topology, i, at_.SECTION) > 0:
+            s = at(topology, i, at_.SECTION_WORK)
+            u = s + at_.COLUMNS
+            d = j + at(topology, p, at_.JOINT)
+            for k in range(d, d + at(topology, p, at_.MODES)):
                 x = dot(load(work, u), f) + dot(load(work, u + 3), n)
                 out[size * k + c] = x
                 out[size * c + k] = x
                 u += 6
-            n = add(n, cross(load(work, s + SECTION_POSITION), f))
-        if at(topology, p, MOTION) == REVOLUTE_Z:
+            n = add(n, cross(load(work, s + at_.SECTION_POSITION), f))
+        if at(topology, p, at_.MOTION) == at_.REVOLUTE_Z:
             out[size * j + c] = n[2]
             out[size * c + j] = n[2]
-        elif at(topology, p, JOINT) == 1:
-            s = at(topology, p, BODY_CONSTANTS) + AXIS
+        elif at(topology, p, at_.JOINT) == 1:
+            s = at(topology, p, at_.BODY_CONSTANTS) + at_.AXIS
             x = dot(load(constants, s), f) + dot(load(constants, s + 3), n)
             out[size * j + c] = x
             out[size * c + j] = x
         i = p
-        p = at(topology, i, PARENT)
+        p = at(topology, i, at_.PARENT)
 
 
 @inlined
 def joint_column(topology, constants, work, i, size, out):
     """Write the column of body i's joint."""
-    k = at(topology, i, WORK) + COMPOSITE
-    j = at(topology, i, COORDINATE)
-    if at(topology, i, MOTION) == REVOLUTE_Z:
+    k = at(topology, i, at_.WORK) + at_.COMPOSITE
+    j = at(topology, i, at_.COORDINATE)
+    if at(topology, i, at_.MOTION) == at_.REVOLUTE_Z:
         f = (-work[k + 2], work[k + 1], 0.0)
         n = (work[k + 6], work[k + 8], work[k + 9])
         out[(size + 1) * j] = n[2]
     else:
-        s = at(topology, i, BODY_CONSTANTS) + AXIS
+        s = at(topology, i, at_.BODY_CONSTANTS) + at_.AXIS
         slide = load(constants, s)
         turn = load(constants, s + 3)
         f, n = rigid_wrench(work, k, slide, turn)
@@ -224,15 +199,15 @@ def joint_column(topology, constants, work, i, size, out):
 @inlined
 def modal_column(topology, constants, work, i, column, size, out):
     """Write the column of one of body i's modes."""
-    own = 6 + at(topology, i, MODES)
-    o = at(topology, i, INERTIA_WORK)
-    j = at(topology, i, COORDINATE) + at(topology, i, JOINT)
+    own = 6 + at(topology, i, at_.MODES)
+    o = at(topology, i, at_.INERTIA_WORK)
+    j = at(topology, i, at_.COORDINATE) + at(topology, i, at_.JOINT)
     c = j + column
     u = o + 6 + column
     f = (work[u], work[u + own], work[u + 2 * own])
     n = (work[u + 3 * own], work[u + 4 * own], work[u + 5 * own])
-    if at(topology, i, JOINT) == 1:
-        s = at(topology, i, BODY_CONSTANTS) + AXIS
+    if at(topology, i, at_.JOINT) == 1:
+        s = at(topology, i, at_.BODY_CONSTANTS) + at_.AXIS
         x = dot(load(constants, s), f) + dot(load(constants, s + 3), n)
         out[size * (j - 1) + c] = x
         out[size * c + j - 1] = x
@@ -252,17 +227,17 @@ def find_inertia(handle, q, out):
     write_sines(q, n, sines, cosines)
     for i in range(1, bodies + 1):
         place_by_sines(topology, constants, work, q, sines, cosines, i)
-        if at(topology, i, POINTS) > 0:
+        if at(topology, i, at_.POINTS) > 0:
             place_beam(topology, constants, work, q, i)
         own_composite(topology, constants, work, i)
     for j in range(n * n):
         out[j] = 0.0
     for i in range(bodies, 0, -1):
-        if at(topology, i, JOINT) == 1:
+        if at(topology, i, at_.JOINT) == 1:
             joint_column(topology, constants, work, i, n, out)
-        for column in range(at(topology, i, MODES)):
+        for column in range(at(topology, i, at_.MODES)):
             modal_column(topology, constants, work, i, column, n, out)
-        if at(topology, i, PARENT) > 0:
+        if at(topology, i, at_.PARENT) > 0:
             transmit_composite(topology, work, i)
     for j in range(n):
         out[(n + 1) * j] += diagonals[ARMATURE][j]
@@ -292,16 +267,16 @@ def inertia_matrix_rows(handle, q, first, last, out):
 @inlined
 def body_kinetic(topology, work, qd, i):
     """Return the kinetic energy of body i alone."""
-    u = at(topology, i, WORK)
-    k = u + COMPOSITE
-    v = load(work, u + VELOCITY)
-    w = load(work, u + ANGULAR_VELOCITY)
+    u = at(topology, i, at_.WORK)
+    k = u + at_.COMPOSITE
+    v = load(work, u + at_.VELOCITY)
+    w = load(work, u + at_.ANGULAR_VELOCITY)
     f, n = rigid_wrench(work, k, v, w)
     energy = 0.5 * (dot(v, f) + dot(w, n))
-    m = at(topology, i, MODES)
+    m = at(topology, i, at_.MODES)
     size = 6 + m
-    o = at(topology, i, INERTIA_WORK)
-    d = at(topology, i, COORDINATE) + at(topology, i, JOINT)
+    o = at(topology, i, at_.INERTIA_WORK)
+    d = at(topology, i, at_.COORDINATE) + at(topology, i, at_.JOINT)
     for r in range(m):
         momentum = 0.0
         for c in range(3):
@@ -317,11 +292,11 @@ def body_kinetic(topology, work, qd, i):
 @inlined
 def body_gravity(topology, constants, work, i):
     """Return the gravity potential of body i alone, zero at the base origin."""
-    u = at(topology, i, WORK)
-    k = u + COMPOSITE
-    g = load(work, BASE_GRAVITY)
-    position = load(work, u + WORLD_POSITION)
-    moment = rotate(work, u + WORLD_ROTATION, load(work, k + 1))
+    u = at(topology, i, at_.WORK)
+    k = u + at_.COMPOSITE
+    g = load(work, at_.BASE_GRAVITY)
+    position = load(work, u + at_.WORLD_POSITION)
+    moment = rotate(work, u + at_.WORLD_ROTATION, load(work, k + 1))
     return -work[k] * dot(g, position) - dot(g, moment)
 
 

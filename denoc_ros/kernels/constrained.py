@@ -8,6 +8,8 @@ and one way outward with y + Y lambda serve everything; no inertia matrix, no J.
 import numpy as np
 from numba import types
 
+from denoc_ros.kernels import constraint_layout as loop_
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, content, is_vector
 from denoc_ros.kernels.articulated import (
     free_joint,
@@ -17,22 +19,6 @@ from denoc_ros.kernels.articulated import (
 from denoc_ros.kernels.closure import all_rows, constraint_rows, constraints
 from denoc_ros.kernels.compiled import NUMBERS, apart, inlined, kernel, rows_kernel
 from denoc_ros.kernels.constraint_columns import constraint_columns
-from denoc_ros.kernels.constraint_layout import (
-    AXIS_FORCE,
-    AXIS_ROW,
-    BIAS,
-    CONSTANTS,
-    CONSTRAINTS_WORK,
-    DAMPING,
-    FRICTION,
-    KIND,
-    MIMIC,
-    MULTIPLIERS,
-    RATE,
-    ROWS,
-    SLOPE,
-    WANTED,
-)
 from denoc_ros.kernels.handle import (
     ARMATURE,
     GOOD,
@@ -49,7 +35,6 @@ from denoc_ros.kernels.handle import (
 )
 from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.inverse import outward_motion
-from denoc_ros.kernels.layout import COORDINATE, ELIMINATED, JOINT, MODES, SLIP_RATE
 from denoc_ros.kernels.link_side import lacks_rotor
 from denoc_ros.kernels.motion import linear_velocity
 from denoc_ros.kernels.multipliers import (
@@ -78,10 +63,10 @@ def take_loads(topology, work, held, bodies, y, weight):
     """
     for i in range(1, bodies + 1):
         free = free_joint(topology, held, i)
-        m = at(topology, i, MODES)
-        j = at(topology, i, COORDINATE)
-        w = at(topology, i, ELIMINATED)
-        if at(topology, i, JOINT) > free:
+        m = at(topology, i, at_.MODES)
+        j = at(topology, i, at_.COORDINATE)
+        w = at(topology, i, at_.ELIMINATED)
+        if at(topology, i, at_.JOINT) > free:
             work[y + j] = 0.0
             work[weight + j] = 0.0
             j += 1
@@ -101,9 +86,9 @@ def give_loads(topology, work, held, bodies, y):
     """Copy y (n) to where the outward pass looks for it."""
     for i in range(1, bodies + 1):
         free = free_joint(topology, held, i)
-        m = at(topology, i, MODES)
-        j = y + at(topology, i, COORDINATE) + at(topology, i, JOINT) - free
-        w = at(topology, i, ELIMINATED)
+        m = at(topology, i, at_.MODES)
+        j = y + at(topology, i, at_.COORDINATE) + at(topology, i, at_.JOINT) - free
+        w = at(topology, i, at_.ELIMINATED)
         if m > 0:
             size = free + m
             for k in range(size):
@@ -117,7 +102,7 @@ def add_rows(work, t, rows, first, last, n, y):
     """Add the multipliers' columns of rows first .. last - 1 to y (n)."""
     columns = columns_of(t, rows, n)
     for k in range(first, last):
-        u = work[vector(t, rows, MULTIPLIERS) + k]
+        u = work[vector(t, rows, loop_.MULTIPLIERS) + k]
         for j in range(n):
             work[y + j] += u * work[columns + n * k + j]
 
@@ -126,18 +111,18 @@ def add_rows(work, t, rows, first, last, n, y):
 def resist(topology, constants, work, t, rows, stage):
     """Write the forces of damping and friction along free axes as multipliers, and their slope."""
     for constraint in constraints(topology):
-        k = at(topology, constraint, AXIS_ROW)
-        if at(topology, constraint, KIND) == MIMIC or k == 0:
+        k = at(topology, constraint, loop_.AXIS_ROW)
+        if at(topology, constraint, loop_.KIND) == loop_.MIMIC or k == 0:
             continue
-        c = at(topology, constraint, CONSTANTS)
-        rate = work[vector(t, rows, RATE) + k]
-        slip = np.tanh(rate / constants[SLIP_RATE])
-        force = constants[c + DAMPING] * rate + constants[c + FRICTION] * slip
-        push = work[vector(t, rows, AXIS_FORCE) + k] if stage == SECOND_STAGE else 0.0
-        work[vector(t, rows, MULTIPLIERS) + k] = push - force
+        c = at(topology, constraint, loop_.CONSTANTS)
+        rate = work[vector(t, rows, loop_.RATE) + k]
+        slip = np.tanh(rate / constants[at_.SLIP_RATE])
+        force = constants[c + loop_.DAMPING] * rate + constants[c + loop_.FRICTION] * slip
+        push = work[vector(t, rows, loop_.AXIS_FORCE) + k] if stage == SECOND_STAGE else 0.0
+        work[vector(t, rows, loop_.MULTIPLIERS) + k] = push - force
         if stage == FIRST_STAGE:
-            slope = constants[c + FRICTION] / constants[SLIP_RATE] * (1.0 - slip * slip)
-            work[vector(t, rows, SLOPE) + k] = constants[c + DAMPING] + slope
+            slope = constants[c + loop_.FRICTION] / constants[at_.SLIP_RATE] * (1.0 - slip * slip)
+            work[vector(t, rows, loop_.SLOPE) + k] = constants[c + loop_.DAMPING] + slope
 
 
 @inlined
@@ -160,7 +145,7 @@ def soften(work, t, rows, hard, n, g):
     """Add to the products what lets free axes give way to g times their damping."""
     products = columns_of(t, rows, n) + rows * n
     for k in range(hard, rows):
-        slope = work[vector(t, rows, SLOPE) + k]
+        slope = work[vector(t, rows, loop_.SLOPE) + k]
         # an axis that slips freely is left to itself: its multiplier is nothing to speak of
         work[products + (rows + 1) * k] += 1.0 / max(g * slope, 1e-300)
 
@@ -168,7 +153,7 @@ def soften(work, t, rows, hard, n, g):
 @inlined
 def find_multipliers(topology, constants, work, t, rows, n, y, stage, g):
     """Write the multipliers for loads y, and add to y what they do; say whether rows agree."""
-    hard = at(topology, 0, ROWS)
+    hard = at(topology, 0, loop_.ROWS)
     count = hard if stage == EXPLICIT else rows
     columns = columns_of(t, rows, n)
     resist(topology, constants, work, t, rows, stage)
@@ -178,15 +163,15 @@ def find_multipliers(topology, constants, work, t, rows, n, y, stage, g):
         soften(work, t, rows, hard, n, g)
     factor_products(work, t, rows, count, hard, n)
     for k in range(count):
-        bias = work[vector(t, rows, BIAS) + k] if k < hard else 0.0
+        bias = work[vector(t, rows, loop_.BIAS) + k] if k < hard else 0.0
         done = product(work, y, columns + n * k, columns - n, n)
-        work[vector(t, rows, WANTED) + k] = -bias - done
+        work[vector(t, rows, loop_.WANTED) + k] = -bias - done
     good = solve_rows(work, t, rows, count, n)
     add_rows(work, t, rows, 0, count, n, y)
     if stage == FIRST_STAGE:
         for k in range(hard, rows):
-            multiplier = work[vector(t, rows, MULTIPLIERS) + k]
-            work[vector(t, rows, AXIS_FORCE) + k] = -2.0 * multiplier
+            multiplier = work[vector(t, rows, loop_.MULTIPLIERS) + k]
+            work[vector(t, rows, loop_.AXIS_FORCE) + k] = -2.0 * multiplier
     return good
 
 
@@ -206,7 +191,7 @@ def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd):
     outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, given)
     if not inward_articulated(topology, constants, work, shift, held, bodies, drive):
         return SINGULAR
-    t = at(topology, 0, CONSTRAINTS_WORK)
+    t = at(topology, 0, loop_.CONSTRAINTS_WORK)
     rows = all_rows(topology)
     y = columns_of(t, rows, n) - 2 * n
     write_columns(handle, held, q, qd, given, t, rows)
@@ -223,8 +208,8 @@ def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd):
 def copy_multipliers(handle, out):
     """Write the multipliers (rows) that the last solve found."""
     topology, _reals, work, _diagonals, _bodies = model_arrays(handle)
-    found = vector(at(topology, 0, CONSTRAINTS_WORK), all_rows(topology), MULTIPLIERS)
-    for k in range(at(topology, 0, ROWS)):
+    found = vector(at(topology, 0, loop_.CONSTRAINTS_WORK), all_rows(topology), loop_.MULTIPLIERS)
+    for k in range(at(topology, 0, loop_.ROWS)):
         out[k] = work[found + k]
 
 
@@ -240,7 +225,7 @@ def constrained_dynamics(handle, held, q, qd, given, tau, qdd, multipliers):
         and is_vector(handle, given, n, READABLE)
         and is_vector(handle, tau, n, READABLE)
         and is_vector(handle, qdd, n, WRITABLE)
-        and is_vector(handle, multipliers, at(topology, 0, ROWS), WRITABLE)
+        and is_vector(handle, multipliers, at(topology, 0, loop_.ROWS), WRITABLE)
     ):
         return MISFIT
     status = find_constrained(
@@ -268,7 +253,7 @@ def constrained_dynamics_rows(handle, held, q, qd, given, tau, first, last, qdd,
             handle, EXPLICIT, 0.0, diagonals[ARMATURE], flags, beyond(a, k), beyond(b, k),
             beyond(c, k), beyond(d, k), beyond(e, k),
         )  # fmt: skip
-        copy_multipliers(handle, beyond(f, at(topology, 0, ROWS) * row))
+        copy_multipliers(handle, beyond(f, at(topology, 0, loop_.ROWS) * row))
         worst = max(worst, status)
         if worst != GOOD:
             return worst

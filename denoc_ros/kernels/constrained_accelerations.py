@@ -6,11 +6,11 @@ and the factors of J I^-1 J^T that constrained dynamics left.
 
 import numpy as np
 
+from denoc_ros.kernels import constrained_derivative_layout as cdiff_
+from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.closure import all_rows
 from denoc_ros.kernels.compiled import merged, shared
-from denoc_ros.kernels.constrained_derivative_layout import STILL, TURNING, WEIGHTS
 from denoc_ros.kernels.constrained_rooms import add_products, room
-from denoc_ros.kernels.constraint_layout import CONSTRAINTS_WORK, MULTIPLIERS, RANK, ROWS, WANTED
 from denoc_ros.kernels.constraint_rates import constraint_rates
 from denoc_ros.kernels.forward_derivatives import drive_columns
 from denoc_ros.kernels.handle import at, coordinates, model_arrays
@@ -44,7 +44,7 @@ def solve_tree(handle, flags, places):
 @merged
 def want_rows(topology, work, places, n):
     """Write to the pushes what accelerations as those of the tree leave the rows to do."""
-    hard = at(topology, 0, ROWS)
+    hard = at(topology, 0, loop_.ROWS)
     size, block = all_rows(topology) * n, hard * n
     for k in range(block):
         work[places.pushes + k] = -work[places.rates + 2 * size + k]
@@ -63,15 +63,15 @@ def want_rows(topology, work, places, n):
 @shared
 def solve_pushes(topology, work, places, n):
     """Replace what the rows have to do by the multipliers that do it."""
-    t = at(topology, 0, CONSTRAINTS_WORK)
-    rows, hard = all_rows(topology), at(topology, 0, ROWS)
-    wanted, found = vector(t, rows, WANTED), vector(t, rows, MULTIPLIERS)
+    t = at(topology, 0, loop_.CONSTRAINTS_WORK)
+    rows, hard = all_rows(topology), at(topology, 0, loop_.ROWS)
+    wanted, found = vector(t, rows, loop_.WANTED), vector(t, rows, loop_.MULTIPLIERS)
     for which in range(3):
         for j in range(n):
             o = places.pushes + which * hard * n + j
             for k in range(hard):
                 work[wanted + k] = work[o + n * k]
-            keep_consistent(work, t, rows, hard, n, WANTED)
+            keep_consistent(work, t, rows, hard, n, loop_.WANTED)
             solve_rows(work, t, rows, hard, n)
             for k in range(hard):
                 work[o + n * k] = work[found + k]
@@ -80,7 +80,7 @@ def solve_pushes(topology, work, places, n):
 @merged
 def push_motion(topology, work, places, flags, n):
     """Add to the accelerations what the multipliers do; I^-1 J^T (n, r) stays after these."""
-    hard = at(topology, 0, ROWS)
+    hard = at(topology, 0, loop_.ROWS)
     columns = places.pushes + 3 * hard * n
     inverse = places.motion + 2 * n * n
     for i in range(n):
@@ -100,13 +100,13 @@ def turn_multipliers(handle, q, places):
     """Add to the multipliers' changes by q what turns where rows say the same twice."""
     topology, _constants, work, _diagonals, _bodies = model_arrays(handle)
     n = coordinates(handle)
-    t = at(topology, 0, CONSTRAINTS_WORK)
-    rows, hard = all_rows(topology), at(topology, 0, ROWS)
-    if np.int64(work[t + RANK]) == hard:
+    t = at(topology, 0, loop_.CONSTRAINTS_WORK)
+    rows, hard = all_rows(topology), at(topology, 0, loop_.ROWS)
+    if np.int64(work[t + loop_.RANK]) == hard:
         return
-    wanted, found = vector(t, rows, WANTED), vector(t, rows, MULTIPLIERS)
-    weights = room(topology, work, places, n, WEIGHTS)
-    turning = room(topology, work, places, n, TURNING)
+    wanted, found = vector(t, rows, loop_.WANTED), vector(t, rows, loop_.MULTIPLIERS)
+    weights = room(topology, work, places, n, cdiff_.WEIGHTS)
+    turning = room(topology, work, places, n, cdiff_.TURNING)
     columns = places.pushes + 3 * hard * n
     for k in range(hard):
         work[wanted + k] = weights[k]
@@ -115,13 +115,13 @@ def turn_multipliers(handle, q, places):
         turning[i] = 0.0
         for k in range(hard):
             turning[i] += work[columns + hard * i + k] * work[found + k]
-    still = room(topology, work, places, n, STILL)
+    still = room(topology, work, places, n, cdiff_.STILL)
     constraint_rates(handle, q, still, turning, places.applied)
     change = places.applied + 2 * rows * n
     for j in range(n):
         for k in range(hard):
             work[wanted + k] = work[change + n * k + j]
-        keep_consistent(work, t, rows, hard, n, WANTED)
+        keep_consistent(work, t, rows, hard, n, loop_.WANTED)
         for k in range(hard):
             turned = work[change + n * k + j] - work[wanted + k]
             work[places.pushes + n * k + j] += turned

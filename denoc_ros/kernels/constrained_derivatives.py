@@ -13,6 +13,8 @@ no other multipliers make.
 
 import numpy as np
 
+from denoc_ros.kernels import constrained_derivative_layout as cdiff_
+from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.closure import all_rows, constraints
 from denoc_ros.kernels.compiled import kernel, merged, rows_kernel, shared
 from denoc_ros.kernels.constrained import EXPLICIT, find_constrained
@@ -22,18 +24,6 @@ from denoc_ros.kernels.constrained_accelerations import (
     solve_tree,
     turn_multipliers,
     want_rows,
-)
-from denoc_ros.kernels.constrained_derivative_layout import (
-    ACCELERATION,
-    FLAGS,
-    FORCE,
-    FORWARD,
-    GIVEN,
-    HYBRID,
-    INVERSE,
-    NEED,
-    STILL,
-    WEIGHTS,
 )
 from denoc_ros.kernels.constrained_results import deliver_all
 from denoc_ros.kernels.constrained_rooms import room, room_place
@@ -47,15 +37,6 @@ from denoc_ros.kernels.constrained_torques import (
     row_rate,
 )
 from denoc_ros.kernels.constraint_forces import subtract_force_change, subtract_wrench
-from denoc_ros.kernels.constraint_layout import (
-    AXIS_ROW,
-    CONSTANTS,
-    CONSTRAINTS_WORK,
-    KIND,
-    MIMIC,
-    MULTIPLIERS,
-    ROWS,
-)
 from denoc_ros.kernels.constraint_rates import constraint_rates, places_of
 from denoc_ros.kernels.handle import (
     ARMATURE,
@@ -99,14 +80,14 @@ def resist_axes(topology, constants, work, qd, places, n):
 
     The matrices' rows are those of the forces that the motion asks for.
     """
-    weights = room(topology, work, places, n, WEIGHTS)
+    weights = room(topology, work, places, n, cdiff_.WEIGHTS)
     size = all_rows(topology) * n
     for constraint in constraints(topology):
-        k = at(topology, constraint, AXIS_ROW)
-        if at(topology, constraint, KIND) == MIMIC or k == 0:
+        k = at(topology, constraint, loop_.AXIS_ROW)
+        if at(topology, constraint, loop_.KIND) == loop_.MIMIC or k == 0:
             continue
         row = places.rates + n * k
-        c = at(topology, constraint, CONSTANTS)
+        c = at(topology, constraint, loop_.CONSTANTS)
         force, slope = axis_resistance(constants, c, row_rate(work, row, qd, n))
         weights[k] = -force
         for i in range(n):
@@ -127,7 +108,7 @@ def find_matrices(handle, q, qd, qdd, loads, count, places):
         part(work, places.inertia, n * n),
     )  # fmt: skip
     resist_axes(topology, constants, work, qd, places, n)
-    weights = room_place(topology, places, n, WEIGHTS)
+    weights = room_place(topology, places, n, cdiff_.WEIGHTS)
     subtract_force_change(handle, q, weights, by_q)
     for k in range(count):
         row = np.int64(loads[LOAD * k])
@@ -140,18 +121,18 @@ def find_accelerations(handle, verb, flags, q, qd, third, force, places):
     """Write q'', those of the rows' multipliers of forward dynamics; return the status."""
     topology, _constants, work, diagonals, _bodies = model_arrays(handle)
     n = coordinates(handle)
-    qdd = room(topology, work, places, n, ACCELERATION)
-    if verb == INVERSE:
+    qdd = room(topology, work, places, n, cdiff_.ACCELERATION)
+    if verb == cdiff_.INVERSE:
         for j in range(n):
             qdd[j] = third[j]
         return GOOD
-    given = room(topology, work, places, n, GIVEN)
+    given = room(topology, work, places, n, cdiff_.GIVEN)
     status = find_constrained(
         handle, EXPLICIT, 0.0, diagonals[ARMATURE], flags, q, qd, given, force, qdd
     )
-    weights = room(topology, work, places, n, WEIGHTS)
-    found = vector(at(topology, 0, CONSTRAINTS_WORK), all_rows(topology), MULTIPLIERS)
-    for k in range(at(topology, 0, ROWS)):
+    weights = room(topology, work, places, n, cdiff_.WEIGHTS)
+    found = vector(at(topology, 0, loop_.CONSTRAINTS_WORK), all_rows(topology), loop_.MULTIPLIERS)
+    for k in range(at(topology, 0, loop_.ROWS)):
         weights[k] = work[found + k]
     return status
 
@@ -161,17 +142,17 @@ def take_inputs(handle, verb, actuated, count, third, tau, places):
     """Write flags and accelerations of the actuated coordinates and the forces of the others."""
     topology, _constants, work, _diagonals, _bodies = model_arrays(handle)
     n = coordinates(handle)
-    flags = room(topology, work, places, n, FLAGS)
-    given = room(topology, work, places, n, GIVEN)
-    force = room(topology, work, places, n, FORCE)
-    still = room(topology, work, places, n, STILL)
+    flags = room(topology, work, places, n, cdiff_.FLAGS)
+    given = room(topology, work, places, n, cdiff_.GIVEN)
+    force = room(topology, work, places, n, cdiff_.FORCE)
+    still = room(topology, work, places, n, cdiff_.STILL)
     for j in range(n):
         flags[j], given[j], still[j] = 0.0, 0.0, 0.0
-        force[j] = third[j] if verb == FORWARD else tau[j]
+        force[j] = third[j] if verb == cdiff_.FORWARD else tau[j]
     for k in range(count):
         flags[actuated[k]] = 1.0
         force[actuated[k]] = 0.0
-        if verb == HYBRID:
+        if verb == cdiff_.HYBRID:
             given[actuated[k]] = third[k]
 
 
@@ -186,9 +167,9 @@ def find_constrained_derivatives(handle, verb, actuated, count, state, loads, wr
     n = coordinates(handle)
     places = places_of(topology, n)
     q, qd, third, tau = state
-    flags = room(topology, work, places, n, FLAGS)
-    force = room(topology, work, places, n, FORCE)
-    qdd = room(topology, work, places, n, ACCELERATION)
+    flags = room(topology, work, places, n, cdiff_.FLAGS)
+    force = room(topology, work, places, n, cdiff_.FORCE)
+    qdd = room(topology, work, places, n, cdiff_.ACCELERATION)
     take_inputs(handle, verb, actuated, count, third, tau, places)
     add_wrench_forces(handle, q, loads, wrenches, places, force)
     status = find_accelerations(handle, verb, flags, q, qd, third, force, places)
@@ -196,8 +177,8 @@ def find_constrained_derivatives(handle, verb, actuated, count, state, loads, wr
         return status
     constraint_rates(handle, q, qd, qdd, places.rates)
     rank = 0
-    if verb != FORWARD:
-        need = room(topology, work, places, n, NEED)
+    if verb != cdiff_.FORWARD:
+        need = room(topology, work, places, n, cdiff_.NEED)
         find_need(handle, q, qd, qdd, places, force, need)
         if not all_finite(need, n):
             return NOT_FINITE
@@ -207,12 +188,12 @@ def find_constrained_derivatives(handle, verb, actuated, count, state, loads, wr
         if not find_reactions(topology, work, places, rank, flags, need, n):
             return BEYOND_REACH
     status = find_matrices(handle, q, qd, qdd, loads, wrenches, places)
-    if verb != INVERSE:
+    if verb != cdiff_.INVERSE:
         solve_tree(handle, flags, places)
         want_rows(topology, work, places, n)
         solve_pushes(topology, work, places, n)
         push_motion(topology, work, places, flags, n)
-    if verb == FORWARD:
+    if verb == cdiff_.FORWARD:
         turn_multipliers(handle, q, places)
     else:
         find_torques(handle, q, verb, actuated, count, rank, places)
@@ -268,8 +249,10 @@ def constraint_force_change(handle, q, weights, out):
     places, given = places_of(topology, n), elements(weights)
     zero, result = diagonals[ZERO], elements(out)
     constraint_rates(handle, elements(q), zero, zero, places.rates)
-    own = room(topology, work, places, n, WEIGHTS)
+    own = room(topology, work, places, n, cdiff_.WEIGHTS)
     for k in range(all_rows(topology)):
         own[k] = given[k]
-    subtract_force_change(handle, elements(q), room_place(topology, places, n, WEIGHTS), result)
+    subtract_force_change(
+        handle, elements(q), room_place(topology, places, n, cdiff_.WEIGHTS), result
+    )
     return GOOD if all_finite(result, n * n) else NOT_FINITE

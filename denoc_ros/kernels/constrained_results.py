@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from denoc_ros.kernels import constrained_derivative_layout as cdiff_
 from denoc_ros.kernels.compiled import inlined, merged
-from denoc_ros.kernels.constrained_derivative_layout import FLAGS, FORWARD, HYBRID, INVERSE
 from denoc_ros.kernels.constrained_rooms import room
 from denoc_ros.kernels.constraint_layout import ROWS
 from denoc_ros.kernels.constraint_rates import places_of
@@ -47,7 +47,7 @@ def deliver_three(work, source, block, rows, n, joints, verb, targets, row):
     good = deliver(work, source, rows, n, targets[0], row)
     good = deliver(work, source + block, rows, n, targets[1], row) and good
     source += 2 * block
-    if verb == HYBRID:
+    if verb == cdiff_.HYBRID:
         rest = beyond(targets, 2)
         return good and deliver_split(work, source, rows, n, joints, rest, row)
     return good and deliver(work, source, rows, n, targets[2], row)
@@ -59,12 +59,12 @@ def deliver_all(handle, verb, actuated, count, targets, row):
     topology, _constants, work, _diagonals, _bodies = model_arrays(handle)
     n = coordinates(handle)
     places, hard = places_of(topology, n), at(topology, 0, ROWS)
-    joints = actuated, count, room(topology, work, places, n, FLAGS)
-    good, step = True, 4 if verb == HYBRID else 3
-    if verb != FORWARD:
+    joints = actuated, count, room(topology, work, places, n, cdiff_.FLAGS)
+    good, step = True, 4 if verb == cdiff_.HYBRID else 3
+    if verb != cdiff_.FORWARD:
         good = deliver_three(work, places.torques, n * n, count, n, joints, verb, targets, row)
         targets = beyond(targets, step)
-    if verb != INVERSE:
+    if verb != cdiff_.INVERSE:
         good = deliver_three(work, places.motion, n * n, n, n, joints, verb, targets, row) and good
         targets = beyond(targets, step)
     good = (

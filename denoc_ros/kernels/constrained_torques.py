@@ -7,26 +7,11 @@ J x = lambda.
 
 import numpy as np
 
+from denoc_ros.kernels import constrained_derivative_layout as cdiff_
+from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.closure import all_rows, constraints
 from denoc_ros.kernels.compiled import inlined, merged, shared
-from denoc_ros.kernels.constrained_derivative_layout import (
-    FLAGS,
-    INVERSE,
-    STILL,
-    TORQUES,
-    TURNING,
-    WEIGHTS,
-)
 from denoc_ros.kernels.constrained_rooms import add_products, room
-from denoc_ros.kernels.constraint_layout import (
-    AXIS_ROW,
-    CONSTANTS,
-    DAMPING,
-    FRICTION,
-    KIND,
-    MIMIC,
-    ROWS,
-)
 from denoc_ros.kernels.constraint_rates import constraint_rates
 from denoc_ros.kernels.handle import at, coordinates, model_arrays
 from denoc_ros.kernels.inverse import find_torque
@@ -43,9 +28,9 @@ AGREEMENT = 2e-6
 def axis_resistance(constants, c, rate):
     """Return force and slope of damping and friction along a free axis."""
     slip = np.tanh(rate / constants[SLIP_RATE])
-    force = constants[c + DAMPING] * rate + constants[c + FRICTION] * slip
-    slope = constants[c + FRICTION] / constants[SLIP_RATE] * (1.0 - slip * slip)
-    return force, constants[c + DAMPING] + slope
+    force = constants[c + loop_.DAMPING] * rate + constants[c + loop_.FRICTION] * slip
+    slope = constants[c + loop_.FRICTION] / constants[SLIP_RATE] * (1.0 - slip * slip)
+    return force, constants[c + loop_.DAMPING] + slope
 
 
 @inlined
@@ -66,11 +51,11 @@ def find_need(handle, q, qd, qdd, places, force, need):
     for j in range(n):
         need[j] -= force[j]
     for constraint in constraints(topology):
-        k = at(topology, constraint, AXIS_ROW)
-        if at(topology, constraint, KIND) == MIMIC or k == 0:
+        k = at(topology, constraint, loop_.AXIS_ROW)
+        if at(topology, constraint, loop_.KIND) == loop_.MIMIC or k == 0:
             continue
         row = places.rates + n * k
-        c = at(topology, constraint, CONSTANTS)
+        c = at(topology, constraint, loop_.CONSTANTS)
         resistance, _slope = axis_resistance(constants, c, row_rate(work, row, qd, n))
         for j in range(n):
             need[j] += resistance * work[row + j]
@@ -81,7 +66,7 @@ def keeps_closed(topology, work, qd, qdd, places, n):
     """Say whether accelerations keep the rows closed, whose rates along the motion stand."""
     worst, greatest = 0.0, 0.0
     size = all_rows(topology) * n
-    for k in range(at(topology, 0, ROWS)):
+    for k in range(at(topology, 0, loop_.ROWS)):
         row = places.rates + n * k
         bias = row_rate(work, row + size, qd, n)
         total, terms = bias, abs(bias)
@@ -95,7 +80,7 @@ def keeps_closed(topology, work, qd, qdd, places, n):
 @merged
 def factor_saddle(topology, work, places, flags, n):
     """Decompose the saddle [S J^T; J 0] of torques and multipliers; return its rank."""
-    hard = at(topology, 0, ROWS)
+    hard = at(topology, 0, loop_.ROWS)
     m = n + hard
     for k in range(m * m):
         work[places.saddle + k] = 0.0
@@ -121,11 +106,11 @@ def solve_saddle(work, places, m, rank, count):
 @shared
 def find_reactions(topology, work, places, rank, flags, need, n):
     """Write the torques' v, the multipliers, and x with J x = multipliers; say if they suffice."""
-    hard = at(topology, 0, ROWS)
+    hard = at(topology, 0, loop_.ROWS)
     m = n + hard
-    torques = room(topology, work, places, n, TORQUES)
-    weights = room(topology, work, places, n, WEIGHTS)
-    turning = room(topology, work, places, n, TURNING)
+    torques = room(topology, work, places, n, cdiff_.TORQUES)
+    weights = room(topology, work, places, n, cdiff_.WEIGHTS)
+    turning = room(topology, work, places, n, cdiff_.TURNING)
     for j in range(m):
         work[places.sides + j] = need[j] if j < n else 0.0
     solve_saddle(work, places, m, rank, 1)
@@ -153,7 +138,7 @@ def find_reactions(topology, work, places, rank, flags, need, n):
 def ask_forces(work, places, flags, verb, which, n):
     """Write to the first rows of the right-hand sides the change of the forces asked for."""
     asked = places.by_q + which * n * n
-    if verb == INVERSE:
+    if verb == cdiff_.INVERSE:
         for k in range(n * n):
             work[places.sides + k] = work[asked + k]
         return
@@ -171,23 +156,23 @@ def find_torques(handle, q, verb, actuated, count, rank, places):
     """Write changes of torques (count, n) and multipliers by q, q' and what drives."""
     topology, _constants, work, _diagonals, _bodies = model_arrays(handle)
     n = coordinates(handle)
-    rows, hard = all_rows(topology), at(topology, 0, ROWS)
+    rows, hard = all_rows(topology), at(topology, 0, loop_.ROWS)
     m = n + hard
-    flags = room(topology, work, places, n, FLAGS)
-    still = room(topology, work, places, n, STILL)
+    flags = room(topology, work, places, n, cdiff_.FLAGS)
+    still = room(topology, work, places, n, cdiff_.STILL)
     change = places.applied + 2 * rows * n
     for which in range(3):
         ask_forces(work, places, flags, verb, which, n)
         for k in range(n * n, m * n):
             work[places.sides + k] = 0.0
         if which == 0:
-            torques = room(topology, work, places, n, TORQUES)
+            torques = room(topology, work, places, n, cdiff_.TORQUES)
             constraint_rates(handle, q, still, torques, places.applied)
             for k in range(hard * n):
                 work[places.sides + n * n + k] = -work[change + k]
         solve_least(work, places.saddle, m, rank, places.sides, n)
         if which == 0 and rank < m:
-            turning = room(topology, work, places, n, TURNING)
+            turning = room(topology, work, places, n, cdiff_.TURNING)
             constraint_rates(handle, q, still, turning, places.applied)
             for k in range(m * n):
                 work[places.open + k] = work[change + k - n * n] if k >= n * n else 0.0

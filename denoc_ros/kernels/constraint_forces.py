@@ -9,31 +9,10 @@ the parent's angular column, all in the parent's axes (see relative_columns), ro
     l_i . (T_j x f) + u_i . (T_j x t + D u_j) - T_i . (s_j x f).
 """
 
+from denoc_ros.kernels import constrained_derivative_layout as cdiff_
+from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.closure import constraints
 from denoc_ros.kernels.compiled import inlined, merged, shared
-from denoc_ros.kernels.constrained_derivative_layout import (
-    LOOP_COLUMN,
-    LOOP_COLUMNS,
-    PARENT_TURN,
-    RELATIVE_POSITION,
-    RELATIVE_ROTATION,
-)
-from denoc_ros.kernels.constraint_layout import (
-    ANGULAR,
-    AXIS_ROW,
-    CHILD,
-    CONSTANTS,
-    DIRECTIONS,
-    FREE_AXIS,
-    KIND,
-    LINEAR,
-    MIMIC,
-    OTHER,
-    POINT,
-    ROW,
-    SLIDES,
-    UNIVERSAL,
-)
 from denoc_ros.kernels.constraint_rates import (
     NONE,
     aligned_torque,
@@ -80,14 +59,18 @@ def torque_of(topology, constants, work, constraint, turn, first, w):
 
     first: where the weights of these rows stand in work.
     """
-    kind = at(topology, constraint, KIND)
-    if kind == UNIVERSAL:
+    kind = at(topology, constraint, loop_.KIND)
+    if kind == loop_.UNIVERSAL:
         found = universal_torque(topology, constants, work, constraint, turn, work[first], w, NONE)
         return found[0], found[1]
-    if kind == POINT:
+    if kind == loop_.POINT:
         return NONE, NONE
-    o = at(topology, constraint, CONSTANTS) + DIRECTIONS + 3 * at(topology, constraint, LINEAR)
-    along = weighted(constants, work, o, first, at(topology, constraint, ANGULAR))
+    o = (
+        at(topology, constraint, loop_.CONSTANTS)
+        + loop_.DIRECTIONS
+        + 3 * at(topology, constraint, loop_.LINEAR)
+    )
+    along = weighted(constants, work, o, first, at(topology, constraint, loop_.ANGULAR))
     found = aligned_torque(topology, constants, work, constraint, turn, along, w, NONE)
     return found[0], found[1]
 
@@ -95,12 +78,12 @@ def torque_of(topology, constants, work, constraint, turn, first, w):
 @inlined
 def axis_wrench(topology, constants, work, constraint, weights):
     """Return the wrench along a loop's free axis."""
-    row = at(topology, constraint, AXIS_ROW)
+    row = at(topology, constraint, loop_.AXIS_ROW)
     if row == 0:
         return NONE, NONE
-    c = at(topology, constraint, CONSTANTS)
-    along = scale(work[weights + row], load(constants, c + FREE_AXIS))
-    return (along, NONE) if constants[c + SLIDES] == 1.0 else (NONE, along)
+    c = at(topology, constraint, loop_.CONSTANTS)
+    along = scale(work[weights + row], load(constants, c + loop_.FREE_AXIS))
+    return (along, NONE) if constants[c + loop_.SLIDES] == 1.0 else (NONE, along)
 
 
 @merged
@@ -109,19 +92,19 @@ def subtract_turning(work, loop, n, force, torque, change, out):
 
     change: where D^T stands in work.
     """
-    apart = load(work, loop + RELATIVE_POSITION)
+    apart = load(work, loop + cdiff_.RELATIVE_POSITION)
     for j in range(n):
-        k = loop + LOOP_COLUMNS + LOOP_COLUMN * j
+        k = loop + cdiff_.LOOP_COLUMNS + cdiff_.LOOP_COLUMN * j
         linear, angular = pair(work, k)
-        turn = load(work, k + PARENT_TURN)
+        turn = load(work, k + cdiff_.PARENT_TURN)
         pull = cross(turn, force)
         twist = add(unrotate(work, change, angular), cross(turn, torque))
         lever = cross(add(linear, cross(turn, apart)), force)
         for i in range(n):
-            k = loop + LOOP_COLUMNS + LOOP_COLUMN * i
+            k = loop + cdiff_.LOOP_COLUMNS + cdiff_.LOOP_COLUMN * i
             own = pair(work, k)
             total = dot(own[0], pull) + dot(own[1], twist)
-            out[n * i + j] -= total - dot(load(work, k + PARENT_TURN), lever)
+            out[n * i + j] -= total - dot(load(work, k + cdiff_.PARENT_TURN), lever)
 
 
 @merged
@@ -141,13 +124,13 @@ def subtract_sides(handle, q, constraint, loop, force, torque, out):
     topology, _constants, work, _diagonals, _bodies = model_arrays(handle)
     places = places_of(topology, coordinates(handle))
     wrench = part(work, places.wrench, 6)
-    base = at(topology, at(topology, constraint, OTHER), WORK) + WORLD_ROTATION
-    lever = rotate(work, base, cross(load(work, loop + RELATIVE_POSITION), force))
+    base = at(topology, at(topology, constraint, loop_.OTHER), WORK) + WORLD_ROTATION
+    lever = rotate(work, base, cross(load(work, loop + cdiff_.RELATIVE_POSITION), force))
     force, torque = rotate(work, base, force), rotate(work, base, torque)
     for side in range(2):
         store(wrench, 0, force)
         store(wrench, 3, torque)
-        frame = at(topology, constraint, CHILD if side == 0 else OTHER)
+        frame = at(topology, constraint, loop_.CHILD if side == 0 else loop_.OTHER)
         subtract_wrench(handle, q, frame, wrench, out)
         force, torque = scale(-1.0, force), subtract(scale(-1.0, torque), lever)
 
@@ -162,12 +145,12 @@ def subtract_force_change(handle, q, weights, out):
     n = coordinates(handle)
     places = places_of(topology, n)
     for constraint in constraints(topology):
-        if at(topology, constraint, KIND) == MIMIC:
+        if at(topology, constraint, loop_.KIND) == loop_.MIMIC:
             continue
         loop = loop_place(topology, places, constraint, n)
-        turn, linear = loop + RELATIVE_ROTATION, at(topology, constraint, LINEAR)
-        first = weights + at(topology, constraint, ROW)
-        o = at(topology, constraint, CONSTANTS) + DIRECTIONS
+        turn, linear = loop + cdiff_.RELATIVE_ROTATION, at(topology, constraint, loop_.LINEAR)
+        first = weights + at(topology, constraint, loop_.ROW)
+        o = at(topology, constraint, loop_.CONSTANTS) + loop_.DIRECTIONS
         force = weighted(constants, work, o, first, linear)
         change = places.wrench + 6
         torque = write_change(topology, constants, work, constraint, turn, first + linear, change)

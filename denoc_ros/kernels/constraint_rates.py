@@ -13,41 +13,11 @@ Free axes with damping or friction have rows too; their rates are not derivative
 in the place of J' stands how the rate changes with q.
 """
 
+from denoc_ros.kernels import constrained_derivative_layout as cdiff_
+from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.closure import all_rows, constraints
 from denoc_ros.kernels.compiled import inlined, merged, shared
-from denoc_ros.kernels.constrained_derivative_layout import (
-    ANGULAR_ACCELERATION,
-    ANGULAR_VELOCITY,
-    LOOP_COLUMN,
-    LOOP_COLUMNS,
-    RELATIVE_ROTATION,
-    lay_out,
-)
-from denoc_ros.kernels.constraint_layout import (
-    ANGULAR,
-    AXIS_ROW,
-    AXIS_ROWS,
-    CHILD,
-    CONSTANTS,
-    CONSTRAINTS,
-    CONSTRAINTS_WORK,
-    DIRECTIONS,
-    FIRST_CONSTRAINT,
-    FREE_AXIS,
-    KIND,
-    LINEAR,
-    MIMIC,
-    MULTIPLIER,
-    ORIENTED,
-    OTHER,
-    POINT,
-    REFERENCES,
-    ROW,
-    ROWS,
-    SECOND_AXIS,
-    SLIDES,
-    UNIVERSAL,
-)
+from denoc_ros.kernels.constrained_derivative_layout import lay_out
 from denoc_ros.kernels.frame_motion import move_world
 from denoc_ros.kernels.handle import at, coordinates, model_arrays
 from denoc_ros.kernels.layout import COORDINATE
@@ -64,17 +34,21 @@ _lay_out = inlined(lay_out)
 def places_of(topology, n):
     """Return where the derivatives stand in work."""
     rows = all_rows(topology)
-    start = columns_of(at(topology, 0, CONSTRAINTS_WORK), rows, n) + rows * (n + 3 * rows)
+    start = columns_of(at(topology, 0, loop_.CONSTRAINTS_WORK), rows, n) + rows * (n + 3 * rows)
     return _lay_out(
-        start, at(topology, 0, ROWS), at(topology, 0, AXIS_ROWS), at(topology, 0, CONSTRAINTS), n
+        start,
+        at(topology, 0, loop_.ROWS),
+        at(topology, 0, loop_.AXIS_ROWS),
+        at(topology, 0, loop_.CONSTRAINTS),
+        n,
     )
 
 
 @inlined
 def loop_place(topology, places, constraint, n):
     """Return where a loop's relative motion stands."""
-    number = constraint - at(topology, 0, FIRST_CONSTRAINT)
-    return places.loops + number * (LOOP_COLUMNS + LOOP_COLUMN * n)
+    number = constraint - at(topology, 0, loop_.FIRST_CONSTRAINT)
+    return places.loops + number * (cdiff_.LOOP_COLUMNS + cdiff_.LOOP_COLUMN * n)
 
 
 @inlined
@@ -101,10 +75,10 @@ def aligned_torque(topology, constants, work, constraint, turn, along, w, al):
 
     turn: where the relative rotation stands, which changes with w and al; along: (3).
     """
-    first = at(topology, constraint, CONSTANTS) + DIRECTIONS
-    first += 3 * (at(topology, constraint, LINEAR) + at(topology, constraint, ANGULAR))
-    last = first + 3 * at(topology, constraint, REFERENCES)
-    h = 0.5 if at(topology, constraint, KIND) == ORIENTED else 1.0
+    first = at(topology, constraint, loop_.CONSTANTS) + loop_.DIRECTIONS
+    first += 3 * (at(topology, constraint, loop_.LINEAR) + at(topology, constraint, loop_.ANGULAR))
+    last = first + 3 * at(topology, constraint, loop_.REFERENCES)
+    h = 0.5 if at(topology, constraint, loop_.KIND) == loop_.ORIENTED else 1.0
     c, dc, ddc = 0.5 if h == 0.5 else 1.0, 0.0, 0.0
     v, dv, ddv = NONE, NONE, NONE
     m, dm, ddm = NONE, NONE, NONE
@@ -135,9 +109,9 @@ def aligned_torque(topology, constants, work, constraint, turn, along, w, al):
 @inlined
 def universal_torque(topology, constants, work, constraint, turn, factor, w, al):
     """Return the torque of a universal joint's row times a factor, and its two rates."""
-    c = at(topology, constraint, CONSTANTS)
-    axis = scale(factor, load(constants, c + FREE_AXIS))
-    there, rate, up = direction_rates(constants, work, turn, c + SECOND_AXIS, w, al)
+    c = at(topology, constraint, loop_.CONSTANTS)
+    axis = scale(factor, load(constants, c + loop_.FREE_AXIS))
+    there, rate, up = direction_rates(constants, work, turn, c + loop_.SECOND_AXIS, w, al)
     return cross(axis, there), cross(axis, rate), cross(axis, up)
 
 
@@ -145,7 +119,7 @@ def universal_torque(topology, constants, work, constraint, turn, factor, w, al)
 def put_row(work, columns, o, size, n, force, torque):
     """Write a row and its two rates at o; rows of each stand `size` numbers apart."""
     for j in range(n):
-        c = columns + LOOP_COLUMN * j
+        c = columns + cdiff_.LOOP_COLUMN * j
         column, rate, up = pair(work, c), pair(work, c + 6), pair(work, c + 12)
         t, dt, ddt = torque
         work[o + j] = dot(force, column[0]) + dot(t, column[1])
@@ -157,12 +131,12 @@ def put_row(work, columns, o, size, n, force, torque):
 @inlined
 def put_axis_row(constants, work, c, loop, o, size, n):
     """Write the row of a free axis, and how its rate changes with q."""
-    axis = load(constants, c + FREE_AXIS)
-    slides = constants[c + SLIDES] == 1.0
+    axis = load(constants, c + loop_.FREE_AXIS)
+    slides = constants[c + loop_.SLIDES] == 1.0
     unit = (axis, NONE) if slides else (NONE, axis)
-    w = load(work, loop + ANGULAR_VELOCITY)
+    w = load(work, loop + cdiff_.ANGULAR_VELOCITY)
     for j in range(n):
-        k = loop + LOOP_COLUMNS + LOOP_COLUMN * j
+        k = loop + cdiff_.LOOP_COLUMNS + cdiff_.LOOP_COLUMN * j
         column, rate = pair(work, k), pair(work, k + 6)
         work[o + j] = dot_pair(unit, column)
         # of an angular velocity, whose columns do not commute
@@ -177,36 +151,42 @@ def put_mimic_row(topology, constants, work, constraint, o, size, n):
         work[o + j] = 0.0
         work[o + size + j] = 0.0
         work[o + 2 * size + j] = 0.0
-    factor = constants[at(topology, constraint, CONSTANTS) + MULTIPLIER]
-    work[o + at(topology, at(topology, constraint, CHILD), COORDINATE)] += 1.0
-    work[o + at(topology, at(topology, constraint, OTHER), COORDINATE)] -= factor
+    factor = constants[at(topology, constraint, loop_.CONSTANTS) + loop_.MULTIPLIER]
+    work[o + at(topology, at(topology, constraint, loop_.CHILD), COORDINATE)] += 1.0
+    work[o + at(topology, at(topology, constraint, loop_.OTHER), COORDINATE)] -= factor
 
 
 @merged
 def put_loop_rows(topology, constants, work, constraint, loop, out, size, n):
     """Write the rows of a loop, whose relative motion stands at `loop`."""
-    c = at(topology, constraint, CONSTANTS)
-    linear, angular = at(topology, constraint, LINEAR), at(topology, constraint, ANGULAR)
-    o = out + n * at(topology, constraint, ROW)
-    columns = loop + LOOP_COLUMNS
-    turn = loop + RELATIVE_ROTATION
-    w, al = load(work, loop + ANGULAR_VELOCITY), load(work, loop + ANGULAR_ACCELERATION)
+    c = at(topology, constraint, loop_.CONSTANTS)
+    linear, angular = (
+        at(topology, constraint, loop_.LINEAR),
+        at(topology, constraint, loop_.ANGULAR),
+    )
+    o = out + n * at(topology, constraint, loop_.ROW)
+    columns = loop + cdiff_.LOOP_COLUMNS
+    turn = loop + cdiff_.RELATIVE_ROTATION
+    w, al = (
+        load(work, loop + cdiff_.ANGULAR_VELOCITY),
+        load(work, loop + cdiff_.ANGULAR_ACCELERATION),
+    )
     still = (NONE, NONE, NONE)
     for k in range(linear):
-        along = load(constants, c + DIRECTIONS + 3 * k)
+        along = load(constants, c + loop_.DIRECTIONS + 3 * k)
         put_row(work, columns, o + n * k, size, n, along, still)
     o += n * linear
-    kind = at(topology, constraint, KIND)
-    if kind == UNIVERSAL:
+    kind = at(topology, constraint, loop_.KIND)
+    if kind == loop_.UNIVERSAL:
         torque = universal_torque(topology, constants, work, constraint, turn, 1.0, w, al)
         put_row(work, columns, o, size, n, NONE, torque)
-    elif kind != POINT:
+    elif kind != loop_.POINT:
         for k in range(angular):
-            along = load(constants, c + DIRECTIONS + 3 * (linear + k))
+            along = load(constants, c + loop_.DIRECTIONS + 3 * (linear + k))
             torque = aligned_torque(topology, constants, work, constraint, turn, along, w, al)
             put_row(work, columns, o + n * k, size, n, NONE, torque)
-    if at(topology, constraint, AXIS_ROW) > 0:
-        o = out + n * at(topology, constraint, AXIS_ROW)
+    if at(topology, constraint, loop_.AXIS_ROW) > 0:
+        o = out + n * at(topology, constraint, loop_.AXIS_ROW)
         put_axis_row(constants, work, c, loop, o, size, n)
 
 
@@ -219,8 +199,8 @@ def constraint_rates(handle, q, qd, qdd, out):
     size = all_rows(topology) * n
     move_world(topology, constants, work, bodies, q, qd, qdd, 0)
     for constraint in constraints(topology):
-        if at(topology, constraint, KIND) == MIMIC:
-            o = out + n * at(topology, constraint, ROW)
+        if at(topology, constraint, loop_.KIND) == loop_.MIMIC:
+            o = out + n * at(topology, constraint, loop_.ROW)
             put_mimic_row(topology, constants, work, constraint, o, size, n)
             continue
         loop = loop_place(topology, places, constraint, n)

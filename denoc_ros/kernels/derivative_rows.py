@@ -5,27 +5,12 @@ q_j, J_j and 2 J'_j by q'_j, nothing and J_j by q''_j; they answer with their co
 turning. A column outboard sends its wrench inward, where every row's own J takes its power.
 """
 
+from denoc_ros.kernels import derivative_layout as diff_
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import short_inlined, short_shared
 from denoc_ros.kernels.composite import rigid_wrench
-from denoc_ros.kernels.derivative_layout import (
-    BODY_MASS,
-    COLUMN,
-    COLUMN_BEND,
-    COLUMN_RATE,
-    COLUMNS,
-    LANES,
-    MOMENTUM,
-    OWN_SIZE,
-    ROW_LENGTH,
-    TURNING,
-    WRENCH,
-    WRENCH_Q,
-    WRENCH_QD,
-    WRENCH_QDD,
-)
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.lanes import plus, plus_product, product, put, spread, take
-from denoc_ros.kernels.layout import COORDINATE, DERIVED, JOINT, MODES, OWN, PARENT, RUN
 from denoc_ros.kernels.spatial import carried_wrench, pair, scale_pair, store_strided, sum_pair
 from denoc_ros.kernels.vector import add, cross, load, rotate, scale, unrotate
 
@@ -33,35 +18,36 @@ from denoc_ros.kernels.vector import add, cross, load, rotate, scale, unrotate
 @short_inlined
 def columns_of(topology):
     """Return where the rows over the coordinates begin in work, and how long they are."""
-    return at(topology, 0, DERIVED) + COLUMNS, at(topology, 0, ROW_LENGTH)
+    return at(topology, 0, at_.DERIVED) + diff_.COLUMNS, at(topology, 0, diff_.ROW_LENGTH)
 
 
 @short_inlined
 def own_of(topology, i):
     """Return where the rows over body i's modes begin, their length, and the modal forces'."""
-    own = at(topology, i, OWN)
-    length = (at(topology, i, MODES) + LANES - 1) // LANES * LANES
-    return own, length, own + OWN_SIZE * length
+    own = at(topology, i, at_.OWN)
+    length = (at(topology, i, at_.MODES) + diff_.LANES - 1) // diff_.LANES * diff_.LANES
+    return own, length, own + diff_.OWN_SIZE * length
 
 
 @short_inlined
 def turned_wrench(work, e, w):
     """Return the wrench that a composite body needs for an added angular velocity."""
-    return scale(2.0, cross(w, load(work, e + MOMENTUM))), rotate(work, e + TURNING, w)
+    return scale(2.0, cross(w, load(work, e + diff_.MOMENTUM))), rotate(work, e + diff_.TURNING, w)
 
 
 @short_inlined
 def half_turning(work, e, x):
     """Return half the power on a twist x of that wrench, per angular velocity."""
     return add(
-        cross(load(work, e + MOMENTUM), x[0]), scale(0.5, unrotate(work, e + TURNING, x[1]))
+        cross(load(work, e + diff_.MOMENTUM), x[0]),
+        scale(0.5, unrotate(work, e + diff_.TURNING, x[1])),
     )
 
 
 @short_inlined
 def inertial_wrench(work, e, x):
     """Return the wrench that a composite body needs for an acceleration."""
-    return rigid_wrench(work, e + BODY_MASS, x[0], x[1])
+    return rigid_wrench(work, e + diff_.BODY_MASS, x[0], x[1])
 
 
 @short_inlined
@@ -79,15 +65,15 @@ def wrenches_by(work, e, column, rate, bend):
 @short_inlined
 def with_carried(work, e, column, by_q):
     """Return a wrench by a coordinate with what the wrench there is carries along."""
-    return sum_pair(by_q, carried_wrench(column, pair(work, e + WRENCH)))
+    return sum_pair(by_q, carried_wrench(column, pair(work, e + diff_.WRENCH)))
 
 
 @short_inlined
 def store_wrenches(work, c, length, j, by_q, by_rate, by_acceleration):
     """Write the wrenches that come inward from coordinate j."""
-    store_strided(work, c + length * WRENCH_Q + j, length, by_q)
-    store_strided(work, c + length * WRENCH_QD + j, length, by_rate)
-    store_strided(work, c + length * WRENCH_QDD + j, length, by_acceleration)
+    store_strided(work, c + length * diff_.WRENCH_Q + j, length, by_q)
+    store_strided(work, c + length * diff_.WRENCH_QD + j, length, by_rate)
+    store_strided(work, c + length * diff_.WRENCH_QDD + j, length, by_acceleration)
 
 
 @short_inlined
@@ -125,23 +111,23 @@ def inboard_span(work, c, length, first, last, force, half, o, out):
     where the row begins in the three results `out`.
     """
     by_q, by_rate, inertia = out
-    for j in range(first, last, LANES):
+    for j in range(first, last, diff_.LANES):
         k = c + j
         count = last - j
-        turning = threefold(half, work, k + length * (COLUMN_RATE + 3), length)
-        total = sixfold(force, work, k + length * COLUMN_BEND, length)
+        turning = threefold(half, work, k + length * (diff_.COLUMN_RATE + 3), length)
+        total = sixfold(force, work, k + length * diff_.COLUMN_BEND, length)
         put(by_q, o + j, plus(total, plus(turning, turning)), count)
-        total = sixfold(force, work, k + length * COLUMN_RATE, length)
-        total = plus(total, threefold(half, work, k + length * (COLUMN + 3), length))
+        total = sixfold(force, work, k + length * diff_.COLUMN_RATE, length)
+        total = plus(total, threefold(half, work, k + length * (diff_.COLUMN + 3), length))
         put(by_rate, o + j, plus(total, total), count)
-        put(inertia, o + j, sixfold(force, work, k + length * COLUMN, length), count)
+        put(inertia, o + j, sixfold(force, work, k + length * diff_.COLUMN, length), count)
 
 
 @short_inlined
 def zero_span(first, last, o, by_q, by_rate, inertia):
     """Write zeros in columns first .. last - 1 of a row."""
     zero = spread(0.0)
-    for j in range(first, last, LANES):
+    for j in range(first, last, diff_.LANES):
         put(by_q, o + j, zero, last - j)
         put(by_rate, o + j, zero, last - j)
         put(inertia, o + j, zero, last - j)
@@ -158,21 +144,23 @@ def inboard_entries(topology, work, n, i, row, last, share, by_q, by_rate, inert
     force = spread_pair(share[0])
     half = (spread(share[1][0]), spread(share[1][1]), spread(share[1][2]))
     o = n * row
-    run = at(topology, i, RUN)
+    run = at(topology, i, at_.RUN)
     while True:
-        start = at(topology, run, COORDINATE)
+        start = at(topology, run, at_.COORDINATE)
         inboard_span(work, c, length, start, last, force, half, o, (by_q, by_rate, inertia))
-        run = at(topology, run, PARENT)
+        run = at(topology, run, at_.PARENT)
         end = 0
         if run > 0:
             end = (
-                at(topology, run, COORDINATE) + at(topology, run, JOINT) + at(topology, run, MODES)
+                at(topology, run, at_.COORDINATE)
+                + at(topology, run, at_.JOINT)
+                + at(topology, run, at_.MODES)
             )
         zero_span(end, start, o, by_q, by_rate, inertia)
         if run == 0:
             return
         last = end
-        run = at(topology, run, RUN)
+        run = at(topology, run, at_.RUN)
 
 
 @short_shared
@@ -180,10 +168,10 @@ def outboard_entries(topology, work, n, row, first, last, column, by_q, by_rate,
     """Write a row's entries in columns first .. last - 1, all outboard of it."""
     c, length = columns_of(topology)
     x = spread_pair(column)
-    for j in range(first, last, LANES):
+    for j in range(first, last, diff_.LANES):
         k = c + j
         count = last - j
         o = n * row + j
-        put(by_q, o, sixfold(x, work, k + length * WRENCH_Q, length), count)
-        put(by_rate, o, sixfold(x, work, k + length * WRENCH_QD, length), count)
-        put(inertia, o, sixfold(x, work, k + length * WRENCH_QDD, length), count)
+        put(by_q, o, sixfold(x, work, k + length * diff_.WRENCH_Q, length), count)
+        put(by_rate, o, sixfold(x, work, k + length * diff_.WRENCH_QD, length), count)
+        put(inertia, o, sixfold(x, work, k + length * diff_.WRENCH_QDD, length), count)

@@ -1,25 +1,12 @@
 """Elimination of a flexible body's joint and amplitudes (see articulated)."""
 
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.block import reduced, wrench_of
 from denoc_ros.kernels.body_inertia import flexible_block, transmit_inertia
 from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.inherited import carried_change
 from denoc_ros.kernels.inverse import joint_force
-from denoc_ros.kernels.layout import (
-    AXIS,
-    BEAM_WORK,
-    BODY_CONSTANTS,
-    COORDINATE,
-    ELIMINATED,
-    FORCE,
-    FREE_ACCELERATION,
-    INERTIA_WORK,
-    JOINT,
-    PARENT,
-    TORQUE,
-    WORK,
-)
 from denoc_ros.kernels.vector import add, dot, load, scale, store, subtract
 from denoc_ros.kernels.wrench import transmit_wrench
 
@@ -29,10 +16,10 @@ def project_inertia(topology, constants, work, shift, i, free, m):
     """Write M P (six rows) and the lower half of D = P^T M P + shift of body i."""
     size = 6 + m
     k = free + m
-    o = at(topology, i, INERTIA_WORK)
-    w = at(topology, i, ELIMINATED)
+    o = at(topology, i, at_.INERTIA_WORK)
+    w = at(topology, i, at_.ELIMINATED)
     d = w + 6 * k
-    j = at(topology, i, COORDINATE) + at(topology, i, JOINT)
+    j = at(topology, i, at_.COORDINATE) + at(topology, i, at_.JOINT)
     for n in range(m):
         c = o + 6 + n
         for r in range(6):
@@ -41,7 +28,7 @@ def project_inertia(topology, constants, work, shift, i, free, m):
             work[d + k * (free + n) + free + r] = work[c + size * (6 + r)]
         work[d + (k + 1) * (free + n)] += shift[j + n]
     if free == 1:
-        s = at(topology, i, BODY_CONSTANTS) + AXIS
+        s = at(topology, i, at_.BODY_CONSTANTS) + at_.AXIS
         slide, turn = load(constants, s), load(constants, s + 3)
         f, t = wrench_of(flexible_block(work, o, size), slide, turn)
         store(work, w, f)
@@ -84,21 +71,21 @@ def eliminate(topology, constants, work, shift, drive, i, free, m):
     the force and the torque that the carrier sees.
     """
     k = free + m
-    o = at(topology, i, WORK)
-    w = at(topology, i, ELIMINATED)
+    o = at(topology, i, at_.WORK)
+    w = at(topology, i, at_.ELIMINATED)
     d = w + 6 * k
     y = d + k * k
-    j = at(topology, i, COORDINATE) + at(topology, i, JOINT)
-    modal = at(topology, i, BEAM_WORK)
+    j = at(topology, i, at_.COORDINATE) + at(topology, i, at_.JOINT)
+    modal = at(topology, i, at_.BEAM_WORK)
     project_inertia(topology, constants, work, shift, i, free, m)
     good = factor(work, d, k)
     if free == 1:
         work[y] = drive[j - 1] - joint_force(topology, constants, work, i)
     for n in range(m):
         work[y + free + n] = drive[j + n] - work[modal + n]
-    block = flexible_block(work, at(topology, i, INERTIA_WORK), 6 + m)
-    force = load(work, o + FORCE)
-    torque = load(work, o + TORQUE)
+    block = flexible_block(work, at(topology, i, at_.INERTIA_WORK), 6 + m)
+    force = load(work, o + at_.FORCE)
+    torque = load(work, o + at_.TORQUE)
     for n in range(k):
         c = w + 6 * n
         f, t, u = load(work, c), load(work, c + 3), work[y + n]
@@ -121,7 +108,7 @@ def eliminate(topology, constants, work, shift, drive, i, free, m):
 def inward_flexible(topology, constants, work, shift, drive, i, free, m):
     """Eliminate flexible body i and pass on what is left; say whether it was possible."""
     good, block, force, torque = eliminate(topology, constants, work, shift, drive, i, free, m)
-    if good and at(topology, i, PARENT) > 0:
+    if good and at(topology, i, at_.PARENT) > 0:
         transmit_wrench(topology, work, i, force, torque)
         transmit_inertia(topology, work, i, block)
     return good
@@ -130,10 +117,10 @@ def inward_flexible(topology, constants, work, shift, drive, i, free, m):
 @inlined
 def outward_flexible(topology, constants, work, given, qdd, i, free, m):
     """Write the accelerations of flexible body i's coordinates."""
-    o = at(topology, i, WORK)
+    o = at(topology, i, at_.WORK)
     a, al = carried_change(topology, work, qdd, i)
     k = free + m
-    w = at(topology, i, ELIMINATED)
+    w = at(topology, i, at_.ELIMINATED)
     d = w + 6 * k
     y = d + k * k
     for r in range(k - 1, -1, -1):
@@ -143,16 +130,16 @@ def outward_flexible(topology, constants, work, given, qdd, i, free, m):
         for n in range(r + 1, k):
             u -= work[d + k * n + r] * work[y + n]
         work[y + r] = u
-    j = at(topology, i, COORDINATE)
+    j = at(topology, i, at_.COORDINATE)
     if free == 1:
-        s = at(topology, i, BODY_CONSTANTS) + AXIS
+        s = at(topology, i, at_.BODY_CONSTANTS) + at_.AXIS
         qdd[j] = work[y]
         a = add(a, scale(work[y], load(constants, s)))
         al = add(al, scale(work[y], load(constants, s + 3)))
-    elif at(topology, i, JOINT) == 1:
+    elif at(topology, i, at_.JOINT) == 1:
         qdd[j] = given[j]
-    j += at(topology, i, JOINT)
+    j += at(topology, i, at_.JOINT)
     for n in range(m):
         qdd[j + n] = work[y + free + n]
-    store(work, o + FREE_ACCELERATION, a)
-    store(work, o + FREE_ACCELERATION + 3, al)
+    store(work, o + at_.FREE_ACCELERATION, a)
+    store(work, o + at_.FREE_ACCELERATION + 3, al)

@@ -8,30 +8,9 @@ partial derivatives are time derivatives of columns; of rotations they differ by
     da/dq'_j = 2 L'  dal/dq'_j = 2 T' + T x w
 """
 
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.handle import GOOD, at, beyond, coordinates, elements, model_arrays
-from denoc_ros.kernels.layout import (
-    ACCELERATION,
-    ANGULAR_ACCELERATION,
-    ANGULAR_VELOCITY,
-    AXIS,
-    BASE_GRAVITY,
-    BODY_CONSTANTS,
-    COEFFICIENTS,
-    COLUMNS,
-    COORDINATE,
-    JOINT,
-    MODES,
-    PARENT,
-    ROTATION_VECTOR,
-    SECTION,
-    SECTION_POSITION,
-    SECTION_WORK,
-    VELOCITY,
-    WORK,
-    WORLD_POSITION,
-    WORLD_ROTATION,
-)
 from denoc_ros.kernels.motion import linear_velocity, move_body, section_motion, section_rates
 from denoc_ros.kernels.placement import place_body
 from denoc_ros.kernels.section_columns import mode_slope, shortening_rate, turning_rates, unit
@@ -63,24 +42,24 @@ def carried(slide, turn, arm):
 @inlined
 def body_state(work, o):
     """Return position, velocity, acceleration, w and al of a row, base axes, gravity included."""
-    r = o + WORLD_ROTATION
+    r = o + at_.WORLD_ROTATION
     return (
-        load(work, o + WORLD_POSITION),
-        rotate(work, r, load(work, o + VELOCITY)),
-        rotate(work, r, load(work, o + ACCELERATION)),
-        rotate(work, r, load(work, o + ANGULAR_VELOCITY)),
-        rotate(work, r, load(work, o + ANGULAR_ACCELERATION)),
+        load(work, o + at_.WORLD_POSITION),
+        rotate(work, r, load(work, o + at_.VELOCITY)),
+        rotate(work, r, load(work, o + at_.ACCELERATION)),
+        rotate(work, r, load(work, o + at_.ANGULAR_VELOCITY)),
+        rotate(work, r, load(work, o + at_.ANGULAR_ACCELERATION)),
     )
 
 
 @inlined
 def section_state(topology, constants, work, qd, qdd, i):
     """Return position, velocity and acceleration of the section that carries row i, base axes."""
-    p = at(topology, i, PARENT)
-    u = at(topology, p, WORK)
-    k = at(topology, i, SECTION_WORK)
-    w = load(work, u + ANGULAR_VELOCITY)
-    v = add(load(work, u + VELOCITY), cross(w, load(work, k + SECTION_POSITION)))
+    p = at(topology, i, at_.PARENT)
+    u = at(topology, p, at_.WORK)
+    k = at(topology, i, at_.SECTION_WORK)
+    w = load(work, u + at_.ANGULAR_VELOCITY)
+    v = add(load(work, u + at_.VELOCITY), cross(w, load(work, k + at_.SECTION_POSITION)))
     _w, a, _al = section_motion(
         topology,
         constants,
@@ -89,50 +68,58 @@ def section_state(topology, constants, work, qd, qdd, i):
         qdd,
         i,
         w,
-        load(work, u + ACCELERATION),
-        load(work, u + ANGULAR_ACCELERATION),
+        load(work, u + at_.ACCELERATION),
+        load(work, u + at_.ANGULAR_ACCELERATION),
     )
-    c = k + COLUMNS
-    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
-    for j in range(d, d + at(topology, p, MODES)):
+    c = k + at_.COLUMNS
+    d = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
+    for j in range(d, d + at(topology, p, at_.MODES)):
         v = add(v, scale(qd[j], load(work, c)))
         c += 6
-    r = u + WORLD_ROTATION
+    r = u + at_.WORLD_ROTATION
     return section_place(topology, work, i), rotate(work, r, v), rotate(work, r, a)
 
 
 @inlined
 def joint_columns(write, topology, constants, work, i, frame, out, n):
     """Write what the joint of body i does to a frame."""
-    o = at(topology, i, WORK)
+    o = at(topology, i, at_.WORK)
     position, v, a, w, al = body_state(work, o)
     arm = (subtract(frame[0], position), subtract(frame[1], v), subtract(frame[2], a))
-    s = at(topology, i, BODY_CONSTANTS) + AXIS
-    r = o + WORLD_ROTATION
+    s = at(topology, i, at_.BODY_CONSTANTS) + at_.AXIS
+    r = o + at_.WORLD_ROTATION
     slide = seen(work, r, load(constants, s), ZERO, ZERO, w, al)
     turn = seen(work, r, load(constants, s + 3), ZERO, ZERO, w, al)
-    write(out, n, at(topology, i, COORDINATE), carried(slide, turn, arm), turn, frame[3], frame[4])
+    write(
+        out,
+        n,
+        at(topology, i, at_.COORDINATE),
+        carried(slide, turn, arm),
+        turn,
+        frame[3],
+        frame[4],
+    )
 
 
 @inlined
 def section_columns(write, topology, constants, work, qd, qdd, i, frame, out, n):
     """Write what the amplitudes of the beam that carries row i do to a frame."""
-    p = at(topology, i, PARENT)
-    u = at(topology, p, WORK)
+    p = at(topology, i, at_.PARENT)
+    u = at(topology, p, at_.WORK)
     position, v, a = section_state(topology, constants, work, qd, qdd, i)
     arm = (subtract(frame[0], position), subtract(frame[1], v), subtract(frame[2], a))
     _position, _v, _a, w, al = body_state(work, u)
     rate, _axial = section_rates(topology, constants, qd, i)
     rate_up, _axial = section_rates(topology, constants, qdd, i)
-    o = at(topology, i, SECTION_WORK)
-    k, phi = o + COEFFICIENTS, load(work, o + ROTATION_VECTOR)
+    o = at(topology, i, at_.SECTION_WORK)
+    k, phi = o + at_.COEFFICIENTS, load(work, o + at_.ROTATION_VECTOR)
     turn_x = turning_rates(work, k, phi, rate, rate_up, unit(0))
     turn_y = turning_rates(work, k, phi, rate, rate_up, unit(1))
     turn_z = turning_rates(work, k, phi, rate, rate_up, unit(2))
-    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
-    c = o + COLUMNS
-    r = u + WORLD_ROTATION
-    for j in range(at(topology, p, MODES)):
+    d = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
+    c = o + at_.COLUMNS
+    r = u + at_.WORLD_ROTATION
+    for j in range(at(topology, p, at_.MODES)):
         factor, about = mode_slope(topology, constants, i, j)
         axis = turn_z if about == 2 else turn_y if about == 1 else turn_x
         x1, x2 = (
@@ -160,18 +147,18 @@ def move_world(topology, constants, work, bodies, q, qd, qdd, i):
         world_pose(topology, work, i)
         move_body(topology, constants, work, qd, qdd, i)
         linear_velocity(topology, constants, work, qd, i)
-    return body_state(work, at(topology, i, WORK))
+    return body_state(work, at(topology, i, at_.WORK))
 
 
 @inlined
 def write_columns(write, topology, constants, work, qd, qdd, i, frame, out, n):
     """Let `write` write what every coordinate does to frame i, which moves as `frame` says."""
     while i > 0:
-        if at(topology, i, JOINT) == 1:
+        if at(topology, i, at_.JOINT) == 1:
             joint_columns(write, topology, constants, work, i, frame, out, n)
-        if at(topology, i, SECTION) > 0:
+        if at(topology, i, at_.SECTION) > 0:
             section_columns(write, topology, constants, work, qd, qdd, i, frame, out, n)
-        i = at(topology, i, PARENT)
+        i = at(topology, i, at_.PARENT)
 
 
 @inlined
@@ -226,7 +213,7 @@ def find_motion(handle, q, qd, qdd, i, out):
     """Write twist and classical acceleration (2, 6) of row i: linear first, base axes."""
     topology, constants, work, _diagonals, bodies = model_arrays(handle)
     _position, v, a, w, al = move_world(topology, constants, work, bodies, q, qd, qdd, i)
-    a = add(a, load(work, BASE_GRAVITY))
+    a = add(a, load(work, at_.BASE_GRAVITY))
     for k in range(3):
         out[k], out[3 + k], out[6 + k], out[9 + k] = v[k], w[k], a[k], al[k]
 

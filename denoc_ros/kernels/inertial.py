@@ -1,5 +1,6 @@
 """What an IMU reads: angular velocity and specific force of frames, along their own axes."""
 
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined, rows_kernel
 from denoc_ros.kernels.handle import (
     GOOD,
@@ -10,7 +11,6 @@ from denoc_ros.kernels.handle import (
     elements,
     model_arrays,
 )
-from denoc_ros.kernels.layout import ACCELERATION, ANGULAR_VELOCITY, WORK
 from denoc_ros.kernels.motion import move_body
 from denoc_ros.kernels.placement import place_body
 from denoc_ros.kernels.vector import all_finite, load, store
@@ -48,10 +48,10 @@ def inertial_values_rows(handle, q, qd, qdd, frames, first, last, out):
             i = frames[k]
             if i > bodies:
                 place_and_move(topology, constants, work, a, b, c, i)
-            o = at(topology, i, WORK)
+            o = at(topology, i, at_.WORK)
             # gravity is an acceleration of the base, upwards
-            store(found, 6 * k, load(work, o + ANGULAR_VELOCITY))
-            store(found, 6 * k + 3, load(work, o + ACCELERATION))
+            store(found, 6 * k, load(work, o + at_.ANGULAR_VELOCITY))
+            store(found, 6 * k + 3, load(work, o + at_.ACCELERATION))
         if not all_finite(found, 6 * count):
             worst = NOT_FINITE
     return worst

@@ -2,6 +2,7 @@
 
 from numba import types
 
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, content, is_vector
 from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.handle import (
@@ -18,20 +19,6 @@ from denoc_ros.kernels.handle import (
     model_arrays,
 )
 from denoc_ros.kernels.internal import internal_force
-from denoc_ros.kernels.layout import (
-    AXIS,
-    BEAM_WORK,
-    BODY_CONSTANTS,
-    COORDINATE,
-    FORCE,
-    JOINT,
-    MODES,
-    MOTION,
-    POINTS,
-    REVOLUTE_Z,
-    TORQUE,
-    WORK,
-)
 from denoc_ros.kernels.motion import move_body
 from denoc_ros.kernels.placement import place_beam, place_by_sines
 from denoc_ros.kernels.sine_cosine import write_sines
@@ -46,7 +33,7 @@ def outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, qdd):
     write_sines(q, n, sines, cosines)
     for i in range(1, bodies + 1):
         place_by_sines(topology, constants, work, q, sines, cosines, i)
-        if at(topology, i, POINTS) > 0:
+        if at(topology, i, at_.POINTS) > 0:
             place_beam(topology, constants, work, q, i)
         move_body(topology, constants, work, qd, qdd, i)
         body_wrench(topology, constants, work, qd, qdd, i)
@@ -55,12 +42,12 @@ def outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, qdd):
 @inlined
 def joint_force(topology, constants, work, i):
     """Return S^T of the wrench on body i."""
-    o = at(topology, i, WORK)
-    if at(topology, i, MOTION) == REVOLUTE_Z:
-        return work[o + TORQUE + 2]
-    c = at(topology, i, BODY_CONSTANTS)
-    return dot(load(constants, c + AXIS), load(work, o + FORCE)) + dot(
-        load(constants, c + AXIS + 3), load(work, o + TORQUE)
+    o = at(topology, i, at_.WORK)
+    if at(topology, i, at_.MOTION) == at_.REVOLUTE_Z:
+        return work[o + at_.TORQUE + 2]
+    c = at(topology, i, at_.BODY_CONSTANTS)
+    return dot(load(constants, c + at_.AXIS), load(work, o + at_.FORCE)) + dot(
+        load(constants, c + at_.AXIS + 3), load(work, o + at_.TORQUE)
     )
 
 
@@ -68,14 +55,14 @@ def joint_force(topology, constants, work, i):
 def inward_wrenches(topology, constants, work, bodies, out):
     """Sum wrenches towards the base and add their share along every coordinate to out."""
     for i in range(bodies, 0, -1):
-        j = at(topology, i, COORDINATE)
-        if at(topology, i, JOINT) == 1:
+        j = at(topology, i, at_.COORDINATE)
+        if at(topology, i, at_.JOINT) == 1:
             out[j] += joint_force(topology, constants, work, i)
             j += 1
-        for k in range(at(topology, i, MODES)):
-            out[j + k] += work[at(topology, i, BEAM_WORK) + k]
-        o = at(topology, i, WORK)
-        transmit_wrench(topology, work, i, load(work, o + FORCE), load(work, o + TORQUE))
+        for k in range(at(topology, i, at_.MODES)):
+            out[j + k] += work[at(topology, i, at_.BEAM_WORK) + k]
+        o = at(topology, i, at_.WORK)
+        transmit_wrench(topology, work, i, load(work, o + at_.FORCE), load(work, o + at_.TORQUE))
 
 
 @shared

@@ -2,6 +2,8 @@
 
 from numba import types
 
+from denoc_ros.kernels import derivative_layout as diff_
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.array_object import (
     READABLE,
     WRITABLE,
@@ -18,26 +20,6 @@ from denoc_ros.kernels.compiled import (
     rows_kernel,
     short_inlined,
     short_shared,
-)
-from denoc_ros.kernels.derivative_layout import (
-    ACCELERATED,
-    BODY_MASS,
-    BY_ACCELERATION,
-    BY_POSITION,
-    BY_RATE,
-    BY_TURNING,
-    COLUMN,
-    COLUMN_BEND,
-    COLUMN_RATE,
-    COMPOSITE_SIZE,
-    LANES,
-    SEEN,
-    SEEN_SIZE,
-    TWIST,
-    WRENCH,
-    WRENCH_Q,
-    WRENCH_QD,
-    WRENCH_QDD,
 )
 from denoc_ros.kernels.derivative_rows import (
     columns_of,
@@ -75,23 +57,6 @@ from denoc_ros.kernels.lanes import (
     take_pair,
     take_vector,
 )
-from denoc_ros.kernels.layout import (
-    ACCELERATION,
-    ANGULAR_ACCELERATION,
-    ANGULAR_VELOCITY,
-    BRANCH_END,
-    COORDINATE,
-    DERIVED,
-    JOINT,
-    MODES,
-    PARENT,
-    POINTS,
-    SECTION,
-    SIBLING,
-    WORK,
-    WORLD_POSITION,
-    WORLD_ROTATION,
-)
 from denoc_ros.kernels.placement import place_beam, place_by_sines
 from denoc_ros.kernels.section_columns import geometric_terms, show_columns
 from denoc_ros.kernels.sine_cosine import write_sines
@@ -120,17 +85,17 @@ def outward_derivatives(n, topology, constants, work, diagonals, bodies, q, qd, 
     """Place and move every body in base axes and write its own share."""
     sines, cosines = diagonals[SINE], diagonals[COSINE]
     write_sines(q, n, sines, cosines)
-    base = at(topology, 0, DERIVED)
-    motion = at(topology, 0, WORK)
+    base = at(topology, 0, at_.DERIVED)
+    motion = at(topology, 0, at_.WORK)
     # seen from axes that move along with the base's origin, with a constant velocity: there its
     # spatial acceleration is the classical one
-    store(work, base + TWIST, (0.0, 0.0, 0.0))
-    store(work, base + TWIST + 3, load(work, motion + ANGULAR_VELOCITY))
-    store(work, base + ACCELERATED, load(work, motion + ACCELERATION))
-    store(work, base + ACCELERATED + 3, load(work, motion + ANGULAR_ACCELERATION))
+    store(work, base + diff_.TWIST, (0.0, 0.0, 0.0))
+    store(work, base + diff_.TWIST + 3, load(work, motion + at_.ANGULAR_VELOCITY))
+    store(work, base + diff_.ACCELERATED, load(work, motion + at_.ACCELERATION))
+    store(work, base + diff_.ACCELERATED + 3, load(work, motion + at_.ANGULAR_ACCELERATION))
     for i in range(1, bodies + 1):
         place_by_sines(topology, constants, work, q, sines, cosines, i)
-        if at(topology, i, POINTS) > 0:
+        if at(topology, i, at_.POINTS) > 0:
             place_beam(topology, constants, work, q, i)
         world_pose(topology, work, i)
         move_world(topology, constants, work, qd, qdd, i)
@@ -140,12 +105,12 @@ def outward_derivatives(n, topology, constants, work, diagonals, bodies, q, qd, 
 @short_inlined
 def joint_entries(topology, work, n, i, by_q, by_rate, inertia):
     """Write the row of body i's joint, and the wrenches that it sends inward."""
-    j = at(topology, i, COORDINATE)
-    e = at(topology, i, DERIVED)
+    j = at(topology, i, at_.COORDINATE)
+    e = at(topology, i, at_.DERIVED)
     c, length = columns_of(topology)
-    column = strided(work, c + length * COLUMN + j, length)
-    rate = strided(work, c + length * COLUMN_RATE + j, length)
-    bend = strided(work, c + length * COLUMN_BEND + j, length)
+    column = strided(work, c + length * diff_.COLUMN + j, length)
+    rate = strided(work, c + length * diff_.COLUMN_RATE + j, length)
+    bend = strided(work, c + length * diff_.COLUMN_BEND + j, length)
     wrenches = wrenches_by(work, e, column, rate, bend)
     carried = with_carried(work, e, column, wrenches[0])
     store_wrenches(work, c, length, j, carried, wrenches[1], wrenches[2])
@@ -153,39 +118,55 @@ def joint_entries(topology, work, n, i, by_q, by_rate, inertia):
     # its own column among those inboard: nothing of a joint's column changes by its own angle
     inboard_entries(topology, work, n, i, j, j + 1, (wrenches[2], half), by_q, by_rate, inertia)
     outboard_entries(
-        topology, work, n, j, j + 1, at(topology, i, BRANCH_END), column, by_q, by_rate, inertia
+        topology,
+        work,
+        n,
+        j,
+        j + 1,
+        at(topology, i, at_.BRANCH_END),
+        column,
+        by_q,
+        by_rate,
+        inertia,
     )
-    end = at(topology, i, BRANCH_END)
+    end = at(topology, i, at_.BRANCH_END)
     zero_span(end, n, n * j, by_q, by_rate, inertia)
 
 
 @short_inlined
 def hand_wrenches(work, rows, own, step, length, m):
     """Let the wrenches of a beam's m modes come inward: from OWN to the rows from `rows` on."""
-    for j in range(0, m, LANES):
+    for j in range(0, m, diff_.LANES):
         for k in range(6):
             by = own + step * k + j
             o = rows + length * k + j
-            put(work, o + length * WRENCH_Q, take(work, by + step * BY_POSITION), m - j)
-            put(work, o + length * WRENCH_QD, take(work, by + step * BY_RATE), m - j)
-            put(work, o + length * WRENCH_QDD, take(work, by + step * BY_ACCELERATION), m - j)
+            put(
+                work, o + length * diff_.WRENCH_Q, take(work, by + step * diff_.BY_POSITION), m - j
+            )
+            put(work, o + length * diff_.WRENCH_QD, take(work, by + step * diff_.BY_RATE), m - j)
+            put(
+                work,
+                o + length * diff_.WRENCH_QDD,
+                take(work, by + step * diff_.BY_ACCELERATION),
+                m - j,
+            )
 
 
 @short_inlined
 def modal_entries(topology, work, n, i, by_q, by_rate, inertia):
     """Write the rows of body i's modes, inboard and among themselves, and their wrenches."""
-    m = at(topology, i, MODES)
-    j = at(topology, i, COORDINATE) + at(topology, i, JOINT)
+    m = at(topology, i, at_.MODES)
+    j = at(topology, i, at_.COORDINATE) + at(topology, i, at_.JOINT)
     own, step, forces = own_of(topology, i)
     c, length = columns_of(topology)
-    end = at(topology, i, BRANCH_END)
+    end = at(topology, i, at_.BRANCH_END)
     hand_wrenches(work, c + j, own, step, length, m)
     for k in range(m):
-        half = strided_vector(work, own + step * BY_TURNING + k, step)
-        share = (strided(work, own + step * BY_ACCELERATION + k, step), half)
+        half = strided_vector(work, own + step * diff_.BY_TURNING + k, step)
+        share = (strided(work, own + step * diff_.BY_ACCELERATION + k, step), half)
         inboard_entries(topology, work, n, i, j + k, j, share, by_q, by_rate, inertia)
         o = n * (j + k) + j
-        for r in range(0, m, LANES):
+        for r in range(0, m, diff_.LANES):
             u = forces + step * k + r
             put(by_q, o + r, take(work, u), m - r)
             put(by_rate, o + r, take(work, u + step * m), m - r)
@@ -196,14 +177,14 @@ def modal_entries(topology, work, n, i, by_q, by_rate, inertia):
 @short_inlined
 def own_to_base(topology, work, i):
     """Turn what stands at OWN of body i from body axes to base axes."""
-    o = at(topology, i, WORK)
-    turn = o + WORLD_ROTATION
-    x = load(work, o + WORLD_POSITION)
+    o = at(topology, i, at_.WORK)
+    turn = o + at_.WORLD_ROTATION
+    x = load(work, o + at_.WORLD_POSITION)
     own, step, _ = own_of(topology, i)
-    for u in range(own, own + at(topology, i, MODES), LANES):
-        half = u + step * BY_TURNING
+    for u in range(own, own + at(topology, i, at_.MODES), diff_.LANES):
+        half = u + step * diff_.BY_TURNING
         put_vector(work, half, step, rotate(work, turn, take_vector(work, half, step)))
-        for part in (BY_ACCELERATION, BY_POSITION, BY_RATE):
+        for part in (diff_.BY_ACCELERATION, diff_.BY_POSITION, diff_.BY_RATE):
             f, t = take_pair(work, u + step * part, step)
             put_pair(work, u + step * part, step, wrench_about_origin(work, turn, x, f, t))
 
@@ -211,23 +192,23 @@ def own_to_base(topology, work, i):
 @short_inlined
 def transmit_modes(topology, work, i, j):
     """Add what body i and all it carries take part in some modes of their carrier, from j on."""
-    p = at(topology, i, PARENT)
-    m = at(topology, p, MODES)
-    e = at(topology, i, DERIVED)
+    p = at(topology, i, at_.PARENT)
+    m = at(topology, p, at_.MODES)
+    e = at(topology, i, at_.DERIVED)
     own, step, forces = own_of(topology, p)
     c, length = columns_of(topology)
-    c += at(topology, p, COORDINATE) + at(topology, p, JOINT) + j
-    column = take_pair(work, c + length * COLUMN, length)
-    rate = take_pair(work, c + length * COLUMN_RATE, length)
-    bend = take_pair(work, c + length * COLUMN_BEND, length)
+    c += at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT) + j
+    column = take_pair(work, c + length * diff_.COLUMN, length)
+    rate = take_pair(work, c + length * diff_.COLUMN_RATE, length)
+    bend = take_pair(work, c + length * diff_.COLUMN_BEND, length)
     by_q, by_rate, by_acceleration = wrenches_by(work, e, column, rate, bend)
     u = own + j
-    add_vector(work, u + step * BY_TURNING, step, half_turning(work, e, column))
-    add_pair(work, u + step * BY_POSITION, step, with_carried(work, e, column, by_q))
-    add_pair(work, u + step * BY_RATE, step, by_rate)
-    add_pair(work, u + step * BY_ACCELERATION, step, by_acceleration)
+    add_vector(work, u + step * diff_.BY_TURNING, step, half_turning(work, e, column))
+    add_pair(work, u + step * diff_.BY_POSITION, step, with_carried(work, e, column, by_q))
+    add_pair(work, u + step * diff_.BY_RATE, step, by_rate)
+    add_pair(work, u + step * diff_.BY_ACCELERATION, step, by_acceleration)
     for k in range(m):
-        other = pair(work, e + SEEN + SEEN_SIZE * k)
+        other = pair(work, e + diff_.SEEN + diff_.SEEN_SIZE * k)
         u = forces + step * k + j
         put_all(work, u, take(work, u) + dot_pair(by_q, other))
         u += step * m
@@ -239,11 +220,11 @@ def transmit_modes(topology, work, i, j):
 @short_shared
 def transmit_to_own(topology, constants, work, i):
     """Add what body i and all it carries take part in their carrier's modal forces."""
-    p = at(topology, i, PARENT)
-    for j in range(0, at(topology, p, MODES), LANES):
+    p = at(topology, i, at_.PARENT)
+    for j in range(0, at(topology, p, at_.MODES), diff_.LANES):
         transmit_modes(topology, work, i, j)
-    turn = at(topology, p, WORK) + WORLD_ROTATION
-    f, t = pair(work, at(topology, i, DERIVED) + WRENCH)
+    turn = at(topology, p, at_.WORK) + at_.WORLD_ROTATION
+    f, t = pair(work, at(topology, i, at_.DERIVED) + diff_.WRENCH)
     t = add(t, cross(f, section_place(topology, work, i)))
     _, step, forces = own_of(topology, p)
     geometric_terms(
@@ -255,27 +236,27 @@ def transmit_to_own(topology, constants, work, i):
 @short_inlined
 def carrier_entries(topology, constants, work, n, i, by_q, by_rate, inertia):
     """Write the entries of the modes of body i's carrier in the columns of body i's branch."""
-    p = at(topology, i, PARENT)
-    j = at(topology, p, COORDINATE) + at(topology, p, JOINT)
-    first, last = at(topology, i, COORDINATE), at(topology, i, BRANCH_END)
-    for k in range(at(topology, p, MODES)):
-        if at(topology, i, SECTION) > 0:
-            column = pair(work, at(topology, i, DERIVED) + SEEN + SEEN_SIZE * k)
+    p = at(topology, i, at_.PARENT)
+    j = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
+    first, last = at(topology, i, at_.COORDINATE), at(topology, i, at_.BRANCH_END)
+    for k in range(at(topology, p, at_.MODES)):
+        if at(topology, i, at_.SECTION) > 0:
+            column = pair(work, at(topology, i, at_.DERIVED) + diff_.SEEN + diff_.SEEN_SIZE * k)
             outboard_entries(topology, work, n, j + k, first, last, column, by_q, by_rate, inertia)
         else:
             zero_span(first, last, n * (j + k), by_q, by_rate, inertia)
-    if at(topology, i, SECTION) > 0:
+    if at(topology, i, at_.SECTION) > 0:
         transmit_to_own(topology, constants, work, i)
-    if at(topology, i, SIBLING) > 0:
-        show_columns(topology, work, at(topology, i, SIBLING))
+    if at(topology, i, at_.SIBLING) > 0:
+        show_columns(topology, work, at(topology, i, at_.SIBLING))
 
 
 @short_inlined
 def transmit_share(topology, work, i):
     """Add body i's composite to its carrier's."""
-    e = at(topology, i, DERIVED) + BODY_MASS
-    u = at(topology, at(topology, i, PARENT), DERIVED) + BODY_MASS
-    for k in range(COMPOSITE_SIZE):
+    e = at(topology, i, at_.DERIVED) + diff_.BODY_MASS
+    u = at(topology, at(topology, i, at_.PARENT), at_.DERIVED) + diff_.BODY_MASS
+    for k in range(diff_.COMPOSITE_SIZE):
         work[u + k] += work[e + k]
 
 
@@ -283,12 +264,12 @@ def transmit_share(topology, work, i):
 def inward_derivatives(n, topology, constants, work, bodies, by_q, by_rate, inertia):
     """Write all entries, from the tips to the base."""
     for i in range(bodies, 0, -1):
-        if at(topology, i, MODES) > 0:
+        if at(topology, i, at_.MODES) > 0:
             modal_entries(topology, work, n, i, by_q, by_rate, inertia)
-        if at(topology, i, JOINT) == 1:
+        if at(topology, i, at_.JOINT) == 1:
             joint_entries(topology, work, n, i, by_q, by_rate, inertia)
-        p = at(topology, i, PARENT)
-        if at(topology, p, MODES) > 0:
+        p = at(topology, i, at_.PARENT)
+        if at(topology, p, at_.MODES) > 0:
             carrier_entries(topology, constants, work, n, i, by_q, by_rate, inertia)
         if p > 0:
             transmit_share(topology, work, i)
@@ -301,7 +282,7 @@ def find_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia):
     n = coordinates(handle)
     outward_derivatives(n, topology, constants, work, diagonals, bodies, q, qd, qdd)
     for i in range(1, bodies + 1):
-        if at(topology, i, MODES) > 0:
+        if at(topology, i, at_.MODES) > 0:
             own_to_base(topology, work, i)
     inward_derivatives(n, topology, constants, work, bodies, by_q, by_rate, inertia)
     for j in range(n):

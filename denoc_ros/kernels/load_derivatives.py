@@ -5,6 +5,7 @@ J_i . F; with u_j = b_j + w_j x x the frame's velocity by q'_j, J_j = [b_j; w_j]
 w_i . (u_j x f), and (J_j x J_i) . F where column j moves the row's own.
 """
 
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined, merged, rows_kernel
 from denoc_ros.kernels.derivative_layout import COLUMN, WRENCH_Q
 from denoc_ros.kernels.derivative_rows import columns_of
@@ -16,20 +17,6 @@ from denoc_ros.kernels.handle import (
     coordinates,
     elements,
     model_arrays,
-)
-from denoc_ros.kernels.layout import (
-    AXIS,
-    BODY_CONSTANTS,
-    COORDINATE,
-    JOINT,
-    MODES,
-    OWN,
-    PARENT,
-    SECTION,
-    SECTION_WORK,
-    WORK,
-    WORLD_POSITION,
-    WORLD_ROTATION,
 )
 from denoc_ros.kernels.layout import COLUMNS as SECTION_COLUMNS
 from denoc_ros.kernels.placement import place_body
@@ -58,27 +45,27 @@ def write_path(topology, constants, work, n, i):
     for j in range(n):
         work[reach + j] = 0.0
     while i > 0:
-        j = at(topology, i, COORDINATE)
-        if at(topology, i, JOINT) == 1:
-            s = at(topology, i, BODY_CONSTANTS) + AXIS
-            o = at(topology, i, WORK)
-            x = load(work, o + WORLD_POSITION)
-            turn = o + WORLD_ROTATION
+        j = at(topology, i, at_.COORDINATE)
+        if at(topology, i, at_.JOINT) == 1:
+            s = at(topology, i, at_.BODY_CONSTANTS) + at_.AXIS
+            o = at(topology, i, at_.WORK)
+            x = load(work, o + at_.WORLD_POSITION)
+            turn = o + at_.WORLD_ROTATION
             column = twist_about_origin(work, turn, x, load(constants, s), load(constants, s + 3))
             store_strided(work, c + length * COLUMN + j, length, column)
             work[reach + j] = j + 1
-        p = at(topology, i, PARENT)
-        if at(topology, i, SECTION) > 0:
-            turn = at(topology, p, WORK) + WORLD_ROTATION
+        p = at(topology, i, at_.PARENT)
+        if at(topology, i, at_.SECTION) > 0:
+            turn = at(topology, p, at_.WORK) + at_.WORLD_ROTATION
             place = section_place(topology, work, i)
-            j = at(topology, p, COORDINATE) + at(topology, p, JOINT)
-            for k in range(at(topology, p, MODES)):
+            j = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
+            for k in range(at(topology, p, at_.MODES)):
                 linear, angular = pair(
-                    work, at(topology, i, SECTION_WORK) + SECTION_COLUMNS + 6 * k
+                    work, at(topology, i, at_.SECTION_WORK) + SECTION_COLUMNS + 6 * k
                 )
                 column = twist_about_origin(work, turn, place, linear, angular)
                 store_strided(work, c + length * COLUMN + j + k, length, column)
-                work[reach + j + k] = j + at(topology, p, MODES)
+                work[reach + j + k] = j + at(topology, p, at_.MODES)
         i = p
 
 
@@ -86,12 +73,12 @@ def write_path(topology, constants, work, n, i):
 def subtract_geometric(topology, constants, work, n, i, wrench, out):
     """Subtract what sections that turn, from row i to the base, do to their modal forces."""
     while i > 0:
-        p = at(topology, i, PARENT)
-        if at(topology, i, SECTION) > 0:
-            m = at(topology, p, MODES)
-            block = at(topology, p, OWN)  # has room for m x m
-            j = at(topology, p, COORDINATE) + at(topology, p, JOINT)
-            turn = at(topology, p, WORK) + WORLD_ROTATION
+        p = at(topology, i, at_.PARENT)
+        if at(topology, i, at_.SECTION) > 0:
+            m = at(topology, p, at_.MODES)
+            block = at(topology, p, at_.OWN)  # has room for m x m
+            j = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
+            turn = at(topology, p, at_.WORK) + at_.WORLD_ROTATION
             torque = add(wrench[1], cross(wrench[0], section_place(topology, work, i)))
             f, t = unrotate(work, turn, wrench[0]), unrotate(work, turn, torque)
             for k in range(m * m):
@@ -114,7 +101,7 @@ def subtract_load(handle, q, i, wrench, out):
         world_pose(topology, work, i)
     write_path(topology, constants, work, n, i)
     c, length = columns_of(topology)
-    x = load(work, at(topology, i, WORK) + WORLD_POSITION)
+    x = load(work, at(topology, i, at_.WORK) + at_.WORLD_POSITION)
     force = load(wrench, 0)
     about = force, add(load(wrench, 3), cross(x, force))
     for row in range(n):

@@ -1,44 +1,20 @@
 """Outward pass of velocities and accelerations (dynamics.md: displacements, section, joint)."""
 
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.layout import (
-    ACCELERATION,
-    ANGULAR_ACCELERATION,
-    ANGULAR_VELOCITY,
-    ARM,
-    AXIS,
-    BODY_CONSTANTS,
-    COEFFICIENTS,
-    COLUMNS,
-    COORDINATE,
-    JOINT,
-    MODES,
-    MOTION,
-    NT,
-    NY,
-    NZ,
-    PARENT,
-    REVOLUTE_Z,
-    ROTATION_VECTOR,
-    SECTION,
-    SECTION_POSITION,
-    SECTION_WORK,
-    VELOCITY,
-    WORK,
-)
 from denoc_ros.kernels.vector import add, cross, dot, load, scale, store, unrotate
 
 
 @inlined
 def section_rates(topology, constants, qd, i):
     """Return phi' and the axial entry of B' d' of the section that carries row i."""
-    p = at(topology, i, PARENT)
-    ny = at(topology, p, NY)
-    nz = at(topology, p, NZ)
-    nt = at(topology, p, NT)
-    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
-    slope = at(topology, i, SECTION) + 1 + ny + nz
+    p = at(topology, i, at_.PARENT)
+    ny = at(topology, p, at_.NY)
+    nz = at(topology, p, at_.NZ)
+    nt = at(topology, p, at_.NT)
+    d = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
+    slope = at(topology, i, at_.SECTION) + 1 + ny + nz
     h = slope + ny + nz + nt
     turn_y = 0.0
     turn_z = 0.0
@@ -66,16 +42,16 @@ def section_motion(topology, constants, work, qd, qdd, i, w, a, al):
 
     It carries row i; w, a, al are those of its beam's body frame.
     """
-    p = at(topology, i, PARENT)
-    o = at(topology, i, SECTION_WORK)
-    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
-    place = load(work, o + SECTION_POSITION)
-    phi = load(work, o + ROTATION_VECTOR)
+    p = at(topology, i, at_.PARENT)
+    o = at(topology, i, at_.SECTION_WORK)
+    d = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
+    place = load(work, o + at_.SECTION_POSITION)
+    phi = load(work, o + at_.ROTATION_VECTOR)
     rate, shortening = section_rates(topology, constants, qd, i)
     slip = (0.0, 0.0, 0.0)  # B d'
     spin = (0.0, 0.0, 0.0)  # J Theta d'
     slip_up = (shortening, 0.0, 0.0)  # B d'' + B' d'
-    k = o + COEFFICIENTS
+    k = o + at_.COEFFICIENTS
     c = work[k + 1]
     r = dot(phi, rate)
     turned = cross(phi, rate)
@@ -84,8 +60,8 @@ def section_motion(topology, constants, work, qd, qdd, i, w, a, al):
         add(scale(r * work[k + 2], turned), scale(r * work[k + 3], doubly)),
         scale(c, cross(rate, turned)),
     )
-    k = o + COLUMNS
-    for j in range(d, d + at(topology, p, MODES)):
+    k = o + at_.COLUMNS
+    for j in range(d, d + at(topology, p, at_.MODES)):
         linear = load(work, k)
         angular = load(work, k + 3)
         slip = add(slip, scale(qd[j], linear))
@@ -103,24 +79,24 @@ def section_motion(topology, constants, work, qd, qdd, i, w, a, al):
 @inlined
 def move_body(topology, constants, work, qd, qdd, i):
     """Write angular velocity and acceleration of body i, joint included, in body axes."""
-    o = at(topology, i, WORK)
-    u = at(topology, at(topology, i, PARENT), WORK)
-    w = load(work, u + ANGULAR_VELOCITY)
-    a = load(work, u + ACCELERATION)
-    al = load(work, u + ANGULAR_ACCELERATION)
-    if at(topology, i, SECTION) > 0:
+    o = at(topology, i, at_.WORK)
+    u = at(topology, at(topology, i, at_.PARENT), at_.WORK)
+    w = load(work, u + at_.ANGULAR_VELOCITY)
+    a = load(work, u + at_.ACCELERATION)
+    al = load(work, u + at_.ANGULAR_ACCELERATION)
+    if at(topology, i, at_.SECTION) > 0:
         w, a, al = section_motion(topology, constants, work, qd, qdd, i, w, a, al)
-    arm = load(work, o + ARM)
+    arm = load(work, o + at_.ARM)
     a = unrotate(work, o, add(a, add(cross(al, arm), cross(w, cross(w, arm)))))
     w = unrotate(work, o, w)
     al = unrotate(work, o, al)
-    j = at(topology, i, COORDINATE)
-    if at(topology, i, MOTION) == REVOLUTE_Z:
+    j = at(topology, i, at_.COORDINATE)
+    if at(topology, i, at_.MOTION) == at_.REVOLUTE_Z:
         rate = qd[j]
         al = (al[0] + w[1] * rate, al[1] - w[0] * rate, al[2] + qdd[j])
         w = (w[0], w[1], w[2] + rate)
-    elif at(topology, i, JOINT) == 1:
-        c = at(topology, i, BODY_CONSTANTS) + AXIS
+    elif at(topology, i, at_.JOINT) == 1:
+        c = at(topology, i, at_.BODY_CONSTANTS) + at_.AXIS
         slide = load(constants, c)
         turn = load(constants, c + 3)
         slip = scale(qd[j], slide)
@@ -128,30 +104,30 @@ def move_body(topology, constants, work, qd, qdd, i):
         a = add(a, add(scale(qdd[j], slide), add(scale(2.0, cross(w, slip)), cross(spin, slip))))
         al = add(al, add(scale(qdd[j], turn), cross(w, spin)))
         w = add(w, spin)
-    store(work, o + ANGULAR_VELOCITY, w)
-    store(work, o + ACCELERATION, a)
-    store(work, o + ANGULAR_ACCELERATION, al)
+    store(work, o + at_.ANGULAR_VELOCITY, w)
+    store(work, o + at_.ACCELERATION, a)
+    store(work, o + at_.ANGULAR_ACCELERATION, al)
 
 
 @inlined
 def linear_velocity(topology, constants, work, qd, i):
     """Write the velocity of body i's origin; its carrier's must stand there already."""
-    o = at(topology, i, WORK)
-    p = at(topology, i, PARENT)
-    u = at(topology, p, WORK)
-    v = load(work, u + VELOCITY)
-    w = load(work, u + ANGULAR_VELOCITY)
-    if at(topology, i, SECTION) > 0:
-        k = at(topology, i, SECTION_WORK)
-        v = add(v, cross(w, load(work, k + SECTION_POSITION)))
-        k += COLUMNS
-        d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
-        for j in range(d, d + at(topology, p, MODES)):
+    o = at(topology, i, at_.WORK)
+    p = at(topology, i, at_.PARENT)
+    u = at(topology, p, at_.WORK)
+    v = load(work, u + at_.VELOCITY)
+    w = load(work, u + at_.ANGULAR_VELOCITY)
+    if at(topology, i, at_.SECTION) > 0:
+        k = at(topology, i, at_.SECTION_WORK)
+        v = add(v, cross(w, load(work, k + at_.SECTION_POSITION)))
+        k += at_.COLUMNS
+        d = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
+        for j in range(d, d + at(topology, p, at_.MODES)):
             v = add(v, scale(qd[j], load(work, k)))
             w = add(w, scale(qd[j], load(work, k + 3)))
             k += 6
-    v = unrotate(work, o, add(v, cross(w, load(work, o + ARM))))
-    if at(topology, i, JOINT) == 1:
-        slide = load(constants, at(topology, i, BODY_CONSTANTS) + AXIS)
-        v = add(v, scale(qd[at(topology, i, COORDINATE)], slide))
-    store(work, o + VELOCITY, v)
+    v = unrotate(work, o, add(v, cross(w, load(work, o + at_.ARM))))
+    if at(topology, i, at_.JOINT) == 1:
+        slide = load(constants, at(topology, i, at_.BODY_CONSTANTS) + at_.AXIS)
+        v = add(v, scale(qd[at(topology, i, at_.COORDINATE)], slide))
+    store(work, o + at_.VELOCITY, v)

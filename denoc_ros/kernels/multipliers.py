@@ -7,21 +7,8 @@ solution of least norm; their b must be C b_p, else the rows contradict each oth
 
 import numpy as np
 
+from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.compiled import inlined, shared
-from denoc_ros.kernels.constraint_layout import (
-    BIAS,
-    CONSTRAINT_VECTORS,
-    LEFT,
-    MULTIPLIERS,
-    ORDER,
-    PART,
-    RANK,
-    RESIDUAL,
-    SCALE,
-    VECTORS,
-    WANTED,
-    WORST,
-)
 from denoc_ros.kernels.flexible_elimination import factor
 
 # Pivots of A are squares. Rounding leaves 1e-16 of a redundant one, axes printed with seven digits
@@ -37,13 +24,13 @@ AGREEMENT = 1e-6
 @inlined
 def vector(t, rows, which):
     """Return the offset of one of the vectors over the rows."""
-    return t + VECTORS + which * rows
+    return t + loop_.VECTORS + which * rows
 
 
 @inlined
 def columns_of(t, rows, n):
     """Return the offset of the columns; before them stand y (n) of the loads and D^-1 (n)."""
-    return t + VECTORS + rows * (CONSTRAINT_VECTORS + 6) + 2 * n
+    return t + loop_.VECTORS + rows * (loop_.CONSTRAINT_VECTORS + 6) + 2 * n
 
 
 @inlined
@@ -73,7 +60,7 @@ def scale_rows(work, t, products, rows, count, hard):
 
     Only the first `hard` rows constrain; the others give way and so always have a multiplier.
     """
-    scale = vector(t, rows, SCALE)
+    scale = vector(t, rows, loop_.SCALE)
     greatest = 0.0
     for k in range(hard):
         greatest = max(greatest, work[products + (rows + 1) * k])
@@ -81,8 +68,8 @@ def scale_rows(work, t, products, rows, count, hard):
         size = work[products + (rows + 1) * k]
         counts = k >= hard or size > LEAST_ROW * greatest
         work[scale + k] = np.sqrt(size) if counts else 0.0
-        work[vector(t, rows, LEFT) + k] = 1.0 if counts else 0.0
-        work[vector(t, rows, ORDER) + k] = k
+        work[vector(t, rows, loop_.LEFT) + k] = 1.0 if counts else 0.0
+        work[vector(t, rows, loop_.ORDER) + k] = k
 
 
 @inlined
@@ -102,9 +89,9 @@ def choose(work, order, left, c, count):
 def factor_rows(work, t, products, lower, rows, count, hard):
     """Factor the scaled products of independent rows, chosen one by one; return the rank."""
     scale_rows(work, t, products, rows, count, hard)
-    scale = vector(t, rows, SCALE)
-    order = vector(t, rows, ORDER)
-    left = vector(t, rows, LEFT)
+    scale = vector(t, rows, loop_.SCALE)
+    order = vector(t, rows, loop_.ORDER)
+    left = vector(t, rows, loop_.LEFT)
     for c in range(count):
         pivot = choose(work, order, left, c, count)
         if not pivot > LEAST_PIVOT:
@@ -128,8 +115,8 @@ def factor_rows(work, t, products, lower, rows, count, hard):
 @inlined
 def combine_rows(work, t, lower, combined, gram, rows, count, rank):
     """Write C of the dependent rows and the factors of C^T C over all rows."""
-    scale = vector(t, rows, SCALE)
-    order = vector(t, rows, ORDER)
+    scale = vector(t, rows, loop_.SCALE)
+    order = vector(t, rows, loop_.ORDER)
     for r in range(rank):
         for c in range(rank):
             work[gram + rank * r + c] = 1.0 if r == c else 0.0
@@ -162,7 +149,7 @@ def factor_products(work, t, rows, count, hard, n):
     products = columns + rows * n
     lower = products + rows * rows
     rank = factor_rows(work, t, products, lower, rows, count, hard)
-    work[t + RANK] = rank
+    work[t + loop_.RANK] = rank
     if rank < count:
         # the products have served: the factor of C^T C takes their place
         combine_rows(work, t, lower, lower + rows * rows, products, rows, count, rank)
@@ -184,10 +171,10 @@ def solve_factored(work, d, k, x):
 @inlined
 def solve_forward(work, t, rows, lower, rank):
     """Write L^-1 of what the independent rows want, scaled."""
-    wanted = vector(t, rows, WANTED)
-    scale = vector(t, rows, SCALE)
-    order = vector(t, rows, ORDER)
-    part = vector(t, rows, PART)
+    wanted = vector(t, rows, loop_.WANTED)
+    scale = vector(t, rows, loop_.SCALE)
+    order = vector(t, rows, loop_.ORDER)
+    part = vector(t, rows, loop_.PART)
     for c in range(rank):
         p = np.int64(work[order + c])
         u = work[wanted + p] / work[scale + p]
@@ -199,32 +186,32 @@ def solve_forward(work, t, rows, lower, rank):
 @inlined
 def find_excess(work, t, rows, lower, count, rank):
     """Write how much dependent rows want that the others do not give; say if that is rounding."""
-    wanted = vector(t, rows, WANTED)
-    scale = vector(t, rows, SCALE)
+    wanted = vector(t, rows, loop_.WANTED)
+    scale = vector(t, rows, loop_.SCALE)
     size = 1.0
     for k in range(count):
-        size = max(size, abs(work[wanted + k]) + abs(work[vector(t, rows, BIAS) + k]))
+        size = max(size, abs(work[wanted + k]) + abs(work[vector(t, rows, loop_.BIAS) + k]))
     excess = 0.0
     for k in range(rank, count):
-        i = np.int64(work[vector(t, rows, ORDER) + k])
+        i = np.int64(work[vector(t, rows, loop_.ORDER) + k])
         u = work[wanted + i]
         if work[scale + i] != 0.0:
             for r in range(rank):
-                share = work[lower + rows * i + r] * work[vector(t, rows, PART) + r]
+                share = work[lower + rows * i + r] * work[vector(t, rows, loop_.PART) + r]
                 u -= work[scale + i] * share
         if abs(u) > excess:
             excess = abs(u)
-            work[t + WORST] = i
-    work[t + RESIDUAL] = excess
+            work[t + loop_.WORST] = i
+    work[t + loop_.RESIDUAL] = excess
     return excess <= AGREEMENT * size
 
 
 @inlined
 def solve_backward(work, t, rows, lower, rank):
     """Replace what solve_forward wrote by the multipliers of the independent rows alone."""
-    scale = vector(t, rows, SCALE)
-    order = vector(t, rows, ORDER)
-    part = vector(t, rows, PART)
+    scale = vector(t, rows, loop_.SCALE)
+    order = vector(t, rows, loop_.ORDER)
+    part = vector(t, rows, loop_.PART)
     for c in range(rank - 1, -1, -1):
         p = np.int64(work[order + c])
         u = work[part + c]
@@ -238,12 +225,12 @@ def solve_backward(work, t, rows, lower, rank):
 @shared
 def keep_consistent(work, t, rows, count, n, which):
     """Replace a vector over the rows by C (C^T C)^-1 C^T of it: what rows can agree on."""
-    rank = np.int64(work[t + RANK])
+    rank = np.int64(work[t + loop_.RANK])
     if rank == count:
         return
     gram = columns_of(t, rows, n) + rows * n
     combined = gram + 2 * rows * rows
-    order, part = vector(t, rows, ORDER), vector(t, rows, PART)
+    order, part = vector(t, rows, loop_.ORDER), vector(t, rows, loop_.PART)
     given = vector(t, rows, which)
     for r in range(rank):
         total = work[given + np.int64(work[order + r])]
@@ -267,20 +254,20 @@ def solve_rows(work, t, rows, count, n):
     gram = columns_of(t, rows, n) + rows * n
     lower = gram + rows * rows
     combined = lower + rows * rows
-    rank = np.int64(work[t + RANK])
-    part = vector(t, rows, PART)
+    rank = np.int64(work[t + loop_.RANK])
+    part = vector(t, rows, loop_.PART)
     solve_forward(work, t, rows, lower, rank)
     good = find_excess(work, t, rows, lower, count, rank)
     solve_backward(work, t, rows, lower, rank)
     if rank < count:
         solve_factored(work, gram, rank, part)
     for k in range(count):
-        i = np.int64(work[vector(t, rows, ORDER) + k])
+        i = np.int64(work[vector(t, rows, loop_.ORDER) + k])
         if k < rank:
-            work[vector(t, rows, MULTIPLIERS) + i] = work[part + k]
+            work[vector(t, rows, loop_.MULTIPLIERS) + i] = work[part + k]
             continue
         u = 0.0
         for r in range(rank):
             u += work[combined + rows * i + r] * work[part + r]
-        work[vector(t, rows, MULTIPLIERS) + i] = u
+        work[vector(t, rows, loop_.MULTIPLIERS) + i] = u
     return good

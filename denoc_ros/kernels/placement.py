@@ -4,37 +4,9 @@ import math
 
 import numpy as np
 
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.layout import (
-    ARM,
-    BEAM,
-    BEAM_WORK,
-    BODY_CONSTANTS,
-    COEFFICIENTS,
-    COLUMNS,
-    COORDINATE,
-    JOINT,
-    MODES,
-    MOTION,
-    NT,
-    NY,
-    NZ,
-    PARENT,
-    POINTS,
-    POSE_CONSTANT,
-    POSE_SINE,
-    POSE_VERSINE,
-    PRISMATIC,
-    REVOLUTE,
-    REVOLUTE_Z,
-    ROTATION_VECTOR,
-    SECTION,
-    SECTION_POSITION,
-    SECTION_ROTATION,
-    SECTION_WORK,
-    WORK,
-)
 from denoc_ros.kernels.sine_cosine import sine_cosine
 from denoc_ros.kernels.vector import add, load, rotate, scale, store
 
@@ -108,18 +80,18 @@ def place_plane(constants, s, h, slope, q, coordinate, count, work, column):
 @inlined
 def place_section(topology, constants, work, q, i):
     """Place the section that carries row i: position, rotation and the columns [B; J Theta]."""
-    p = at(topology, i, PARENT)
-    ny = at(topology, p, NY)
-    nz = at(topology, p, NZ)
-    nt = at(topology, p, NT)
-    c = at(topology, i, SECTION)
-    o = at(topology, i, SECTION_WORK)
-    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+    p = at(topology, i, at_.PARENT)
+    ny = at(topology, p, at_.NY)
+    nz = at(topology, p, at_.NZ)
+    nt = at(topology, p, at_.NT)
+    c = at(topology, i, at_.SECTION)
+    o = at(topology, i, at_.SECTION_WORK)
+    d = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
     y = c + 1
     slope = y + ny + nz
     twist = slope + ny + nz
     h = twist + nt
-    columns = o + COLUMNS
+    columns = o + at_.COLUMNS
     u, du, short_y = place_plane(constants, y, h, slope, q, d, ny, work, columns)
     w, dw, short_z = place_plane(
         constants, y + ny, h + ny * ny, slope + ny, q, d + ny, nz, work, columns + 6 * ny
@@ -129,14 +101,14 @@ def place_section(topology, constants, work, q, i):
         beta += constants[twist + j] * q[d + ny + nz + j]
     phi = (beta, -dw, du)
     a, b, e, db, de = exponential_coefficients(beta * beta + dw * dw + du * du)
-    store(work, o + SECTION_POSITION, (constants[c] - short_y - short_z, u, w))
-    store(work, o + ROTATION_VECTOR, phi)
-    k = o + COEFFICIENTS
+    store(work, o + at_.SECTION_POSITION, (constants[c] - short_y - short_z, u, w))
+    store(work, o + at_.ROTATION_VECTOR, phi)
+    k = o + at_.COEFFICIENTS
     work[k] = b
     work[k + 1] = e
     work[k + 2] = db
     work[k + 3] = de
-    turn = o + SECTION_ROTATION
+    turn = o + at_.SECTION_ROTATION
     square_plus(b, e, phi, work, turn)
     for j in range(ny):
         s = constants[slope + j]
@@ -180,7 +152,7 @@ def turned_row(row, sine, cosine):
 @inlined
 def swept(constants, o, sine, rest):
     """Return what goes with sin q and 1 - cos q of three elements at offset o of a pose."""
-    first, second = load(constants, o + POSE_SINE), load(constants, o + POSE_VERSINE)
+    first, second = load(constants, o + at_.POSE_SINE), load(constants, o + at_.POSE_VERSINE)
     return add(load(constants, o), add(scale(sine, first), scale(rest, second)))
 
 
@@ -193,24 +165,29 @@ def combined(work, o, x, y, z):
 @inlined
 def place_turned(topology, constants, work, q, sine, cosine, i):
     """Place row i on its carrier, given the sine and cosine of its joint."""
-    c = at(topology, i, BODY_CONSTANTS) + POSE_CONSTANT
-    o = at(topology, i, WORK)
-    motion = at(topology, i, MOTION)
+    c = at(topology, i, at_.BODY_CONSTANTS) + at_.POSE_CONSTANT
+    o = at(topology, i, at_.WORK)
+    motion = at(topology, i, at_.MOTION)
     x, y, z = load(constants, c), load(constants, c + 3), load(constants, c + 6)
-    arm = load(constants, c + ARM)
-    if motion == REVOLUTE_Z:
+    arm = load(constants, c + at_.ARM)
+    if motion == at_.REVOLUTE_Z:
         x = turned_row(x, sine, cosine)
         y = turned_row(y, sine, cosine)
         z = turned_row(z, sine, cosine)
-    elif motion == REVOLUTE:
+    elif motion == at_.REVOLUTE:
         rest = 1.0 - cosine
         x, y = swept(constants, c, sine, rest), swept(constants, c + 3, sine, rest)
         z, arm = swept(constants, c + 6, sine, rest), swept(constants, c + 9, sine, rest)
-    elif motion == PRISMATIC:
-        arm = add(arm, scale(q[at(topology, i, COORDINATE)], load(constants, c + POSE_SINE + ARM)))
-    if at(topology, i, SECTION) > 0:
+    elif motion == at_.PRISMATIC:
+        arm = add(
+            arm,
+            scale(
+                q[at(topology, i, at_.COORDINATE)], load(constants, c + at_.POSE_SINE + at_.ARM)
+            ),
+        )
+    if at(topology, i, at_.SECTION) > 0:
         place_section(topology, constants, work, q, i)
-        turn = at(topology, i, SECTION_WORK) + SECTION_ROTATION
+        turn = at(topology, i, at_.SECTION_WORK) + at_.SECTION_ROTATION
         x, y, z = (
             combined(work, turn, x, y, z),
             combined(work, turn + 3, x, y, z),
@@ -220,13 +197,16 @@ def place_turned(topology, constants, work, q, sine, cosine, i):
     store(work, o, x)
     store(work, o + 3, y)
     store(work, o + 6, z)
-    store(work, o + ARM, arm)
+    store(work, o + at_.ARM, arm)
 
 
 @inlined
 def turns(topology, i):
     """Say whether row i turns about an axis."""
-    return at(topology, i, MOTION) == REVOLUTE_Z or at(topology, i, MOTION) == REVOLUTE
+    return (
+        at(topology, i, at_.MOTION) == at_.REVOLUTE_Z
+        or at(topology, i, at_.MOTION) == at_.REVOLUTE
+    )
 
 
 @inlined
@@ -234,7 +214,7 @@ def place_body(topology, constants, work, q, i):
     """Place row i on its carrier: rotation, and arm from the section to the body origin."""
     sine, cosine = 0.0, 1.0
     if turns(topology, i):
-        sine, cosine = sine_cosine(q[at(topology, i, COORDINATE)])
+        sine, cosine = sine_cosine(q[at(topology, i, at_.COORDINATE)])
     place_turned(topology, constants, work, q, sine, cosine, i)
 
 
@@ -243,20 +223,23 @@ def place_by_sines(topology, constants, work, q, sines, cosines, i):
     """Place row i as :func:`place_body` does, given the sines and cosines of all coordinates."""
     sine, cosine = 0.0, 1.0
     if turns(topology, i):
-        sine, cosine = sines[at(topology, i, COORDINATE)], cosines[at(topology, i, COORDINATE)]
+        sine, cosine = (
+            sines[at(topology, i, at_.COORDINATE)],
+            cosines[at(topology, i, at_.COORDINATE)],
+        )
     place_turned(topology, constants, work, q, sine, cosine, i)
 
 
 @inlined
 def place_beam(topology, constants, work, q, i):
     """Place the integration points of body i's beam and their products H d."""
-    ny = at(topology, i, NY)
-    nz = at(topology, i, NZ)
-    nt = at(topology, i, NT)
-    d = at(topology, i, COORDINATE) + at(topology, i, JOINT)
-    c = at(topology, i, BEAM) + 1 + nt + nt * nt
-    o = at(topology, i, BEAM_WORK) + at(topology, i, MODES)
-    for _ in range(at(topology, i, POINTS)):
+    ny = at(topology, i, at_.NY)
+    nz = at(topology, i, at_.NZ)
+    nt = at(topology, i, at_.NT)
+    d = at(topology, i, at_.COORDINATE) + at(topology, i, at_.JOINT)
+    c = at(topology, i, at_.BEAM) + 1 + nt + nt * nt
+    o = at(topology, i, at_.BEAM_WORK) + at(topology, i, at_.MODES)
+    for _ in range(at(topology, i, at_.POINTS)):
         x = constants[c + 1]
         y = 0.0
         z = 0.0

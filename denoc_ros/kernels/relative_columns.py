@@ -6,17 +6,8 @@ with l = L - L_p - T_p x d, u = T - T_p. Its rates are those in the parent's fra
 x' - w x x, and x'' - 2 w x x' - al x x + w x (w x x).
 """
 
+from denoc_ros.kernels import constrained_derivative_layout as cdiff_
 from denoc_ros.kernels.compiled import inlined, merged
-from denoc_ros.kernels.constrained_derivative_layout import (
-    ANGULAR_ACCELERATION,
-    ANGULAR_VELOCITY,
-    FRAME_COLUMN,
-    LOOP_COLUMN,
-    LOOP_COLUMNS,
-    PARENT_TURN,
-    RELATIVE_POSITION,
-    RELATIVE_ROTATION,
-)
 from denoc_ros.kernels.constraint_layout import CHILD, OTHER
 from denoc_ros.kernels.frame_motion import body_state, carried, write_columns
 from denoc_ros.kernels.handle import at
@@ -31,7 +22,7 @@ from denoc_ros.kernels.world import world_pose
 @inlined
 def write_frame_column(out, _n, j, linear, turn, _w, _al):
     """Write a column of a frame's Jacobian and its rates."""
-    o = FRAME_COLUMN * j
+    o = cdiff_.FRAME_COLUMN * j
     for k in range(3):
         store(out, o + 3 * k, linear[k])
         store(out, o + 9 + 3 * k, turn[k])
@@ -45,7 +36,7 @@ def frame_columns(topology, constants, work, q, qd, qdd, i, out, n):
     move_body(topology, constants, work, qd, qdd, i)
     linear_velocity(topology, constants, work, qd, i)
     frame = body_state(work, at(topology, i, WORK))
-    for k in range(FRAME_COLUMN * n):
+    for k in range(cdiff_.FRAME_COLUMN * n):
         out[k] = 0.0
     write_columns(write_frame_column, topology, constants, work, qd, qdd, i, frame, out, n)
 
@@ -84,9 +75,9 @@ def relative_pose(topology, work, constraint, o):
         column = unrotate(
             work, parent, (work[child + k], work[child + 3 + k], work[child + 6 + k])
         )
-        work[o + RELATIVE_ROTATION + k] = column[0]
-        work[o + RELATIVE_ROTATION + 3 + k] = column[1]
-        work[o + RELATIVE_ROTATION + 6 + k] = column[2]
+        work[o + cdiff_.RELATIVE_ROTATION + k] = column[0]
+        work[o + cdiff_.RELATIVE_ROTATION + 3 + k] = column[1]
+        work[o + cdiff_.RELATIVE_ROTATION + 6 + k] = column[2]
 
 
 @merged
@@ -96,7 +87,7 @@ def loop_columns(topology, constants, work, motion, constraint, frames, o, n):
     motion: q, q' and q'', of which bodies are placed and moved; frames: room for two frames.
     """
     q, qd, qdd = motion
-    size = FRAME_COLUMN * n
+    size = cdiff_.FRAME_COLUMN * n
     i, p = at(topology, constraint, CHILD), at(topology, constraint, OTHER)
     for side in range(2):
         frame_columns(
@@ -110,19 +101,19 @@ def loop_columns(topology, constants, work, motion, constraint, frames, o, n):
     turn = at(topology, p, WORK) + WORLD_ROTATION
     arm = (subtract(c[0], base[0]), subtract(c[1], base[1]), subtract(c[2], base[2]))
     relative_pose(topology, work, constraint, o)
-    store(work, o + RELATIVE_POSITION, unrotate(work, turn, arm[0]))
+    store(work, o + cdiff_.RELATIVE_POSITION, unrotate(work, turn, arm[0]))
     faster = subtract(c[3], w)
-    store(work, o + ANGULAR_VELOCITY, unrotate(work, turn, faster))
+    store(work, o + cdiff_.ANGULAR_VELOCITY, unrotate(work, turn, faster))
     gained = subtract(subtract(c[4], al), cross(w, faster))
-    store(work, o + ANGULAR_ACCELERATION, unrotate(work, turn, gained))
+    store(work, o + cdiff_.ANGULAR_ACCELERATION, unrotate(work, turn, gained))
     for j in range(n):
-        k = FRAME_COLUMN * j
+        k = cdiff_.FRAME_COLUMN * j
         slide, spin = three(parent, k), three(parent, k + 9)
         linear = difference(three(child, k), carried(slide, spin, arm))
         linear = as_seen(work, turn, linear, w, al)
         angular = as_seen(work, turn, difference(three(child, k + 9), spin), w, al)
-        k = o + LOOP_COLUMNS + LOOP_COLUMN * j
+        k = o + cdiff_.LOOP_COLUMNS + cdiff_.LOOP_COLUMN * j
         for order in range(3):
             store(work, k + 6 * order, linear[order])
             store(work, k + 6 * order + 3, angular[order])
-        store(work, k + PARENT_TURN, unrotate(work, turn, spin[0]))
+        store(work, k + cdiff_.PARENT_TURN, unrotate(work, turn, spin[0]))

@@ -8,16 +8,10 @@ the carrier sees p + W D^-1 y; outward x = L^-T (D^-1 (y - W^T a)), where what i
 a + P x. Rows of held joints stay as they are.
 """
 
+from denoc_ros.kernels import derivative_layout as diff_
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.articulated import free_joint
 from denoc_ros.kernels.compiled import inlined, shared
-from denoc_ros.kernels.derivative_layout import (
-    COLUMN,
-    LANES,
-    PASSING,
-    PASSING_ROWS,
-    SEEN,
-    SEEN_SIZE,
-)
 from denoc_ros.kernels.derivative_rows import columns_of, sixfold, spread_pair
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.lanes import (
@@ -30,19 +24,6 @@ from denoc_ros.kernels.lanes import (
     take,
     take_some,
 )
-from denoc_ros.kernels.layout import (
-    COORDINATE,
-    DERIVED,
-    ELIMINATED,
-    JOINT,
-    MODES,
-    PARENT,
-    SECTION,
-    SLOT,
-    WORK,
-    WORLD_POSITION,
-    WORLD_ROTATION,
-)
 from denoc_ros.kernels.spatial import pair, scale_pair, store_pair, strided, wrench_about_origin
 from denoc_ros.kernels.vector import load
 
@@ -50,15 +31,15 @@ from denoc_ros.kernels.vector import load
 @inlined
 def factor_place(topology, held, i):
     """Return the number of free coordinates of body i and where W and L of it stand."""
-    k = free_joint(topology, held, i) + at(topology, i, MODES)
-    w = at(topology, i, ELIMINATED)
+    k = free_joint(topology, held, i) + at(topology, i, at_.MODES)
+    w = at(topology, i, at_.ELIMINATED)
     return k, w, w + 6 * k
 
 
 @inlined
 def pivot_inverse(topology, work, i, k, factor, r):
     """Return the inverse of pivot r of body i."""
-    if at(topology, i, MODES) == 0:
+    if at(topology, i, at_.MODES) == 0:
         return work[factor + 1]  # a rigid body keeps y before it
     return work[factor + (k + 1) * r]
 
@@ -68,11 +49,11 @@ def factors_to_base(topology, work, held, bodies):
     """Turn every body's W from body axes to base axes about the base's origin."""
     for i in range(1, bodies + 1):
         k, w, _ = factor_place(topology, held, i)
-        o = at(topology, i, WORK)
-        x = load(work, o + WORLD_POSITION)
+        o = at(topology, i, at_.WORK)
+        x = load(work, o + at_.WORLD_POSITION)
         for r in range(k):
             f, t = pair(work, w + 6 * r)
-            store_pair(work, w + 6 * r, wrench_about_origin(work, o + WORLD_ROTATION, x, f, t))
+            store_pair(work, w + 6 * r, wrench_about_origin(work, o + at_.WORLD_ROTATION, x, f, t))
 
 
 @inlined
@@ -115,30 +96,30 @@ def put_three(x, o, values, count):
 def passing_place(topology, i):
     """Return where what passes through body i begins; the second and third matrix come after."""
     c, length = columns_of(topology)
-    return c + length * (PASSING + PASSING_ROWS * at(topology, i, SLOT))
+    return c + length * (diff_.PASSING + diff_.PASSING_ROWS * at(topology, i, at_.SLOT))
 
 
 @shared
 def clear(work, o, length, n):
     """Write zeros to all that passes through a body."""
-    for row in range(o, o + PASSING_ROWS * length, length):
-        for j in range(0, n, LANES):
+    for row in range(o, o + diff_.PASSING_ROWS * length, length):
+        for j in range(0, n, diff_.LANES):
             put_all(work, row + j, spread(0.0))
 
 
 @shared
 def copy_passing(work, target, source, length, n):
     """Let the same pass through one body as through another."""
-    for row in range(0, PASSING_ROWS * length, length):
-        for j in range(row, row + n, LANES):
+    for row in range(0, diff_.PASSING_ROWS * length, length):
+        for j in range(row, row + n, diff_.LANES):
             put_all(work, target + j, take(work, source + j))
 
 
 @shared
 def add_passing(work, target, source, length, n):
     """Add what passes through one body to what passes through another."""
-    for row in range(0, PASSING_ROWS * length, length):
-        for j in range(row, row + n, LANES):
+    for row in range(0, diff_.PASSING_ROWS * length, length):
+        for j in range(row, row + n, diff_.LANES):
             put_all(work, target + j, plus(take(work, target + j), take(work, source + j)))
 
 
@@ -146,7 +127,7 @@ def add_passing(work, target, source, length, n):
 def take_power(work, o, length, column, n, x, row):
     """Subtract from a row of each X the power of the wrenches at o on a column."""
     six = spread_pair(column)
-    for j in range(0, n, LANES):
+    for j in range(0, n, diff_.LANES):
         values = take_three(x, row + j, n - j)
         values = (
             less_sixfold(values[0], six, work, o + j, length),
@@ -160,7 +141,7 @@ def take_power(work, o, length, column, n, x, row):
 def pass_on(work, o, length, column, factor, n, x, row):
     """Add to what is at o a column times a row of each X and a factor."""
     six = spread_pair(scale_pair(factor, column))
-    for j in range(0, n, LANES):
+    for j in range(0, n, diff_.LANES):
         values = take_three(x, row + j, n - j)
         add_sixfold(values[0], six, work, o + j, length)
         add_sixfold(values[1], six, work, o + 6 * length + j, length)
@@ -171,7 +152,7 @@ def pass_on(work, o, length, column, factor, n, x, row):
 def combine(own, factor, n, x, target, source):
     """Replace a row of each X by `own` times itself and a factor times another row."""
     a, b = spread(own), spread(factor)
-    for j in range(0, n, LANES):
+    for j in range(0, n, diff_.LANES):
         count = n - j
         here, there = take_three(x, target + j, count), take_three(x, source + j, count)
         values = (
@@ -185,7 +166,7 @@ def combine(own, factor, n, x, target, source):
 @inlined
 def row_of(topology, n, i, free, r):
     """Return where the row of X of body i's r-th free coordinate begins."""
-    return n * (at(topology, i, COORDINATE) + at(topology, i, JOINT) - free + r)
+    return n * (at(topology, i, at_.COORDINATE) + at(topology, i, at_.JOINT) - free + r)
 
 
 @inlined
@@ -198,7 +179,9 @@ def inward_body(topology, work, held, n, i, x):
     for r in range(k):
         row = row_of(topology, n, i, free, r)
         if r < free:
-            column = strided(work, c + length * COLUMN + at(topology, i, COORDINATE), length)
+            column = strided(
+                work, c + length * diff_.COLUMN + at(topology, i, at_.COORDINATE), length
+            )
             take_power(work, passing, length, column, n, x, row)
         for s in range(r):
             entry = work[factor + k * r + s]
@@ -213,12 +196,12 @@ def inward_body(topology, work, held, n, i, x):
 def inward_carrier(topology, work, n, i, x):
     """Take what body i passes on from its carrier's modal rows, and hand it on."""
     _, length = columns_of(topology)
-    p = at(topology, i, PARENT)
+    p = at(topology, i, at_.PARENT)
     passing, target = passing_place(topology, i), passing_place(topology, p)
-    if at(topology, i, SECTION) > 0:
-        j = at(topology, p, COORDINATE) + at(topology, p, JOINT)
-        for k in range(at(topology, p, MODES)):
-            column = pair(work, at(topology, i, DERIVED) + SEEN + SEEN_SIZE * k)
+    if at(topology, i, at_.SECTION) > 0:
+        j = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
+        for k in range(at(topology, p, at_.MODES)):
+            column = pair(work, at(topology, i, at_.DERIVED) + diff_.SEEN + diff_.SEEN_SIZE * k)
             take_power(work, passing, length, column, n, x, n * (j + k))
     if p > 0 and target != passing:
         add_passing(work, target, passing, length, n)
@@ -228,16 +211,16 @@ def inward_carrier(topology, work, n, i, x):
 def outward_body(topology, work, held, n, i, x):
     """Write each solution's rows of body i, and the acceleration that it hands on."""
     c, length = columns_of(topology)
-    p = at(topology, i, PARENT)
+    p = at(topology, i, at_.PARENT)
     passing, source = passing_place(topology, i), passing_place(topology, p)
     if p == 0:
         clear(work, passing, length, n)
     elif source != passing:
         copy_passing(work, passing, source, length, n)
-    if at(topology, i, SECTION) > 0:
-        j = at(topology, p, COORDINATE) + at(topology, p, JOINT)
-        for k in range(at(topology, p, MODES)):
-            column = pair(work, at(topology, i, DERIVED) + SEEN + SEEN_SIZE * k)
+    if at(topology, i, at_.SECTION) > 0:
+        j = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
+        for k in range(at(topology, p, at_.MODES)):
+            column = pair(work, at(topology, i, at_.DERIVED) + diff_.SEEN + diff_.SEEN_SIZE * k)
             pass_on(work, passing, length, column, 1.0, n, x, n * (j + k))
     free = free_joint(topology, held, i)
     k, w, factor = factor_place(topology, held, i)
@@ -251,7 +234,7 @@ def outward_body(topology, work, held, n, i, x):
             entry = work[factor + k * s + r]
             combine(1.0, -entry, n, x, row, row_of(topology, n, i, free, s))
     if free == 1:
-        column = strided(work, c + length * COLUMN + at(topology, i, COORDINATE), length)
+        column = strided(work, c + length * diff_.COLUMN + at(topology, i, at_.COORDINATE), length)
         pass_on(work, passing, length, column, 1.0, n, x, row_of(topology, n, i, free, 0))
 
 
@@ -260,7 +243,7 @@ def solve_columns(n, topology, work, bodies, held, x):
     """Replace each of three X (n, n) by I_ff^-1 X in the rows of free coordinates."""
     _, length = columns_of(topology)
     for i in range(bodies, 0, -1):
-        if i == bodies or at(topology, i + 1, PARENT) != i:
+        if i == bodies or at(topology, i + 1, at_.PARENT) != i:
             clear(work, passing_place(topology, i), length, n)
         inward_body(topology, work, held, n, i, x)
         inward_carrier(topology, work, n, i, x)

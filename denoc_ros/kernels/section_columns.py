@@ -4,35 +4,10 @@ With the left Jacobian J = 1 + b K + c K^2 of the section's rotation vector phi,
 angular column of a mode of slope s about axis e is J s e; K^2 = phi phi^T - |phi|^2.
 """
 
+from denoc_ros.kernels import derivative_layout as diff_
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import short_inlined, short_shared
-from denoc_ros.kernels.derivative_layout import (
-    ACCELERATED,
-    COLUMNS,
-    ROW_LENGTH,
-    SCRATCH,
-    SEEN,
-    SEEN_SIZE,
-    TWIST,
-)
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.layout import (
-    COEFFICIENTS,
-    COORDINATE,
-    DERIVED,
-    JOINT,
-    MODES,
-    NT,
-    NY,
-    NZ,
-    PARENT,
-    ROTATION_VECTOR,
-    SECTION,
-    SECTION_POSITION,
-    SECTION_WORK,
-    WORK,
-    WORLD_POSITION,
-    WORLD_ROTATION,
-)
 from denoc_ros.kernels.layout import COLUMNS as SECTION_COLUMNS
 from denoc_ros.kernels.motion import section_rates
 from denoc_ros.kernels.placement import SERIES_DB, SERIES_DC, six_terms
@@ -103,9 +78,9 @@ def turning_rates(work, k, phi, rate, bend, x):
 @short_inlined
 def mode_slope(topology, constants, i, j):
     """Return slope and axis of the turn of mode j of row i's carrier, at row i's section."""
-    p = at(topology, i, PARENT)
-    ny, nz = at(topology, p, NY), at(topology, p, NZ)
-    slope = constants[at(topology, i, SECTION) + 1 + ny + nz + j]
+    p = at(topology, i, at_.PARENT)
+    ny, nz = at(topology, p, at_.NY), at(topology, p, at_.NZ)
+    slope = constants[at(topology, i, at_.SECTION) + 1 + ny + nz + j]
     if j < ny:
         return slope, 2
     if j < ny + nz:
@@ -116,10 +91,10 @@ def mode_slope(topology, constants, i, j):
 @short_inlined
 def shortening_rate(topology, constants, i, j, qd):
     """Return (H d')_j of mode j of row i's carrier, at row i's section: 0 for torsion."""
-    p = at(topology, i, PARENT)
-    ny, nz = at(topology, p, NY), at(topology, p, NZ)
-    h = at(topology, i, SECTION) + 1 + 2 * (ny + nz) + at(topology, p, NT)
-    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+    p = at(topology, i, at_.PARENT)
+    ny, nz = at(topology, p, at_.NY), at(topology, p, at_.NZ)
+    h = at(topology, i, at_.SECTION) + 1 + 2 * (ny + nz) + at(topology, p, at_.NT)
+    d = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
     total = 0.0
     if j < ny:
         for k in range(ny):
@@ -157,14 +132,14 @@ def turns(work, turn, x, w, al, unturned):
 @short_inlined
 def section_slip(topology, constants, work, qd, qdd, i):
     """Return B d' and B d'' + B' d' of row i's section, base axes, phi' and phi''."""
-    p = at(topology, i, PARENT)
-    columns = at(topology, i, SECTION_WORK) + SECTION_COLUMNS
-    turn = at(topology, p, WORK) + WORLD_ROTATION
-    d = at(topology, p, COORDINATE) + at(topology, p, JOINT)
+    p = at(topology, i, at_.PARENT)
+    columns = at(topology, i, at_.SECTION_WORK) + SECTION_COLUMNS
+    turn = at(topology, p, at_.WORK) + at_.WORLD_ROTATION
+    d = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
     rate, shortening = section_rates(topology, constants, qd, i)
     bend, _ = section_rates(topology, constants, qdd, i)
     slip, slip_up = (0.0, 0.0, 0.0), (shortening, 0.0, 0.0)
-    for j in range(at(topology, p, MODES)):
+    for j in range(at(topology, p, at_.MODES)):
         linear = load(work, columns + 6 * j)
         slip = add(slip, scale(qd[d + j], linear))
         slip_up = add(slip_up, scale(qdd[d + j], linear))
@@ -177,12 +152,12 @@ def write_mode(topology, constants, work, qd, qdd, i, j, along, across, turning)
 
     The column is -h e_x + s e + slope z, of which only h = (H d)_j changes beside the axes.
     """
-    place = at(topology, i, SECTION_WORK) + SECTION_COLUMNS + 6 * j
+    place = at(topology, i, at_.SECTION_WORK) + SECTION_COLUMNS + 6 * j
     h, s = work[place], work[place + 1] + work[place + 2]
     slope, _ = mode_slope(topology, constants, i, j)
     up = shortening_rate(topology, constants, i, j, qd)
     upper = shortening_rate(topology, constants, i, j, qdd)
-    k = at(topology, i, DERIVED) + SEEN + SEEN_SIZE * j
+    k = at(topology, i, at_.DERIVED) + diff_.SEEN + diff_.SEEN_SIZE * j
     column = add(scale(h, along[0]), scale(s, across[0]))
     first = add(scale(h, along[1]), scale(s, across[1]))
     second = add(scale(h, along[2]), scale(s, across[2]))
@@ -199,16 +174,16 @@ def write_seen(topology, constants, work, qd, qdd, i):
 
     The twist and its derivative at DERIVED of row i are to be the carrier's.
     """
-    p = at(topology, i, PARENT)
-    o = at(topology, i, SECTION_WORK)
-    e = at(topology, i, DERIVED)
-    turn = at(topology, p, WORK) + WORLD_ROTATION
-    phi = load(work, o + ROTATION_VECTOR)
-    (v, w), (a, al) = pair(work, e + TWIST), pair(work, e + ACCELERATED)
+    p = at(topology, i, at_.PARENT)
+    o = at(topology, i, at_.SECTION_WORK)
+    e = at(topology, i, at_.DERIVED)
+    turn = at(topology, p, at_.WORK) + at_.WORLD_ROTATION
+    phi = load(work, o + at_.ROTATION_VECTOR)
+    (v, w), (a, al) = pair(work, e + diff_.TWIST), pair(work, e + diff_.ACCELERATED)
     slip, slip_up, rate, bend = section_slip(topology, constants, work, qd, qdd, i)
     place = add(
-        load(work, at(topology, p, WORK) + WORLD_POSITION),
-        rotate(work, turn, load(work, o + SECTION_POSITION)),
+        load(work, at(topology, p, at_.WORK) + at_.WORLD_POSITION),
+        rotate(work, turn, load(work, o + at_.SECTION_POSITION)),
     )
     velocity = add(v, cross(w, place))
     accelerated = add(add(a, cross(al, place)), cross(w, add(velocity, scale(2.0, slip))))
@@ -219,9 +194,9 @@ def write_seen(topology, constants, work, qd, qdd, i):
     first = 0
     for plane in range(3):
         axis = unit(2 - plane)
-        last = first + at(topology, p, NY + plane)
+        last = first + at(topology, p, at_.NY + plane)
         if last > first:
-            unturned = turning_rates(work, o + COEFFICIENTS, phi, rate, bend, axis)
+            unturned = turning_rates(work, o + at_.COEFFICIENTS, phi, rate, bend, axis)
             turning = turns(work, turn, x, w, al, unturned)
             across = slides(work, turn, (plane + 1) % 3, w, al)
             for j in range(first, last):
@@ -230,20 +205,25 @@ def write_seen(topology, constants, work, qd, qdd, i):
             twist = sum_pair(twist, scale_pair(r, turning[0]))
             up = sum_pair(up, sum_pair(scale_pair(s, turning[0]), scale_pair(r, turning[1])))
         first = last
-    store_pair(work, e + TWIST, twist)
-    store_pair(work, e + ACCELERATED, up)
+    store_pair(work, e + diff_.TWIST, twist)
+    store_pair(work, e + diff_.ACCELERATED, up)
 
 
 @short_inlined
 def show_columns(topology, work, i):
     """Write among the columns what row i sees of its carrier's amplitudes."""
-    p = at(topology, i, PARENT)
-    length = at(topology, 0, ROW_LENGTH)
-    c = at(topology, 0, DERIVED) + COLUMNS + at(topology, p, COORDINATE) + at(topology, p, JOINT)
-    e = at(topology, i, DERIVED) + SEEN
-    for j in range(at(topology, p, MODES)):
-        for k in range(SEEN_SIZE):
-            seen = work[e + SEEN_SIZE * j + k] if at(topology, i, SECTION) > 0 else 0.0
+    p = at(topology, i, at_.PARENT)
+    length = at(topology, 0, diff_.ROW_LENGTH)
+    c = (
+        at(topology, 0, at_.DERIVED)
+        + diff_.COLUMNS
+        + at(topology, p, at_.COORDINATE)
+        + at(topology, p, at_.JOINT)
+    )
+    e = at(topology, i, at_.DERIVED) + diff_.SEEN
+    for j in range(at(topology, p, at_.MODES)):
+        for k in range(diff_.SEEN_SIZE):
+            seen = work[e + diff_.SEEN_SIZE * j + k] if at(topology, i, at_.SECTION) > 0 else 0.0
             work[c + length * k + j] = seen
 
 
@@ -300,18 +280,18 @@ def geometric_terms(topology, constants, work, i, force, torque, out, step):
     force and torque are about the section, in the carrier's axes. Added at offset out (a row for
     each force, `step` apart) is f . dB_k/dd_j + B_k . (theta_j x f) + n . dtheta_j/dd_k.
     """
-    p = at(topology, i, PARENT)
-    counts = at(topology, p, NY), at(topology, p, NZ), at(topology, p, NT)
-    o = at(topology, i, SECTION_WORK)
-    phi = load(work, o + ROTATION_VECTOR)
-    turning = at(topology, 0, DERIVED) + SCRATCH
-    turning_power(work, o + COEFFICIENTS, phi, torque, turning)
-    slope = at(topology, i, SECTION) + 1 + counts[0] + counts[1]
+    p = at(topology, i, at_.PARENT)
+    counts = at(topology, p, at_.NY), at(topology, p, at_.NZ), at(topology, p, at_.NT)
+    o = at(topology, i, at_.SECTION_WORK)
+    phi = load(work, o + at_.ROTATION_VECTOR)
+    turning = at(topology, 0, at_.DERIVED) + diff_.SCRATCH
+    turning_power(work, o + at_.COEFFICIENTS, phi, torque, turning)
+    slope = at(topology, i, at_.SECTION) + 1 + counts[0] + counts[1]
     h = slope + counts[0] + counts[1] + counts[2]
-    for k in range(at(topology, p, MODES)):
+    for k in range(at(topology, p, at_.MODES)):
         # theta_j = s_j J e: the power of both on a turn about each axis e
         pushed = cross(force, load(work, o + SECTION_COLUMNS + 6 * k))
-        power = turned_back(work, o + COEFFICIENTS, phi, pushed)
+        power = turned_back(work, o + at_.COEFFICIENTS, phi, pushed)
         own, axis = mode_slope(topology, constants, i, k)
         power = add(power, scale(own, load(work, turning + 3 * axis)))
         geometric_row(constants, slope, h, counts, power, force[0], k, work, out + step * k)

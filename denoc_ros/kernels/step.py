@@ -11,6 +11,7 @@ brought back onto the constraints (see closing).
 
 import numpy as np
 
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.articulated import find_articulated
 from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import (
@@ -24,7 +25,6 @@ from denoc_ros.kernels.handle import (
     coordinates,
     model_arrays,
 )
-from denoc_ros.kernels.layout import COORDINATE, JOINT, SLIP_RATE
 from denoc_ros.kernels.spring import step_stiffness
 
 GAMMA = 1.0 - np.sqrt(0.5)
@@ -49,8 +49,8 @@ STEP_ROWS = 10
 def hold(topology, bodies, held, source, target):
     """Copy the elements of held joints."""
     for i in range(1, bodies + 1):
-        j = at(topology, i, COORDINATE)
-        if at(topology, i, JOINT) == 1 and held[j] != 0.0:
+        j = at(topology, i, at_.COORDINATE)
+        if at(topology, i, at_.JOINT) == 1 and held[j] != 0.0:
             target[j] = source[j]
 
 
@@ -80,8 +80,8 @@ def take_step(accelerate, handle, steps, held, dt, q, qd, given, tau):
     for j in range(n):
         c = diagonals[DAMPING][j]
         if diagonals[FRICTION][j] != 0.0:
-            t = np.tanh(qd[j] / constants[SLIP_RATE])
-            c += diagonals[FRICTION][j] / constants[SLIP_RATE] * (1.0 - t * t)
+            t = np.tanh(qd[j] / constants[at_.SLIP_RATE])
+            c += diagonals[FRICTION][j] / constants[at_.SLIP_RATE] * (1.0 - t * t)
         shift[j] = diagonals[ARMATURE][j] + g * c + g * g * step_stiffness(diagonals, q, j)
         wanted[j] = 0.0
         drive[j] = tau[j] - g * step_stiffness(diagonals, q, j) * qd[j]

@@ -1,23 +1,8 @@
 """Poses, Jacobians and twists of frames in the base frame."""
 
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.handle import GOOD, at, beyond, coordinates, elements, model_arrays
-from denoc_ros.kernels.layout import (
-    ARM,
-    AXIS,
-    BODY_CONSTANTS,
-    COLUMNS,
-    COORDINATE,
-    JOINT,
-    MODES,
-    PARENT,
-    SECTION,
-    SECTION_POSITION,
-    SECTION_WORK,
-    WORK,
-    WORLD_POSITION,
-    WORLD_ROTATION,
-)
 from denoc_ros.kernels.placement import multiply, place_body
 from denoc_ros.kernels.vector import add, cross, load, rotate, scale, store
 
@@ -25,24 +10,24 @@ from denoc_ros.kernels.vector import add, cross, load, rotate, scale, store
 @inlined
 def section_place(topology, work, i):
     """Return the position, in the base frame, of what row i hangs on."""
-    p = at(topology, i, PARENT)
-    u = at(topology, p, WORK)
-    position = load(work, u + WORLD_POSITION)
-    if at(topology, i, SECTION) > 0:
-        place = load(work, at(topology, i, SECTION_WORK) + SECTION_POSITION)
-        position = add(position, rotate(work, u + WORLD_ROTATION, place))
+    p = at(topology, i, at_.PARENT)
+    u = at(topology, p, at_.WORK)
+    position = load(work, u + at_.WORLD_POSITION)
+    if at(topology, i, at_.SECTION) > 0:
+        place = load(work, at(topology, i, at_.SECTION_WORK) + at_.SECTION_POSITION)
+        position = add(position, rotate(work, u + at_.WORLD_ROTATION, place))
     return position
 
 
 @inlined
 def world_pose(topology, work, i):
     """Write the pose of row i in the base frame; its carrier's must stand there already."""
-    o = at(topology, i, WORK)
-    p = at(topology, i, PARENT)
-    u = at(topology, p, WORK) + WORLD_ROTATION
-    multiply(work, u, work, o, work, o + WORLD_ROTATION)
-    arm = rotate(work, u, load(work, o + ARM))
-    store(work, o + WORLD_POSITION, add(section_place(topology, work, i), arm))
+    o = at(topology, i, at_.WORK)
+    p = at(topology, i, at_.PARENT)
+    u = at(topology, p, at_.WORK) + at_.WORLD_ROTATION
+    multiply(work, u, work, o, work, o + at_.WORLD_ROTATION)
+    arm = rotate(work, u, load(work, o + at_.ARM))
+    store(work, o + at_.WORLD_POSITION, add(section_place(topology, work, i), arm))
 
 
 @inlined
@@ -61,11 +46,11 @@ def find_pose(handle, q, i, out):
     if i > bodies:
         place_body(topology, constants, work, q, i)
         world_pose(topology, work, i)
-    o = at(topology, i, WORK)
+    o = at(topology, i, at_.WORK)
     for r in range(3):
         for c in range(3):
-            out[4 * r + c] = work[o + WORLD_ROTATION + 3 * r + c]
-        out[4 * r + 3] = work[o + WORLD_POSITION + r]
+            out[4 * r + c] = work[o + at_.WORLD_ROTATION + 3 * r + c]
+        out[4 * r + 3] = work[o + at_.WORLD_POSITION + r]
         out[12 + r] = 0.0
     out[15] = 1.0
 
@@ -113,23 +98,23 @@ def find_jacobian(handle, q, i, out):
     n = coordinates(handle)
     for k in range(6 * n):
         out[k] = 0.0
-    point = load(work, at(topology, i, WORK) + WORLD_POSITION)
+    point = load(work, at(topology, i, at_.WORK) + at_.WORLD_POSITION)
     while i > 0:
-        o = at(topology, i, WORK)
-        j = at(topology, i, COORDINATE)
-        if at(topology, i, JOINT) == 1:
-            s = at(topology, i, BODY_CONSTANTS) + AXIS
-            arm = add(point, scale(-1.0, load(work, o + WORLD_POSITION)))
-            turn = rotate(work, o + WORLD_ROTATION, load(constants, s + 3))
-            slide = rotate(work, o + WORLD_ROTATION, load(constants, s))
+        o = at(topology, i, at_.WORK)
+        j = at(topology, i, at_.COORDINATE)
+        if at(topology, i, at_.JOINT) == 1:
+            s = at(topology, i, at_.BODY_CONSTANTS) + at_.AXIS
+            arm = add(point, scale(-1.0, load(work, o + at_.WORLD_POSITION)))
+            turn = rotate(work, o + at_.WORLD_ROTATION, load(constants, s + 3))
+            slide = rotate(work, o + at_.WORLD_ROTATION, load(constants, s))
             write_column(out, n, j, add(slide, cross(turn, arm)), turn)
-        p = at(topology, i, PARENT)
-        if at(topology, i, SECTION) > 0:
-            u = at(topology, p, WORK) + WORLD_ROTATION
-            c = at(topology, i, SECTION_WORK) + COLUMNS
+        p = at(topology, i, at_.PARENT)
+        if at(topology, i, at_.SECTION) > 0:
+            u = at(topology, p, at_.WORK) + at_.WORLD_ROTATION
+            c = at(topology, i, at_.SECTION_WORK) + at_.COLUMNS
             arm = add(point, scale(-1.0, section_place(topology, work, i)))
-            j = at(topology, p, COORDINATE) + at(topology, p, JOINT)
-            for k in range(j, j + at(topology, p, MODES)):
+            j = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
+            for k in range(j, j + at(topology, p, at_.MODES)):
                 turn = rotate(work, u, load(work, c + 3))
                 slide = rotate(work, u, load(work, c))
                 write_column(out, n, k, add(slide, cross(turn, arm)), turn)

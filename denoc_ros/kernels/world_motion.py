@@ -1,48 +1,12 @@
 """Outward pass of the derivatives: twists, columns and each body's own share, in base axes."""
 
+from denoc_ros.kernels import derivative_layout as diff_
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.beam_derivatives import beam_derivatives
 from denoc_ros.kernels.block import six
 from denoc_ros.kernels.compiled import short_inlined, short_shared
 from denoc_ros.kernels.composite import shifted_spin
-from denoc_ros.kernels.derivative_layout import (
-    ACCELERATED,
-    BODY_FIRST_MOMENT,
-    BODY_MASS,
-    BODY_ROTATIONAL_INERTIA,
-    COLUMN,
-    COLUMN_BEND,
-    COLUMN_RATE,
-    COLUMNS,
-    MOMENTUM,
-    ROW_LENGTH,
-    TURNING,
-    TWIST,
-    WRENCH,
-)
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.layout import (
-    ACCELERATION,
-    ANGULAR_ACCELERATION,
-    ANGULAR_VELOCITY,
-    AXIS,
-    BODY_CONSTANTS,
-    COMPOSITE,
-    COORDINATE,
-    DERIVED,
-    FORCE,
-    JOINT,
-    MASS,
-    MODES,
-    MOTION,
-    PARENT,
-    REVOLUTE_Z,
-    SECTION,
-    TORQUE,
-    VELOCITY,
-    WORK,
-    WORLD_POSITION,
-    WORLD_ROTATION,
-)
 from denoc_ros.kernels.section_columns import show_columns, write_seen
 from denoc_ros.kernels.spatial import (
     carried,
@@ -71,42 +35,42 @@ from denoc_ros.kernels.vector import (
 @short_inlined
 def joint_column(topology, constants, work, i):
     """Return the column of body i's joint: its motion subspace in base axes."""
-    turn = at(topology, i, WORK) + WORLD_ROTATION
-    x = load(work, at(topology, i, WORK) + WORLD_POSITION)
-    if at(topology, i, MOTION) == REVOLUTE_Z:
+    turn = at(topology, i, at_.WORK) + at_.WORLD_ROTATION
+    x = load(work, at(topology, i, at_.WORK) + at_.WORLD_POSITION)
+    if at(topology, i, at_.MOTION) == at_.REVOLUTE_Z:
         w = (work[turn + 2], work[turn + 5], work[turn + 8])
         return cross(x, w), w
-    s = at(topology, i, BODY_CONSTANTS) + AXIS
+    s = at(topology, i, at_.BODY_CONSTANTS) + at_.AXIS
     return twist_about_origin(work, turn, x, load(constants, s), load(constants, s + 3))
 
 
 @short_inlined
 def move_world(topology, constants, work, qd, qdd, i):
     """Write body i's twist and its derivative and the columns that its motion adds."""
-    p = at(topology, i, PARENT)
-    e, u = at(topology, i, DERIVED), at(topology, p, DERIVED)
+    p = at(topology, i, at_.PARENT)
+    e, u = at(topology, i, at_.DERIVED), at(topology, p, at_.DERIVED)
     for k in range(12):
-        work[e + TWIST + k] = work[u + TWIST + k]
-    if at(topology, i, SECTION) > 0:
+        work[e + diff_.TWIST + k] = work[u + diff_.TWIST + k]
+    if at(topology, i, at_.SECTION) > 0:
         write_seen(topology, constants, work, qd, qdd, i)
-    if at(topology, p, MODES) > 0:
+    if at(topology, p, at_.MODES) > 0:
         show_columns(topology, work, i)
-    if at(topology, i, JOINT) == 0:
+    if at(topology, i, at_.JOINT) == 0:
         return
-    j = at(topology, i, COORDINATE)
-    v, a = pair(work, e + TWIST), pair(work, e + ACCELERATED)
+    j = at(topology, i, at_.COORDINATE)
+    v, a = pair(work, e + diff_.TWIST), pair(work, e + diff_.ACCELERATED)
     column = joint_column(topology, constants, work, i)
     rate = carried(v, column)
     v = sum_pair(v, scale_pair(qd[j], column))
     a = sum_pair(a, sum_pair(scale_pair(qdd[j], column), scale_pair(qd[j], rate)))
-    store_pair(work, e + TWIST, v)
-    store_pair(work, e + ACCELERATED, a)
-    length = at(topology, 0, ROW_LENGTH)
-    c = at(topology, 0, DERIVED) + COLUMNS + j
-    store_strided(work, c + length * COLUMN, length, column)
-    store_strided(work, c + length * COLUMN_RATE, length, rate)
+    store_pair(work, e + diff_.TWIST, v)
+    store_pair(work, e + diff_.ACCELERATED, a)
+    length = at(topology, 0, diff_.ROW_LENGTH)
+    c = at(topology, 0, at_.DERIVED) + diff_.COLUMNS + j
+    store_strided(work, c + length * diff_.COLUMN, length, column)
+    store_strided(work, c + length * diff_.COLUMN_RATE, length, rate)
     bend = sum_pair(carried(a, column), carried(v, rate))
-    store_strided(work, c + length * COLUMN_BEND, length, bend)
+    store_strided(work, c + length * diff_.COLUMN_BEND, length, bend)
 
 
 @short_inlined
@@ -145,42 +109,44 @@ def turn_matrix(work, turn, o):
 @short_inlined
 def own_beam(topology, constants, work, qd, qdd, i):
     """Write what body i's beam adds, in body axes; momentum and turning in base axes."""
-    o, e = at(topology, i, WORK), at(topology, i, DERIVED)
-    turn = o + WORLD_ROTATION
-    x = load(work, o + WORLD_POSITION)
-    (v, w), (a, al) = pair(work, e + TWIST), pair(work, e + ACCELERATED)
+    o, e = at(topology, i, at_.WORK), at(topology, i, at_.DERIVED)
+    turn = o + at_.WORLD_ROTATION
+    x = load(work, o + at_.WORLD_POSITION)
+    (v, w), (a, al) = pair(work, e + diff_.TWIST), pair(work, e + diff_.ACCELERATED)
     velocity = add(v, cross(w, x))
     acceleration = add(add(a, cross(al, x)), cross(w, velocity))
-    store(work, o + VELOCITY, unrotate(work, turn, velocity))
-    store(work, o + ANGULAR_VELOCITY, unrotate(work, turn, w))
-    store(work, o + ACCELERATION, unrotate(work, turn, acceleration))
-    store(work, o + ANGULAR_ACCELERATION, unrotate(work, turn, al))
+    store(work, o + at_.VELOCITY, unrotate(work, turn, velocity))
+    store(work, o + at_.ANGULAR_VELOCITY, unrotate(work, turn, w))
+    store(work, o + at_.ACCELERATION, unrotate(work, turn, acceleration))
+    store(work, o + at_.ANGULAR_ACCELERATION, unrotate(work, turn, al))
     beam_derivatives(topology, constants, work, qd, qdd, i)
-    momentum = rotate(work, turn, load(work, e + MOMENTUM))
-    store(work, e + MOMENTUM, momentum)
-    turn_matrix(work, turn, e + TURNING)
+    momentum = rotate(work, turn, load(work, e + diff_.MOMENTUM))
+    store(work, e + diff_.MOMENTUM, momentum)
+    turn_matrix(work, turn, e + diff_.TURNING)
     outward = 2.0 * dot(momentum, x)
     for r in range(3):
-        work[e + TURNING + 4 * r] += outward
+        work[e + diff_.TURNING + 4 * r] += outward
         for k in range(3):
-            work[e + TURNING + 3 * r + k] -= 2.0 * momentum[r] * x[k]
+            work[e + diff_.TURNING + 3 * r + k] -= 2.0 * momentum[r] * x[k]
 
 
 @short_shared
 def own_share(topology, constants, work, qd, qdd, i):
     """Write inertia, momentum, turning and wrench of body i alone, in base axes."""
-    o, e = at(topology, i, WORK), at(topology, i, DERIVED)
-    turn = o + WORLD_ROTATION
-    x = load(work, o + WORLD_POSITION)
+    o, e = at(topology, i, at_.WORK), at(topology, i, at_.DERIVED)
+    turn = o + at_.WORLD_ROTATION
+    x = load(work, o + at_.WORLD_POSITION)
     f, t = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    if at(topology, i, MODES) > 0:
+    if at(topology, i, at_.MODES) > 0:
         own_beam(topology, constants, work, qd, qdd, i)
-        f, t = wrench_about_origin(work, turn, x, load(work, o + FORCE), load(work, o + TORQUE))
-        c, source = o + COMPOSITE, work
+        f, t = wrench_about_origin(
+            work, turn, x, load(work, o + at_.FORCE), load(work, o + at_.TORQUE)
+        )
+        c, source = o + at_.COMPOSITE, work
     else:
-        for k in range(MOMENTUM, TURNING + 9):
+        for k in range(diff_.MOMENTUM, diff_.TURNING + 9):
             work[e + k] = 0.0
-        c, source = at(topology, i, BODY_CONSTANTS) + MASS, constants
+        c, source = at(topology, i, at_.BODY_CONSTANTS) + at_.MASS, constants
     mass = source[c]
     moment = rotate(work, turn, load(source, c + 1))
     rotated = turned(
@@ -188,17 +154,17 @@ def own_share(topology, constants, work, qd, qdd, i):
     )
     spin = shifted_spin(rotated, mass, moment, x)
     moment = add(moment, scale(mass, x))
-    work[e + BODY_MASS] = mass
-    store(work, e + BODY_FIRST_MOMENT, moment)
-    store(work, e + BODY_ROTATIONAL_INERTIA, (spin[0], spin[1], spin[2]))
-    store(work, e + BODY_ROTATIONAL_INERTIA + 3, (spin[3], spin[4], spin[5]))
-    (v, w), (a, al) = pair(work, e + TWIST), pair(work, e + ACCELERATED)
+    work[e + diff_.BODY_MASS] = mass
+    store(work, e + diff_.BODY_FIRST_MOMENT, moment)
+    store(work, e + diff_.BODY_ROTATIONAL_INERTIA, (spin[0], spin[1], spin[2]))
+    store(work, e + diff_.BODY_ROTATIONAL_INERTIA + 3, (spin[3], spin[4], spin[5]))
+    (v, w), (a, al) = pair(work, e + diff_.TWIST), pair(work, e + diff_.ACCELERATED)
     momentum = add(scale(mass, v), cross(w, moment))
-    turning_of_rigid(dot(v, moment), v, w, moment, spin, work, e + TURNING)
+    turning_of_rigid(dot(v, moment), v, w, moment, spin, work, e + diff_.TURNING)
     angular = add(cross(moment, v), times(spin, w))
     f = add(f, add(add(scale(mass, a), cross(al, moment)), cross(w, momentum)))
     t = add(t, add(cross(moment, a), times(spin, al)))
     t = add(t, add(cross(w, angular), cross(v, momentum)))
-    store(work, e + MOMENTUM, add(load(work, e + MOMENTUM), momentum))
-    store(work, e + WRENCH, f)
-    store(work, e + WRENCH + 3, t)
+    store(work, e + diff_.MOMENTUM, add(load(work, e + diff_.MOMENTUM), momentum))
+    store(work, e + diff_.WRENCH, f)
+    store(work, e + diff_.WRENCH + 3, t)

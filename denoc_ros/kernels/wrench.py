@@ -1,34 +1,8 @@
 """The wrench and modal forces a body needs for its own motion, and their way inward."""
 
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.layout import (
-    ACCELERATION,
-    ANGULAR_ACCELERATION,
-    ANGULAR_VELOCITY,
-    ARM,
-    BEAM,
-    BEAM_WORK,
-    BODY_CONSTANTS,
-    COLUMNS,
-    COORDINATE,
-    FIRST_MOMENT,
-    FORCE,
-    JOINT,
-    MASS,
-    MODES,
-    NT,
-    NY,
-    NZ,
-    PARENT,
-    POINTS,
-    ROTATIONAL_INERTIA,
-    SECTION,
-    SECTION_POSITION,
-    SECTION_WORK,
-    TORQUE,
-    WORK,
-)
 from denoc_ros.kernels.vector import (
     accumulate,
     add,
@@ -45,40 +19,42 @@ from denoc_ros.kernels.vector import (
 @inlined
 def rigid_wrench(topology, constants, work, i):
     """Write the wrench of the rigid part of body i about the body origin."""
-    c = at(topology, i, BODY_CONSTANTS)
-    o = at(topology, i, WORK)
-    w = load(work, o + ANGULAR_VELOCITY)
-    a = load(work, o + ACCELERATION)
-    al = load(work, o + ANGULAR_ACCELERATION)
-    moment = load(constants, c + FIRST_MOMENT)
-    force = add(scale(constants[c + MASS], a), add(cross(al, moment), cross(w, cross(w, moment))))
-    torque = add(
-        add(cross(moment, a), symmetric(constants, c + ROTATIONAL_INERTIA, al)),
-        cross(w, symmetric(constants, c + ROTATIONAL_INERTIA, w)),
+    c = at(topology, i, at_.BODY_CONSTANTS)
+    o = at(topology, i, at_.WORK)
+    w = load(work, o + at_.ANGULAR_VELOCITY)
+    a = load(work, o + at_.ACCELERATION)
+    al = load(work, o + at_.ANGULAR_ACCELERATION)
+    moment = load(constants, c + at_.FIRST_MOMENT)
+    force = add(
+        scale(constants[c + at_.MASS], a), add(cross(al, moment), cross(w, cross(w, moment)))
     )
-    store(work, o + FORCE, force)
-    store(work, o + TORQUE, torque)
+    torque = add(
+        add(cross(moment, a), symmetric(constants, c + at_.ROTATIONAL_INERTIA, al)),
+        cross(w, symmetric(constants, c + at_.ROTATIONAL_INERTIA, w)),
+    )
+    store(work, o + at_.FORCE, force)
+    store(work, o + at_.TORQUE, torque)
 
 
 @inlined
 def bending_wrench(topology, constants, work, qd, qdd, i):
     """Add the wrench of body i's beam and write its modal forces: int [1; p x; B^T] acc."""
-    ny = at(topology, i, NY)
-    nz = at(topology, i, NZ)
-    nt = at(topology, i, NT)
-    o = at(topology, i, WORK)
-    d = at(topology, i, COORDINATE) + at(topology, i, JOINT)
-    w = load(work, o + ANGULAR_VELOCITY)
-    a = load(work, o + ACCELERATION)
-    al = load(work, o + ANGULAR_ACCELERATION)
+    ny = at(topology, i, at_.NY)
+    nz = at(topology, i, at_.NZ)
+    nt = at(topology, i, at_.NT)
+    o = at(topology, i, at_.WORK)
+    d = at(topology, i, at_.COORDINATE) + at(topology, i, at_.JOINT)
+    w = load(work, o + at_.ANGULAR_VELOCITY)
+    a = load(work, o + at_.ACCELERATION)
+    al = load(work, o + at_.ANGULAR_ACCELERATION)
     force = (0.0, 0.0, 0.0)
     torque = (0.0, 0.0, 0.0)
-    modal = at(topology, i, BEAM_WORK)
+    modal = at(topology, i, at_.BEAM_WORK)
     for j in range(modal, modal + ny + nz):
         work[j] = 0.0
-    c = at(topology, i, BEAM) + 1 + nt + nt * nt
-    k = modal + at(topology, i, MODES)
-    for _ in range(at(topology, i, POINTS)):
+    c = at(topology, i, at_.BEAM) + 1 + nt + nt * nt
+    k = modal + at(topology, i, at_.MODES)
+    for _ in range(at(topology, i, at_.POINTS)):
         p = load(work, k)
         sx = 0.0  # B d'
         sy = 0.0
@@ -121,25 +97,25 @@ def bending_wrench(topology, constants, work, qd, qdd, i):
             work[modal + j] += constants[s + j] * acc[2] - work[k + 3 + j] * acc[0]
         c = h + nz * nz
         k += 3 + ny + nz
-    accumulate(work, o + FORCE, force)
-    accumulate(work, o + TORQUE, torque)
+    accumulate(work, o + at_.FORCE, force)
+    accumulate(work, o + at_.TORQUE, torque)
 
 
 @inlined
 def torsion_wrench(topology, constants, work, qd, qdd, i):
     """Add the torque of body i's twisting sections and write its torsional modal forces."""
-    nt = at(topology, i, NT)
-    o = at(topology, i, WORK)
+    nt = at(topology, i, at_.NT)
+    o = at(topology, i, at_.WORK)
     d = (
-        at(topology, i, COORDINATE)
-        + at(topology, i, JOINT)
-        + at(topology, i, NY)
-        + at(topology, i, NZ)
+        at(topology, i, at_.COORDINATE)
+        + at(topology, i, at_.JOINT)
+        + at(topology, i, at_.NY)
+        + at(topology, i, at_.NZ)
     )
-    b = at(topology, i, BEAM)
-    modal = at(topology, i, BEAM_WORK) + at(topology, i, NY) + at(topology, i, NZ)
-    w = load(work, o + ANGULAR_VELOCITY)
-    spin_up = work[o + ANGULAR_ACCELERATION]
+    b = at(topology, i, at_.BEAM)
+    modal = at(topology, i, at_.BEAM_WORK) + at(topology, i, at_.NY) + at(topology, i, at_.NZ)
+    w = load(work, o + at_.ANGULAR_VELOCITY)
+    spin_up = work[o + at_.ANGULAR_ACCELERATION]
     momentum = constants[b] * w[0]
     torque = constants[b] * spin_up
     for j in range(nt):
@@ -149,36 +125,36 @@ def torsion_wrench(topology, constants, work, qd, qdd, i):
         for k in range(nt):
             force += constants[b + 1 + nt + nt * j + k] * qdd[d + k]
         work[modal + j] = force
-    accumulate(work, o + TORQUE, (torque, w[2] * momentum, -w[1] * momentum))
+    accumulate(work, o + at_.TORQUE, (torque, w[2] * momentum, -w[1] * momentum))
 
 
 @inlined
 def body_wrench(topology, constants, work, qd, qdd, i):
     """Write the wrench and the modal forces that body i needs for its motion (no elasticity)."""
     rigid_wrench(topology, constants, work, i)
-    if at(topology, i, POINTS) > 0:
+    if at(topology, i, at_.POINTS) > 0:
         bending_wrench(topology, constants, work, qd, qdd, i)
-    if at(topology, i, NT) > 0:
+    if at(topology, i, at_.NT) > 0:
         torsion_wrench(topology, constants, work, qd, qdd, i)
 
 
 @inlined
 def transmit_wrench(topology, work, i, force, torque):
     """Add a wrench on row i (its axes, about its origin) to its carrier and that one's modes."""
-    p = at(topology, i, PARENT)
+    p = at(topology, i, at_.PARENT)
     if p == 0:
         return
-    o = at(topology, i, WORK)
-    u = at(topology, p, WORK)
+    o = at(topology, i, at_.WORK)
+    u = at(topology, p, at_.WORK)
     f = rotate(work, o, force)
-    n = add(rotate(work, o, torque), cross(load(work, o + ARM), f))
-    if at(topology, i, SECTION) > 0:
-        k = at(topology, i, SECTION_WORK)
-        modal = at(topology, p, BEAM_WORK)
-        columns = k + COLUMNS
-        for j in range(at(topology, p, MODES)):
+    n = add(rotate(work, o, torque), cross(load(work, o + at_.ARM), f))
+    if at(topology, i, at_.SECTION) > 0:
+        k = at(topology, i, at_.SECTION_WORK)
+        modal = at(topology, p, at_.BEAM_WORK)
+        columns = k + at_.COLUMNS
+        for j in range(at(topology, p, at_.MODES)):
             work[modal + j] += dot(load(work, columns), f) + dot(load(work, columns + 3), n)
             columns += 6
-        n = add(n, cross(load(work, k + SECTION_POSITION), f))
-    accumulate(work, u + FORCE, f)
-    accumulate(work, u + TORQUE, n)
+        n = add(n, cross(load(work, k + at_.SECTION_POSITION), f))
+    accumulate(work, u + at_.FORCE, f)
+    accumulate(work, u + at_.TORQUE, n)

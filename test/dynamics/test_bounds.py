@@ -14,8 +14,8 @@ from strategies import random_state, seeded_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.workspace import Workspace
 from denoc_ros.kernels import CHECKED, handle
+from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.cache import cache_folder
-from denoc_ros.kernels.layout import BEAM_WORK, COORDINATE, WORK
 
 checked = pytest.mark.skipif(not CHECKED, reason='in the mode that checks offsets')
 SHORT = ('-k', 'not loops and not mechanisms and not derivatives')
@@ -40,7 +40,7 @@ def inverse(robot: Robot) -> None:
 @checked
 @pytest.mark.parametrize(
     ('column', 'value'),
-    [(WORK, 10**6), (WORK, 2**32 - 40), (BEAM_WORK, 10**6), (COORDINATE, 10**5)],
+    [(at_.WORK, 10**6), (at_.WORK, 2**32 - 40), (at_.BEAM_WORK, 10**6), (at_.COORDINATE, 10**5)],
 )
 def test_a_planted_offset_is_found_out(column: int, value: int) -> None:
     robot, workspace = spoiled(column, value)
