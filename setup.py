@@ -1,9 +1,12 @@
 """Package denoc_ros: ament_python for colcon, an ordinary wheel for pip."""
 
+import importlib.util
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.build_py import build_py
+from setuptools.command.sdist import sdist
 
 HERE = Path(__file__).parent
 NAME = 'denoc_ros'
@@ -15,6 +18,43 @@ def package_version() -> str:
     version = ElementTree.parse(HERE / 'package.xml').getroot().findtext('version')
     assert version is not None
     return version
+
+
+def source_commit() -> str:
+    """Return the commit of this tree, or the one its sdist was made from; '' if unknown."""
+    file = HERE / NAME / 'reports' / 'versions.py'
+    specification = importlib.util.spec_from_file_location('versions', file)
+    assert specification is not None
+    assert specification.loader is not None
+    versions = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(versions)
+    return str(versions.source_commit(HERE / NAME))
+
+
+def write_commit(package: Path) -> None:
+    """Put the commit beside the modules of a package that is built."""
+    commit = source_commit()
+    if commit and package.is_dir():
+        (package / 'COMMIT').write_text(f'{commit}\n', encoding='utf-8')
+
+
+class BuildWithCommit(build_py):
+    """Build of the modules that says which commit they are of."""
+
+    def run(self) -> None:
+        """Build, then add the commit; an editable installation asks git instead."""
+        super().run()
+        if not getattr(self, 'editable_mode', False):
+            write_commit(Path(self.build_lib) / NAME)
+
+
+class SdistWithCommit(sdist):
+    """Source distribution that says which commit it is of."""
+
+    def make_release_tree(self, base_dir: str, files: list[str]) -> None:
+        """Make the tree, then add the commit."""
+        super().make_release_tree(base_dir, files)
+        write_commit(Path(base_dir) / NAME)
 
 
 def shared_files(folder: str) -> list[tuple[str, list[str]]]:
@@ -39,6 +79,9 @@ MUJOCO = ['mujoco>=3.17']
 # spreadsheets as tables
 TABLES = ['openpyxl>=3.1']
 
+# the site of the documentation
+DOCS = ['sphinx>=8', 'myst-parser>=4', 'furo>=2024.8']
+
 # linear models for python-control's tools
 CONTROL = ['control>=0.10']
 
@@ -49,8 +92,9 @@ setup(
     package_data={NAME: ['py.typed', 'nodes/*.xml', 'reports/templates/*.j2']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
-        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}', ['package.xml', 'README.md', 'CHANGELOG.md', 'LICENSE']),
         *shared_files('config'),
+        *shared_files('docs'),
         *shared_files('launch'),
         (f'lib/{NAME}', [f'scripts/{node}' for node in NODES]),
     ],
@@ -78,12 +122,14 @@ setup(
         ],
         'viewer': VIEWER,
         'cluster': CLUSTER,
+        'docs': DOCS,
         'control': CONTROL,
         'tables': TABLES,
         'mujoco': MUJOCO,
         'test': [
             *CLUSTER,
             *CONTROL,
+            *DOCS,
             *MUJOCO,
             *TABLES,
             *VIEWER,
@@ -106,7 +152,23 @@ setup(
     zip_safe=False,
     maintainer='denoc_ros maintainers',
     description='Real-time model-based control of robots with flexible links under ROS 2',
+    long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
+    license_files=['LICENSE', 'config/robots/*.LICENSE'],
+    keywords=['robotics', 'ROS 2', 'flexible links', 'dynamics', 'feedforward', 'vibration'],
+    classifiers=[
+        'Development Status :: 4 - Beta',
+        'Environment :: Console',
+        'Intended Audience :: Science/Research',
+        'Intended Audience :: Developers',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        *(f'Programming Language :: Python :: 3.{minor}' for minor in range(10, 14)),
+        'Topic :: Scientific/Engineering',
+        'Typing :: Typed',
+    ],
+    cmdclass={'build_py': BuildWithCommit, 'sdist': SdistWithCommit},
     entry_points={
         'console_scripts': [
             'denoc = denoc_ros.cli.main:main',

@@ -49,10 +49,14 @@ LONGEST = (
 )
 
 SOURCES = (
+    'CHANGELOG.md',
     'LICENSE',
+    'MANIFEST.in',
     'README.md',
     'config',
+    'constraints.txt',
     'denoc_ros',
+    'docs',
     'launch',
     'package.xml',
     'pyproject.toml',
@@ -124,7 +128,7 @@ def source_copy(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> P
     for name in SOURCES:
         source = repository / name
         if source.is_dir():
-            ignored = shutil.ignore_patterns('__pycache__')
+            ignored = shutil.ignore_patterns('__pycache__', '_build')
             shutil.copytree(source, target / name, ignore=ignored)
         elif source.is_file():
             shutil.copy2(source, target / name)

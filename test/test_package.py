@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import sysconfig
 import xml.etree.ElementTree as ElementTree
 import zipfile
+from email import message_from_bytes
+from email.message import Message
 from importlib import metadata
 from pathlib import Path
 
@@ -17,9 +20,23 @@ from packaging.requirements import Requirement
 from packaging.utils import NormalizedName, canonicalize_name
 
 from denoc_ros.cli.config import NODES
+from denoc_ros.reports.versions import source_commit
 
 BUILD_TIMEOUT = 300.0  # s for what takes ten on a machine that does nothing else
 EXTRAS = ('ros', 'viewer', 'test')
+LINK = re.compile(r'\]\((?!https?:|#)([^)#]+)')
+# those of the package index that fit; any other would be refused there
+CLASSIFIERS = {
+    'Development Status :: 4 - Beta',
+    'Environment :: Console',
+    'Intended Audience :: Developers',
+    'Intended Audience :: Science/Research',
+    'Operating System :: POSIX :: Linux',
+    'Programming Language :: Python :: 3',
+    *(f'Programming Language :: Python :: 3.{minor}' for minor in range(10, 14)),
+    'Topic :: Scientific/Engineering',
+    'Typing :: Typed',
+}
 
 
 def pip(*arguments: str) -> None:
@@ -28,12 +45,54 @@ def pip(*arguments: str) -> None:
     subprocess.run(command, check=True, timeout=BUILD_TIMEOUT, stdin=subprocess.DEVNULL)
 
 
+def git(folder: Path, *arguments: str) -> str:
+    """Run git in a checkout, as nobody in particular."""
+    person = ('-c', 'user.name=test', '-c', 'user.email=test@localhost')
+    command = ['git', '-C', str(folder), *person, *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
 @pytest.fixture(scope='module')
-def wheel(source_copy: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def checkout(source_copy: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the sources as a checkout of one commit."""
+    folder = tmp_path_factory.mktemp('checkout') / 'denoc_ros'
+    shutil.copytree(source_copy, folder)
+    git(folder, 'init', '--quiet')
+    git(folder, 'add', '--all')
+    git(folder, 'commit', '--quiet', '--message', 'all')
+    return folder
+
+
+@pytest.fixture(scope='module')
+def sdist(checkout: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp('sdist')
+    script = 'import sys; from setuptools import build_meta; build_meta.build_sdist(sys.argv[1])'
+    subprocess.run(
+        [sys.executable, '-c', script, str(folder)],
+        cwd=checkout,
+        check=True,
+        timeout=BUILD_TIMEOUT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+    )
+    (path,) = folder.glob('*.tar.gz')
+    return path
+
+
+@pytest.fixture(scope='module')
+def wheel(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the wheel that the sdist builds, with nothing beside it."""
     folder = tmp_path_factory.mktemp('wheel')
-    pip('wheel', str(source_copy), '--no-build-isolation', '--wheel-dir', str(folder))
+    pip('wheel', str(sdist), '--no-build-isolation', '--wheel-dir', str(folder))
     (path,) = folder.glob('*.whl')
     return path
+
+
+def wheel_metadata(wheel: Path) -> Message:
+    """Return the metadata of a wheel."""
+    archive = zipfile.ZipFile(wheel)
+    (name,) = (name for name in archive.namelist() if name.endswith('.dist-info/METADATA'))
+    return message_from_bytes(archive.read(name))
 
 
 @pytest.fixture(scope='module')
@@ -59,14 +118,105 @@ def test_wheel_holds_every_module_and_data_file(repository: Path, wheel: Path) -
     }
     assert not modules - held
     shared = {name.partition('.data/data/')[2] for name in held}
-    configured = {
-        f'share/denoc_ros/{path.relative_to(repository)}'
-        for path in (repository / 'config').rglob('*')
-        if path.is_file()
-    }
-    assert not configured - shared
+    tracked = git(repository, 'ls-files', 'config', 'launch', 'docs').splitlines()
+    assert len(tracked) > 100
+    assert not {f'share/denoc_ros/{path}' for path in tracked} - shared
     assert {f'lib/denoc_ros/{node}' for node in NODES} <= shared
     assert 'share/ament_index/resource_index/packages/denoc_ros' in shared
+
+
+def test_wheel_holds_the_type_marker_and_all_licences(repository: Path, wheel: Path) -> None:
+    held = set(zipfile.ZipFile(wheel).namelist())
+    assert 'denoc_ros/py.typed' in held
+    (info,) = {name.partition('/')[0] for name in held if '.dist-info/' in name}
+    licences = {'LICENSE', *git(repository, 'ls-files', 'config/robots/*.LICENSE').split()}
+    assert len(licences) > 1
+    assert {f'{info}/licenses/{name}' for name in licences} <= held
+    assert set(wheel_metadata(wheel).get_all('License-File') or []) == licences
+
+
+def test_metadata_says_what_the_package_is(repository: Path, wheel: Path) -> None:
+    told = wheel_metadata(wheel)
+    classifiers = told.get_all('Classifier') or []
+    oldest = Requirement(f'python{told["Requires-Python"]}').specifier
+    for name in classifiers:
+        assert name in CLASSIFIERS, name
+    versions = [name.rpartition(' ')[2] for name in classifiers if re.search(r':: 3\.\d+$', name)]
+    assert versions
+    assert all(oldest.contains(version) for version in versions)
+    assert told['Description-Content-Type'] == 'text/markdown'
+    assert (repository / 'README.md').read_text(encoding='utf-8').strip() in str(
+        told.get_payload(decode=True), 'utf-8'
+    )
+
+
+def test_commit_of_the_checkout_is_in_sdist_and_wheel(
+    checkout: Path, prefix: Path, tmp_path: Path
+) -> None:
+    commit = git(checkout, 'rev-parse', '--short=12', 'HEAD')
+    modules = Path(sysconfig.get_path('purelib', vars={'base': str(prefix)}))
+    assert source_commit(modules / 'denoc_ros') == commit
+    assert source_commit(checkout / 'denoc_ros') == commit
+    shown = subprocess.run(
+        [prefix / 'bin' / 'denoc', '--version'],
+        env={**os.environ, 'PYTHONPATH': str(modules)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=BUILD_TIMEOUT,
+    )
+    first, second = shown.stdout.splitlines()
+    assert re.fullmatch(rf'denoc_ros [\d.]+ \(commit {commit}\)', first)
+    assert second == f'documentation: {prefix}/share/denoc_ros/README.md'
+
+
+def test_commit_is_that_of_the_package_s_own_checkout_only(checkout: Path, tmp_path: Path) -> None:
+    shutil.copytree(checkout / 'denoc_ros', tmp_path / 'copy')
+    assert source_commit(tmp_path / 'copy') == ''
+    git(tmp_path, 'init', '--quiet')
+    git(tmp_path, 'commit', '--quiet', '--allow-empty', '--message', 'of somebody else')
+    assert source_commit(tmp_path / 'copy') == ''
+    git(tmp_path, 'add', 'copy')
+    git(tmp_path, 'commit', '--quiet', '--message', 'copy')
+    assert source_commit(tmp_path / 'copy') == git(tmp_path, 'rev-parse', '--short=12', 'HEAD')
+    (tmp_path / 'copy' / '__init__.py').write_text('')
+    assert source_commit(tmp_path / 'copy').endswith('-dirty')
+
+
+def test_links_of_the_installed_pages_lead_to_installed_files(prefix: Path) -> None:
+    share = prefix / 'share' / 'denoc_ros'
+    pages = [share / 'README.md', *sorted((share / 'docs').glob('*.md'))]
+    assert len(pages) > 20
+    lost = [
+        f'{page.relative_to(share)}: {target}'
+        for page in pages
+        for target in LINK.findall(page.read_text(encoding='utf-8'))
+        if not (page.parent / target).exists()
+    ]
+    assert lost == []
+
+
+def test_pages_that_messages_name_are_installed(repository: Path, prefix: Path) -> None:
+    named = {
+        page
+        for path in (repository / 'denoc_ros').rglob('*.py')
+        for page in re.findall(r'docs/\w+\.md', path.read_text(encoding='utf-8'))
+    }
+    assert len(named) > 5
+    assert [page for page in named if not (prefix / 'share' / 'denoc_ros' / page).is_file()] == []
+
+
+def test_changelog_has_the_version_or_announces_it(repository: Path) -> None:
+    text = (repository / 'CHANGELOG.md').read_text(encoding='utf-8')
+    headings = re.findall(r'^## (.*)$', text, re.MULTILINE)
+    version = ElementTree.parse(repository / 'package.xml').getroot().findtext('version')
+    for heading in headings:
+        assert re.fullmatch(r'\[Unreleased\]|\[\d+\.\d+\.\d+\] - \d{4}-\d\d-\d\d', heading)
+    newest = text.split('\n## ')[1]
+    assert newest.startswith(f'[{version}]') or f'will be {version}' in newest
+    kinds = set(re.findall(r'^### (.*)$', text, re.MULTILINE))
+    assert kinds <= {'Added', 'Changed', 'Deprecated', 'Removed', 'Fixed', 'Security'}
 
 
 def test_every_node_is_a_console_script(prefix: Path) -> None:
@@ -139,3 +289,54 @@ def test_declared_ros_dependencies_are_the_imported_ones(repository: Path) -> No
         )
     }
     assert declared == imported
+
+
+# rosdep's keys on Ubuntu 24.04 (rosdistro's rosdep/python.yaml); '' where it has none, or one that
+# is of no use there: apt's numba may be too old, and pip refuses to write into that system
+ROSDEP = {
+    'imageio-ffmpeg': '',
+    'jinja2': 'python3-jinja2',
+    'lxml': 'python3-lxml',
+    'matplotlib': 'python3-matplotlib',
+    'mcap': '',
+    'numba': '',
+    'numpy': 'python3-numpy',
+    'pyyaml': 'python3-yaml',
+    'rosbags': '',
+    'scipy': 'python3-scipy',
+    'tqdm': 'python3-tqdm',
+    'trimesh': '',
+    'viser': '',
+    'yourdfpy': '',
+    'zstandard': '',
+}
+
+
+def test_package_xml_has_what_rosdep_has_and_the_readme_supplies_the_rest(
+    repository: Path, wheel: Path
+) -> None:
+    """Every requirement of the wheel is a key of rosdep or in the README's command."""
+    needed = {}
+    for line in wheel_metadata(wheel).get_all('Requires-Dist') or []:
+        requirement = Requirement(line)
+        marker = requirement.marker
+        if marker is None or marker.evaluate({'extra': 'viewer'}):
+            needed[requirement.name] = requirement.specifier
+    assert needed.keys() == ROSDEP.keys()
+    root = ElementTree.parse(repository / 'package.xml').getroot()
+    declared = {element.text for element in root.iter('exec_depend')}
+    assert {key for key in ROSDEP.values() if key} == {
+        key for key in declared if key and key.startswith('python3-')
+    }
+    readme = (repository / 'README.md').read_text(encoding='utf-8')
+    (command,) = re.findall(r"^pip install ('numba.*)$", readme, re.MULTILINE)
+    supplied = {r.name: r.specifier for r in map(Requirement, re.findall(r"'(.*?)'", command))}
+    assert {name: supplied.get(name) for name, key in ROSDEP.items() if not key} == {
+        name: needed[name] for name, key in ROSDEP.items() if not key
+    }
+
+
+def test_package_xml_names_the_licence_files(repository: Path) -> None:
+    root = ElementTree.parse(repository / 'package.xml').getroot()
+    files = {element.get('file') for element in root.iter('license')}
+    assert files == {'LICENSE', *git(repository, 'ls-files', 'config/robots/*.LICENSE').split()}

@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
 
@@ -53,10 +54,17 @@ class Version(argparse.Action):
     """`--version`: looked up only when asked for, since importlib.metadata is slow to import."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        """Print the package's version and exit."""
+        """Print the package's version, its commit where known, and where its pages are."""
         from importlib.metadata import version
 
-        print(f'denoc_ros {version("denoc_ros")}')
+        from denoc_ros.cli.config import share_directory
+        from denoc_ros.reports.versions import source_commit
+
+        commit = source_commit(Path(__file__).resolve().parents[1])
+        print(f'denoc_ros {version("denoc_ros")}' + (f' (commit {commit})' if commit else ''))
+        pages = share_directory() / 'README.md'
+        if pages.is_file():
+            print(f'documentation: {pages}')
         parser.exit()
 
 
