@@ -8,7 +8,7 @@ import numpy as np
 
 from denoc_ros.dynamics.segmented_section import SegmentedSection
 from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.tip_deflection import tip_deflections
+from denoc_ros.kernels.tip_deflection import ROTATIONS, segmented_tip, tip_deflections
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.types import Array
 
@@ -48,16 +48,19 @@ class TipDeflections:
         self._rows = np.zeros((6 * count + n, n))
         self._owner = np.zeros((count, n))  # -1/2 at a link's own amplitudes
         ready(tip_deflections)
-        self._composed: list[tuple[slice, SegmentedSection, slice]] = []
+        self._composed: list[tuple[slice, tuple[Array, Array, float], slice]] = []
+        self._turns = np.zeros(ROTATIONS)
         linear, shortening = self._rows[: 6 * count], self._rows[6 * count :]
         for index, link in enumerate(self.links):
             tip, own = robot.section(link)
             if isinstance(tip, SegmentedSection):
-                self._composed.append((slice(6 * index, 6 * index + 6), tip, own))
+                self._composed.append((slice(6 * index, 6 * index + 6), tip.segment, own))
                 continue
             linear[6 * index : 6 * index + 6, own] = tip.linear
             shortening[own, own] = tip.shortening
             self._owner[index, own] = -0.5
+        if self._composed:
+            ready(segmented_tip)
 
     def evaluate(
         self, q: Array, qd: Array, out: tuple[Array, Array] | None = None
@@ -79,6 +82,6 @@ class TipDeflections:
         size = len(self.names)
         position, rate = (np.empty(size), np.empty(size)) if out is None else out
         tip_deflections(self._rows, self._owner, q, qd, position, rate)
-        for part, tip, own in self._composed:
-            position[part], rate[part] = tip.motion(q[own], qd[own])
+        for part, segment, own in self._composed:
+            segmented_tip(*segment, q[own], qd[own], self._turns, position[part], rate[part])
         return position, rate

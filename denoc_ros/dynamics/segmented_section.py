@@ -73,22 +73,19 @@ class SegmentedSection:
 
     def rate(self, amplitudes: Array, rates: Array) -> Array:
         """Return the time rates (6,) of :meth:`deflection`."""
-        return self.motion(amplitudes, rates)[1]
-
-    def motion(self, amplitudes: Array, rates: Array) -> tuple[Array, Array]:
-        """Return :meth:`deflection` and its time rates (6,)."""
         at = self._place(amplitudes)
-        moved = at.ends[..., -1, :] - [self.station, 0.0, 0.0]
         vector = rotation_vectors(at.turn)
         d, dd = self._parts(amplitudes), self._parts(rates)
         slide, turned, arms = self._columns(at, d)
         turning = np.matmul(turned, dd[..., None])[..., 0]
         linear = np.matmul(slide, dd[..., None])[..., 0] + np.cross(turning, arms)
         angular = np.linalg.solve(left_jacobians(vector), turning.sum(axis=-2)[..., None])[..., 0]
-        return (
-            np.concatenate([moved, vector], axis=-1),
-            np.concatenate([linear.sum(axis=-2), angular], axis=-1),
-        )
+        return np.concatenate([linear.sum(axis=-2), angular], axis=-1)
+
+    @property
+    def segment(self) -> tuple[Array, Array, float]:
+        """Of the first segment's tip: `linear` and `shortening` of its section, and its length."""
+        return self._linear[0], self._shortening[0], float(self._stations[0])
 
     def jacobian(self, amplitudes: Array) -> Array:
         """Return the derivative (3, m), or (..., 3, m), of the displacement."""

@@ -356,9 +356,11 @@ class PlantNode(RobotNode):
             self._look_due = LOOK_STEPS
             self._look_for_divergence()
         # the state is that of the deadline, however late the machine let the tick begin
-        self._publish(self._stamp_of(self._tick_time))
+        stamp_ns = self._stamp_of(self._tick_time)
+        self._publish(stamp_ns)
         if self.source is not None:
             self.source.clock.tell()
+        self._publish_truth(stamp_ns)  # for which nobody waits, while who hears the time computes
 
     def _look_for_divergence(self) -> None:
         """Note since when the state is none that the robot can have."""
@@ -452,13 +454,17 @@ class PlantNode(RobotNode):
             self.sensors.send(stamp_ns, simulated.sensor_values())
         if self.inertial_sensors:
             self.inertial_sensors.send(stamp_ns, simulated.inertial_values())
+
+    def _publish_truth(self, stamp_ns: int) -> None:
+        """Publish what no sensor shows: deflections of the tips, and all coordinates."""
+        simulated = self._simulated
         if self._deflection_listeners():
             bent = self._deflection_message
             simulated.tip_deflections(*self._deflection_arrays)
             bent.stamp(stamp_ns)
             self._send_deflection(bent.bytes())
         if self._modal_listeners():
-            self._send_modal(self._modal_message.encode(stamp_ns, q, qd))
+            self._send_modal(self._modal_message.encode(stamp_ns, simulated.q, simulated.qd))
 
     # ---- diagnostics
 

@@ -113,6 +113,15 @@ def test_tips_are_those_of_sections(close: Close) -> None:
         close(rate[6 * k : 6 * k + 6], section.rate(s.q[own], s.qd[own]), 1e-13)
 
 
+def test_tips_of_a_straight_arm_move_as_its_linear_part(close: Close) -> None:
+    qd, tips = random_state(ARM.coordinate_names, 6, BENT).qd, TipDeflections(ARM)
+    position, rate = tips.evaluate(np.zeros(ARM.n), qd)
+    assert np.abs(position).max() < 1e-15  # m: of the sum of segments' lengths
+    for k, link in enumerate(tips.links):
+        section, own = ARM.section(link)
+        close(rate[6 * k : 6 * k + 6], section.linear @ qd[own], 1e-14)
+
+
 def test_the_centre_line_runs_through_the_frames(close: Close) -> None:
     q = random_state(ARM.coordinate_names, 5, BENT).q
     points, turns = CentreLine(ARM, 'upper', np.array(STATIONS)).place(q)
