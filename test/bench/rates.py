@@ -26,6 +26,7 @@ from denoc_ros.cli.config import SessionConfig, load_config
 from denoc_ros.errors import DenocError
 
 LATE_LIMIT = {1000.0: 0.02, 500.0: 0.005}  # share of deadlines, by rate [Hz]
+NAMED = 0.005  # share of a core from which on another process is named
 PEER_FACTOR = 1.5  # or so many times what bare nodes show, if that is more
 
 
@@ -135,10 +136,14 @@ def table(campaign: Campaign) -> list[str]:
     for kind in ('ours', 'bare'):
         blocks = getattr(campaign, kind)
         lost: Counter[str] = sum((Counter(block.missing) for block in blocks), Counter())
-        others = np.median([block.others for block in blocks])
+        others: Counter[str] = Counter()
+        for block in blocks:
+            others.update({name: share / len(blocks) for name, share in block.others.items()})
+        named = ', '.join(f'{n} {s:.2f}' for n, s in others.most_common(3) if s >= NAMED)
         lines.append(
             f'{kind}: {found[kind]["published"]} messages published, {found[kind]["missing"]} not '
-            f'in the bag{f" {dict(lost)}" if lost else ""}; others took {others:.2f} cores'
+            f'in the bag{f" {dict(lost)}" if lost else ""}; others took {others.total():.2f} cores'
+            f'{f" ({named})" if named else ""}'
         )
     return lines
 

@@ -7,8 +7,8 @@ import json
 import os
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,7 +68,7 @@ class Block:
 
     loops: dict[str, LoopShare]
     processor: dict[str, float]  # share of a core by node
-    others: float  # cores that everything else on the machine took
+    others: dict[str, float]  # share of a core by other process, this one included
     published: int
     recorded: int
     missing: dict[str, int]  # by topic, none where all are there
@@ -80,21 +80,26 @@ class WatchedProcesses(Processes):
     def __init__(self, folder: Path, environment: Mapping[str, str]) -> None:
         super().__init__(folder / 'logs', environment)
         self._folder = folder
+        self.pids: set[int] = set()
 
     def start(self, name: str, arguments: Sequence[str], ends: bool = False) -> None:
         """Start `-m module …` as a session does, under the eyes of a journal."""
         watched = ['-m', 'bench.journal', str(self._folder / f'{name}.npz'), *arguments[1:]]
         super().start(name, watched, ends)
+        self.pids.add(self._running[name].pid)
 
     def start_bare(self, name: str, spec: Path) -> None:
         journal = str(self._folder / f'{name}.npz')
         super().start(name, ['-m', 'bench.bare_node', journal, str(spec)])
+        self.pids.add(self._running[name].pid)
 
 
 class WatchedDriver(SessionClient):
     """A driver that knows when the phase was."""
 
     window: Window
+    pids: Collection[int]
+    others: Mapping[str, float]
 
     def begin_phase(self, name: str) -> None:
         """Begin, when every process has found the last one."""
@@ -105,28 +110,61 @@ class WatchedDriver(SessionClient):
     def end_phase(self) -> None:
         """End."""
         self.window.end()
+        self.others = self.window.others(self.pids)
         super().end_phase()
 
 
 class Window:
-    """A stretch of time and what the machine's processors did in it."""
+    """A stretch of time and what the machine's processes took in it."""
 
     def __init__(self) -> None:
         self.begin = time.perf_counter()
-        self._busy = busy_seconds()
+        self._used = used_seconds()
         self.finish = self.begin
-        self.busy = 0.0  # cores
+        self.shares: dict[int, float] = {}  # of a core, by process
 
     def end(self) -> None:
         self.finish = time.perf_counter()
-        self.busy = (busy_seconds() - self._busy) / (self.finish - self.begin)
+        elapsed = self.finish - self.begin
+        self.shares = {
+            pid: (used - self._used.get(pid, 0.0)) / elapsed
+            for pid, used in used_seconds().items()
+        }
+
+    def others(self, nodes: Collection[int]) -> dict[str, float]:
+        """Return the shares of processes that are not the nodes, by what they run."""
+        found: Counter[str] = Counter()
+        for pid, share in self.shares.items():
+            if share > 0.0 and pid not in nodes:
+                found[process_name(pid)] += share
+        return dict(found.most_common())
 
 
-def busy_seconds() -> float:
-    """Return the time that all processors together have been busy [s]."""
-    fields = list(map(int, Path('/proc/stat').read_text().split('\n', 1)[0].split()[1:9]))
-    user, nice, system, _idle, _waiting, interrupts, soft, stolen = fields
-    return (user + nice + system + interrupts + soft + stolen) / os.sysconf('SC_CLK_TCK')
+def used_seconds() -> dict[int, float]:
+    """Return the processor time of each process [s].
+
+    That of /proc/stat is sampled, 250 times a second, beside loops that begin to work at the same
+    instants: it had half a core too much, or a third too little.
+    """
+    found = {}
+    for stat in Path('/proc').glob('[0-9]*/stat'):
+        with suppress(OSError):  # it has just ended
+            fields = stat.read_text().rpartition(')')[2].split()
+            ticks = int(fields[11]) + int(fields[12])
+            found[int(stat.parent.name)] = ticks / os.sysconf('SC_CLK_TCK')
+    return found
+
+
+def process_name(pid: int) -> str:
+    """Return what a process runs: the module of an interpreter, else its command."""
+    if pid == os.getpid():
+        return 'session'
+    try:
+        words = Path(f'/proc/{pid}/cmdline').read_text().split('\0')
+        command = Path(f'/proc/{pid}/comm').read_text().strip()
+    except OSError:
+        return 'ended'
+    return words[words.index('-m') + 1] if '-m' in words else command
 
 
 @dataclass(frozen=True)
@@ -200,6 +238,7 @@ def judge(
     recording: Recording,
     window: Window,
     processor: Mapping[str, float],
+    others: Mapping[str, float],
 ) -> Block:
     """Return what a block showed."""
     published = 0
@@ -223,7 +262,7 @@ def judge(
     return Block(
         loops={name: loop_share(journals[name], window) for name in LOOPS},
         processor=dict(processor),
-        others=max(0.0, window.busy - sum(processor.values())),  # two clocks of the kernel's
+        others=dict(others),
         published=published,
         recorded=published - sum(missing.values()),
         missing=dict(missing),
@@ -279,6 +318,7 @@ class Bench:
             processes = WatchedProcesses(folder, environment)
             text = self._config.robot.read_text()
             driver = WatchedDriver(text, True, processes.check)
+            driver.pids = processes.pids
             with driver:
                 file = SessionFile(folder, {})
                 session = Session(self._config, self._task, file, processes, driver, Progress())
@@ -291,7 +331,7 @@ class Bench:
         recording = read_recording(next((folder / 'bag').glob('*.mcap')))
         if not self._specs:
             self._specs = self._bare_specs(journals, recording, window)
-        return judge(journals, recording, window, shares)
+        return judge(journals, recording, window, shares, driver.others)
 
     def _bare_specs(
         self, journals: Mapping[str, Entries], recording: Recording, window: Window
@@ -344,12 +384,13 @@ class Bench:
                 time.sleep(self._seconds)
                 after = processes.cpu_seconds()
                 window.end()
+                others = window.others(processes.pids)
             finally:
                 processes.stop_all(STOP_ORDER)
         elapsed = window.finish - window.begin
         shares = {name: (after[name] - before[name]) / elapsed for name in after}
         journals = {name: read(folder / f'{name}.npz') for name in NODES}
-        return judge(journals, read_recording(bag), window, shares)
+        return judge(journals, read_recording(bag), window, shares, others)
 
 
 @contextmanager
