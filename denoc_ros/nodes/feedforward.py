@@ -239,11 +239,12 @@ class FeedforwardNode(LiveFeedforward):
         self._move_base(self._tick_time + self.conditions.lead)
         # the model goes on along the reference even while torque may not: so a short gap in the
         # joint states does not cost it the amplitudes
-        torque = self._along_reference(now)
+        reference_age = self.follower.age(now)
+        torque = self._along_reference(reference_age)
         if torque is not None and (self._fresh or self._has_loops):
             torque = torque.copy()
             self._look(now)
-        cause = self._trouble(now) or ('model failed' if torque is None else '')
+        cause = self._trouble(now, reference_age) or ('model failed' if torque is None else '')
         if cause or torque is None:
             if torque is not None and cause == STALE_JOINTS:
                 self.feedback.wait(torque, *self._plan())
@@ -302,17 +303,17 @@ class FeedforwardNode(LiveFeedforward):
         else:
             source.robot.move_base(motion)
 
-    def _trouble(self, now: float) -> str:
+    def _trouble(self, now: float, reference_age: float) -> str:
         """Return why the reference may not be followed, '' if it may."""
         age, has_posture = self.joint_input.age(now), not self.carrying.failure
         if trouble := self.base.trouble(now):
             return trouble
-        return self.conditions.trouble(now, age, has_posture, self.follower)
+        return self.conditions.trouble(age, has_posture, self.follower.given, reference_age)
 
-    def _along_reference(self, now: float) -> Array | None:
+    def _along_reference(self, age: float) -> Array | None:
         """Return the torque (n,) along the reference, None if there is none or the model fails."""
         clock = self._tick_time
-        if self.follower.age(now) > self.conditions.reference_timeout or not self.follower.sample(
+        if age > self.conditions.reference_timeout or not self.follower.sample(
             clock + self.conditions.lead, self.q, self.qd, self.qdd
         ):
             self.torque.source.reset()

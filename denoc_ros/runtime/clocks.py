@@ -11,6 +11,7 @@ from time import perf_counter
 
 TRIES = 4
 NEAR = 2e-5  # s between two readings that count as the same moment
+COMPARED = 0.01  # s for which the distance of the steady clock and the system's is taken as known
 ORIGINS = (1 << 20) * 1_000_000_000  # ns between origins: a float has the moments to 0.1 ns
 FARTHEST = 10_000_000_000  # ns that a clock may be ahead of the moment at hand and be caught up
 LOOK = 0.02  # s of wall time between looks while a clock stands
@@ -78,6 +79,8 @@ class Clock(ABC):
 class SteadyClock(Clock):
     """The computer's steady clock (`time.perf_counter`); stamps are of the system's clock.
 
+    The two are compared every 10 ms: one that is set shows in stamps that much later.
+
     Parameters
     ----------
     now_ns : callable, optional
@@ -86,6 +89,7 @@ class SteadyClock(Clock):
 
     def __init__(self, now_ns: Callable[[], int] = time.time_ns) -> None:
         self._now_ns = now_ns
+        self._zero_ns, self._due = 0, -math.inf  # stamp of moment 0; when to compare again
         # no call between: it is asked several times a tick
         self.now = time.perf_counter  # type: ignore[method-assign]
         self.now_ns = now_ns  # type: ignore[method-assign]
@@ -100,13 +104,19 @@ class SteadyClock(Clock):
 
     def stamp_ns(self, moment: float) -> int:
         """Return the stamp [ns] of a moment [s]."""
-        now, now_ns = at_once(self._now_ns)
-        return now_ns - round(1e9 * (now - moment))
+        if perf_counter() >= self._due:
+            self._compare()
+        return self._zero_ns + round(1e9 * moment)
 
     def moment(self, stamp_ns: int) -> float:
         """Return the moment [s] of a stamp [ns]."""
+        if perf_counter() >= self._due:
+            self._compare()
+        return 1e-9 * (stamp_ns - self._zero_ns)
+
+    def _compare(self) -> None:
         now, now_ns = at_once(self._now_ns)
-        return now + 1e-9 * (stamp_ns - now_ns)
+        self._zero_ns, self._due = now_ns - round(1e9 * now), now + COMPARED
 
     def first(self, period: float) -> float:
         """Return the moment a period from now [s]."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from denoc_ros.runtime.parameters import Settings
-from denoc_ros.runtime.reference import ReferenceFollower
 
 NO_JOINTS, STALE_JOINTS = 'no joint_states yet', 'stale joint_states'
 
@@ -46,19 +45,20 @@ class FollowingConditions:
         self.stopped = self.stopped and not enabled
 
     def trouble(
-        self, now: float, joint_age: float, has_posture: bool, follower: ReferenceFollower
+        self, joint_age: float, has_posture: bool, given: bool, reference_age: float
     ) -> str:
         """Return why the reference may not be followed, '' if it may.
 
         Parameters
         ----------
-        now : float
-            Steady clock [s].
         joint_age : float
             Age of the last good joint state [s]; infinite if there is none.
         has_posture : bool
             Whether it is one that the model can have.
-        follower : ReferenceFollower
+        given : bool
+            Whether there is any reference.
+        reference_age : float
+            Of the last streamed point [s]; 0 for a trajectory.
         """
         if self.stopped:
             return 'stopped'
@@ -69,8 +69,8 @@ class FollowingConditions:
                 return STALE_JOINTS if joint_age < math.inf else NO_JOINTS
             if not has_posture:
                 return 'joint_states have no posture'
-        if not follower.given:
+        if not given:
             return 'no reference yet'
-        if follower.age(now) > self.reference_timeout:
+        if reference_age > self.reference_timeout:
             return 'stale reference'
         return ''

@@ -136,14 +136,16 @@ def table(campaign: Campaign) -> list[str]:
     for kind in ('ours', 'bare'):
         blocks = getattr(campaign, kind)
         lost: Counter[str] = sum((Counter(block.missing) for block in blocks), Counter())
-        others: Counter[str] = Counter()
+        others: dict[str, float] = {}
         for block in blocks:
-            others.update({name: share / len(blocks) for name, share in block.others.items()})
-        named = ', '.join(f'{n} {s:.2f}' for n, s in others.most_common(3) if s >= NAMED)
+            for name, share in block.others.items():
+                others[name] = others.get(name, 0.0) + share / len(blocks)
+        largest = sorted(others.items(), key=lambda row: -row[1])[:3]
+        named = ', '.join(f'{name} {share:.2f}' for name, share in largest if share >= NAMED)
         lines.append(
             f'{kind}: {found[kind]["published"]} messages published, {found[kind]["missing"]} not '
-            f'in the bag{f" {dict(lost)}" if lost else ""}; others took {others.total():.2f} cores'
-            f'{f" ({named})" if named else ""}'
+            f'in the bag{f" {dict(lost)}" if lost else ""}; others took '
+            f'{sum(others.values()):.2f} cores{f" ({named})" if named else ""}'
         )
     return lines
 

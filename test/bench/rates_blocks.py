@@ -133,11 +133,12 @@ class Window:
 
     def others(self, nodes: Collection[int]) -> dict[str, float]:
         """Return the shares of processes that are not the nodes, by what they run."""
-        found: Counter[str] = Counter()
+        found: dict[str, float] = {}
         for pid, share in self.shares.items():
             if share > 0.0 and pid not in nodes:
-                found[process_name(pid)] += share
-        return dict(found.most_common())
+                name = process_name(pid)
+                found[name] = found.get(name, 0.0) + share
+        return found
 
 
 def used_seconds() -> dict[int, float]:
