@@ -264,6 +264,9 @@ def _beams(bodies: Sequence[Body]) -> list[Row]:
     if any(beam.segments > 1 for beam, _ in found):
         for row, (beam, _) in zip(rows, found, strict=True):
             row['segments'] = beam.segments
+    if any(beam.varies for beam, _ in found):
+        for row, (beam, _) in zip(rows, found, strict=True):
+            row['numbers'] = 'means along the beam' if beam.varies else 'all along'
     return rows
 
 

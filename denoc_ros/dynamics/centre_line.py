@@ -38,15 +38,18 @@ class CentreLine:
 
     def __init__(self, robot: Robot, link: str, stations: Array) -> None:
         whole = whole_beam(robot, link)
-        beam, stiff = whole.segment, robot.geometric_stiffness
+        stiff = robot.geometric_stiffness
         found = [locate(whole.length, whole.segments, float(x)) for x in stations]
         self.stations = stations
         self.segment = np.array([segment for segment, _ in found], dtype=np.intp)
         self.local = np.array([local for _, local in found])
         self._own, self._shape = robot.amplitudes(link), (whole.segments, whole.modes)
-        tip = Section(beam, beam.length, stiff)
-        self._tip, self._length = tip, beam.length
-        sections = [Section(beam, float(x), stiff) for x in self.local]
+        self._length = whole.segment.length
+        self._tips = [Section(beam, beam.length, stiff) for beam in whole.beams]
+        sections = [
+            Section(whole.beams[segment], local, stiff)
+            for segment, local in zip(self.segment, self.local.tolist(), strict=True)
+        ]
         self._linear = np.array([section.linear for section in sections])
         self._shortening = np.array([section.shortening for section in sections])
 
@@ -90,7 +93,8 @@ class CentreLine:
 
     def _roots(self, q: Array) -> tuple[Array, Array]:
         """Return where the segments' frames stand in the beam frame, (k, 3) and (k, 3, 3)."""
-        tips = self._tip.deflection(q[self._own].reshape(self._shape))
+        parts = q[self._own].reshape(self._shape)
+        tips = np.array([tip.deflection(d) for tip, d in zip(self._tips, parts, strict=True)])
         turns = rotations(tips[:, 3:])
         tips[:, 0] += self._length
         count = self._shape[0]

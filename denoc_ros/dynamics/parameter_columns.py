@@ -125,13 +125,13 @@ def _beam(robot: RobotModel, rest: str) -> Column:
     for whole in whole_beams(robot.tree):
         if not rest.startswith(f'{whole.link}.'):
             continue
-        beam, parts = whole.segment, rest[len(whole.link) + 1 :].split('.')
-        bodies = range(whole.first, whole.first + whole.segments)
+        parts = rest[len(whole.link) + 1 :].split('.')
+        bodies = list(enumerate(whole.beams, whole.first))
         if parts == ['mass_per_length']:
-            return _together([_mass_per_length(robot, i, beam) for i in bodies])
-        part = getattr(beam, parts[0]) if parts[0] in PARTS else None
-        if part is not None and len(parts) > 1:
-            return _together([_deformation(robot, i, beam, part, parts) for i in bodies])
+            return _together([_mass_per_length(robot, i, beam) for i, beam in bodies])
+        bent = parts[0] in PARTS and getattr(whole.segment, parts[0]) is not None
+        if bent and len(parts) > 1:
+            return _together([_deformation(robot, i, beam, parts) for i, beam in bodies])
     raise _known(_beam_paths(robot))
 
 
@@ -154,10 +154,9 @@ def _beam_paths(robot: RobotModel) -> list[str]:
     return known
 
 
-def _deformation(
-    robot: RobotModel, i: int, beam: Beam, part: Deformation, parts: Sequence[str]
-) -> Column:
+def _deformation(robot: RobotModel, i: int, beam: Beam, parts: Sequence[str]) -> Column:
     name, field = parts[0], parts[1]
+    part: Deformation = getattr(beam, name)
     if field == 'modes':
         raise _Unfit(f'{NOT_LINEAR}, got the number of modes')
     if name == 'torsion' and field == 'polar_inertia' and len(parts) == 2:

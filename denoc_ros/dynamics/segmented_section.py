@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -33,8 +34,8 @@ class SegmentedSection:
 
     Parameters
     ----------
-    beam : Beam
-        Each segment.
+    beams : sequence of Beam
+        The segments, root first.
     station : float [m], clamped to [0, whole length]
     geometric_stiffness : bool
         False leaves the foreshortening of each segment out.
@@ -50,13 +51,13 @@ class SegmentedSection:
     deflections may be as large as they like; rotation vectors are at most pi long.
     """
 
-    def __init__(self, beam: Beam, station: float, geometric_stiffness: bool) -> None:
+    def __init__(self, beams: Sequence[Beam], station: float, geometric_stiffness: bool) -> None:
+        beam = beams[0]
         self.station = min(max(station, 0.0), beam.whole_length)
         self._last, local = locate(beam.whole_length, beam.segments, self.station)
         self._modes, self._segments = sum(beam.modes), beam.segments
-        tip = Section(beam, beam.length, geometric_stiffness)
-        own = Section(beam, local, geometric_stiffness)
-        each = [tip] * self._last + [own]
+        each = [Section(part, part.length, geometric_stiffness) for part in beams[: self._last]]
+        each.append(Section(beams[self._last], local, geometric_stiffness))
         self._linear = np.array([section.linear for section in each])  # (s, 6, m)
         self._shortening = np.array([section.shortening for section in each])  # (s, m, m)
         self._stations = np.array([section.station for section in each])  # (s,)

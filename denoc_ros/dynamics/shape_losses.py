@@ -10,6 +10,7 @@ import numpy as np
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.segments import WholeBeam, whole_beams
+from denoc_ros.model.shapes import merged_edges, panels
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 FINER = 8  # segments of a beam whose lowest frequencies are right to 1e-4
 CLAMPED = ('clamped-free', 'craig-bampton')  # shapes whose link frame is tangent to the root
+PANELS = 16  # of a beam whose section varies
 DOUBTFUL = 0.02  # share of the compliance, or of a frequency, that calls for a remedy
 
 
@@ -122,15 +124,30 @@ def _loss(
     force = moment = None
     x = np.array([station])
     if beam.segments == 1 and direction == 'torsion':
-        value = part.shapes.values(x)[0]
-        moment = 1.0 - float(value @ (value / part.modal_stiffness)) * part.stiffness / station
+        value, (_, turn) = part.shapes.values(x)[0], _compliance(part, beam.length, station)
+        moment = 1.0 - float(value @ (value / part.modal_stiffness)) / turn
     elif beam.segments == 1 and part.shape in CLAMPED:
         value, slope = part.shapes.values(x)[0], part.shapes.slopes(x)[0]
-        bent = float(value @ (value / part.modal_stiffness)) * part.stiffness
-        turned = float(slope @ (slope / part.modal_stiffness)) * part.stiffness
-        force, moment = 1.0 - 3.0 * bent / station**3, 1.0 - turned / station
+        bend, turn = _compliance(part, beam.length, station)
+        force = 1.0 - float(value @ (value / part.modal_stiffness)) / bend
+        moment = 1.0 - float(slope @ (slope / part.modal_stiffness)) / turn
     shape = part.shape or 'sine'
     return ShapeLoss(beam.link, direction, shape, part.modes, at, station, force, moment, None, '')
+
+
+def _compliance(part: Deformation, length: float, station: float) -> tuple[float, float]:
+    """Return the deflection [m/N] and rotation [rad/N m] of a clamped beam by loads at a station.
+
+    int (station - x)^2 / EI dx and int 1 / EI dx up to the station.
+    """
+    if part.along.uniform:
+        stiffness = float(part.stiffness_at(np.zeros(1))[0])
+        return station**3 / (3.0 * stiffness), station / stiffness
+    edges = merged_edges(part.along.breaks, np.arange(PANELS + 1) / PANELS)
+    inboard = [x for x in edges if x * length < station]
+    x, weight = panels(length, [*inboard, station / length], 16)
+    weight = weight / part.stiffness_at(x / length)
+    return float(np.sum(weight * (station - x) ** 2)), float(np.sum(weight))
 
 
 def _judged(loss: ShapeLoss, carries: bool) -> ShapeLoss:

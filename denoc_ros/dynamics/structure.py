@@ -57,8 +57,10 @@ def find_section(
     at = beam.length if station is None else float(station)
     if not 0.0 <= at <= beam.length:
         raise StateError(f'station of {link!r} must be in [0, {beam.length}] m, got {at}')
-    kind = Section if beam.segments == 1 else SegmentedSection
-    return kind(beam.segment, at, robot.geometric_stiffness), amplitudes(robot, link)
+    own, geometric = amplitudes(robot, link), robot.geometric_stiffness
+    if beam.segments == 1:
+        return Section(beam.segment, at, geometric), own
+    return SegmentedSection(beam.beams, at, geometric), own
 
 
 def sensor_rows(robot: RobotModel) -> Array:

@@ -187,7 +187,8 @@ def _amplitudes(robot: Robot) -> list[_Amplitude]:
     found = []
     for beam in whole_beams(robot.tree):
         first = robot.amplitudes(beam.link).start
-        for name, _, critical in critical_damping(beam.segment):
+        others = [[each for _, _, each in critical_damping(part)] for part in beam.beams]
+        for order, (name, _, critical) in enumerate(critical_damping(beam.segment)):
             path = f'beam.{beam.link}.{name}.damping_ratio'
             unit = 'N m s/rad' if name == 'torsion' else 'N s/m'
             own = first + np.arange(len(critical))
@@ -195,7 +196,7 @@ def _amplitudes(robot: Robot) -> list[_Amplitude]:
             alike = (own + beam.modes * np.arange(beam.segments)[:, None]).ravel()
             each, values = list(own[:, None]), list(critical[:, None])
             if beam.segments > 1:
-                each, values = [alike], [np.tile(critical, beam.segments)]
+                each, values = [alike], [np.concatenate([each[order] for each in others])]
             for place, (index, value) in enumerate(zip(each, values, strict=True)):
                 coordinate = robot.coordinate_names[index[0]]
                 found.append(_Amplitude(coordinate, index, path, place, value, unit))

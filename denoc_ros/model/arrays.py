@@ -21,6 +21,7 @@ from denoc_ros.model.joint_rows import (
     pose_rows,
 )
 from denoc_ros.model.link_side import has_springs, link_map, without_springs
+from denoc_ros.model.residual_inertia import beam_inertia
 from denoc_ros.model.tree import Attachment, Beam, Body, RigidInertia, Tree
 from denoc_ros.types import Array
 
@@ -89,10 +90,7 @@ def rigid_inertia(row: Array, axes: Array) -> RigidInertia:
 
 def _rod(beam: Beam) -> RigidInertia:
     """Return the inertia of a beam that stays straight."""
-    mass = beam.mass_per_length * beam.length
-    across = mass * beam.length**2 / 3.0
-    moment = np.array([0.5 * mass * beam.length, 0.0, 0.0])
-    return RigidInertia(mass, moment, np.diag([0.0, across, across]))
+    return beam_inertia(beam.mass_per_length, beam.length, 0.0, beam.mass_along)
 
 
 def is_flexible(body: Body) -> bool:

@@ -71,7 +71,8 @@ class Assembly:
         self.frames[link] = Attachment(len(self.bodies), 0.0, inverse_transform(frame))
         self.bodies.append(Body(link, at, joint, frame, inertia, beam, floating))
         for segment in range(2, 1 if beam is None else beam.segments + 1):
-            assert beam is not None
+            assert flexible is not None
+            beam = flexible.beams[segment - 1]
             tip = Attachment(len(self.bodies) - 1, beam.length, np.eye(4))
             name, none = f'{link}/{segment}', RigidInertia()
             self.bodies.append(Body(name, tip, None, np.eye(4), none, beam, segment=segment))

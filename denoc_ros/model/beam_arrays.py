@@ -13,7 +13,8 @@ from functools import lru_cache
 import numpy as np
 import scipy.linalg
 
-from denoc_ros.model.shapes import ShapeFunctions, gauss_rule
+from denoc_ros.model.along import Along
+from denoc_ros.model.shapes import ShapeFunctions, gauss_rule, merged_edges, panels
 from denoc_ros.model.tree import Beam
 from denoc_ros.types import Array
 
@@ -22,14 +23,35 @@ GAUSS_POINTS = 16
 
 def foreshortening(shapes: ShapeFunctions, x: Array) -> Array:
     """Return H(x) = int_0^x s' s'^T, shape (k, m, m) [1/m], at stations x (k,)."""
+    if len(shapes.edges) > 2:
+        return _piecewise_foreshortening(shapes, x)
     node, weight = gauss_rule(GAUSS_POINTS)
-    panels = 2 + 2 * shapes.modes
-    share = (np.arange(panels)[:, None] + 0.5 * (node + 1.0)) / panels  # of [0, x]
+    count = 2 + 2 * shapes.modes
+    share = (np.arange(count)[:, None] + 0.5 * (node + 1.0)) / count  # of [0, x]
     stations = np.outer(x, share.ravel())
     slope = shapes.slopes(stations.ravel()).reshape(len(x), -1, shapes.modes)
-    weights = np.outer(x, np.tile(weight / (2.0 * panels), panels))
+    weights = np.outer(x, np.tile(weight / (2.0 * count), count))
     product: Array = np.einsum('kp,kpi,kpj->kij', weights, slope, slope)
     return product
+
+
+def _piecewise_foreshortening(shapes: ShapeFunctions, x: Array) -> Array:
+    """Return H(x) (k, m, m) of shapes that are smooth between edges only."""
+    edges, (node, weight) = shapes.length * np.array(shapes.edges), gauss_rule(GAUSS_POINTS)
+
+    def between(start: Array, end: Array) -> Array:
+        half = 0.5 * (end - start)
+        slope = shapes.slopes((start[:, None] + half[:, None] * (node + 1.0)).ravel())
+        slope = slope.reshape(len(start), len(node), shapes.modes)
+        weights = half[:, None] * weight
+        product: Array = np.einsum('kp,kpi,kpj->kij', weights, slope, slope)
+        return product
+
+    up_to = np.concatenate(
+        [np.zeros((1, shapes.modes, shapes.modes)), np.cumsum(between(edges[:-1], edges[1:]), 0)]
+    )
+    place = np.clip(np.searchsorted(edges, x, side='right') - 1, 0, len(edges) - 2)
+    return np.asarray(up_to[place] + between(edges[place], x))
 
 
 def _plane(shapes: ShapeFunctions | None, x: Array, geometric: bool) -> tuple[Array, Array]:
@@ -42,14 +64,16 @@ def _plane(shapes: ShapeFunctions | None, x: Array, geometric: bool) -> tuple[Ar
     return values, foreshortening(shapes, x)
 
 
-def _gauss_rule(length: float, panels: int) -> tuple[Array, Array]:
+def _gauss_rule(
+    length: float, modes: int, along: Along, shapes: tuple[ShapeFunctions | None, ...]
+) -> tuple[Array, Array]:
     """Return stations and weights of a rule that integrates the beam's products to rounding."""
-    node, weight = gauss_rule(GAUSS_POINTS)
-    width = length / panels
-    start = width * np.arange(panels)
-    return (start[:, None] + 0.5 * width * (node + 1.0)).ravel(), np.tile(
-        0.5 * width * weight, panels
-    )
+    smooth = [each.edges for each in shapes if each is not None]
+    edges = merged_edges(along.breaks, *smooth)
+    if len(edges) == 2 or not all(len(each) > 2 for each in smooth):
+        count = 4 + 4 * modes
+        edges = merged_edges(edges, np.arange(count + 1) / count)
+    return panels(length, edges, GAUSS_POINTS)
 
 
 def beam_points(beam: Beam, geometric: bool) -> Array:
@@ -58,8 +82,8 @@ def beam_points(beam: Beam, geometric: bool) -> Array:
     Beams that differ in stiffness and damping alone share them: they are not to be written.
     """
     planes = [None if part is None else part.shapes for part in (beam.y, beam.z)]
-    panels = 4 + 4 * max(beam.modes)
-    return _points(planes[0], planes[1], beam.length, beam.mass_per_length, panels, geometric)
+    modes, along = max(beam.modes), beam.mass_along
+    return _points(*planes, beam.length, beam.mass_per_length, along, modes, geometric)
 
 
 @lru_cache(maxsize=64)
@@ -68,10 +92,12 @@ def _points(
     shapes_z: ShapeFunctions | None,
     length: float,
     mass_per_length: float,
-    panels: int,
+    along: Along,
+    modes: int,
     geometric: bool,
 ) -> Array:
-    x, weight = _gauss_rule(length, panels)
+    x, weight = _gauss_rule(length, modes, along, (shapes_y, shapes_z))
+    weight = weight * along.values(x / length)
     y, h_y = _plane(shapes_y, x, geometric)
     z, h_z = _plane(shapes_z, x, geometric)
     functions = np.concatenate(
@@ -94,11 +120,13 @@ def polar_constants(beam: Beam) -> list[Array]:
     """Return the torsion constants int rho J [1; s; s s^T]."""
     if beam.torsion is None:
         return [np.zeros(1)]
-    x, weight = _gauss_rule(beam.length, 4 + 4 * max(beam.modes))
-    s = beam.torsion.shapes.values(x)
+    shapes = beam.torsion.shapes
+    x, weight = _gauss_rule(beam.length, max(beam.modes), beam.polar_along, (shapes,))
+    s = shapes.values(x)
+    weight = weight * beam.polar_along.values(x / beam.length)
     scaled = beam.polar_inertia * weight
     return [
-        np.array([beam.polar_inertia * beam.length]),
+        np.array([beam.polar_inertia * beam.length * beam.polar_along.moment(0)]),
         scaled @ s,
         ((s * scaled[:, None]).T @ s).ravel(),
     ]

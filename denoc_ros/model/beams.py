@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from denoc_ros.model.along import Along
 from denoc_ros.model.findings import SMALLEST, Findings
 from denoc_ros.model.flexibility import BeamElement, DeformationElement
 from denoc_ros.model.inertia import difference, inverse_transform, moved
@@ -24,16 +25,25 @@ from denoc_ros.model.segments import (
 )
 from denoc_ros.model.shapes import ShapeFunctions, shape_functions, torsion_shapes
 from denoc_ros.model.tree import Beam, Deformation, RigidInertia
+from denoc_ros.model.varying_shapes import first_root, varying_shapes
 from denoc_ros.types import Array
+
+
+POINTED = 1e-12  # of a mean: what arithmetic leaves of a zero at the tip
 
 
 @dataclass(frozen=True)
 class FlexibleLink:
-    """A link split in a beam (each of its segments) and a rigid rest, in the beam frame."""
+    """A link split in a beam (its segments) and a rigid rest, in the beam frame."""
 
     origin: Array  # (4, 4) beam frame seen from the link frame
-    beam: Beam
+    beams: tuple[Beam, ...]  # root first
     rest: RigidInertia
+
+    @property
+    def beam(self) -> Beam:
+        """The first segment."""
+        return self.beams[0]
 
 
 def flexible_link(
@@ -79,19 +89,23 @@ def flexible_link(
         about = f'{whole.inertia[0, 0]:g} kg m^2'
         findings.add(whose, f'polar_inertia (torsion) {rule}, got {about}')
         return None
-    rest = difference(whole, beam_inertia(mass_per_length, element.length, polar_inertia))
+    if (found := _pointed(element, carries)) is not None:
+        findings.add(whose, found)
+        return None
+    share = (mass_per_length, element.length)
+    rest = difference(whole, beam_inertia(*share, polar_inertia, element.mass_along))
     # a torsion of no modes takes nothing, but its link may be flexible in torsion all the same
     polar = polar_inertia if element.torsion is None else element.polar_inertia or polar_inertia
-    beside = difference(whole, beam_inertia(mass_per_length, element.length, polar))
+    beside = difference(whole, beam_inertia(*share, polar, element.mass_along))
     if not _possible_rest(element, whole, beside, mass_per_length, polar, findings, warnings):
         return None
     with np.errstate(over='ignore', under='ignore', invalid='ignore'):
-        beam = _beam(element, mass_per_length, polar_inertia, carries)
-    for part in (beam.y, beam.z, beam.torsion):
+        beams = _beams(element, mass_per_length, polar_inertia, carries)
+    for part in [part for beam in beams for part in (beam.y, beam.z, beam.torsion)]:
         if part is not None and not np.isfinite([part.modal_stiffness, part.damping]).all():
             findings.add(whose, 'modal stiffness and damping must be finite, got an overflow')
             return None
-    return FlexibleLink(element.origin, beam, rest)
+    return FlexibleLink(element.origin, beams, rest)
 
 
 def _polar_inertia(element: BeamElement, whole: RigidInertia) -> float | None:
@@ -131,17 +145,19 @@ def _possible_rest(
     if lack <= TOLERANCE:
         warnings.append(f'{whose}: {rule}, got within rounding: {numbers}')
         return True
-    findings.add(whose, f'{rule}, got: {numbers}; {_way_out(whole, length, polar_inertia)}')
+    findings.add(whose, f'{rule}, got: {numbers}; {_way_out(whole, element, polar_inertia)}')
     return False
 
 
-def _way_out(whole: RigidInertia, length: float, polar_inertia: float) -> str:
-    largest = largest_mass_per_length(whole, length, polar_inertia)
+def _way_out(whole: RigidInertia, element: BeamElement, polar_inertia: float) -> str:
+    length, along = element.length, element.mass_along
+    largest = largest_mass_per_length(whole, length, polar_inertia, along)
     if largest > 0.0:
-        return f'the largest admissible mass_per_length is {largest:.4g} kg/m'
+        which = 'mass_per_length' if along.uniform else 'mean mass_per_length'
+        return f'the largest admissible {which} is {largest:.4g} kg/m'
     if inertia_violation(whole, whole) > TOLERANCE:
         return "no mass_per_length is possible: the link's own inertia is physically impossible"
-    if polar_inertia > 0.0 and largest_mass_per_length(whole, length, 0.0) > 0.0:
+    if polar_inertia > 0.0 and largest_mass_per_length(whole, length, 0.0, along) > 0.0:
         polar = largest_polar_inertia(whole, length)
         return f'no mass_per_length is possible unless polar_inertia is below {polar:.4g} kg m^2/m'
     return "no mass_per_length is possible: the link's mass is not spread along the beam axis"
@@ -159,57 +175,88 @@ def shape_for(element: BeamElement, modes: int, carries: bool) -> str:
     return element.shape or ('craig-bampton' if carries and modes > 1 else 'clamped-free')
 
 
-def _beam(
+def _pointed(element: BeamElement, carries: bool) -> str | None:
+    """Return what is wrong with a beam whose section has nothing left at its tip, None if well."""
+    parts = {'ei_y': element.y, 'ei_z': element.z, 'gj': element.torsion}
+    for name, part in parts.items():
+        if part is None or part.modes == 0 or part.along.values(np.ones(1))[0] > POINTED:
+            continue
+        if carries:
+            return f'{name} must be > 0 at the tip of a beam that carries something, got 0'
+        if element.segments > 1:
+            return f'{name} must be > 0 at the tip with segments > 1, got 0'
+        shape = shape_for(element, part.modes, carries)
+        if name != 'gj' and shape != 'clamped-free':
+            return f'{name} must be > 0 at the tip with shape {shape}, got 0'
+    return None
+
+
+def _beams(
     element: BeamElement, mass_per_length: float, polar_inertia: float, carries: bool
-) -> Beam:
-    """Return the beam, or each of its segments."""
+) -> tuple[Beam, ...]:
+    """Return the beam, or its segments."""
     parts = (element.y, element.z, element.torsion)
     bends = any(part is not None and part.modes for part in parts)
     segments = element.segments if bends else 1
     length = element.length / segments
-    y, z = (
-        None
-        if part is None or part.modes == 0
-        else _bending(element, part, carries, length, mass_per_length)
-        for part in (element.y, element.z)
-    )
-    torsion = None
-    if element.torsion is not None and element.torsion.modes > 0:
-        make = torsion_shapes if segments == 1 else segment_torsion_shapes
-        shapes = make(element.torsion.modes, length)
-        torsion = _deformation(element.torsion, shapes, 1, polar_inertia, segments)
-    return Beam(length, mass_per_length, polar_inertia, y, z, torsion, segments)
+    mass, polar = element.mass_along, element.polar_along
+    found = []
+    for k in range(segments):
+        span = (k / segments, (k + 1) / segments)
+        y, z = (
+            None
+            if part is None or part.modes == 0
+            else _deformation(
+                part, 2, shape_for(element, part.modes, carries), element, mass_per_length, span
+            )
+            for part in parts[:2]
+        )
+        torsion = None
+        if element.torsion is not None and element.torsion.modes > 0:
+            torsion = _deformation(element.torsion, 1, '', element, polar_inertia, span)
+        own = (mass.part(*span), polar.part(*span))
+        found.append(Beam(length, mass_per_length, polar_inertia, y, z, torsion, segments, *own))
+    return tuple(found)
 
 
-def _bending(
-    element: BeamElement,
-    part: DeformationElement,
-    carries: bool,
-    length: float,
-    mass_per_length: float,
-) -> Deformation:
-    name = shape_for(element, part.modes, carries)
-    if element.segments == 1:
-        shapes = shape_functions(name, part.modes, length)
-    else:
-        shapes = segment_shapes(part.modes, length)
-    made = _deformation(part, shapes, 2, mass_per_length, element.segments)
-    return replace(made, shape=name)
+def _shapes(
+    name: str, order: int, modes: int, length: float, segments: int, along: tuple[Along, Along]
+) -> ShapeFunctions:
+    """Return the shapes of a beam, or of one of its segments, of given stiffness and inertia."""
+    if not (along[0].uniform and along[1].uniform):
+        if order == 1:
+            name = 'twist' if segments == 1 else 'segment twist'
+        elif name == 'constant curvature':
+            name = 'constant moment'
+        return varying_shapes(name, modes, length, *along)
+    if order == 1:
+        return (torsion_shapes if segments == 1 else segment_torsion_shapes)(modes, length)
+    return shape_functions(name, modes, length) if segments == 1 else segment_shapes(modes, length)
 
 
 def _deformation(
     element: DeformationElement,
-    shapes: ShapeFunctions,
     order: int,
+    name: str,
+    beam: BeamElement,
     inertia_per_length: float,
-    segments: int,
+    span: tuple[float, float],
 ) -> Deformation:
     """Return a deformation whose strain is the derivative of an order of the displacement."""
-    stiffness = element.stiffness * np.diag(shapes.gram(order))
+    segments = beam.segments
+    inertia = beam.mass_along if order == 2 else beam.polar_along
+    along, own = element.along.part(*span), inertia.part(*span)
+    length = beam.length / segments
+    shapes = _shapes(name, order, element.modes, length, segments, (along, own))
+    stiffness = element.stiffness * np.diag(shapes.gram(order, along))
     damping = np.zeros(element.modes)
+    root = None
+    if segments > 1 and not (element.along.uniform and inertia.uniform):
+        root = first_root(order, element.along, inertia)
+    made = Deformation(shapes, element.stiffness, stiffness, damping, name, along, order, root)
     if element.damping is not None:
-        damping = damping + element.damping
+        made = replace(made, damping=damping + element.damping)
     elif element.damping_ratio is not None:
-        critical = critical_damping(shapes, element.stiffness, inertia_per_length, segments, order)
-        damping = element.damping_ratio * critical
-    return Deformation(shapes, element.stiffness, stiffness, damping)
+        critical = critical_damping(made, inertia_per_length, own, segments)
+        made = replace(made, damping=element.damping_ratio * critical)
+    return made

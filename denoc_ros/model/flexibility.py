@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from denoc_ros.model.along import CONSTANT, Along
+from denoc_ros.model.beam_sections import (
+    BeamSection,
+    Profile,
+    at_most_one,
+    read_section,
+    read_stations,
+)
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.inertial_sensors import InertialElement, read_inertial_sensor
 from denoc_ros.model.loops import LoopElement, read_loop
-from denoc_ros.model.sections import CrossSection, rectangle_section, round_section, tube_section
 from denoc_ros.model.sensors import SensorElement, read_sensor
 from denoc_ros.model.shapes import SHAPES
 from denoc_ros.model.springs import read_spring
@@ -27,10 +33,11 @@ MOST_SEGMENTS = 200
 class DeformationElement:
     """`<bending>` or `<torsion>` as the file says it."""
 
-    stiffness: float  # EI [N m^2] or GJ [N m^2]
+    stiffness: float  # EI [N m^2] or GJ [N m^2]: the mean over the length
     modes: int
     damping_ratio: Array | None  # (modes,) or (1,)
     damping: Array | None  # (modes,) or (1,)
+    along: Along = CONSTANT  # shares of the stiffness, which is the mean
 
 
 @dataclass(frozen=True)
@@ -47,6 +54,8 @@ class BeamElement:
     z: DeformationElement | None
     torsion: DeformationElement | None
     segments: int = 1  # equal beams that it is divided into
+    mass_along: Along = CONSTANT  # shares of mass_per_length, which is the mean
+    polar_along: Along = CONSTANT  # shares of polar_inertia, which is the mean
 
 
 @dataclass
@@ -152,8 +161,8 @@ def _add_beam(
     before, link = len(findings.items), element.get('link', '')
     reader = Reader(element, f'beam {link!r}', findings)
     reader.only(
-        ('link', 'length', 'mass_per_length', 'shape', 'segments'),
-        ('origin', 'section', 'material', 'bending', 'torsion'),
+        ('link', 'length', 'mass_per_length', 'shape', 'segments', 'interpolation'),
+        ('origin', 'section', 'material', 'at', 'bending', 'torsion'),
     )
     if reader.text('link') and link not in links:
         reader.fail('link', 'be a link of the robot', link)
@@ -166,8 +175,12 @@ def _add_beam(
 
 
 def _read_beam(reader: Reader, link: str) -> BeamElement:
-    section = _read_section(reader)
+    section = read_section(reader)
+    length = reader.number('length', 'm', above=0.0)
+    stations = read_stations(reader, length)
     mass_per_length = None if section is None else section.mass_per_length
+    if 'mass_per_length' in stations:
+        mass_per_length = stations['mass_per_length'][0]
     if reader.element.get('mass_per_length') is not None:
         given = reader.number('mass_per_length', 'kg/m', above=0.0)
         if section is not None:
@@ -175,12 +188,12 @@ def _read_beam(reader: Reader, link: str) -> BeamElement:
         mass_per_length = given
     segments = _read_segments(reader)
     shape = _read_shape(reader, segments)
-    bending = _read_bendings(reader, section, shape, segments)
-    torsion, polar_inertia = _read_torsion(reader, section, segments)
+    bending = _read_bendings(reader, section, stations, shape, segments)
+    torsion, polar_inertia = _read_torsion(reader, section, stations, segments)
     return BeamElement(
         link,
         _read_origin(reader),
-        reader.number('length', 'm', above=0.0),
+        length,
         mass_per_length,
         polar_inertia,
         shape,
@@ -188,6 +201,7 @@ def _read_beam(reader: Reader, link: str) -> BeamElement:
         bending.get('z'),
         torsion,
         segments,
+        *(stations.get(name, (0.0, CONSTANT))[1] for name in ('mass_per_length', 'polar_inertia')),
     )
 
 
@@ -213,7 +227,7 @@ def _read_shape(reader: Reader, segments: int) -> str:
 
 
 def _read_origin(reader: Reader) -> Array:
-    found = _at_most_one(reader, 'origin')
+    found = at_most_one(reader, 'origin')
     if found is None:
         return np.eye(4)
     origin = Reader(found, reader.whose, reader.findings, ' of <origin>')
@@ -221,15 +235,12 @@ def _read_origin(reader: Reader) -> Array:
     return origin.pose()
 
 
-def _at_most_one(reader: Reader, tag: str) -> Element | None:
-    found = reader.element.findall(tag)
-    if len(found) > 1:
-        reader.findings.add(reader.whose, f'<{tag}> must occur once, got {len(found)}')
-    return found[0] if found else None
-
-
 def _read_bendings(
-    reader: Reader, section: BeamSection | None, shape: str, segments: int
+    reader: Reader,
+    section: BeamSection | None,
+    stations: Mapping[str, Profile],
+    shape: str,
+    segments: int,
 ) -> dict[str, DeformationElement]:
     found: dict[str, DeformationElement] = {}
     for element in reader.element.findall('bending'):
@@ -242,18 +253,25 @@ def _read_bendings(
         if direction in found:
             bending.fail('direction', 'occur once', direction)
         stiffness = None if section is None else section.flexural_rigidity(direction)
-        found[direction] = _read_deformation(bending, 'ei', stiffness, 'N s/m', segments)
+        found[direction] = _read_deformation(
+            bending, 'ei', stiffness, stations.get(f'ei_{direction}'), 'N s/m', segments
+        )
         if shape == 'craig-bampton' and segments == 1 and found[direction].modes == 1:
             bending.fail('modes', 'be >= 2 with shape craig-bampton', 1)
     return found
 
 
 def _read_torsion(
-    reader: Reader, section: BeamSection | None, segments: int
+    reader: Reader,
+    section: BeamSection | None,
+    stations: Mapping[str, Profile],
+    segments: int,
 ) -> tuple[DeformationElement | None, float | None]:
     """Return the deformation and the polar inertia per length, None where not given."""
-    element = _at_most_one(reader, 'torsion')
+    element = at_most_one(reader, 'torsion')
     polar_inertia = None if section is None else section.polar_inertia
+    if 'polar_inertia' in stations:
+        polar_inertia = stations['polar_inertia'][0]
     if element is None:
         return None, polar_inertia
     torsion = Reader(element, reader.whose, reader.findings, ' (torsion)')
@@ -264,14 +282,24 @@ def _read_torsion(
             torsion.fail('polar_inertia', 'not come with a <section>', given)
         polar_inertia = given
     stiffness = None if section is None else section.torsional_rigidity
-    read = _read_deformation(torsion, 'gj', stiffness, 'N m s/rad', segments)
+    read = _read_deformation(torsion, 'gj', stiffness, stations.get('gj'), 'N m s/rad', segments)
     return read, polar_inertia
 
 
 def _read_deformation(
-    reader: Reader, name: str, stiffness: float | None, damping_unit: str, segments: int
+    reader: Reader,
+    name: str,
+    stiffness: float | None,
+    profile: Profile | None,
+    damping_unit: str,
+    segments: int,
 ) -> DeformationElement:
-    if stiffness is None:
+    along = CONSTANT
+    if profile is not None:
+        stiffness, along = profile
+        if reader.element.get(name) is not None:  # the same shares of another mean
+            stiffness = reader.number(name, 'N m^2', above=0.0)
+    elif stiffness is None:
         stiffness = reader.number(name, 'N m^2', above=0.0)
     elif reader.element.get(name) is not None:
         reader.fail(name, 'not come with a <section>', reader.element.get(name))
@@ -283,7 +311,7 @@ def _read_deformation(
     if segments > 1 and ratio is not None and len(ratio) > 1:
         rule = "be one number with segments > 1: the ratio of the link's first mode"
         reader.fail('damping_ratio', rule, reader.element.get('damping_ratio'))
-    return DeformationElement(stiffness, modes, ratio, damping)
+    return DeformationElement(stiffness, modes, ratio, damping, along)
 
 
 def _read_damping(reader: Reader, name: str, unit: str, modes: int) -> Array | None:
@@ -294,94 +322,3 @@ def _read_damping(reader: Reader, name: str, unit: str, modes: int) -> Array | N
     if len(values) not in (0, 1, modes):
         reader.fail(name, f'have one number, or one for each of {modes} modes', text)
     return values
-
-
-@dataclass(frozen=True)
-class BeamSection:
-    """A cross-section with its material."""
-
-    section: CrossSection
-    e: float  # Young's modulus [Pa]
-    g: float  # shear modulus [Pa]
-    density: float  # [kg/m^3]
-
-    @property
-    def mass_per_length(self) -> float:
-        """[kg/m]."""
-        return self.density * self.section.area
-
-    @property
-    def polar_inertia(self) -> float:
-        """Polar inertia per length [kg m^2/m]."""
-        return self.density * self.section.polar_moment
-
-    @property
-    def torsional_rigidity(self) -> float:
-        """GJ [N m^2]."""
-        return self.g * self.section.torsion_constant
-
-    def flexural_rigidity(self, direction: str) -> float:
-        """Return EI [N m^2] for a deflection along y or z."""
-        section = self.section
-        return self.e * (section.moment_y if direction == 'y' else section.moment_z)
-
-
-def _read_section(beam: Reader) -> BeamSection | None:
-    element = _at_most_one(beam, 'section')
-    materials = beam.element.findall('material')
-    if element is None:
-        if materials:
-            beam.findings.add(beam.whose, '<material> must come with a <section>, got none')
-        return None
-    section = _read_profile(Reader(element, beam.whose, beam.findings, ' of <section>'))
-    materials += element.findall('material')
-    if len(materials) != 1:
-        rule = f'must have one <material>, got {len(materials)}'
-        beam.findings.add(beam.whose, f'<section> {rule}')
-        return BeamSection(section, math.nan, math.nan, math.nan)
-    material = Reader(materials[0], beam.whose, beam.findings, ' of <material>')
-    material.only(('e', 'g', 'density'))
-    bends, twists = (beam.element.find(tag) is not None for tag in ('bending', 'torsion'))
-    return BeamSection(
-        section,
-        material.number('e', 'Pa', above=0.0, default=None if bends else math.nan),
-        material.number('g', 'Pa', above=0.0, default=None if twists else math.nan),
-        material.number('density', 'kg/m^3', above=0.0),
-    )
-
-
-def expand_section(beam: Element) -> None:
-    """Replace a beam's `<section>` by the numbers that it gives; leave a bad one to be found.
-
-    Parameters
-    ----------
-    beam : lxml element
-        `<beam>`, changed in place.
-    """
-    scratch = Findings()
-    section = _read_section(Reader(beam, '', scratch))
-    if section is None or scratch.items:
-        return
-    for element in beam.findall('section') + beam.findall('material'):
-        beam.remove(element)
-    beam.set('mass_per_length', repr(section.mass_per_length))
-    for bending in beam.findall('bending'):
-        bending.set('ei', repr(section.flexural_rigidity(bending.get('direction'))))
-    for torsion in beam.findall('torsion'):
-        torsion.set('gj', repr(section.torsional_rigidity))
-        torsion.set('polar_inertia', repr(section.polar_inertia))
-
-
-def _read_profile(reader: Reader) -> CrossSection:
-    sides = {'round': ('diameter',), 'tube': ('diameter', 'wall'), 'rectangle': ('y', 'z')}
-    kind = reader.choice('type', tuple(sides))
-    names = sides.get(kind, ())
-    reader.only(('type', *names) if kind else tuple(reader.element.attrib), ('material',))
-    numbers = [reader.number(name, 'm', above=0.0) for name in names]
-    if kind == 'tube' and 2.0 * numbers[1] > numbers[0]:
-        reader.fail('wall', f'be at most half the diameter {numbers[0]:g} m', numbers[1])
-    if kind == 'rectangle':
-        return rectangle_section(*numbers)
-    if kind:
-        return tube_section(*numbers) if kind == 'tube' else round_section(*numbers)
-    return CrossSection(math.nan, math.nan, math.nan, math.nan)

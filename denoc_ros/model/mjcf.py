@@ -29,6 +29,7 @@ from denoc_ros.model.arrays import is_flexible
 from denoc_ros.model.findings import Element, Findings
 from denoc_ros.model.inertia import moved, total
 from denoc_ros.model.mjcf_visuals import add_rod, add_visuals
+from denoc_ros.model.residual_inertia import beam_inertia
 from denoc_ros.model.tree import (
     Attachment,
     Beam,
@@ -144,7 +145,8 @@ class _Chain:
         A single one makes the tip's deflection under a force there exact.
         """
         share = 0.75 if self.hinges == 1 and name != 't' else 1.0
-        return np.asarray(share * self.parts[name].stiffness / self.rule[1])
+        at = self.parts[name].stiffness_at(self.stations / self.beam.length)
+        return np.asarray(share * at / self.rule[1])
 
     def own_time(self, name: str) -> float:
         """Time [s] of waves along the shortest rod between hinges; no mode exceeds 5 / it."""
@@ -152,9 +154,12 @@ class _Chain:
             self.parts[name],
             float(np.diff(self.stations).min(initial=self.beam.length / self.hinges)),
         )
+        share = self.stations / self.beam.length
         if name == 't':
-            return shortest * math.sqrt(self.beam.polar_inertia / part.stiffness)
-        return shortest**2 * math.sqrt(self.beam.mass_per_length / part.stiffness)
+            inertia = self.beam.polar_inertia * self.beam.polar_along.values(share)
+            return shortest * math.sqrt(float(np.min(inertia / part.stiffness_at(share))))
+        inertia = self.beam.mass_per_length * self.beam.mass_along.values(share)
+        return shortest**2 * math.sqrt(float(np.min(inertia / part.stiffness_at(share))))
 
     def proportional(self, name: str) -> float:
         """Damping per stiffness [s] that all hinges have.
@@ -174,22 +179,30 @@ class _Chain:
         """
         starts = np.append(self.starts, self.beam.length)
         length = float(starts[index + 1] - starts[index])
-        mass = self.beam.mass_per_length * length
-        about = self.beam.polar_inertia * length
-        across = mass * length**2 / 4.0 + max(mass * length**2 / 12.0, 0.5 * about)
-        first = np.array([0.5 * mass * length, 0.0, 0.0])
+        begin, end = starts[index] / self.beam.length, starts[index + 1] / self.beam.length
+        part = self.beam.mass_along.part(begin, end)
+        slender = beam_inertia(self.beam.mass_per_length, length, 0.0, part)
+        mass, centre = slender.mass, slender.first_moment[0] / slender.mass
+        about = self.beam.polar_inertia * length * self.beam.polar_along.part(begin, end).moment(0)
+        own = slender.inertia[1, 1] - mass * centre**2
+        across = mass * centre**2 + max(own, 0.5 * about)
+        first = slender.first_moment
         return RigidInertia(mass, first, np.diag([about, across, across]))
 
     @property
     def is_wide(self) -> bool:
         """Whether its rods need rotary inertia."""
         shortest = float(np.diff(np.append(self.starts, self.beam.length)).min())
-        return 6.0 * self.beam.polar_inertia > self.beam.mass_per_length * shortest**2
+        share = self.stations / self.beam.length
+        polar = self.beam.polar_inertia * self.beam.polar_along.values(share)
+        mass = self.beam.mass_per_length * self.beam.mass_along.values(share)
+        return bool(np.any(6.0 * polar > mass * shortest**2))
 
     def amplitudes(self, name: str) -> Array:
         """Amplitudes (modes, hinges) per hinge angle: those of the strain energy's projection."""
         part = self.parts[name]
-        return np.asarray((self.strain(name) * part.stiffness / part.modal_stiffness).T)
+        at = part.stiffness_at(self.stations / self.beam.length)[:, None]
+        return np.asarray((self.strain(name) * at / part.modal_stiffness).T)
 
     def strain(self, name: str) -> Array:
         """Curvature, or twist per length, (hinges, modes) at the hinges per amplitude."""

@@ -62,24 +62,21 @@ def critical_damping(beam: Beam) -> Iterator[tuple[str, Deformation, NDArray[np.
 
     At a fixed root, of amplitudes scaled as the shape functions are [N s/m or N m s/rad].
     """
+    mass, polar = (
+        (beam.mass_per_length, beam.mass_along),
+        (beam.polar_inertia, beam.polar_along),
+    )
     for name, part, inertia in (
-        ('y', beam.y, beam.mass_per_length),
-        ('z', beam.z, beam.mass_per_length),
-        ('torsion', beam.torsion, beam.polar_inertia),
+        ('y', beam.y, mass),
+        ('z', beam.z, mass),
+        ('torsion', beam.torsion, polar),
     ):
         if part is not None:
-            order = 1 if name == 'torsion' else 2
-            yield (
-                name,
-                part,
-                segments.critical_damping(
-                    part.shapes, part.stiffness, inertia, beam.segments, order
-                ),
-            )
+            yield name, part, segments.critical_damping(part, *inertia, beam.segments)
 
 
 def _of_beam(body: Body) -> Iterator[tuple[str, float | list[float]]]:
-    if body.beam is None or body.segment > 1:  # segments are all alike
+    if body.beam is None or body.segment > 1:  # all have the numbers of the first
         return
     for name, part, critical in critical_damping(body.beam):
         rigidity = 'gj' if name == 'torsion' else 'ei'

@@ -20,8 +20,8 @@ from typing import TypeVar
 import numpy as np
 
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.beam_sections import expand_section
 from denoc_ros.model.findings import Element, Findings, finite
-from denoc_ros.model.flexibility import expand_section
 from denoc_ros.model.inertia import from_centre, moved, total
 from denoc_ros.model.override_elements import (
     DAMPING,

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from denoc_ros.model.along import CONSTANT, Along
 from denoc_ros.model.inertia import difference, pseudo_inertia
 from denoc_ros.model.tree import RigidInertia
 
@@ -15,7 +16,9 @@ TINY = 1e-18  # m^2, of a link that is a point
 TOLERANCE = 1e-3  # of the link's pseudo-inertia: what rounded numbers in a file leave
 
 
-def beam_inertia(mass_per_length: float, length: float, polar_inertia: float) -> RigidInertia:
+def beam_inertia(
+    mass_per_length: float, length: float, polar_inertia: float, along: Along = CONSTANT
+) -> RigidInertia:
     """Return the inertia of the undeformed beam in the beam frame.
 
     Parameters
@@ -25,18 +28,21 @@ def beam_inertia(mass_per_length: float, length: float, polar_inertia: float) ->
     length : float
         [m].
     polar_inertia : float
-        About X, per length [kg m^2/m].
+        About X, per length [kg m^2/m], the mean.
+    along : Along, optional
+        Shares of the mass per length, which is a mean then.
 
     Returns
     -------
     RigidInertia
         About the beam's root.
     """
-    mass = mass_per_length * length
-    across = mass * length**2 / 3.0
+    mass = mass_per_length * length * along.moment(0)
+    across = mass_per_length * length**3 * along.moment(2)
+    first = mass_per_length * length**2 * along.moment(1)
     return RigidInertia(
         mass,
-        np.array([0.5 * mass * length, 0.0, 0.0]),
+        np.array([first, 0.0, 0.0]),
         np.diag([polar_inertia * length, across, across]),
     )
 
@@ -79,7 +85,9 @@ def _missing_about_axis(body: RigidInertia, link: RigidInertia) -> float:
     return missing / whole if whole > zero else math.inf
 
 
-def largest_mass_per_length(link: RigidInertia, length: float, polar_inertia: float) -> float:
+def largest_mass_per_length(
+    link: RigidInertia, length: float, polar_inertia: float, along: Along = CONSTANT
+) -> float:
     """Return the largest mass per length that leaves a physically possible rest.
 
     Parameters
@@ -90,6 +98,8 @@ def largest_mass_per_length(link: RigidInertia, length: float, polar_inertia: fl
         Of the beam [m].
     polar_inertia : float
         About the beam axis, per length [kg m^2/m].
+    along : Along, optional
+        Shares of the mass per length, which is a mean then.
 
     Returns
     -------
@@ -98,7 +108,7 @@ def largest_mass_per_length(link: RigidInertia, length: float, polar_inertia: fl
     """
 
     def possible(mass_per_length: float) -> bool:
-        share = beam_inertia(mass_per_length, length, polar_inertia)
+        share = beam_inertia(mass_per_length, length, polar_inertia, along)
         return inertia_violation(difference(link, share), link) <= allowed
 
     allowed = _allowed(link)

@@ -92,6 +92,8 @@ def rectangle_torsion_constant(y: float, z: float) -> float:
     sum 1 / n^5 = 31/32 zeta(5) taken out, the terms 1 - tanh left fall exponentially.
     """
     a, b = max(y, z), min(y, z)
+    if b == 0.0:
+        return 0.0
     n = np.arange(1.0, 40.0, 2.0)
     odd_zeta = 31.0 / 32.0 * 1.0369277551433699263
     argument = np.minimum(n * np.pi * a / b, 600.0)

@@ -14,13 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
+from denoc_ros.model.along import Along
 from denoc_ros.model.shapes import (
     ShapeFunctions,
+    WaveShapes,
     scaled_shapes,
     shape_functions,
     wave_numbers,
 )
-from denoc_ros.model.tree import Beam, Tree
+from denoc_ros.model.tree import Beam, Deformation, Tree
 from denoc_ros.types import Array
 
 ROOT = 1e-12  # of a beam's length: what arithmetic leaves of station 0
@@ -35,13 +37,18 @@ class WholeBeam:
     link : str
     first : int
         Index of the first segment's body in `Tree.bodies`; the others follow it.
-    segment : Beam
-        Each of them.
+    beams : tuple of Beam
+        The segments, root first.
     """
 
     link: str
     first: int
-    segment: Beam
+    beams: tuple[Beam, ...]
+
+    @property
+    def segment(self) -> Beam:
+        """The first segment: of the numbers and modes that all have."""
+        return self.beams[0]
 
     @property
     def segments(self) -> int:
@@ -62,7 +69,11 @@ class WholeBeam:
 def whole_beams(tree: Tree) -> tuple[WholeBeam, ...]:
     """Return a tree's flexible links, in coordinate order; beams without modes are none."""
     return tuple(
-        WholeBeam(body.name, index, body.beam)
+        WholeBeam(
+            body.name,
+            index,
+            tuple(b.beam for b in tree.bodies[index : index + body.beam.segments] if b.beam),
+        )
         for index, body in enumerate(tree.bodies)
         if body.beam is not None and any(body.beam.modes) and body.segment == 1
     )
@@ -106,7 +117,7 @@ def segment_shapes(modes: int, length: float) -> ShapeFunctions:
     if modes > 1:
         return shape_functions('craig-bampton', modes, length)
     square = np.array([[0.0, 0.0, 1.0, 0.0]])
-    return ShapeFunctions(length, np.zeros(0), np.zeros((0, 4)), square, np.eye(1))
+    return WaveShapes(length, np.zeros(0), np.zeros((0, 4)), square, np.eye(1))
 
 
 def segment_torsion_shapes(modes: int, length: float) -> ShapeFunctions:
@@ -128,28 +139,24 @@ def segment_torsion_shapes(modes: int, length: float) -> ShapeFunctions:
     waves = np.zeros((modes - 1, 4))
     waves[:, 3] = 1.0
     beta = wave_numbers('pinned-pinned', modes - 1)
-    raw = ShapeFunctions(1.0, beta, waves, linear, np.eye(modes))
+    raw = WaveShapes(1.0, beta, waves, linear, np.eye(modes))
     _, mixing = eigh(raw.gram(1), raw.gram(0))
-    unit = scaled_shapes(ShapeFunctions(1.0, beta, waves, linear, np.asarray(mixing)))
-    return ShapeFunctions(length, beta, waves, linear, unit.mixing)
+    unit = scaled_shapes(WaveShapes(1.0, beta, waves, linear, np.asarray(mixing)))
+    return WaveShapes(length, beta, waves, linear, unit.mixing)
 
 
-def critical_damping(
-    shapes: ShapeFunctions, rigidity: float, inertia: float, segments: int, order: int
-) -> Array:
+def critical_damping(part: Deformation, inertia: float, along: Along, segments: int) -> Array:
     """Return the critical damping (modes,) of a beam's amplitudes, root fixed.
 
     Parameters
     ----------
-    shapes : ShapeFunctions
-        Of the beam, or of each segment.
-    rigidity : float
-        EI or GJ [N m^2].
+    part : Deformation
+        Of the beam, or of a segment of it.
     inertia : float
-        Mass [kg/m] or polar inertia [kg m^2/m] per length.
+        Mass [kg/m] or polar inertia [kg m^2/m] per length, the mean.
+    along : Along
+        Shares of the inertia along the beam or the segment.
     segments : int
-    order : int
-        2 for bending, 1 for torsion: of the derivative that is the strain.
 
     Returns
     -------
@@ -158,10 +165,12 @@ def critical_damping(
         omega the link's lowest frequency, tip free: a damping ratio is then that of the link's
         first mode, and damping is in proportion to stiffness, as in a viscous material.
     """
-    stiffness = rigidity * np.diag(shapes.gram(order))
+    stiffness, order = part.modal_stiffness, part.order
     if segments == 1:
-        mass = inertia * np.diag(shapes.gram(0))
+        mass = inertia * np.diag(part.shapes.gram(0, along))
         return np.asarray(2.0 * np.sqrt(stiffness * mass))
-    beta = float(wave_numbers('clamped-free', 1)[0]) if order == 2 else 0.5 * np.pi
-    omega = (beta / (segments * shapes.length)) ** order * math.sqrt(rigidity / inertia)
+    root = part.first_root
+    if root is None:
+        root = (float(wave_numbers('clamped-free', 1)[0]) if order == 2 else 0.5 * np.pi) ** order
+    omega = root / (segments * part.shapes.length) ** order * math.sqrt(part.stiffness / inertia)
     return np.asarray(2.0 * stiffness / omega)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,7 +101,7 @@ def sensor_row(element: SensorElement, beam: Beam, station: float) -> Array:
     Returns
     -------
     ndarray (ny + nz + nt,)
-        -surface s'' (strain), s (deflection), EI s''' (shear force), and the bending moment,
+        -surface s'' (strain), s (deflection), (EI s'')' (shear force), and the bending moment,
         -EI s'' about z for a deflection along y, EI s'' about y for one along z. Force
         and moment are those on the part outboard of the station, in the segment's axes.
     """
@@ -112,22 +112,27 @@ def sensor_row(element: SensorElement, beam: Beam, station: float) -> Array:
     elif element.type == 'deflection':
         part = shapes.values(at)
     elif element.component == 'shear':
-        part = deformation.stiffness * shapes.third_derivatives(at)
+        share = at / beam.length
+        part = deformation.stiffness_at(share)[:, None] * shapes.third_derivatives(at)
+        slope = deformation.stiffness / beam.length * deformation.along.values(share, 1)
+        part = part + slope[:, None] * shapes.curvatures(at)
     else:
         sign = -1.0 if element.direction == 'y' else 1.0
-        part = sign * deformation.stiffness * shapes.curvatures(at)
+        part = sign * deformation.stiffness_at(at / beam.length)[:, None] * shapes.curvatures(at)
     return _among_all(element, beam, part[0])
 
 
-def deflection_row(element: SensorElement, beam: Beam, segment: int, station: float) -> Array:
+def deflection_row(
+    element: SensorElement, beams: Sequence[Beam], segment: int, station: float
+) -> Array:
     """Return the derivative of a small deflection by all amplitudes up to its segment.
 
     Parameters
     ----------
     element : SensorElement
         A deflection sensor.
-    beam : Beam
-        Each segment of its link's beam.
+    beams : sequence of Beam
+        The segments of its link's beam.
     segment : int
         Which of them holds it, from 0.
     station : float
@@ -138,13 +143,13 @@ def deflection_row(element: SensorElement, beam: Beam, segment: int, station: fl
     ndarray ((segment + 1) (ny + nz + nt),)
         s(tip) + lever s'(tip) of the segments inboard, s of its own.
     """
-    shapes, tip = _bending(element, beam).shapes, np.array([beam.length])
-    value, slope = shapes.values(tip)[0], shapes.slopes(tip)[0]
-    rows = [
-        _among_all(element, beam, value + ((segment - 1 - k) * beam.length + station) * slope)
-        for k in range(segment)
-    ]
-    return np.concatenate([*rows, sensor_row(element, beam, station)])
+    rows = []
+    for k, beam in enumerate(beams[:segment]):
+        shapes, tip = _bending(element, beam).shapes, np.array([beam.length])
+        value, slope = shapes.values(tip)[0], shapes.slopes(tip)[0]
+        lever = (segment - 1 - k) * beam.length + station
+        rows.append(_among_all(element, beam, value + lever * slope))
+    return np.concatenate([*rows, sensor_row(element, beams[segment], station)])
 
 
 def _bending(element: SensorElement, beam: Beam) -> Deformation:
@@ -162,13 +167,14 @@ def _among_all(element: SensorElement, beam: Beam, part: Array) -> Array:
     return row
 
 
-def make_sensor(element: SensorElement, body: int, beam: Beam) -> Sensor:
+def make_sensor(element: SensorElement, body: int, beams: Sequence[Beam]) -> Sensor:
     """Return the sensor of a beam, given the index of its first segment's body."""
+    beam = beams[0]
     segment, station = locate(beam.whole_length, beam.segments, element.station)
     if element.type == 'deflection' and segment > 0:
-        row = deflection_row(element, beam, segment, station)
+        row = deflection_row(element, beams, segment, station)
     else:
-        body, row = body + segment, sensor_row(element, beam, station)
+        body, row = body + segment, sensor_row(element, beams[segment], station)
     return Sensor(
         element.name,
         element.type,

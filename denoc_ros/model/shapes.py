@@ -11,48 +11,50 @@ Craig-Bampton set), scaled to max |s| = 1 on the beam.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
+from typing import TypeVar, cast
 
 import numpy as np
 from scipy.linalg import eigh
 
 from denoc_ros.errors import StateError
+from denoc_ros.model.along import CONSTANT, Along
 from denoc_ros.types import Array
 
 # Below this, a boundary value of a function scaled to 1 is the rounding of a zero.
 BOUNDARY_ZERO = 1e-7
+Edges = Sequence[float] | Array
+EDGE = 1e-12  # share of a length: edges that are nearer are one
 
 
-@dataclass(frozen=True, eq=False)
-class ShapeFunctions:
-    """Shape functions of one deformation of a beam, by rising frequency.
+AnyShapes = TypeVar('AnyShapes', bound='ShapeFunctions')
 
-    Attributes
-    ----------
-    length : float
-        Length of the beam [m].
-    wave_numbers : ndarray (w,)
-        beta of the waves [-].
-    waves : ndarray (w, 4)
-        A, B, C, D of each wave.
-    cubics : ndarray (c, 4)
-        Coefficients of each cubic in x / length, constant first.
-    mixing : ndarray (w + c, modes)
-        Each column makes one shape function of the waves and cubics.
-    """
 
-    length: float
-    wave_numbers: Array
-    waves: Array
-    cubics: Array
-    mixing: Array
+class ShapeFunctions(ABC):
+    """Shape functions of one deformation of a beam, by rising frequency."""
+
+    length: float  # of the beam [m]
 
     @property
+    def edges(self) -> tuple[float, ...]:
+        """Shares of the length, from 0 to 1, between each two of which the shapes are smooth."""
+        return 0.0, 1.0
+
+    @property
+    @abstractmethod
     def modes(self) -> int:
         """Number of shape functions."""
-        return int(self.mixing.shape[1])
+
+    @abstractmethod
+    def derivatives(self, x: Array, order: int) -> Array:
+        """Return the derivative of a given order [1/m^order], (k, modes), at stations x (k,)."""
+
+    @abstractmethod
+    def combined(self, matrix: Array) -> ShapeFunctions:
+        """Return the combinations of the shapes that the columns of a matrix make."""
 
     def values(self, x: Array) -> Array:
         """Return s(x).
@@ -81,37 +83,79 @@ class ShapeFunctions:
         """Return s'''(x) [1/m^3], (k, modes), at stations x (k,) [m]."""
         return self.derivatives(x, 3)
 
-    def derivatives(self, x: Array, order: int) -> Array:
-        """Return the derivative of a given order [1/m^order], (k, modes), at stations x (k,)."""
-        xi = np.atleast_1d(np.asarray(x, dtype=np.float64)) / self.length
-        basis = np.hstack([self._waves_at(xi, order), self._cubics_at(xi, order)])
-        return np.asarray(basis @ self.mixing / self.length**order)
-
-    def gram(self, order: int) -> Array:
+    def gram(self, order: int, along: Along = CONSTANT) -> Array:
         """Return the integrals over the beam of products of derivatives.
 
         Parameters
         ----------
         order : int
             0 for int s s^T dx [m], 1 for slopes [1/m], 2 for curvatures [1/m^3].
+        along : Along
+            Weight of the integrand.
 
         Returns
         -------
         ndarray (modes, modes)
             Exact to rounding; worked out once, not to be written.
         """
-        if order not in self._grams:
-            x, weights = quadrature(self.length, 24 + 4 * self.modes)
+        key = order, along
+        if key not in self._grams:
+            if len(self.edges) == 2 and along.uniform:
+                x, weights = quadrature(self.length, 24 + 4 * self.modes)
+            else:
+                x, weights = panels(self.length, merged_edges(self.edges, along.breaks), 24)
             part = self.derivatives(x, order)
+            weights = weights * along.values(x / self.length)
             gram: Array = (part * weights[:, None]).T @ part
             gram.setflags(write=False)
-            self._grams[order] = gram
-        return self._grams[order]
+            self._grams[key] = gram
+        return self._grams[key]
 
     @cached_property
-    def _grams(self) -> dict[int, Array]:
-        """What `gram` has worked out, by order: a change of damping asks for it again."""
+    def _grams(self) -> dict[tuple[int, Along], Array]:
+        """What `gram` has worked out: a change of damping asks for it again."""
         return {}
+
+
+@dataclass(frozen=True, eq=False)
+class WaveShapes(ShapeFunctions):
+    """Shape functions of a uniform beam.
+
+    Attributes
+    ----------
+    length : float
+        Length of the beam [m].
+    wave_numbers : ndarray (w,)
+        beta of the waves [-].
+    waves : ndarray (w, 4)
+        A, B, C, D of each wave.
+    cubics : ndarray (c, 4)
+        Coefficients of each cubic in x / length, constant first.
+    mixing : ndarray (w + c, modes)
+        Each column makes one shape function of the waves and cubics.
+    """
+
+    length: float
+    wave_numbers: Array
+    waves: Array
+    cubics: Array
+    mixing: Array
+
+    @property
+    def modes(self) -> int:
+        """Number of shape functions."""
+        return int(self.mixing.shape[1])
+
+    def derivatives(self, x: Array, order: int) -> Array:
+        """Return the derivative of a given order [1/m^order], (k, modes), at stations x (k,)."""
+        xi = np.atleast_1d(np.asarray(x, dtype=np.float64)) / self.length
+        basis = np.hstack([self._waves_at(xi, order), self._cubics_at(xi, order)])
+        return np.asarray(basis @ self.mixing / self.length**order)
+
+    def combined(self, matrix: Array) -> WaveShapes:
+        """Return the combinations of the shapes that the columns of a matrix make."""
+        mixing = np.asarray(self.mixing @ matrix)
+        return WaveShapes(self.length, self.wave_numbers, self.waves, self.cubics, mixing)
 
     def _waves_at(self, xi: Array, order: int) -> Array:
         beta = self.wave_numbers
@@ -144,8 +188,25 @@ def quadrature(length: float, points: int) -> tuple[Array, Array]:
     return 0.5 * length * (nodes + 1.0), 0.5 * length * weights
 
 
+def panels(length: float, edges: Edges, points: int) -> tuple[Array, Array]:
+    """Return Gauss stations and weights [m] of a beam, so many between each two edges."""
+    nodes, weights = gauss_rule(points)
+    at = length * np.asarray(edges)
+    half = 0.5 * np.diff(at)[:, None]
+    return (at[:-1, None] + half * (nodes + 1.0)).ravel(), (half * weights).ravel()
+
+
+def merged_edges(*each: Edges) -> tuple[float, ...]:
+    """Return the shares of all, rising, without those that are equal but for rounding."""
+    every = np.unique(np.concatenate([np.asarray(edges) for edges in each]))
+    apart = np.concatenate([[True], np.diff(every) > EDGE])
+    merged = every[apart]
+    merged[-1] = 1.0
+    return tuple(float(x) for x in merged)
+
+
 @lru_cache(maxsize=256)
-def shape_functions(shape: str, modes: int, length: float) -> ShapeFunctions:
+def shape_functions(shape: str, modes: int, length: float) -> WaveShapes:
     """Return bending shape functions of a uniform beam.
 
     Parameters
@@ -172,10 +233,10 @@ def shape_functions(shape: str, modes: int, length: float) -> ShapeFunctions:
     _check(shape in SHAPES, 'shape', f'one of {", ".join(SHAPES)}', shape)
     _check_counts(modes, length, 2 if shape == 'craig-bampton' else 1)
     unit = _unit_shapes(shape, modes)
-    return ShapeFunctions(length, unit.wave_numbers, unit.waves, unit.cubics, unit.mixing)
+    return WaveShapes(length, unit.wave_numbers, unit.waves, unit.cubics, unit.mixing)
 
 
-def torsion_shapes(modes: int, length: float) -> ShapeFunctions:
+def torsion_shapes(modes: int, length: float) -> WaveShapes:
     """Return shape functions sin((j - 1/2) pi x / length) of twist, positive at the tip.
 
     Parameters
@@ -199,7 +260,7 @@ def torsion_shapes(modes: int, length: float) -> ShapeFunctions:
     index: Array = np.arange(1.0, modes + 1)
     waves = np.zeros((modes, 4))
     waves[:, 3] = (-1.0) ** (index + 1)
-    return ShapeFunctions(length, (index - 0.5) * np.pi, waves, np.zeros((0, 4)), np.eye(modes))
+    return WaveShapes(length, (index - 0.5) * np.pi, waves, np.zeros((0, 4)), np.eye(modes))
 
 
 def wave_numbers(shape: str, modes: int) -> Array:
@@ -286,26 +347,26 @@ SHAPES = (*_WAVES, 'craig-bampton')
 
 
 @lru_cache(maxsize=64)
-def _unit_shapes(shape: str, modes: int) -> ShapeFunctions:
+def _unit_shapes(shape: str, modes: int) -> WaveShapes:
     """Return the scaled shapes of a beam of length 1; the scaled values hold at any length."""
     if shape == 'craig-bampton':
         return scaled_shapes(_craig_bampton(modes))
     beta = wave_numbers(shape, modes)
     return scaled_shapes(
-        ShapeFunctions(1.0, beta, _WAVES[shape](beta), np.zeros((0, 4)), np.eye(modes))
+        WaveShapes(1.0, beta, _WAVES[shape](beta), np.zeros((0, 4)), np.eye(modes))
     )
 
 
-def _craig_bampton(modes: int) -> ShapeFunctions:
+def _craig_bampton(modes: int) -> WaveShapes:
     """Return the two static and modes - 2 clamped-clamped shapes, diagonalized, unscaled."""
     static = np.array([[0.0, 0.0, 3.0, -2.0], [0.0, 0.0, -1.0, 1.0]])
     beta = wave_numbers('clamped-clamped', modes - 2)
-    raw = ShapeFunctions(1.0, beta, _clamped_clamped(beta), static, np.eye(modes))
+    raw = WaveShapes(1.0, beta, _clamped_clamped(beta), static, np.eye(modes))
     _, mixing = eigh(raw.gram(2), raw.gram(0))
-    return ShapeFunctions(1.0, beta, raw.waves, static, np.asarray(mixing))
+    return WaveShapes(1.0, beta, raw.waves, static, np.asarray(mixing))
 
 
-def scaled_shapes(raw: ShapeFunctions) -> ShapeFunctions:
+def scaled_shapes(raw: AnyShapes) -> AnyShapes:
     """Return shapes scaled to max |s| = 1 and positive at, or just inboard of, the tip."""
     scale = _largest_values(raw)
     tip = np.array([raw.length])
@@ -314,9 +375,7 @@ def scaled_shapes(raw: ShapeFunctions) -> ShapeFunctions:
     )
     sign = np.where(np.abs(slope) > BOUNDARY_ZERO, -np.sign(slope), np.sign(curvature))
     sign = np.where(np.abs(value) > BOUNDARY_ZERO, np.sign(value), sign)
-    return ShapeFunctions(
-        raw.length, raw.wave_numbers, raw.waves, raw.cubics, raw.mixing * (sign / scale)
-    )
+    return cast(AnyShapes, raw.combined(np.diag(sign / scale)))
 
 
 def _largest_values(raw: ShapeFunctions) -> Array:

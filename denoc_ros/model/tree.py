@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from denoc_ros.model.along import CONSTANT, Along
 from denoc_ros.model.shapes import ShapeFunctions
 from denoc_ros.types import Array
 
@@ -93,10 +94,18 @@ class Deformation:
     """One elastic deformation of a beam: bending in a direction, or torsion."""
 
     shapes: ShapeFunctions  # scaled to max |s| = 1, positive at the tip
-    stiffness: float  # EI [N m^2] or GJ [N m^2]
+    stiffness: float  # EI [N m^2] or GJ [N m^2]: the mean over the link's whole beam
     modal_stiffness: Array  # (m,) diagonal
     damping: Array  # (m,) coefficients [N s/m] or [N m s/rad]
     shape: str = ''  # name of the shapes
+    along: Along = CONSTANT  # shares of the stiffness along this beam
+    order: int = 2  # of the derivative that is the strain: 1 of torsion
+    first_root: float | None = None  # omega L^order / sqrt(stiffness / inertia) of the link's
+    # lowest mode, tip free; None of a uniform one
+
+    def stiffness_at(self, share: Array) -> Array:
+        """Return EI or GJ [N m^2] at shares of the beam's length."""
+        return np.asarray(self.stiffness * self.along.values(share))
 
     @property
     def modes(self) -> int:
@@ -109,12 +118,20 @@ class Beam:
     """The elastic part of a link: a slender beam along +X of the body frame, from x = 0."""
 
     length: float  # m
-    mass_per_length: float  # kg/m
-    polar_inertia: float = 0.0  # kg m^2/m, used where there is torsion
+    mass_per_length: float  # kg/m, the mean over the link's whole beam
+    polar_inertia: float = 0.0  # kg m^2/m, used where there is torsion; the mean like the mass
     y: Deformation | None = None  # bending with deflection along y
     z: Deformation | None = None  # bending with deflection along z
     torsion: Deformation | None = None
-    segments: int = 1  # this beam is one of so many equal ones that make up the link's
+    segments: int = 1  # this beam is one of so many of one length that make up the link's
+    mass_along: Along = CONSTANT  # shares of mass_per_length along this beam
+    polar_along: Along = CONSTANT  # shares of polar_inertia along this beam
+
+    @property
+    def varies(self) -> bool:
+        """Whether a number of its section changes along it."""
+        parts = [part.along for part in (self.y, self.z, self.torsion) if part is not None]
+        return not all(along == CONSTANT for along in (self.mass_along, self.polar_along, *parts))
 
     @property
     def modes(self) -> tuple[int, int, int]:

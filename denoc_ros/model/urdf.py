@@ -18,7 +18,7 @@ from denoc_ros.model.rigid_urdf import RigidUrdf, read_rigid_urdf
 from denoc_ros.model.sensors import SensorElement, make_sensor
 from denoc_ros.model.source import parse_xml, read_source
 from denoc_ros.model.springs import check_springs
-from denoc_ros.model.tree import Beam, InertialSensor, Loop, LoopFrame, Sensor, Tree
+from denoc_ros.model.tree import InertialSensor, Loop, LoopFrame, Sensor, Tree
 
 
 def load_tree(source: str | os.PathLike[str]) -> Tree:
@@ -202,6 +202,4 @@ def _loop(loop: LoopElement, assembly: Assembly) -> Loop:
 
 def _sensor(sensor: SensorElement, assembly: Assembly) -> Sensor:
     index = assembly.frames[sensor.link].body
-    beam: Beam | None = assembly.bodies[index].beam
-    assert beam is not None
-    return make_sensor(sensor, index, beam)
+    return make_sensor(sensor, index, assembly.flexible[sensor.link].beams)

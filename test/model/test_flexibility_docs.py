@@ -14,7 +14,7 @@ from denoc_ros.model.urdf import load_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / 'docs' / 'flexibility.md').read_text()
-EXAMPLE, DIVIDED, IMU, LOOP = re.findall(r'```xml\n(.*?)```', TEXT, re.DOTALL)
+EXAMPLE, VARYING, DIVIDED, IMU, LOOP = re.findall(r'```xml\n(.*?)```', TEXT, re.DOTALL)
 
 
 def test_the_example_loads_without_a_warning() -> None:
@@ -24,6 +24,18 @@ def test_the_example_loads_without_a_warning() -> None:
     modes = [body.beam.modes for body in tree.bodies if body.beam is not None]
     assert modes == [(2, 2, 1), (2, 0, 0)]
     assert [sensor.name for sensor in tree.sensors] == ['upper_arm_root', 'forearm_root']
+
+
+def test_the_varying_beam_loads() -> None:
+    boom = (
+        '<link name="boom"><inertial><origin xyz="3 0 0"/><mass value="25"/>'
+        '<inertia ixx="0.1" ixy="0" ixz="0" iyy="70" iyz="0" izz="70"/></inertial></link>'
+    )
+    tree = load_tree(f'<robot name="r">{boom}<flexibility>{VARYING}</flexibility></robot>')
+    beam = tree.bodies[0].beam
+    assert beam is not None
+    assert beam.varies
+    assert beam.modes == (3, 3, 1)
 
 
 def test_the_divided_beam_loads() -> None:
@@ -65,7 +77,7 @@ def test_every_attribute_of_the_block_is_in_the_reference(element: str) -> None:
 def names_taken() -> set[str]:
     """Return the attributes and elements that the readers of the block let pass."""
     found = set()
-    for name in ('flexibility', 'loops', 'sensors', 'springs'):
+    for name in ('flexibility', 'beam_sections', 'loops', 'sensors', 'springs'):
         source = (ROOT / 'denoc_ros' / 'model' / f'{name}.py').read_text(encoding='utf-8')
         for call in ast.walk(ast.parse(source)):
             if isinstance(call, ast.Call) and getattr(call.func, 'attr', '') == 'only':

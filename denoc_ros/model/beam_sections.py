@@ -1,0 +1,343 @@
+"""Sections of a beam as the file says them: `<section>`, `<material>`, and `<at>` along it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from denoc_ros.model.along import Along, mean_and_along, sample_shares
+from denoc_ros.model.findings import Element, Findings, Reader
+from denoc_ros.model.sections import CrossSection, rectangle_section, round_section, tube_section
+from denoc_ros.types import Array
+
+SIZES = {'round': ('diameter',), 'tube': ('diameter', 'wall'), 'rectangle': ('y', 'z')}
+SHAPED: dict[str, Callable[..., CrossSection]] = {
+    'round': round_section,
+    'tube': tube_section,
+    'rectangle': rectangle_section,
+}
+NUMBERS = {
+    'ei_y': 'N m^2',
+    'ei_z': 'N m^2',
+    'gj': 'N m^2',
+    'mass_per_length': 'kg/m',
+    'polar_inertia': 'kg m^2/m',
+}
+REFUSED = {
+    'ea': 'the beam does not stretch',
+    'angle': 'the principal axes must be the axes of the beam frame',
+    'centroid_y': 'the centroid must be on the beam axis',
+    'centroid_z': 'the centroid must be on the beam axis',
+    'shear_center_y': 'the shear centre must be on the beam axis',
+    'shear_center_z': 'the shear centre must be on the beam axis',
+}
+MOST_STATIONS = 1000
+SAME_STATION = 1e-9  # of the length
+INTERPOLATIONS = ('linear', 'cubic')
+
+
+@dataclass(frozen=True)
+class BeamSection:
+    """A cross-section with its material."""
+
+    kind: str  # of SIZES
+    sizes: tuple[float, ...]  # [m]
+    e: float  # Young's modulus [Pa]
+    g: float  # shear modulus [Pa]
+    density: float  # [kg/m^3]
+
+    @cached_property
+    def section(self) -> CrossSection:
+        """The numbers of its shape."""
+        if self.kind not in SHAPED or not np.isfinite(self.sizes).all():
+            return CrossSection(math.nan, math.nan, math.nan, math.nan)
+        return SHAPED[self.kind](*self.sizes)
+
+    @property
+    def mass_per_length(self) -> float:
+        """[kg/m]."""
+        return self.density * self.section.area
+
+    @property
+    def polar_inertia(self) -> float:
+        """Polar inertia per length [kg m^2/m]."""
+        return self.density * self.section.polar_moment
+
+    @property
+    def torsional_rigidity(self) -> float:
+        """GJ [N m^2]."""
+        return self.g * self.section.torsion_constant
+
+    def flexural_rigidity(self, direction: str) -> float:
+        """Return EI [N m^2] for a deflection along y or z."""
+        section = self.section
+        return self.e * (section.moment_y if direction == 'y' else section.moment_z)
+
+
+def at_most_one(reader: Reader, tag: str) -> Element | None:
+    """Return the only child of a tag, None without one; note a second."""
+    found = reader.element.findall(tag)
+    if len(found) > 1:
+        reader.findings.add(reader.whose, f'<{tag}> must occur once, got {len(found)}')
+    return found[0] if found else None
+
+
+def read_section(beam: Reader, least: float | None = None) -> BeamSection | None:
+    """Return the `<section>` of a beam, or of a station of it, None without one.
+
+    Parameters
+    ----------
+    beam : Reader
+        Of `<beam>` or of its `<at>`, whose `<material>` may stand in the beam.
+    least : float, optional
+        Of the sizes [m]; they are > 0 where it is not given.
+    """
+    element = at_most_one(beam, 'section')
+    station = beam.element.tag == 'at'
+    materials = beam.element.findall('material')
+    if element is None:
+        if materials and beam.element.find('at/section') is None:
+            beam.findings.add(beam.whose, '<material> must come with a <section>, got none')
+        return None
+    section = _read_profile(
+        Reader(element, beam.whose, beam.findings, f' of <section>{beam.label}'), least
+    )
+    materials += element.findall('material')
+    whole = beam.element.getparent() if station else beam.element
+    if station and whole is not None:
+        materials += whole.findall('material')
+    if len(materials) != 1:
+        rule = f'must have one <material>, got {len(materials)}'
+        beam.findings.add(beam.whose, f'<section> {rule}')
+        return BeamSection(*section, math.nan, math.nan, math.nan)
+    material = Reader(materials[0], beam.whose, beam.findings, ' of <material>')
+    material.only(('e', 'g', 'density'))
+    bends, twists = (
+        whole is not None and whole.find(tag) is not None for tag in ('bending', 'torsion')
+    )
+    return BeamSection(
+        *section,
+        material.number('e', 'Pa', above=0.0, default=None if bends else math.nan),
+        material.number('g', 'Pa', above=0.0, default=None if twists else math.nan),
+        material.number('density', 'kg/m^3', above=0.0),
+    )
+
+
+def expand_section(beam: Element) -> None:
+    """Replace a beam's `<section>` by the numbers that it gives; leave a bad one to be found.
+
+    Parameters
+    ----------
+    beam : lxml element
+        `<beam>`, changed in place.
+    """
+    scratch = Findings()
+    section = read_section(Reader(beam, '', scratch))
+    if section is None or scratch.items:
+        return
+    for element in beam.findall('section') + beam.findall('material'):
+        beam.remove(element)
+    beam.set('mass_per_length', repr(section.mass_per_length))
+    for bending in beam.findall('bending'):
+        bending.set('ei', repr(section.flexural_rigidity(bending.get('direction'))))
+    for torsion in beam.findall('torsion'):
+        torsion.set('gj', repr(section.torsional_rigidity))
+        torsion.set('polar_inertia', repr(section.polar_inertia))
+
+
+def _read_profile(reader: Reader, least: float | None) -> tuple[str, tuple[float, ...]]:
+    kind = reader.choice('type', tuple(SIZES))
+    names = SIZES.get(kind, ())
+    reader.only(('type', *names) if kind else tuple(reader.element.attrib), ('material',))
+    above = 0.0 if least is None else None
+    numbers = [reader.number(name, 'm', above=above, least=least) for name in names]
+    if kind == 'tube' and 2.0 * numbers[1] > numbers[0]:
+        reader.fail('wall', f'be at most half the diameter {numbers[0]:g} m', numbers[1])
+    return kind, tuple(numbers)
+
+
+Profile = tuple[float, Along]  # mean and shares of it
+
+
+@dataclass(frozen=True)
+class _Station:
+    x: float  # m
+    numbers: dict[str, float]
+    section: BeamSection | None
+
+
+def read_stations(beam: Reader, length: float) -> dict[str, Profile]:
+    """Return the numbers of a beam that its `<at>` elements give, by the names of `NUMBERS`.
+
+    Parameters
+    ----------
+    beam : Reader
+        Of `<beam>`.
+    length : float
+        [m]
+
+    Returns
+    -------
+    dict of str to (float, Along)
+        Mean over the length and the shares of it along the beam; empty without `<at>`.
+    """
+    interpolation = beam.choice('interpolation', INTERPOLATIONS, 'linear')
+    elements = beam.element.findall('at')
+    if not elements:
+        if beam.element.get('interpolation') is not None:
+            beam.fail('interpolation', 'come with <at> stations', interpolation)
+        return {}
+    before = len(beam.findings.items)
+    if len(elements) > MOST_STATIONS or len(elements) < 2:
+        rule = f'must be 2 to {MOST_STATIONS}'
+        beam.findings.add(beam.whose, f'number of <at> stations {rule}, got {len(elements)}')
+        return {}
+    if beam.element.find('section') is not None:
+        beam.findings.add(beam.whose, '<section> must stand in each <at>, got one in <beam>')
+    last = len(elements) - 1
+    stations = [_read_station(beam, at, k == last) for k, at in enumerate(elements)]
+    _check_places(beam, [station.x for station in stations], length)
+    if len(beam.findings.items) > before:
+        return {}
+    given = [station.section is not None for station in stations]
+    if any(given) and not all(given):
+        rule = 'must have a <section> each, or none'
+        beam.findings.add(beam.whose, f'<at> stations {rule}, got {sum(given)} of {len(given)}')
+        return {}
+    x = np.array([station.x for station in stations]) / length
+    x[-1] = 1.0
+    x[np.flatnonzero(np.diff(x) <= SAME_STATION) + 1] = x[:-1][np.diff(x) <= SAME_STATION]
+    if all(given):
+        return _from_sections(beam, x, [s.section for s in stations if s.section], interpolation)
+    return _from_numbers(beam, x, stations, interpolation)
+
+
+def _read_station(beam: Reader, element: Element, last: bool) -> _Station:
+    where = element.get('x', '')
+    reader = Reader(element, beam.whose, beam.findings, f' of <at x={where!r}>')
+    for name, reason in REFUSED.items():
+        if element.get(name) is not None:
+            reader.fail(name, f'be left out: {reason}', element.get(name))
+    refused = tuple(name for name in REFUSED if element.get(name) is not None)
+    reader.only(('x', *NUMBERS, *refused), ('section', 'material'))
+    # a beam may end in a point, where nothing is left of its section
+    bound: dict[str, float] = {'least': 0.0} if last else {'above': 0.0}
+    numbers = {
+        name: reader.number(name, unit, **bound)
+        for name, unit in NUMBERS.items()
+        if element.get(name) is not None
+    }
+    if element.find('section') is not None and numbers:
+        reader.fail(next(iter(numbers)), 'not come with a <section>', next(iter(numbers.values())))
+    section = read_section(reader, 0.0 if last else None)
+    return _Station(reader.number('x', 'm', least=0.0), numbers, section)
+
+
+def _check_places(beam: Reader, x: list[float], length: float) -> None:
+    if not np.isfinite([*x, length]).all():
+        return
+    near, steps = SAME_STATION * length, np.diff(x)
+    place = 'x of <at>'
+    shown = ' '.join(f'{each:g}' for each in x[:20])
+    if abs(x[0]) > near or abs(x[-1] - length) > near:
+        rule = f'must begin at 0 and end at the length {length:g} m'
+        beam.findings.add(beam.whose, f'{place} {rule}, got {shown}')
+    if (steps < -near).any():
+        beam.findings.add(beam.whose, f'{place} must rise, got {shown}')
+        return
+    equal = np.abs(steps) <= near
+    if (equal[1:] & equal[:-1]).any():
+        rule = 'must be equal for two stations at most, which make a step'
+        beam.findings.add(beam.whose, f'{place} {rule}, got {shown}')
+    if equal[0] or equal[-1]:
+        rule = 'must not step at the root or the tip'
+        beam.findings.add(beam.whose, f'{place} {rule}, got {shown}')
+
+
+def _interpolated(x: Array, rows: Array, interpolation: str) -> list[Callable[[Array], Array]]:
+    """Return functions of the share (n,) of each interval, to (n, columns), without the steps."""
+    steps = np.flatnonzero(np.diff(x) == 0.0)
+
+    def between(a: int, b: int, curve: PchipInterpolator | None) -> Callable[[Array], Array]:
+        if curve is None:
+            return lambda s: np.asarray(rows[a] + s[:, None] * (rows[b] - rows[a]))
+        return lambda s: np.asarray(curve(x[a] + s * (x[b] - x[a])))
+
+    found = []
+    for run in np.split(np.arange(len(x)), steps + 1):
+        curve = PchipInterpolator(x[run], rows[run]) if interpolation == 'cubic' else None
+        found += [between(a, b, curve) for a, b in itertools.pairwise(run)]
+    return found
+
+
+def _from_numbers(
+    beam: Reader, x: Array, stations: list[_Station], interpolation: str
+) -> dict[str, Profile]:
+    breaks, found = np.unique(x), {}
+    for name, unit in NUMBERS.items():
+        column = [station.numbers.get(name) for station in stations]
+        given = [value for value in column if value is not None]
+        if not given:
+            continue
+        if len(given) < len(column):
+            rule = f'must be given at each station, or at none [{unit}]'
+            beam.findings.add(beam.whose, f'{name} of <at> {rule}, got {len(given)}')
+            continue
+        curves = _interpolated(x, np.array(given)[:, None], interpolation)
+        samples = [curve(sample_shares())[:, 0] for curve in curves]
+        found[name] = mean_and_along(breaks, samples)
+    if not found and len(beam.findings.items) == 0:
+        rule = f'must have a <section> or numbers ({", ".join(NUMBERS)})'
+        beam.findings.add(beam.whose, f'<at> stations {rule}, got none')
+    return found
+
+
+def _from_sections(
+    beam: Reader, x: Array, sections: list[BeamSection], interpolation: str
+) -> dict[str, Profile]:
+    for k, (one, next_) in enumerate(itertools.pairwise(sections)):
+        if one.kind != next_.kind and x[k] < x[k + 1]:
+            rule = 'type must be that of the station before, or change in a step (two at one x)'
+            got = f'{one.kind} and {next_.kind}'
+            beam.findings.add(beam.whose, f'<section> of <at>: {rule}, got {got}')
+            return {}
+    breaks, found = np.unique(x), {}
+    begins = np.flatnonzero(np.diff(x) > 0.0)
+    # sizes of each type stand in columns of their own
+    most = max(len(each.sizes) for each in sections)
+    rows = np.array(
+        [
+            [*each.sizes, *[0.0] * (most - len(each.sizes)), each.e, each.g, each.density]
+            for each in sections
+        ]
+    )
+    curves = _interpolated(x, np.nan_to_num(rows), interpolation)
+    along = [
+        [_section(sections[begins[k]], row) for row in curves[k](sample_shares())]
+        for k in range(len(curves))
+    ]
+    quantities: dict[str, Callable[[BeamSection], float]] = {
+        'ei_y': lambda each: each.flexural_rigidity('y'),
+        'ei_z': lambda each: each.flexural_rigidity('z'),
+        'gj': lambda each: each.torsional_rigidity,
+        'mass_per_length': lambda each: each.mass_per_length,
+        'polar_inertia': lambda each: each.polar_inertia,
+    }
+    for name, quantity in quantities.items():
+        samples = [np.array([quantity(each) for each in interval]) for interval in along]
+        found[name] = mean_and_along(breaks, samples)
+    return found
+
+
+def _section(like: BeamSection, row: Array) -> BeamSection:
+    e, g, density = (float(value) for value in row[-3:])
+    sizes = tuple(float(value) for value in row[: len(like.sizes)])
+    if like.kind == 'tube':  # curves through two sizes may cross between stations
+        sizes = (sizes[0], min(sizes[1], 0.5 * sizes[0]))
+    return BeamSection(like.kind, sizes, e, g, density)
