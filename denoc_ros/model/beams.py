@@ -28,7 +28,6 @@ from denoc_ros.model.tree import Beam, Deformation, RigidInertia
 from denoc_ros.model.varying_shapes import first_root, varying_shapes
 from denoc_ros.types import Array
 
-
 POINTED = 1e-12  # of a mean: what arithmetic leaves of a zero at the tip
 
 
