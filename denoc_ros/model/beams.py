@@ -212,7 +212,10 @@ def _beams(
         )
         torsion = None
         if element.torsion is not None and element.torsion.modes > 0:
-            torsion = _deformation(element.torsion, 1, '', element, polar_inertia, span)
+            # a torque at the tip twists a tapered beam most where it is thin: a shape of its own
+            varying = not (element.torsion.along.uniform and polar.uniform)
+            name = 'static twist' if carries and varying and segments == 1 else ''
+            torsion = _deformation(element.torsion, 1, name, element, polar_inertia, span)
         own = (mass.part(*span), polar.part(*span))
         found.append(Beam(length, mass_per_length, polar_inertia, y, z, torsion, segments, *own))
     return tuple(found)
@@ -224,7 +227,7 @@ def _shapes(
     """Return the shapes of a beam, or of one of its segments, of given stiffness and inertia."""
     if not (along[0].uniform and along[1].uniform):
         if order == 1:
-            name = 'twist' if segments == 1 else 'segment twist'
+            name = 'static twist' if name or segments > 1 else 'twist'
         elif name == 'constant curvature':
             name = 'constant moment'
         return varying_shapes(name, modes, length, *along)

@@ -170,7 +170,7 @@ def varying_shapes(
     ----------
     shape : str
         Of bending one of `SHAPES`, or 'constant moment' (the one that a moment at the tip makes);
-        of twist 'twist', or 'segment twist' (the one that a torque at the tip makes, and those
+        of twist 'twist', or 'static twist' (the one that a torque at the tip makes, and those
         with both ends held).
     modes : int
     length : float
@@ -191,7 +191,7 @@ def varying_shapes(
     root, end = [int(k) for k in space.nodes[0]], [int(k) for k in space.nodes[-1]]
     if shape == 'constant moment':
         basis = _loaded(space, root, end[1])
-    elif shape == 'segment twist':
+    elif shape == 'static twist':
         basis = np.hstack([space.static(root, end[0]), space.modes([*root, *end], modes - 1)])
     elif shape == 'craig-bampton':
         static = [space.static([*root, end[1 - k]], end[k]) for k in range(2)]

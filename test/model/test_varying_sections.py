@@ -288,3 +288,18 @@ def test_a_cubic_curve_is_smooth_and_between_its_stations() -> None:
     assert (np.diff(fine) < 0.0).all()
     slopes = part.y.along.values(np.array([0.6 - 1e-9, 0.6 + 1e-9]), 1)
     assert slopes[0] == pytest.approx(slopes[1], rel=1e-6)
+
+
+def test_a_torque_at_the_tip_of_a_tapered_beam_that_carries_twists_it_rightly() -> None:
+    child = (
+        '<link name="tool"><inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" '
+        'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="f" type="fixed">'
+        '<parent link="arm"/><child link="tool"/><origin xyz="2 0 0"/></joint>'
+    )
+    text = description(beam(stepped(), '<torsion modes="1"/>'), child)
+    part = load_robot(text).tree.bodies[0].beam
+    assert part is not None
+    assert part.torsion is not None
+    value = part.torsion.shapes.values(np.array([LENGTH]))[0]
+    turn, _ = quad(lambda x: 2.0 / rigidity(x), 0.0, LENGTH, points=[0.9])
+    assert value @ (value / part.torsion.modal_stiffness) == pytest.approx(turn, rel=1e-9)
