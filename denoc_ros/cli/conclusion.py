@@ -10,6 +10,7 @@ from denoc_ros.cli.interrupts import Interrupt
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session_file import SessionFile
 from denoc_ros.errors import DenocError
+from denoc_ros.output_files import write_text
 from denoc_ros.reports.run_files import BAG_FOLDER
 
 CUT_OFF = 'bag_cut_off'  # what a recorder left that did not end by itself
@@ -67,7 +68,7 @@ def conclude(
     summary = {'run': str(folder), **summary, 'processor_share': shares}
     if failure:
         summary['failure'] = failure
-    (folder / 'summary.json').write_text(json.dumps(summary, indent=2, allow_nan=False))
+    write_text(folder / 'summary.json', json.dumps(summary, indent=2, allow_nan=False))
     return summary
 
 
