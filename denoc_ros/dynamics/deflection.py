@@ -48,13 +48,13 @@ class TipDeflections:
         self._rows = np.zeros((6 * count + n, n))
         self._owner = np.zeros((count, n))  # -1/2 at a link's own amplitudes
         ready(tip_deflections)
-        self._composed: list[tuple[slice, tuple[Array, Array, float], slice]] = []
+        self._composed: list[tuple[slice, tuple[Array, Array, Array], slice]] = []
         self._turns = np.zeros(ROTATIONS)
         linear, shortening = self._rows[: 6 * count], self._rows[6 * count :]
         for index, link in enumerate(self.links):
             tip, own = robot.section(link)
             if isinstance(tip, SegmentedSection):
-                self._composed.append((slice(6 * index, 6 * index + 6), tip.segment, own))
+                self._composed.append((slice(6 * index, 6 * index + 6), tip.ends, own))
                 continue
             linear[6 * index : 6 * index + 6, own] = tip.linear
             shortening[own, own] = tip.shortening
@@ -82,6 +82,6 @@ class TipDeflections:
         size = len(self.names)
         position, rate = (np.empty(size), np.empty(size)) if out is None else out
         tip_deflections(self._rows, self._owner, q, qd, position, rate)
-        for part, segment, own in self._composed:
-            segmented_tip(*segment, q[own], qd[own], self._turns, position[part], rate[part])
+        for part, ends, own in self._composed:
+            segmented_tip(*ends, q[own], qd[own], self._turns, position[part], rate[part])
         return position, rate

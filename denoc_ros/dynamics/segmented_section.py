@@ -84,9 +84,9 @@ class SegmentedSection:
         return np.concatenate([linear.sum(axis=-2), angular], axis=-1)
 
     @property
-    def segment(self) -> tuple[Array, Array, float]:
-        """Of the first segment's tip: `linear` and `shortening` of its section, and its length."""
-        return self._linear[0], self._shortening[0], float(self._stations[0])
+    def ends(self) -> tuple[Array, Array, Array]:
+        """Of each segment's end: `linear` (s, 6, m), `shortening` (s, m, m), length (s,) [m]."""
+        return self._linear, self._shortening, self._stations
 
     def jacobian(self, amplitudes: Array) -> Array:
         """Return the derivative (3, m), or (..., 3, m), of the displacement."""

@@ -45,20 +45,20 @@ def tip_deflections(rows, owner, q, qd, position, rate):
 
 
 @kernel(
-    'void(float64[:, ::1], float64[:, ::1], float64, float64[::1], float64[::1], float64[::1], '
-    'float64[::1], float64[::1])'
+    'void(float64[:, :, ::1], float64[:, :, ::1], float64[::1], float64[::1], float64[::1], '
+    'float64[::1], float64[::1], float64[::1])'
 )
-def segmented_tip(linear, shortening, length, d, dd, turns, position, rate):
+def segmented_tip(linear, shortening, lengths, d, dd, turns, position, rate):
     """Write displacement and rotation (6,) of the tip of a beam of segments, and their rates.
 
     Parameters
     ----------
-    linear : (6, m) array
-        Of the tip of one segment, per amplitude: as `rows` of :func:`tip_deflections`.
-    shortening : (m, m) array
-        H of one segment.
-    length : float
-        Of one segment [m].
+    linear : (s, 6, m) array
+        Of the tip of each segment, per amplitude: as `rows` of :func:`tip_deflections`.
+    shortening : (s, m, m) array
+        H of each segment.
+    lengths : (s,) array
+        Of each segment [m].
     d, dd : (s m,) arrays
         Amplitudes and rates of the s segments, from the root on.
     turns : (ROTATIONS,) array
@@ -72,21 +72,22 @@ def segmented_tip(linear, shortening, length, d, dd, turns, position, rate):
     vector of a segment's tip in its own frame: x += R p, v += w x R p + R p', w += R J(phi) phi',
     R <- R Exp(phi). The inverse left Jacobian of the whole turn gives the rate of its vector.
     """
-    m = linear.shape[1]
-    segments = d.shape[0] // m
+    m = linear.shape[2]
+    straight = 0.0
     x = v = w = (0.0, 0.0, 0.0)
     square_plus(0.0, 0.0, x, turns, TURN)
-    for s in range(segments):
+    for s in range(linear.shape[0]):
         for row in range(COMPONENTS):
             position[row] = rate[row] = 0.0
             for j in range(m):
-                position[row] += linear[row, j] * d[s * m + j]
-                rate[row] += linear[row, j] * dd[s * m + j]
-        position[0] = length
+                position[row] += linear[s, row, j] * d[s * m + j]
+                rate[row] += linear[s, row, j] * dd[s * m + j]
+        position[0] = lengths[s]
+        straight += lengths[s]
         for j in range(m):
             drawn = 0.0
             for k in range(m):
-                drawn += shortening[j, k] * d[s * m + k]
+                drawn += shortening[s, j, k] * d[s * m + k]
             position[0] -= 0.5 * drawn * d[s * m + j]
             rate[0] -= drawn * dd[s * m + j]
         arm = rotate(turns, TURN, load(position, 0))
@@ -103,7 +104,7 @@ def segmented_tip(linear, shortening, length, d, dd, turns, position, rate):
     phi = rotation_vector(turns, TURN)
     _, b, _, slope, _ = exponential_coefficients(phi[0] ** 2 + phi[1] ** 2 + phi[2] ** 2)
     square_plus(-0.5, -0.5 * slope / b, phi, turns, BENT)  # the inverse left Jacobian
-    store(position, 0, subtract(x, (segments * length, 0.0, 0.0)))
+    store(position, 0, subtract(x, (straight, 0.0, 0.0)))
     store(position, 3, phi)
     store(rate, 0, v)
     store(rate, 3, rotate(turns, BENT, w))

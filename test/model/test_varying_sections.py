@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ModelError
 from denoc_ros.types import Array
@@ -303,3 +304,13 @@ def test_a_torque_at_the_tip_of_a_tapered_beam_that_carries_twists_it_rightly() 
     value = part.torsion.shapes.values(np.array([LENGTH]))[0]
     turn, _ = quad(lambda x: 2.0 / rigidity(x), 0.0, LENGTH, points=[0.9])
     assert value @ (value / part.torsion.modal_stiffness) == pytest.approx(turn, rel=1e-9)
+
+
+def test_the_tip_of_different_segments_is_that_of_its_section() -> None:
+    modes = Y.format('modes="2"') + Z.format('modes="1"')
+    found = robot(stepped(), modes, 'segments="3" shape="craig-bampton"')
+    q, qd = np.random.default_rng(1).uniform(-0.2, 0.2, (2, found.n))
+    section, own = found.section('arm')
+    position, rate = TipDeflections(found).evaluate(q, qd)
+    np.testing.assert_allclose(position, section.deflection(q[own]), atol=1e-13)
+    np.testing.assert_allclose(rate, section.rate(q[own], qd[own]), atol=1e-13)
