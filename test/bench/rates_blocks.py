@@ -145,7 +145,7 @@ def used_seconds() -> dict[int, float]:
     """Return the processor time of each process [s].
 
     That of /proc/stat is sampled, 250 times a second, beside loops that begin to work at the same
-    instants: it had half a core too much, or a third too little.
+    instants, and may count too much or too little.
     """
     found = {}
     for stat in Path('/proc').glob('[0-9]*/stat'):
