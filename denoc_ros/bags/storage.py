@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import IO
 
+from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
@@ -27,6 +29,11 @@ COMPRESSIONS = {
     'zstd': CompressionType.ZSTD,
 }
 _CHUNK_SIZE = 1 << 20
+# what reading torn bytes raises: mcap's own errors (an end too early, a wrong magic, a length
+# beyond the file), half a number (struct), and ValueError: names that are no UTF-8, a wrong
+# checksum, a chunk that cannot be opened; lengths that no memory has (Overflow-, MemoryError).
+# Errors of the disk and of this program pass.
+TORN = (McapError, struct.error, ValueError, OverflowError, MemoryError)
 
 
 def library_name() -> str:
@@ -244,7 +251,7 @@ class CompleteRecords:
             return next(self._records)
         except StopIteration:
             self.finished = True
-        except Exception:  # mcap raises whatever torn bytes lead it to
+        except TORN:
             pass
         return None
 
@@ -253,7 +260,7 @@ class CompleteRecords:
             content = decompressed(chunk.data, chunk.compression, chunk.uncompressed_size)
             opened = dataclasses.replace(chunk, compression='', data=content)
             return list(breakup_chunk(opened, validate_crc=True))
-        except Exception:
+        except TORN:
             self.damaged_chunks += 1
             return []
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import itertools
 import json
 import os
@@ -13,12 +15,14 @@ import time
 from argparse import ArgumentParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from child_processes import child
 from mcap.reader import make_reader
 
 from denoc_ros.bags.reader import read_attachment, read_bag
 from denoc_ros.bags.recover import recover
+from denoc_ros.bags.storage import CompleteRecords
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli import recover as recover_verb
 from denoc_ros.errors import BagError
@@ -193,3 +197,29 @@ def test_a_damaged_profile_does_not_spoil_what_is_recovered(tmp_path: Path) -> N
     file.write_bytes(file.read_bytes().replace(b'ros2', b'ro\x00s', 1))
     result = recover(path)
     assert len(list(read_bag(result.path))) == 300
+
+
+class FailingDisk(io.BytesIO):
+    """A file of which the disk gives the first bytes only."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return bytes, or raise what a disk raises."""
+        if self.tell() > 60:
+            raise OSError(errno.EIO, 'Input/output error')
+        return super().read(size)
+
+
+def test_an_error_of_the_disk_is_no_torn_record(tmp_path: Path) -> None:
+    whole = next(cut_off_bag(tmp_path).glob('*.mcap')).read_bytes()
+    with pytest.raises(OSError, match='Input/output error'):
+        list(CompleteRecords(FailingDisk(whole)))
+
+
+def test_damaged_bytes_end_a_file_and_raise_nothing(tmp_path: Path) -> None:
+    whole = next(cut_off_bag(tmp_path, count=20).glob('*.mcap')).read_bytes()
+    random = np.random.default_rng(0)
+    for _ in range(1000):
+        damaged = np.frombuffer(whole, np.uint8).copy()
+        at = random.integers(len(whole), size=random.integers(1, 12))
+        damaged[at] = random.choice([0, 0x7F, 0xFF, random.integers(256)], size=len(at))
+        list(CompleteRecords(io.BytesIO(damaged.tobytes())))

@@ -94,7 +94,7 @@ class IdentifiedModel:
         What the data tell of parameters that are not identifiable one by one.
     channels : tuple of ChannelFit
     reasons : tuple of str
-        Why values that were found are doubtful.
+        Why values that were found are doubtful, and which stiffnesses began too far off.
     overrides : dict of str to number or list
         Of the robot, what was found or doubtful.
     bodies : dict of str to RigidInertia
@@ -174,15 +174,18 @@ def identify_model(
     whole = _named_apart(whole)
     found = _fitted(robot, whole, free, cutoff, held_out, step)
     start, seconds, evaluations = found.start, found.seconds, found.evaluations
+    led: dict[str, float] = {}
     for _ in range(RESTARTS):
         far = _far_stiffness(found)
         if not far:
             break
+        led.update({path: start[path] for path in far})
         # from a stiffness that is nearer: modes of a wrong frequency lead a search astray
         again = robot.with_overrides({path: found.values[path] for path in far})
         found = _fitted(again, whole, free, cutoff, held_out, step)
         seconds, evaluations = seconds + found.seconds, evaluations + found.evaluations
-    return replace(_doubted(found), start={**start}, seconds=seconds, evaluations=evaluations)
+    told = with_far_starts(_doubted(found), led)
+    return replace(told, start={**start}, seconds=seconds, evaluations=evaluations)
 
 
 def _named_apart(recordings: Sequence[Recording]) -> list[Recording]:
@@ -218,6 +221,24 @@ def _doubted(found: IdentifiedModel) -> IdentifiedModel:
         return found
     words = {p: 'doubtful' if v == 'found' else v for p, v in found.verdict.items()}
     return replace(found, verdict=words, reasons=(*found.reasons, *far))
+
+
+def with_far_starts(found: IdentifiedModel, led: Mapping[str, float]) -> IdentifiedModel:
+    """Return the result with a reason for each stiffness that began far off and is not found.
+
+    Parameters
+    ----------
+    led : mapping of str to float
+        The value that the first search began with, of each stiffness that it began anew for.
+    """
+    reasons = tuple(
+        f'{path}: search must begin within a factor of {math.exp(FAR * PRIOR):.2g} of the '
+        f'stiffness, got {begun:.4g}, from where it came to {found.values[path]:.4g}: begin '
+        f'nearer, with the stiffness of the first natural frequency'
+        for path, begun in led.items()
+        if found.verdict[path] != 'found'
+    )
+    return replace(found, reasons=(*found.reasons, *reasons))
 
 
 def _fitted(

@@ -11,7 +11,7 @@ from identification_runs import recorded, sweeping
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.identification.model.fit import IdentifiedModel
+from denoc_ros.identification.model.fit import IdentifiedModel, with_far_starts
 from denoc_ros.identification.model.free_parameters import INERTIAL, FreeParameters, SearchPoint
 from denoc_ros.identification.model.information import verdict_of
 from denoc_ros.identification.model.prediction import PreparedRun
@@ -374,3 +374,12 @@ def test_an_offset_of_each_run_is_written_as_their_mean() -> None:
         change = step * np.eye(parameters.size)[k]
         sides = parameters.values(theta + change) - parameters.values(theta - change)
         np.testing.assert_allclose(slopes[:, k], sides / (2 * step), rtol=1e-6, atol=1e-9)
+
+
+def test_far_start_is_a_reason_where_the_stiffness_is_not_found(found: IdentifiedModel) -> None:
+    lost, kept = 'beam.link_1.y.ei', 'beam.link_2.y.ei'
+    led = {lost: 2e4, kept: 2e4}
+    told = with_far_starts(replace(found, verdict={**found.verdict, lost: 'doubtful'}), led)
+    assert len(told.reasons) == 1
+    assert told.reasons[0].startswith(f'{lost}: search must begin within a factor of 2.7')
+    assert told.verdict[kept] == 'found'
