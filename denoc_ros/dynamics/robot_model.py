@@ -31,17 +31,10 @@ from denoc_ros.kernels import (
     inverse,
     world,
 )
+from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.handle import (
-    ARMATURE,
-    DAMPING,
-    FRICTION,
-    GOOD,
-    NOT_FINITE,
-    SINGULAR,
-    STIFFNESS,
-)
+from denoc_ros.kernels.handle import GOOD, NOT_FINITE, SINGULAR
 from denoc_ros.model.arrays import ModelArrays, inertia_row, rigid_inertia, to_arrays
 from denoc_ros.model.coordinates import diagonals
 from denoc_ros.model.damping_overrides import with_other_damping
@@ -138,22 +131,22 @@ class RobotModel:
     @property
     def stiffness(self) -> Array:
         """Modal stiffness (n,) of the amplitudes [N/m or N m/rad], 0 for joints."""
-        return self._diagonal(STIFFNESS)
+        return self._diagonal(rec_.STIFFNESS)
 
     @property
     def damping(self) -> Array:
         """Viscous damping (n,) of joints and amplitudes [N s/m or N m s/rad]."""
-        return self._diagonal(DAMPING)
+        return self._diagonal(rec_.DAMPING)
 
     @property
     def friction(self) -> Array:
         """Coulomb friction (n,) of joints [N or N m]."""
-        return self._diagonal(FRICTION)
+        return self._diagonal(rec_.FRICTION)
 
     @property
     def armature(self) -> Array:
         """Rotor inertia (n,) of joints behind their gears [kg m^2 or kg]."""
-        return self._diagonal(ARMATURE)
+        return self._diagonal(rec_.ARMATURE)
 
     @property
     def slip_rate(self) -> float:

@@ -9,6 +9,7 @@ the inertia M - W D^-1 W^T and the wrench p + W D^-1 y; on the way out x = L^-T 
 
 from numba import types
 
+from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, content, is_vector
 from denoc_ros.kernels.block import block_at, wrench_of
@@ -16,13 +17,10 @@ from denoc_ros.kernels.body_inertia import body_inertia, flexible_block
 from denoc_ros.kernels.compiled import NUMBERS, apart, inlined, kernel, rows_kernel
 from denoc_ros.kernels.flexible_elimination import inward_flexible, outward_flexible
 from denoc_ros.kernels.handle import (
-    ARMATURE,
     GOOD,
     MISFIT,
     NOT_FINITE,
-    SCRATCH,
     SINGULAR,
-    ZERO,
     at,
     beyond,
     coordinates,
@@ -114,8 +112,10 @@ def solve(handle, shift, held, q, qd, given, tau, qdd, torque):
 def find_acceleration(handle, q, qd, tau, qdd):
     """Write the accelerations (n) under generalized forces tau (n)."""
     diagonals = model_arrays(handle)[3]
-    zero = diagonals[ZERO]
-    return solve(handle, diagonals[ARMATURE], zero, q, qd, zero, tau, qdd, diagonals[SCRATCH])
+    zero = diagonals[rec_.ZERO]
+    return solve(
+        handle, diagonals[rec_.ARMATURE], zero, q, qd, zero, tau, qdd, diagonals[rec_.SCRATCH]
+    )
 
 
 @kernel(types.int64(types.int64, array_object, array_object, array_object, array_object))
@@ -167,7 +167,7 @@ def find_articulated(handle, shift, held, q, qd, given, tau, qdd, torque):
         if at(topology, i, at_.JOINT) == 1 and held[j] != 0.0:
             torque[j] = (
                 held_force(topology, constants, work, qdd, i)
-                + diagonals[ARMATURE][j] * given[j]
+                + diagonals[rec_.ARMATURE][j] * given[j]
                 + internal_force(constants, diagonals, q, qd, j)
             )
     return GOOD if all_finite(torque, n) else NOT_FINITE
@@ -191,7 +191,7 @@ def articulated_dynamics(handle, shift, held, q, qd, given, tau, qdd, torque):
 )
 def articulated_dynamics_rows(handle, held, q, qd, given, tau, first, last, qdd, torque):
     """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
-    shift = model_arrays(handle)[3][ARMATURE]
+    shift = model_arrays(handle)[3][rec_.ARMATURE]
     n = coordinates(handle)
     a, b, c, d = elements(q), elements(qd), elements(given), elements(tau)
     e, f, flags = elements(qdd), elements(torque), elements(held)

@@ -2,6 +2,7 @@
 
 from numba import types
 
+from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.array_object import (
     READABLE,
@@ -15,13 +16,9 @@ from denoc_ros.kernels.block import six
 from denoc_ros.kernels.body_inertia import flexible_inertia
 from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.handle import (
-    ARMATURE,
-    COSINE,
     GOOD,
     MISFIT,
     NOT_FINITE,
-    SINE,
-    ZERO,
     at,
     beyond,
     coordinates,
@@ -223,7 +220,7 @@ def find_inertia(handle, q, out):
     """Write the (n, n) generalized inertia matrix."""
     topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    sines, cosines = diagonals[SINE], diagonals[COSINE]
+    sines, cosines = diagonals[rec_.SINE], diagonals[rec_.COSINE]
     write_sines(q, n, sines, cosines)
     for i in range(1, bodies + 1):
         place_by_sines(topology, constants, work, q, sines, cosines, i)
@@ -240,7 +237,7 @@ def find_inertia(handle, q, out):
         if at(topology, i, at_.PARENT) > 0:
             transmit_composite(topology, work, i)
     for j in range(n):
-        out[(n + 1) * j] += diagonals[ARMATURE][j]
+        out[(n + 1) * j] += diagonals[rec_.ARMATURE][j]
     return GOOD if all_finite(out, n * n) else NOT_FINITE
 
 
@@ -305,7 +302,7 @@ def find_energies(handle, q, qd, out):
     """Write kinetic and potential energy (gravity and strain)."""
     topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, diagonals[ZERO])
+    outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, diagonals[rec_.ZERO])
     kinetic = 0.0
     potential = 0.0
     for i in range(1, bodies + 1):
@@ -315,7 +312,7 @@ def find_energies(handle, q, qd, out):
         kinetic += body_kinetic(topology, work, qd, i)
         potential += body_gravity(topology, constants, work, i)
     for j in range(n):
-        kinetic += 0.5 * diagonals[ARMATURE][j] * qd[j] * qd[j]
+        kinetic += 0.5 * diagonals[rec_.ARMATURE][j] * qd[j] * qd[j]
         potential += spring_energy(diagonals, q, j)
     out[0] = kinetic
     out[1] = potential

@@ -9,6 +9,7 @@ import numpy as np
 from numba import types
 
 from denoc_ros.kernels import constraint_layout as loop_
+from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, content, is_vector
 from denoc_ros.kernels.articulated import (
@@ -20,13 +21,10 @@ from denoc_ros.kernels.closure import all_rows, constraint_rows, constraints
 from denoc_ros.kernels.compiled import NUMBERS, apart, inlined, kernel, rows_kernel
 from denoc_ros.kernels.constraint_columns import constraint_columns
 from denoc_ros.kernels.handle import (
-    ARMATURE,
     GOOD,
     MISFIT,
     NOT_FINITE,
-    SCRATCH,
     SINGULAR,
-    ZERO,
     at,
     beyond,
     coordinates,
@@ -129,7 +127,7 @@ def resist(topology, constants, work, t, rows, stage):
 def write_columns(handle, held, q, qd, given, t, rows):
     """Write all rows and their columns after an inward pass at this state."""
     topology, constants, work, diagonals, bodies = model_arrays(handle)
-    n, zero = coordinates(handle), diagonals[ZERO]
+    n, zero = coordinates(handle), diagonals[rec_.ZERO]
     columns = columns_of(t, rows, n)
     for k in range(rows * n):
         work[columns + k] = 0.0
@@ -185,7 +183,7 @@ def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd):
     if lacks_rotor(handle, held):
         return SINGULAR
     topology, constants, work, diagonals, bodies = model_arrays(handle)
-    n, drive = coordinates(handle), diagonals[SCRATCH]
+    n, drive = coordinates(handle), diagonals[rec_.SCRATCH]
     for j in range(n):
         drive[j] = tau[j] - internal_force(constants, diagonals, q, qd, j)
     outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, given)
@@ -229,7 +227,7 @@ def constrained_dynamics(handle, held, q, qd, given, tau, qdd, multipliers):
     ):
         return MISFIT
     status = find_constrained(
-        handle, EXPLICIT, 0.0, diagonals[ARMATURE], content(held), content(q), content(qd),
+        handle, EXPLICIT, 0.0, diagonals[rec_.ARMATURE], content(held), content(q), content(qd),
         content(given), content(tau), content(qdd),
     )  # fmt: skip
     copy_multipliers(handle, content(multipliers))
@@ -250,7 +248,7 @@ def constrained_dynamics_rows(handle, held, q, qd, given, tau, first, last, qdd,
     for row in range(first, last):
         k = n * row
         status = find_constrained(
-            handle, EXPLICIT, 0.0, diagonals[ARMATURE], flags, beyond(a, k), beyond(b, k),
+            handle, EXPLICIT, 0.0, diagonals[rec_.ARMATURE], flags, beyond(a, k), beyond(b, k),
             beyond(c, k), beyond(d, k), beyond(e, k),
         )  # fmt: skip
         copy_multipliers(handle, beyond(f, at(topology, 0, loop_.ROWS) * row))

@@ -6,6 +6,7 @@ second.
 import numpy as np
 from numba import types
 
+from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels.array_object import (
     READABLE,
     WRITABLE,
@@ -18,16 +19,7 @@ from denoc_ros.kernels.array_object import (
 )
 from denoc_ros.kernels.articulated import find_articulated
 from denoc_ros.kernels.compiled import inlined, kernel
-from denoc_ros.kernels.handle import (
-    ARMATURE,
-    GOOD,
-    MISFIT,
-    SCRATCH,
-    ZERO,
-    beyond,
-    coordinates,
-    model_arrays,
-)
+from denoc_ros.kernels.handle import GOOD, MISFIT, beyond, coordinates, model_arrays
 from denoc_ros.kernels.joint_tracking import POSITION, RATE, ROWS, track
 from denoc_ros.kernels.step import STEP_ROWS, adopt, open_stage, take_step
 
@@ -149,9 +141,17 @@ def driven_torque(handle, held, places, position, rate, acceleration, q, qd, qdd
         j = np.int64(index[i])
         x[j], v[j], wanted[j] = content(position)[i], content(rate)[i], asked[i]
     diagonals = model_arrays(handle)[3]
-    force = diagonals[SCRATCH]
+    force = diagonals[rec_.SCRATCH]
     status = find_articulated(
-        handle, diagonals[ARMATURE], content(held), x, v, wanted, diagonals[ZERO], a, force
+        handle,
+        diagonals[rec_.ARMATURE],
+        content(held),
+        x,
+        v,
+        wanted,
+        diagonals[rec_.ZERO],
+        a,
+        force,
     )
     if status != GOOD:
         return status

@@ -6,20 +6,11 @@ belong to it, and forces of held joints follow them. Right-hand sides take O(n) 
 
 from numba import types
 
+from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels.array_object import array_object, content
 from denoc_ros.kernels.articulated import find_articulated
 from denoc_ros.kernels.compiled import inlined, kernel, merged, rows_kernel
-from denoc_ros.kernels.handle import (
-    ARMATURE,
-    GOOD,
-    MISFIT,
-    SCRATCH,
-    ZERO,
-    beyond,
-    coordinates,
-    elements,
-    model_arrays,
-)
+from denoc_ros.kernels.handle import GOOD, MISFIT, beyond, coordinates, elements, model_arrays
 from denoc_ros.kernels.inverse_derivatives import find_derivatives, fit
 from denoc_ros.kernels.right_hand_sides import factors_to_base, solve_columns
 
@@ -29,10 +20,10 @@ def find_forward_derivatives(handle, q, qd, tau, by_q, by_rate, inverse):
     """Write d q'' / dq, d q'' / dq' and I^-1 (n, n each)."""
     topology, _reals, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    held = diagonals[ZERO]
+    held = diagonals[rec_.ZERO]
     # the accelerations stand in the result's first row until the derivatives there take its place
     status = find_articulated(
-        handle, diagonals[ARMATURE], held, q, qd, held, tau, inverse, diagonals[SCRATCH]
+        handle, diagonals[rec_.ARMATURE], held, q, qd, held, tau, inverse, diagonals[rec_.SCRATCH]
     )
     if status == GOOD:
         status = find_derivatives(handle, q, qd, inverse, by_q, by_rate, inverse)
@@ -123,7 +114,9 @@ def find_hybrid_derivatives(handle, held, states, found):
     by_rate, by_drive, inertia = beyond(found, m), beyond(found, 2 * m), beyond(found, 3 * m)
     qdd = beyond(found, 4 * m)
     # the torques stand where the derivatives by what drives take their place
-    status = find_articulated(handle, diagonals[ARMATURE], held, q, qd, given, tau, qdd, by_drive)
+    status = find_articulated(
+        handle, diagonals[rec_.ARMATURE], held, q, qd, given, tau, qdd, by_drive
+    )
     if status == GOOD:
         status = find_derivatives(handle, q, qd, qdd, found, by_rate, inertia)
     if status != GOOD:

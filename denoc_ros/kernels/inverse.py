@@ -2,16 +2,14 @@
 
 from numba import types
 
+from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, content, is_vector
 from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.handle import (
-    ARMATURE,
-    COSINE,
     GOOD,
     MISFIT,
     NOT_FINITE,
-    SINE,
     at,
     beyond,
     coordinates,
@@ -29,7 +27,7 @@ from denoc_ros.kernels.wrench import body_wrench, transmit_wrench
 @inlined
 def outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, qdd):
     """Place and move every body and write the wrench it needs for its own motion."""
-    sines, cosines = diagonals[SINE], diagonals[COSINE]
+    sines, cosines = diagonals[rec_.SINE], diagonals[rec_.COSINE]
     write_sines(q, n, sines, cosines)
     for i in range(1, bodies + 1):
         place_by_sines(topology, constants, work, q, sines, cosines, i)
@@ -73,7 +71,9 @@ def find_torque(handle, q, qd, qdd, out):
     outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, qdd)
     # element by element before out is summed up: out may be one of the arguments
     for j in range(n):
-        out[j] = diagonals[ARMATURE][j] * qdd[j] + internal_force(constants, diagonals, q, qd, j)
+        out[j] = diagonals[rec_.ARMATURE][j] * qdd[j] + internal_force(
+            constants, diagonals, q, qd, j
+        )
     inward_wrenches(topology, constants, work, bodies, out)
     return GOOD if all_finite(out, n) else NOT_FINITE
 

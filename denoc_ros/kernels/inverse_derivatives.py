@@ -3,6 +3,7 @@
 from numba import types
 
 from denoc_ros.kernels import derivative_layout as diff_
+from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.array_object import (
     READABLE,
@@ -33,12 +34,9 @@ from denoc_ros.kernels.derivative_rows import (
     zero_span,
 )
 from denoc_ros.kernels.handle import (
-    ARMATURE,
-    COSINE,
     GOOD,
     MISFIT,
     NOT_FINITE,
-    SINE,
     at,
     beyond,
     coordinates,
@@ -83,7 +81,7 @@ from denoc_ros.kernels.world_motion import move_world, own_share
 @merged
 def outward_derivatives(n, topology, constants, work, diagonals, bodies, q, qd, qdd):
     """Place and move every body in base axes and write its own share."""
-    sines, cosines = diagonals[SINE], diagonals[COSINE]
+    sines, cosines = diagonals[rec_.SINE], diagonals[rec_.COSINE]
     write_sines(q, n, sines, cosines)
     base = at(topology, 0, at_.DERIVED)
     motion = at(topology, 0, at_.WORK)
@@ -289,7 +287,7 @@ def find_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia):
         stiffness, damping = internal_slope(constants, diagonals, q, qd, j)
         by_q[(n + 1) * j] += stiffness
         by_rate[(n + 1) * j] += damping
-        inertia[(n + 1) * j] += diagonals[ARMATURE][j]
+        inertia[(n + 1) * j] += diagonals[rec_.ARMATURE][j]
     finite = all_finite(by_q, n * n) and all_finite(by_rate, n * n)
     return GOOD if finite and all_finite(inertia, n * n) else NOT_FINITE
 

@@ -9,12 +9,10 @@ its own q'' = (tau_q - friction(q') - (tau_s - spring(s, s'))) / armature.
 
 import numpy as np
 
+from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels.compiled import inlined, kernel
 from denoc_ros.kernels.handle import (
-    ARMATURE,
     GOOD,
-    LINK_MAP,
-    LINK_STATES,
     NOT_FINITE,
     SINGULAR,
     beyond,
@@ -36,13 +34,13 @@ STATES = 4  # rows of n elements that a call takes
 @inlined
 def link_map(handle, n):
     """Return, for n coordinates x, where theirs stand among all, and if they are of a spring."""
-    return span(record_of(handle)[LINK_MAP], 2 * n, np.uint32)
+    return span(record_of(handle)[rec_.LINK_MAP], 2 * n, np.uint32)
 
 
 @inlined
 def link_state(handle, n, row):
     """Return one of the rows where coordinates x are gathered."""
-    return beyond(span(record_of(handle)[LINK_STATES], STATES * n, np.float64), row * n)
+    return beyond(span(record_of(handle)[rec_.LINK_STATES], STATES * n, np.float64), row * n)
 
 
 @inlined
@@ -75,7 +73,7 @@ def scatter_torque(handle, places, m, row, q, qd, qdd, out):
             out[s] = row[k]
             continue
         motor = s - 1
-        driven = row[k] + diagonals[ARMATURE][motor] * qdd[motor]
+        driven = row[k] + diagonals[rec_.ARMATURE][motor] * qdd[motor]
         driven += internal_force(constants, diagonals, q, qd, motor)
         out[s] = row[k] + internal_force(constants, diagonals, q, qd, s)
         out[motor] = driven
@@ -104,7 +102,7 @@ def scatter_acceleration(handle, places, m, xdd, force, q, qd, tau, qdd):
             qdd[s] = xdd[k]
             continue
         motor = s - 1
-        armature = diagonals[ARMATURE][motor]
+        armature = diagonals[rec_.ARMATURE][motor]
         if not armature > 0.0:
             return SINGULAR
         moved = tau[motor] - internal_force(constants, diagonals, q, qd, motor) - force[k]
@@ -124,7 +122,7 @@ def lacks_rotor(handle, held):
     _, _, _, diagonals, _ = model_arrays(handle)
     for k in range(m):
         motor = np.int64(places[k]) - 1
-        if places[m + k] != 0 and held[motor] == 0.0 and not diagonals[ARMATURE][motor] > 0.0:
+        if places[m + k] != 0 and held[motor] == 0.0 and not diagonals[rec_.ARMATURE][motor] > 0.0:
             return True
     return False
 

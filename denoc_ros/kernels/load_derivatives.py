@@ -18,7 +18,6 @@ from denoc_ros.kernels.handle import (
     elements,
     model_arrays,
 )
-from denoc_ros.kernels.layout import COLUMNS as SECTION_COLUMNS
 from denoc_ros.kernels.placement import place_body
 from denoc_ros.kernels.section_columns import geometric_terms
 from denoc_ros.kernels.spatial import (
@@ -61,7 +60,7 @@ def write_path(topology, constants, work, n, i):
             j = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
             for k in range(at(topology, p, at_.MODES)):
                 linear, angular = pair(
-                    work, at(topology, i, at_.SECTION_WORK) + SECTION_COLUMNS + 6 * k
+                    work, at(topology, i, at_.SECTION_WORK) + at_.COLUMNS + 6 * k
                 )
                 column = twist_about_origin(work, turn, place, linear, angular)
                 store_strided(work, c + length * COLUMN + j + k, length, column)

@@ -7,18 +7,16 @@ e3 and e5 (s + 1). With loops, every new state is brought back onto them.
 
 import numpy as np
 
+from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels.articulated import find_acceleration
 from denoc_ros.kernels.closing import close_constraints
 from denoc_ros.kernels.compiled import inlined, kernel
 from denoc_ros.kernels.constrained import EXPLICIT, find_constrained
 from denoc_ros.kernels.constraint_layout import CONSTRAINTS
 from denoc_ros.kernels.handle import (
-    ARMATURE,
     GOOD,
     MISFIT,
     NOT_FINITE,
-    SCRATCH,
-    ZERO,
     at,
     beyond,
     coordinates,
@@ -57,9 +55,9 @@ def find_rate(handle, y, tau, out):
         if link_side(handle) != handle:
             return find_sprung_acceleration(handle, y, beyond(y, n), tau, beyond(out, n))
         return find_acceleration(handle, y, beyond(y, n), tau, beyond(out, n))
-    zero = diagonals[ZERO]
+    zero = diagonals[rec_.ZERO]
     return find_constrained(
-        handle, EXPLICIT, 0.0, diagonals[ARMATURE], zero, y, beyond(y, n), zero, tau,
+        handle, EXPLICIT, 0.0, diagonals[rec_.ARMATURE], zero, y, beyond(y, n), zero, tau,
         beyond(out, n),
     )  # fmt: skip
 
@@ -148,7 +146,7 @@ def explicit_steps(handle, a, b, errors, control, tau, state, before, k, new):
             rejected = True
         if constraints > 0:
             status = close_constraints(
-                handle, diagonals[ZERO], trial, beyond(trial, n), diagonals[SCRATCH]
+                handle, diagonals[rec_.ZERO], trial, beyond(trial, n), diagonals[rec_.SCRATCH]
             )
             if status != GOOD:
                 return status

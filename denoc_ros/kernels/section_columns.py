@@ -8,7 +8,6 @@ from denoc_ros.kernels import derivative_layout as diff_
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import short_inlined, short_shared
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.layout import COLUMNS as SECTION_COLUMNS
 from denoc_ros.kernels.motion import section_rates
 from denoc_ros.kernels.placement import SERIES_DB, SERIES_DC, six_terms
 from denoc_ros.kernels.spatial import (
@@ -133,7 +132,7 @@ def turns(work, turn, x, w, al, unturned):
 def section_slip(topology, constants, work, qd, qdd, i):
     """Return B d' and B d'' + B' d' of row i's section, base axes, phi' and phi''."""
     p = at(topology, i, at_.PARENT)
-    columns = at(topology, i, at_.SECTION_WORK) + SECTION_COLUMNS
+    columns = at(topology, i, at_.SECTION_WORK) + at_.COLUMNS
     turn = at(topology, p, at_.WORK) + at_.WORLD_ROTATION
     d = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
     rate, shortening = section_rates(topology, constants, qd, i)
@@ -152,7 +151,7 @@ def write_mode(topology, constants, work, qd, qdd, i, j, along, across, turning)
 
     The column is -h e_x + s e + slope z, of which only h = (H d)_j changes beside the axes.
     """
-    place = at(topology, i, at_.SECTION_WORK) + SECTION_COLUMNS + 6 * j
+    place = at(topology, i, at_.SECTION_WORK) + at_.COLUMNS + 6 * j
     h, s = work[place], work[place + 1] + work[place + 2]
     slope, _ = mode_slope(topology, constants, i, j)
     up = shortening_rate(topology, constants, i, j, qd)
@@ -290,7 +289,7 @@ def geometric_terms(topology, constants, work, i, force, torque, out, step):
     h = slope + counts[0] + counts[1] + counts[2]
     for k in range(at(topology, p, at_.MODES)):
         # theta_j = s_j J e: the power of both on a turn about each axis e
-        pushed = cross(force, load(work, o + SECTION_COLUMNS + 6 * k))
+        pushed = cross(force, load(work, o + at_.COLUMNS + 6 * k))
         power = turned_back(work, o + at_.COEFFICIENTS, phi, pushed)
         own, axis = mode_slope(topology, constants, i, k)
         power = add(power, scale(own, load(work, turning + 3 * axis)))

@@ -8,8 +8,8 @@ s + p or s - p outside, next to nothing inside, smooth in between.
 
 import numpy as np
 
+from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels.compiled import inlined
-from denoc_ros.kernels.handle import PLAY, STIFFNESS, STIFFNESS3
 
 SOFTNESS = 0.1  # of the corners, as a share of the play
 
@@ -39,38 +39,40 @@ def wind_up(s, play):
 @inlined
 def is_linear(diagonals, j):
     """Say whether the force is a constant times the coordinate."""
-    return diagonals[STIFFNESS3][j] == 0.0 and diagonals[PLAY][j] == 0.0
+    return diagonals[rec_.STIFFNESS3][j] == 0.0 and diagonals[rec_.PLAY][j] == 0.0
 
 
 @inlined
 def spring_force(diagonals, q, j):
     """Return the force by which coordinate j resists."""
-    k = diagonals[STIFFNESS][j]
+    k = diagonals[rec_.STIFFNESS][j]
     if is_linear(diagonals, j):
         return k * q[j]
-    e, slope, _ = wind_up(q[j], diagonals[PLAY][j])
-    return (k + diagonals[STIFFNESS3][j] * e * e) * e * slope
+    e, slope, _ = wind_up(q[j], diagonals[rec_.PLAY][j])
+    return (k + diagonals[rec_.STIFFNESS3][j] * e * e) * e * slope
 
 
 @inlined
 def spring_slope(diagonals, q, j):
     """Return the derivative of :func:`spring_force`."""
-    k = diagonals[STIFFNESS][j]
+    k = diagonals[rec_.STIFFNESS][j]
     if is_linear(diagonals, j):
         return k
-    k3 = diagonals[STIFFNESS3][j]
-    e, slope, bend = wind_up(q[j], diagonals[PLAY][j])
+    k3 = diagonals[rec_.STIFFNESS3][j]
+    e, slope, bend = wind_up(q[j], diagonals[rec_.PLAY][j])
     return (k + 3.0 * k3 * e * e) * slope * slope + (k + k3 * e * e) * e * bend
 
 
 @inlined
 def spring_energy(diagonals, q, j):
     """Return the energy that coordinate j stores."""
-    e, _, _ = wind_up(q[j], diagonals[PLAY][j])
-    return (0.5 * diagonals[STIFFNESS][j] + 0.25 * diagonals[STIFFNESS3][j] * e * e) * e * e
+    e, _, _ = wind_up(q[j], diagonals[rec_.PLAY][j])
+    return (
+        (0.5 * diagonals[rec_.STIFFNESS][j] + 0.25 * diagonals[rec_.STIFFNESS3][j] * e * e) * e * e
+    )
 
 
 @inlined
 def step_stiffness(diagonals, q, j):
     """Return the stiffness that a time step takes as constant, wherever in the play it begins."""
-    return diagonals[STIFFNESS][j] + 3.0 * diagonals[STIFFNESS3][j] * q[j] * q[j]
+    return diagonals[rec_.STIFFNESS][j] + 3.0 * diagonals[rec_.STIFFNESS3][j] * q[j] * q[j]

@@ -11,20 +11,11 @@ brought back onto the constraints (see closing).
 
 import numpy as np
 
+from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.articulated import find_articulated
 from denoc_ros.kernels.compiled import inlined
-from denoc_ros.kernels.handle import (
-    ARMATURE,
-    DAMPING,
-    FRICTION,
-    GOOD,
-    SCRATCH,
-    at,
-    beyond,
-    coordinates,
-    model_arrays,
-)
+from denoc_ros.kernels.handle import GOOD, at, beyond, coordinates, model_arrays
 from denoc_ros.kernels.spring import step_stiffness
 
 GAMMA = 1.0 - np.sqrt(0.5)
@@ -57,7 +48,7 @@ def hold(topology, bodies, held, source, target):
 @inlined
 def open_stage(handle, _stage, _g, shift, held, q, qd, given, tau, qdd):
     """Write the accelerations of a stage without constraints."""
-    torque = model_arrays(handle)[3][SCRATCH]
+    torque = model_arrays(handle)[3][rec_.SCRATCH]
     return find_articulated(handle, shift, held, q, qd, given, tau, qdd, torque)
 
 
@@ -78,11 +69,11 @@ def take_step(accelerate, handle, steps, held, dt, q, qd, given, tau):
     stage_qd = beyond(steps, STAGE_QD * n)
     wanted = beyond(steps, GIVEN * n)
     for j in range(n):
-        c = diagonals[DAMPING][j]
-        if diagonals[FRICTION][j] != 0.0:
+        c = diagonals[rec_.DAMPING][j]
+        if diagonals[rec_.FRICTION][j] != 0.0:
             t = np.tanh(qd[j] / constants[at_.SLIP_RATE])
-            c += diagonals[FRICTION][j] / constants[at_.SLIP_RATE] * (1.0 - t * t)
-        shift[j] = diagonals[ARMATURE][j] + g * c + g * g * step_stiffness(diagonals, q, j)
+            c += diagonals[rec_.FRICTION][j] / constants[at_.SLIP_RATE] * (1.0 - t * t)
+        shift[j] = diagonals[rec_.ARMATURE][j] + g * c + g * g * step_stiffness(diagonals, q, j)
         wanted[j] = 0.0
         drive[j] = tau[j] - g * step_stiffness(diagonals, q, j) * qd[j]
     hold(topology, bodies, held, given, wanted)
@@ -96,7 +87,7 @@ def take_step(accelerate, handle, steps, held, dt, q, qd, given, tau):
         if held[j] != 0.0:
             stage_q[j] = q[j] + dt * (qd[j] + 0.5 * dt * given[j])
         residual = stage_qd[j] - 2.0 * k1q
-        implicit = shift[j] - diagonals[ARMATURE][j]
+        implicit = shift[j] - diagonals[rec_.ARMATURE][j]
         elastic = g * step_stiffness(diagonals, q, j) * residual
         drive[j] = tau[j] - elastic + 2.0 * implicit * k1[j]
     status = accelerate(handle, SECOND_STAGE, g, shift, held, stage_q, stage_qd, wanted, drive, w)
