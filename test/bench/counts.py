@@ -97,6 +97,40 @@ def in_circles(graph: dict[str, set[str]]) -> list[str]:
     return sorted(name for name in graph if name in reached(name))
 
 
+def _import_lines(module: Module) -> int:
+    """Return the number of lines of all import statements."""
+    return sum(
+        (node.end_lineno or 0) - node.lineno + 1
+        for node in ast.walk(module.tree)
+        if isinstance(node, ast.Import | ast.ImportFrom)
+    )
+
+
+def late_imports(module: Module) -> int:
+    """Return the number of import statements inside functions."""
+    return len(
+        {
+            node
+            for function in functions(module)
+            for node in ast.walk(function)
+            if isinstance(node, ast.Import | ast.ImportFrom)
+        }
+    )
+
+
+def summaries(module: Module) -> Iterator[str]:
+    """Yield the first lines of all docstrings."""
+    for node in ast.walk(module.tree):
+        if isinstance(node, ast.Module | ast.ClassDef | Function):
+            yield (ast.get_docstring(node) or '').partition('\n')[0]
+
+
+def short_with_one_user(found: Sequence[Module], graph: dict[str, set[str]]) -> list[str]:
+    """Return the modules of at most 130 lines that exactly one other module imports."""
+    users = Counter(name for used in graph.values() for name in used)
+    return [m.name for m in found if users[m.name] == 1 and m.text.count('\n') <= 130]
+
+
 def importers(found: Sequence[Module], package: str, allowed: str) -> list[str]:
     """Return the modules outside a room that import a package."""
     pattern = re.compile(rf'^\s*(?:import|from) {package}\b', re.MULTILINE)
@@ -116,11 +150,23 @@ def counts(root: Path = ROOT) -> dict[str, Any]:
         lines[module.room] += module.text.count('\n')
     kernels = [f for m in found if m.room == 'kernels' for f in functions(m)]
     others = [f for m in found if m.room != 'kernels' for f in functions(m)]
+    graph = {m.name: imports(m, known) for m in found}
     asking = [m for m in found if m.room not in ('model', 'dynamics', 'bench')]
     return {
         'lines': dict(sorted(lines.items())),
         'lines in all': sum(lines.values()),
         'files': dict(sorted(Counter(module.room for module in found).items())),
+        'files in all': len(found),
+        'import lines': sum(_import_lines(module) for module in found),
+        'imports inside functions': sum(late_imports(module) for module in found),
+        'imports inside functions of cli': sum(late_imports(m) for m in found if m.room == 'cli'),
+        'lines with TYPE_CHECKING': sum(module.text.count('TYPE_CHECKING') for module in found),
+        'modules of at most 130 lines with one user': len(short_with_one_user(found, graph)),
+        'summaries with "what"': sum(
+            bool(re.search(r'\bwhat\b', text, re.IGNORECASE))
+            for module in found
+            for text in summaries(module)
+        ),
         'function lines: median': median(lengths),
         'function lines: 90th percentile': quantiles(lengths, n=10)[-1],
         'function lines: longest': max(lengths),
@@ -129,7 +175,7 @@ def counts(root: Path = ROOT) -> dict[str, Any]:
         'arguments: most elsewhere': max(map(argument_count, others)),
         'functions with more than 8 arguments': sum(argument_count(f) > 8 for f in others),
         'class names that occur twice': sorted(n for n, times in classes.items() if times > 1),
-        'modules in an import circle': in_circles({m.name: imports(m, known) for m in found}),
+        'modules in an import circle': in_circles(graph),
         'definitions of Array': sum(
             bool(re.search(r'^Array = ', module.text, re.MULTILINE)) for module in found
         ),
