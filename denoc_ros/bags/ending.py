@@ -50,7 +50,7 @@ class McapIndex:
     attachments: list[AttachmentIndex] = field(default_factory=list)
 
     def drop_last_chunk(self) -> None:
-        """Leave out the last chunk and what comes after it."""
+        """Leave out the last chunk and everything after it."""
         self.end = self.chunks.pop().chunk_start_offset
         self.counts.pop()
         self.attachments = [index for index in self.attachments if index.offset < self.end]

@@ -75,7 +75,7 @@ class Loss:
     next_path: Path | None = None
 
     def __str__(self) -> str:
-        """Return what happened and what was lost, as a message to the user."""
+        """Return the event and the loss as a message to the user."""
         held = self.contents
         text = (
             f'{self.path}: file must stay as it is written, got {self.cause}; '

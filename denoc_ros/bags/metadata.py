@@ -61,7 +61,7 @@ class Topic:
 
 @dataclass
 class FileContents:
-    """What one file of a bag holds: times in ns, messages by topic; its bytes once finished."""
+    """Content of one file of a bag: times in ns, messages by topic; its bytes once finished."""
 
     name: str
     start_ns: int = 0

@@ -76,7 +76,7 @@ class RecordedTopic:
 
 @dataclass(frozen=True)
 class BagContents:
-    """What a bag holds: topics, number of messages, first and last log time [ns]."""
+    """Content of a bag: topics, number of messages, first and last log time [ns]."""
 
     topics: tuple[RecordedTopic, ...]
     messages: int

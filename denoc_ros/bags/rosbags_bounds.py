@@ -24,7 +24,7 @@ class _BoundedYaml(YAML):
     """Reads by `load_yaml`; writes as before."""
 
     def load(self, stream: Any) -> Any:
-        """Return the value of a text; YAMLError for what `load_yaml` refuses."""
+        """Return the value of a text; YAMLError for a text that `load_yaml` refuses."""
         try:
             return load_yaml(stream)
         except YamlError as error:

@@ -37,7 +37,7 @@ TORN = (McapError, struct.error, ValueError, OverflowError, MemoryError)
 
 
 def library_name() -> str:
-    """Return what the header of a file says about who wrote it."""
+    """Return name and version of this library, for the header of a file."""
     return f'denoc_ros {version("denoc_ros")}'
 
 
@@ -73,7 +73,7 @@ class DiskFile:
         self._position = size
 
     def status(self) -> os.stat_result:
-        """Return what the system knows of the file, wherever it is now."""
+        """Return the system's status of the file, wherever it is now."""
         return os.fstat(self._descriptor)
 
     def close(self) -> None:
@@ -144,7 +144,7 @@ class McapFile:
         self._writer.add_attachment(stamp_ns, stamp_ns, name, media_type, content)
 
     def flush(self) -> None:
-        """End the chunk: after this a killed process loses nothing of what was written."""
+        """End the chunk: a process killed after this loses nothing written before."""
         self._writer.flush()
         self._complete = self._disk.tell()
 
@@ -266,7 +266,7 @@ class CompleteRecords:
 
 
 def count_messages(path: Path) -> FileContents:
-    """Return what the complete part of a file holds."""
+    """Return the content of the complete part of a file."""
     contents = FileContents(path.name)
     topics: dict[int, str] = {}
     with path.open('rb') as stream:

@@ -102,7 +102,7 @@ class BagWriter:
 
     @property
     def files(self) -> tuple[FileContents, ...]:
-        """What each file holds, in order."""
+        """Contents of the files, in order."""
         return (*self._finished, *([self._file.contents] if self._file else []))
 
     @property
@@ -267,7 +267,7 @@ class BagWriter:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        """Close: what was written before an error is worth keeping."""
+        """Close: messages written before an error are worth keeping."""
         self.close()
 
     def _open_file(self) -> McapFile:

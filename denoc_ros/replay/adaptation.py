@@ -86,7 +86,7 @@ def adapted_along(
     adapt: AdaptSettings,
     base: BaseRecord | None = None,
 ) -> Adapted:
-    """Return what a tracker finds along a bag.
+    """Return the parameters that a tracker estimates along a bag.
 
     Parameters
     ----------

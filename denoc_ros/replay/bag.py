@@ -36,7 +36,7 @@ MEASURED = 'measured'
 
 @dataclass(frozen=True)
 class Replay:
-    """What a replay found.
+    """Result of a replay.
 
     Attributes
     ----------
@@ -249,14 +249,14 @@ class _Work:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """What is written beside the recorded topics."""
+        """Topics written beside the recorded ones."""
         efforts = [f'{PREFIX}{model}/effort' for model in self._model.models]
         tips = [f'{PREFIX}tip_deflection'] if self._names else []
         modal = [f'{PREFIX}modal_state'] if self._model.has_modes else []
         return (*efforts, *tips, *modal)
 
     def messages(self) -> Iterator[Message]:
-        """Go through the bag; yield what is computed for each joint state, by log time."""
+        """Go through the bag; yield the computed rows of each joint state, by log time."""
         self._samples = self._motions = 0
         encoders = self._encoders()
         for block in self._stream:
@@ -270,7 +270,7 @@ class _Work:
             self._advance(block)
 
     def result(self) -> Replay:
-        """Return what was found."""
+        """Return the result."""
         measured = {name: one.result() for name, one in self._torque.items()}
         known = any(one.samples.any() for one in measured.values())
         return Replay(

@@ -1,4 +1,4 @@
-"""The messages of a replay: what was computed, row by row."""
+"""The messages of a replay: computed values, row by row."""
 
 from __future__ import annotations
 

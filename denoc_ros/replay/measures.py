@@ -95,7 +95,7 @@ class Comparison:
                 total += np.sum(np.where(known, values, 0.0), axis=0)
 
     def result(self) -> Agreement:
-        """Return what was found; NaN for columns without a row."""
+        """Return the measures; NaN for columns without a row."""
         count = np.where(self._samples > 0, self._samples, np.nan)
         return Agreement(
             self._samples,

@@ -89,7 +89,7 @@ class ReplaySettings:
 
 @dataclass(frozen=True)
 class ReplayPlan:
-    """What of a bag a replay goes by.
+    """Settings of a replay that come from its bag.
 
     Attributes
     ----------

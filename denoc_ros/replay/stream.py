@@ -29,7 +29,7 @@ JUMP = 0.01  # rad or m, at least
 
 @dataclass(frozen=True)
 class Source:
-    """What is read of a bag.
+    """Channels to be read from a bag.
 
     Attributes
     ----------

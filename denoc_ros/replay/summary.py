@@ -20,7 +20,7 @@ FAR = 2.0  # standard errors below zero are no chance
 
 
 def summarize(replay: Replay) -> dict[str, Any]:
-    """Return what was replayed and what was found: SI units, by joint and by deflection."""
+    """Return input and result of a replay: SI units, by joint and by deflection."""
     joints, names = replay.plan.joints, replay.deflection_names
     return {
         'bag': str(replay.plan.source.path),
