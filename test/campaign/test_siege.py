@@ -7,6 +7,7 @@ import math
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -267,6 +268,7 @@ def witness(folder: Path) -> Witness:
     told._folder, told._slack = folder, 0.0
     told._excused, told._waits, told._bare = [], [], []
     told._offsets, told._measured = {}, {'bare': 0, 'meter': 0}
+    told._lock = threading.Lock()
     return told
 
 

@@ -26,7 +26,7 @@ from denoc_ros.identification.model.information import (
 )
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.recording import Recording, read_recording, reading_spreads
-from denoc_ros.identification.model.search import ModelSearch, vector_of
+from denoc_ros.identification.model.search import ModelSearch, is_stiffness, vector_of
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
@@ -172,20 +172,29 @@ def identify_model(
         r if isinstance(r, Recording) else read_recording(r, robot, poses=poses) for r in given
     ]
     whole = _named_apart(whole)
-    found = _fitted(robot, whole, free, cutoff, held_out, step)
-    start, seconds, evaluations = found.start, found.seconds, found.evaluations
-    led: dict[str, float] = {}
+    began = time.perf_counter()
+    found = _fitted(_search(robot, whole, free, cutoff, step), held_out)
+    start, evaluations = found.start, found.evaluations
+    if found.reasons or _far_stiffness(found):
+        scan = _search(robot, whole, free, cutoff, step)
+        if sizes := scan.stiffnesses():
+            scaled = robot.with_overrides(sizes)
+            other = _fitted(_search(scaled, whole, free, cutoff, step), held_out)
+            evaluations += scan.evaluations + other.evaluations
+            if _misfit(other) < _misfit(found):
+                robot, found = scaled, other
     for _ in range(RESTARTS):
         far = _far_stiffness(found)
         if not far:
             break
-        led.update({path: start[path] for path in far})
         # from a stiffness that is nearer: modes of a wrong frequency lead a search astray
         again = robot.with_overrides({path: found.values[path] for path in far})
-        found = _fitted(again, whole, free, cutoff, held_out, step)
-        seconds, evaluations = seconds + found.seconds, evaluations + found.evaluations
+        found = _fitted(_search(again, whole, free, cutoff, step), held_out)
+        evaluations += found.evaluations
+    seconds = time.perf_counter() - began
+    led = {path: start[path] for path in _far_stiffness(replace(found, start=start))}
     told = with_far_starts(_doubted(found), led)
-    return replace(told, start={**start}, seconds=seconds, evaluations=evaluations)
+    return replace(told, start=start, seconds=seconds, evaluations=evaluations)
 
 
 def _named_apart(recordings: Sequence[Recording]) -> list[Recording]:
@@ -200,13 +209,19 @@ def _named_apart(recordings: Sequence[Recording]) -> list[Recording]:
     return found
 
 
+def _misfit(found: IdentifiedModel) -> float:
+    """Return the mean logarithm of what is left of the channels, the lower the likelier."""
+    samples = np.array([each.samples for each in found.channels])
+    left = np.array([each.after for each in found.channels])
+    return float(samples @ np.log(np.maximum(left, 1e-300)) / samples.sum())
+
+
 def _far_stiffness(found: IdentifiedModel) -> list[str]:
     """Return the stiffnesses that the search has moved further than its prior trusts."""
     return [
         path
         for path, value in found.values.items()
-        if path.rpartition('.')[2] in ('ei', 'gj', 'stiffness')
-        and abs(math.log(value / found.start[path])) > FAR * PRIOR
+        if is_stiffness(path) and abs(math.log(value / found.start[path])) > FAR * PRIOR
     ]
 
 
@@ -229,7 +244,7 @@ def with_far_starts(found: IdentifiedModel, led: Mapping[str, float]) -> Identif
     Parameters
     ----------
     led : mapping of str to float
-        The value that the first search began with, of each stiffness that it began anew for.
+        Where the first search began, of each stiffness that ended far from there.
     """
     reasons = tuple(
         f'{path}: search must begin within a factor of {math.exp(FAR * PRIOR):.2g} of the '
@@ -241,19 +256,18 @@ def with_far_starts(found: IdentifiedModel, led: Mapping[str, float]) -> Identif
     return replace(found, reasons=(*found.reasons, *reasons))
 
 
-def _fitted(
-    robot: Robot,
-    whole: Sequence[Recording],
-    free: Sequence[str],
-    cutoff: float,
-    held_out: float,
-    step: float,
-) -> IdentifiedModel:
-    """Return the model by one search, which begins at the robot's numbers."""
-    began = time.perf_counter()
+def _search(
+    robot: Robot, whole: Sequence[Recording], free: Sequence[str], cutoff: float, step: float
+) -> ModelSearch:
+    """Return the search over all recordings that begins at a robot's numbers."""
     runs = [PreparedRun(recording, robot, cutoff, step) for recording in whole]
-    parameters = free_parameters(robot, free, whole)
-    search = ModelSearch(runs, parameters)
+    return ModelSearch(runs, free_parameters(robot, free, whole))
+
+
+def _fitted(search: ModelSearch, held_out: float) -> IdentifiedModel:
+    """Return the model that a search ends with."""
+    began = time.perf_counter()
+    parameters = search.parameters
     zero = np.zeros(parameters.size)
     start = zero
     if held_out:
@@ -265,7 +279,7 @@ def _fitted(
     judged = [search.rms(each, held) for each in (zero, judge)]
     shaken = [search.shaken(theta, rows) for rows in (~held, held)]
     unforeseen = [search.unforeseen(judge, rows) for rows in (~held, held)]
-    alone = search.alone(theta) if len(runs) > 1 else np.ones(len(search.labels))
+    alone = search.alone(theta) if search.has_several_runs else np.ones(len(search.labels))
     sides = zip(
         search.sizes,
         search.louder(held),

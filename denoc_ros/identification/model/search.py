@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,12 @@ QUIETEST = 1e-4  # of what a sensor measures: no channel is taken to be more exa
 PASSES = 6  # of deviations by what filters leave
 FASTEST = 4.0  # times a deviation changes at most in a pass
 STRETCHES = 60  # of time, whose residuals are independent of each other
+SCANNED = (0.1, 0.2, 0.45, 1.0)  # parts of the runs, the first with enough rows
+SIZES = np.arange(-3.0, 3.25, 0.5)  # logarithms of factors on all stiffnesses
+STEPS = (2.0, 1.0, 0.5)  # the same, tried on each either way
+SWEEPS = 3  # over all of them, at most
+CLEARER = 0.1  # mean logarithm of rms by which another size must fit better than the start
+FURTHER = 1.0  # logarithm of a factor: a search finds what is nearer by itself
 
 
 def vector_of(name: str) -> str:
@@ -49,6 +56,11 @@ def vector_of(name: str) -> str:
     sensor, slash, part = name.partition('/')
     kind = part.partition('_')[0] if '_' in part else part.rstrip('xyz')
     return f'{sensor}{slash}{kind}'
+
+
+def is_stiffness(path: str) -> bool:
+    """Say whether a number is a rigidity of a beam or a stiffness of a joint."""
+    return path.rpartition('.')[2] in ('ei', 'gj', 'stiffness')
 
 
 class ModelSearch:
@@ -85,6 +97,11 @@ class ModelSearch:
     def evaluations(self) -> int:
         """How many times the model went along all recordings."""
         return self._simulated.evaluations
+
+    @property
+    def has_several_runs(self) -> bool:
+        """Whether more than one recording is fitted."""
+        return len(self._runs) > 1
 
     @property
     def deviation(self) -> Array:
@@ -149,6 +166,57 @@ class ModelSearch:
         if not np.isfinite(residuals).all():
             return np.full(len(residuals), LOST)
         return self.whitening(residuals)
+
+    def stiffnesses(self) -> dict[str, float]:
+        """Return stiffnesses of about the right size by path, none where the start has it.
+
+        Notes
+        -----
+        All together first, then one by one. The rows are the first of each run, where a mode of a
+        wrong frequency is not yet out of phase: there the likelihood has one maximum over decades.
+        Each channel counts by the logarithm of its rms (the likelihood with its best deviation).
+        """
+        zero, paths = np.zeros(self.parameters.size), self.parameters.paths
+        places = [k for k, path in enumerate(paths) if is_stiffness(path)]
+        part = next((part for part in SCANNED if self._is_enough(self.rows_before(part))), None)
+        if part is None or not places:
+            return {}
+        rows, self._simulated.until = self.rows_before(part), part
+        start = self._misfit(zero, rows)
+        best, least = zero, start
+
+        def attempt(theta: Array) -> bool:
+            nonlocal best, least
+            found = self._misfit(theta, rows)
+            if found >= least:
+                return False
+            best, least = theta, found
+            return True
+
+        for size in SIZES:
+            theta = zero.copy()
+            theta[places] = size
+            attempt(theta)
+        for _ in range(SWEEPS if len(places) > 1 else 1):
+            before = least
+            for k, step in product(places, STEPS):
+                change = step * np.eye(len(zero))[k]
+                if not attempt(best + change):
+                    attempt(best - change)
+            if least == before:
+                break
+        is_clear = start - least > CLEARER and np.abs(best).max() >= FURTHER
+        values = self.parameters.values(best)
+        return {paths[k]: float(values[k]) for k in places if best[k]} if is_clear else {}
+
+    def _misfit(self, theta: Array, rows: NDArray[np.bool_]) -> float:
+        """Return the mean logarithm of the channels' rms over some rows; inf: no such robot."""
+        residual = self.residuals(theta)
+        if not np.isfinite(residual).all():
+            return np.inf
+        rms = np.maximum(self._by_channel(residual, rows, held_rms), self._least)
+        counts = np.bincount(self._channel[rows], minlength=len(rms))
+        return float(counts @ np.log(rms) / counts.sum())
 
     def fit(
         self, theta: Array, rows: NDArray[np.bool_], near: bool = False, rough: bool = False
