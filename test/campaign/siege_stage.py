@@ -163,7 +163,7 @@ class SiegeStage:
 
     def _feed(self) -> None:
         make_thread_timely(FEED_PRIORITY)
-        start, count = time.perf_counter(), 0
+        start, count, told_ns = time.perf_counter(), 0, time.time_ns()
         while self._running:
             if not self.instead:
                 self.states.publish(self.state())
@@ -172,6 +172,8 @@ class SiegeStage:
                     self._publishers['/strain'].publish(message)
             if self.scene.factor:
                 self.publisher('/clock', Clock).publish(Clock(clock=time_message(self.now_ns())))
+                before_ns, told_ns = told_ns, time.time_ns()
+                self.witness.await_clock(before_ns, told_ns, 1.0 / FEED)
             count += 1
             time.sleep(max(0.0, start + count / FEED - time.perf_counter()))
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from campaign.laws import OPEN, PERIODS, Life, Span, TorqueLedger, unexplained
+from campaign.laws import OPEN, PERIODS, TIMER, Life, Span, TorqueLedger, unexplained
 from campaign.siege_scenes import RATE, Scene
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -104,6 +104,12 @@ class Witness:
         for ledger in (self.efforts, self.commands):
             ledger.anew.append(self._excused[-1])
 
+    def await_clock(self, begin: int, end: int, period: float) -> None:
+        """Count time [ns] without a clock message, beyond its period [s], as absence."""
+        if (late := 1e-9 * (end - begin) - period) > TIMER:
+            with self._lock:
+                self._waits.append((Span(begin, end), 'clock', late))
+
     def settle(self) -> None:
         """Say that all is as before; forget what is long past."""
         now = time.time_ns()
@@ -113,7 +119,8 @@ class Witness:
         past = min([now - LONG_PAST, *(pause.begin for pause in self.efforts.pauses)])
         for spans in (self._excused, self.efforts.anew, self.commands.anew, self._bare):
             spans[:] = [span for span in spans if span.end > past]
-        self._waits = [wait for wait in self._waits if wait[0].end > past]
+        with self._lock:
+            self._waits = [wait for wait in self._waits if wait[0].end > past]
 
     def judge(self, final: bool = False) -> list[str]:
         """Return the laws that were broken since the last call."""
