@@ -125,9 +125,7 @@ def _nodal(order: int) -> list[Array]:
     return [np.asarray(legendre.poly2leg(np.array(each) / scale), dtype=float) for each in own]
 
 
-def _space(
-    order: int, rigidity: Along, inertia: Along, tip: tuple[float, float], modes: int
-) -> _Space:
+def _space(order: int, rigidity: Along, inertia: Along, modes: int) -> _Space:
     breaks = merged_edges(rigidity.breaks, inertia.breaks)
     most = 1.0 / max(LEAST_ELEMENTS, modes)
     edges = [0.0]
@@ -150,8 +148,6 @@ def _space(
     strain, moved = shapes.derivatives(x, order), shapes.derivatives(x, 0)
     stiffness = (strain * (weight * rigidity.values(x))[:, None]).T @ strain
     mass = (moved * (weight * inertia.values(x))[:, None]).T @ moved
-    for derivative in range(order):
-        mass[nodes[-1, derivative], nodes[-1, derivative]] += tip[derivative]
     return _Space(shapes, stiffness, mass, nodes)
 
 
@@ -162,7 +158,6 @@ def varying_shapes(
     length: float,
     rigidity: Along,
     inertia: Along,
-    tip: tuple[float, float] = (0.0, 0.0),
 ) -> PiecewiseShapes:
     """Return shape functions of a beam whose section varies.
 
@@ -177,9 +172,6 @@ def varying_shapes(
         [m]
     rigidity, inertia : Along
         EI and mass per length, or GJ and polar inertia per length.
-    tip : (float, float)
-        Mass (or moment of inertia) at the tip over the beam's mean per length times length, and
-        moment of inertia over that times length^2: counted in the modes, not in the dynamics.
 
     Returns
     -------
@@ -187,7 +179,7 @@ def varying_shapes(
         Scaled and signed as those of a uniform beam.
     """
     order = 1 if shape.endswith('twist') else 2
-    space = _space(order, rigidity, inertia, tip, modes)
+    space = _space(order, rigidity, inertia, modes)
     root, end = [int(k) for k in space.nodes[0]], [int(k) for k in space.nodes[-1]]
     if shape == 'constant moment':
         basis = _loaded(space, root, end[1])
