@@ -145,9 +145,10 @@ def test_metadata_says_what_the_package_is(repository: Path, wheel: Path) -> Non
     assert versions
     assert all(oldest.contains(version) for version in versions)
     assert told['Description-Content-Type'] == 'text/markdown'
-    assert (repository / 'README.md').read_text(encoding='utf-8').strip() in str(
-        told.get_payload(decode=True), 'utf-8'
-    )
+    description = told.get_payload(decode=True)
+    assert isinstance(description, bytes)
+    readme = (repository / 'README.md').read_text(encoding='utf-8').strip()
+    assert readme in description.decode('utf-8')
 
 
 def test_commit_of_the_checkout_is_in_sdist_and_wheel(

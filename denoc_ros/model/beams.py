@@ -152,8 +152,9 @@ def _way_out(whole: RigidInertia, element: BeamElement, polar_inertia: float) ->
     length, along = element.length, element.mass_along
     largest = largest_mass_per_length(whole, length, polar_inertia, along)
     if largest > 0.0:
-        which = 'mass_per_length' if along.uniform else 'mean mass_per_length'
-        return f'the largest admissible {which} is {largest:.4g} kg/m'
+        if along.uniform:
+            return f'the largest admissible mass_per_length is {largest:.4g} kg/m'
+        return f'the largest admissible mean mass_per_length is {largest:.4g} kg/m'
     if inertia_violation(whole, whole) > TOLERANCE:
         return "no mass_per_length is possible: the link's own inertia is physically impossible"
     if polar_inertia > 0.0 and largest_mass_per_length(whole, length, 0.0, along) > 0.0:

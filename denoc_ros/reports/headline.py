@@ -52,13 +52,15 @@ def verdict(
     duration: float,
     units: Units,
     failure: str = '',
+    cut: str = '',
 ) -> Verdict:
     """Return a recorded run in one sentence; warnings and bad predictions make it doubtful.
 
     The failure that has ended a session goes before everything else: it makes the run bad.
+    `cut` is the phase that it ended, '' if none.
     """
     if failure:
-        return failed(phases, failure, units)
+        return failed(phases, failure, units, cut)
     found = said(phases, units)
     # late ticks have a card of their own
     spoke = [name for name in sorted(warned) if not name.endswith(': loop')]
@@ -69,11 +71,10 @@ def verdict(
     return Verdict(f'{text[0].upper()}{text[1:]}.', tone)
 
 
-def failed(phases: Sequence[PhaseMeasures], failure: str, units: Units) -> Verdict:
-    """Return why a session ended before its end, and what its finished phases show."""
+def failed(phases: Sequence[PhaseMeasures], failure: str, units: Units, cut: str = '') -> Verdict:
+    """Return why and in which phase a session ended before its end, and what came before."""
     finished = [phase for phase in phases if not phase.name.endswith(UNFINISHED)]
-    cut = [phase.name.removesuffix(UNFINISHED).strip() for phase in phases[len(finished) :]]
-    where = f' in phase “{cut[0]}”' if cut else ''
+    where = f' in phase “{cut}”' if cut else ''
     text = f'The session ended{where} before its end: {without_folders(failure.splitlines()[0])}.'
     if found := said(finished, units):
         text += f' Until then: {"; ".join(found)}.'

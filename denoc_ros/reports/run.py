@@ -152,7 +152,7 @@ def _unrecorded(session: Mapping[str, Any], why: str, command: str) -> Report:
     page = ReportPage(
         title=session.get('name', ''),
         subtitle='nothing recorded',
-        verdict=headline.failed((), failure, sections.Units.of(None)),
+        verdict=headline.failed((), failure, sections.Units.of(None), _cut(session)),
         cards=(),
         sections=[sections.failure(failure)],
         provenance=provenance(
@@ -161,6 +161,12 @@ def _unrecorded(session: Mapping[str, Any], why: str, command: str) -> Report:
     )
     numbers = {'phases': {}, 'loops': {}, 'failure': failure}
     return Report(page, numbers, (f'nothing is shown of the run: {why}',))
+
+
+def _cut(session: Mapping[str, Any]) -> str:
+    """Return the phase that had no end when the session ended, '' if there is none."""
+    phases = session.get('phases', ())
+    return next((phase['name'] for phase in phases if phase.get('end_ns') is None), '')
 
 
 def _robot(
@@ -206,7 +212,12 @@ def _page(found: _Found, command: str) -> ReportPage:
         verdict=energy_balance.verdict(simulated, headline.said(phases, units))
         if simulated
         else headline.verdict(
-            phases, found.warned, duration, units, found.session.get('failure', '')
+            phases,
+            found.warned,
+            duration,
+            units,
+            found.session.get('failure', ''),
+            _cut(found.session),
         ),
         cards=[
             *(energy_balance.cards(simulated) if simulated else ()),

@@ -221,5 +221,5 @@ def test_damaged_bytes_end_a_file_and_raise_nothing(tmp_path: Path) -> None:
     for _ in range(1000):
         damaged = np.frombuffer(whole, np.uint8).copy()
         at = random.integers(len(whole), size=random.integers(1, 12))
-        damaged[at] = random.choice([0, 0x7F, 0xFF, random.integers(256)], size=len(at))
+        damaged[at] = random.choice(np.array([0, 0x7F, 0xFF, random.integers(256)]), size=len(at))
         list(CompleteRecords(io.BytesIO(damaged.tobytes())))

@@ -14,6 +14,7 @@ from denoc_ros.errors import StateError
 from denoc_ros.model.shapes import (
     SHAPES,
     ShapeFunctions,
+    WaveShapes,
     shape_functions,
     torsion_shapes,
     wave_numbers,
@@ -128,6 +129,7 @@ def test_derivatives_agree_with_differences() -> None:
     for shape, functions in every(4):
         steps = np.array([-2.0, -1.0, 1.0, 2.0]) * h
         weights = np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * h)
+        assert isinstance(functions, WaveShapes)
         scale = max(functions.wave_numbers) / LENGTH
         for order in range(3):
             around = [functions.derivatives(x + step, order) for step in steps]

@@ -58,7 +58,7 @@ def test_a_deflection_that_is_predicted_badly_makes_a_run_doubtful(
 def test_the_failure_of_a_session_is_its_headline() -> None:
     phases = [phase('first', BENT), phase('second (unfinished)', 0.2 * BENT)]
     cause = 'plant: process must keep running, got exit status 1\n  /home/me/arm.urdf: bad'
-    found = headline.verdict(phases, {}, 15.0, Units(), cause)
+    found = headline.verdict(phases, {}, 15.0, Units(), cause, 'second')
     assert found.tone == 'bad'
     assert found.text.startswith('The session ended in phase “second” before its end: plant: proc')
     # the unfinished phase says nothing of how well deflection is predicted

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -65,6 +66,25 @@ def test_a_robot_that_does_not_load_is_noted(tmp_path: Path) -> None:
     made = dn.report(path)
     assert made.summary['robot'] == ''
     assert [note[:22] for note in made.notes] == ['the robot is left out:']
+
+
+@pytest.mark.parametrize('messages', [0, 3])
+def test_a_phase_that_was_cut_is_named_whatever_was_recorded(
+    tmp_path: Path, messages: int
+) -> None:
+    begin_ns = 10**18
+    phases = [
+        {'name': 'rigid', 'begin_ns': begin_ns, 'end_ns': begin_ns + 10**9},
+        {'name': 'flexible', 'begin_ns': begin_ns + 2 * 10**9, 'end_ns': None},
+    ]
+    session = {'name': 'arm', 'failure': 'interrupted', 'phases': phases}
+    (tmp_path / 'session.json').write_text(json.dumps(session))
+    with BagWriter(tmp_path / 'bag.mcap') as bag:
+        bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+        for k in range(messages):
+            bag.write_message('/joint_states', begin_ns + k * 10**7, name=['a'], position=[0.1])
+    page = dn.report(tmp_path).html()
+    assert 'ended in phase “flexible” before its end: interrupted' in page
 
 
 def test_reports_need_no_command_line(tmp_path: Path) -> None:

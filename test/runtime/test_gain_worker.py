@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -126,7 +127,8 @@ def test_a_process_that_dies_each_time_is_a_refusal(worker: GainWorker) -> None:
     while (found := worker.take()) is None:
         assert time.perf_counter() < end
         if worker.planner.pid is not None and worker.planner.busy:
-            os.kill(worker.planner.pid, signal.SIGKILL)
+            with suppress(ProcessLookupError):
+                os.kill(worker.planner.pid, signal.SIGKILL)
         time.sleep(0.01)
         worker.look()
     assert found[1] is None

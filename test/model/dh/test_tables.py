@@ -18,6 +18,7 @@ from denoc_ros.model.dh.links import DHLink
 from denoc_ros.model.dh.system import DHSystem, load_system, read_system
 from denoc_ros.model.dh.urdf import rod_inertia, urdf_text
 from denoc_ros.model.inertia import inverse_transform
+from denoc_ros.model.shapes import WaveShapes
 from denoc_ros.model.tree import Joint, JointKind, Tree
 from denoc_ros.model.urdf import load_tree
 
@@ -214,6 +215,7 @@ def test_other_shapes_and_dampings_are_passed_on() -> None:
     beam = load_tree(urdf_text(read_system('t', 'n', table))).bodies[0].beam
     assert beam is not None
     assert beam.y is not None
+    assert isinstance(beam.y.shapes, WaveShapes)
     assert beam.y.shapes.cubics.shape == (2, 4)
     assert beam.y.damping[1] > 0.0
 
