@@ -29,6 +29,13 @@ def add_film_options(parser: argparse.ArgumentParser) -> None:
         help='write some snapshots of the run into one .png',
     )
     group.add_argument(
+        '--phases',
+        nargs='+',
+        default=[],
+        metavar='NAME',
+        help='phases that the film shows beside each other, each from its beginning',
+    )
+    group.add_argument(
         '--moments',
         type=int,
         default=6,
@@ -83,7 +90,7 @@ def write_pictures(args: argparse.Namespace, path: Path) -> list[Path]:
         fps = film.FPS[suffix] if args.fps is None else args.fps
         film.frame_times(0.0, 1.0, fps, args.speed)
         rate = max(rate, fps / args.speed)
-    look = film.Look(args.scale or 0.0, args.view, _size(args.size))
+    look = film.Look(args.scale or 0.0, args.view, _size(args.size), phases=tuple(args.phases))
     opened = open_run(args, path, rate)
     look = dataclasses.replace(look, title=opened.title, folder=opened.folder)
     if args.strip is not None:
@@ -97,9 +104,12 @@ def _film(args: argparse.Namespace, opened: OpenedRun, look: Look) -> None:
     from denoc_ros.cli.progress import Progress
     from denoc_ros.viewer.film import write_film
 
-    start, end = opened.run.span
+    run = opened.run
+    start, end = run.span
+    if look.phases:
+        start, end = 0.0, max(b - a for a, b in map(run.phase_span, look.phases))
     with Progress().phase(f'drawing {args.video.name}', end - start) as show:
-        write_film(opened.run, opened.robot, args.video, look, args.fps, args.speed, show)
+        write_film(run, opened.robot, args.video, look, args.fps, args.speed, show)
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.output_files import whole_file
 from denoc_ros.types import Array
 from denoc_ros.viewer.camera import AUTO, VIEWS
-from denoc_ros.viewer.picture import Picture, strip
+from denoc_ros.viewer.picture import Comparison, Picture, stated, strip
 from denoc_ros.viewer.recorded import RecordedRun
 from denoc_ros.viewer.scene_setup import SceneSetup
 
@@ -26,6 +26,7 @@ FILM_SUFFIXES, STRIP_SUFFIXES = ('.mp4', '.gif'), ('.png',)
 FPS = {'.mp4': 30.0, '.gif': 20.0}
 COLOURS = 255  # of a GIF
 NEARLY_WHITE = 244  # lighter than any grey that is drawn
+STATES = 1000  # that camera, exaggeration and colours are chosen from
 PALETTE_FRAMES = 4  # that a GIF's colours are chosen from
 GIF_TICK = 10  # ms, in which a GIF counts
 SIDES = (160, 4096)  # pixels
@@ -48,6 +49,8 @@ class Look:
         Above the picture; '': the robot's name.
     folder : Path, optional
         Where relative names of mesh files start.
+    phases : tuple of str
+        Phases that a film shows beside each other, each from its begin; (): the run as it was.
 
     Raises
     ------
@@ -60,6 +63,7 @@ class Look:
     size: tuple[int, int] = (1280, 720)
     title: str = ''
     folder: Path | None = None
+    phases: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         findings = []
@@ -157,28 +161,57 @@ def write_film(
     """
     suffix, look = require_suffix(path, FILM_SUFFIXES), look or Look()
     fps = FPS[suffix] if fps is None else fps
-    times = frame_times(*run.span, fps, speed)
-    states = run.at(times)
-    staging = SceneSetup(robot, states, look.scale, look.view, look.folder)
     title = look.title or robot.tree.name
     if speed != 1.0:
         title += f', {speed:g} × real time'
-    picture = Picture(run, staging, title, look.size)
+    film = _beside(run, robot, look, title) if look.phases else _alone(run, robot, look, title)
+    times = frame_times(*film.span, fps, speed)
 
     def frames() -> Iterator[Pixels]:
-        for t, q in zip(times.tolist(), states, strict=True):
-            yield picture.draw(t, q)
+        for t in times.tolist():
+            yield film.draw(t)
             if progress is not None:
                 progress(t - times[0])
 
     with whole_file(path) as unfinished:
         if suffix == '.gif':
-            some = states[np.linspace(0, len(states) - 1, PALETTE_FRAMES).astype(int)]
-            palette = _palette([picture.draw(times[0], q) for q in some])
+            some = times[np.linspace(0, len(times) - 1, PALETTE_FRAMES).astype(int)]
+            palette = _palette([film.draw(t) for t in some.tolist()])
             _write_gif(unfinished, frames(), palette, fps)
         else:
             _write_mp4(unfinished, frames(), look.size, fps)
     return len(times)
+
+
+class _Film(NamedTuple):
+    """The time [s] that a film shows, and its frame at a time."""
+
+    span: tuple[float, float]
+    draw: Callable[[float], Pixels]
+
+
+def _alone(run: RecordedRun, robot: Robot, look: Look, title: str) -> _Film:
+    staging = SceneSetup(robot, run.at(_looked_at(*run.span)), look.scale, look.view, look.folder)
+    picture = Picture(run, staging, title, look.size)
+    return _Film(run.span, lambda t: picture.draw(t, run.at(np.array([t]))[0]))
+
+
+def _beside(run: RecordedRun, robot: Robot, look: Look, title: str) -> _Film:
+    spans = [run.phase_span(name) for name in look.phases]
+    states = np.concatenate([run.at(_looked_at(*span)) for span in spans])
+    staging = SceneSetup(robot, states, look.scale, look.view, look.folder)
+    picture = Comparison(staging, look.phases, title, stated(run, staging), look.size)
+
+    def draw(t: float) -> Pixels:
+        # a phase that is over stays as it ended
+        return picture.draw(t, list(run.at(np.array([min(a + t, b) for a, b in spans]))))
+
+    return _Film((0.0, max(b - a for a, b in spans)), draw)
+
+
+def _looked_at(start: float, end: float) -> Array:
+    """Return the times [s] of the states that decide what a film has to hold."""
+    return np.linspace(start, end, STATES)
 
 
 def write_strip(

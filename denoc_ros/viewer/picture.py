@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from denoc_ros.types import Array
 from denoc_ros.viewer.bending import strain_colours
 from denoc_ros.viewer.recorded import RecordedRun
 from denoc_ros.viewer.scene_setup import SceneSetup
-from denoc_ros.viewer.strip_charts import GRID, INK, MUTED, chart_groups, draw_charts
+from denoc_ros.viewer.strip_charts import CURVES, GRID, INK, MUTED, chart_groups, draw_charts
 
 Pixels = NDArray[np.uint8]
 
@@ -27,6 +28,7 @@ LEAST = (600, 340)  # pixels; a smaller picture has no charts
 MARGIN = 0.06  # of the field of view
 SQUARES = 10  # of a grid along its longer side, at most
 BEHIND = 0.5  # drawn before the robot
+TRAIL = 0.7  # drawn before the robot, over the floor
 
 
 class Scene:
@@ -46,6 +48,7 @@ class Scene:
         self, axes: Axes, staging: SceneSetup, numbered: bool = True, noted: bool = True
     ) -> None:
         self._staging = staging
+        self.axes = axes
         axes.set_facecolor(PAPER)
         _fit(axes, staging)
         if staging.camera.flat:
@@ -66,6 +69,99 @@ class Scene:
         self.robot.set_edgecolor(drawn.colours)
 
 
+class Canvas:
+    """A figure whose still part is drawn once, and whose moving artists are drawn over a copy."""
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self.figure, self._canvas = _figure(size)
+        self._moving: list[Any] = []
+
+    def animate(self, moving: list[Any]) -> None:
+        """Draw all but these artists."""
+        self._moving = moving
+        for artist in moving:
+            artist.set_animated(True)
+        self._canvas.draw()
+        self._still = self._canvas.copy_from_bbox(self.figure.bbox)
+
+    def pixels(self) -> Pixels:
+        """Return the frame (height, width, 3) with the moving artists as they are."""
+        self._canvas.restore_region(self._still)
+        for artist in self._moving:
+            self.figure.draw_artist(artist)
+        return np.array(self._canvas.buffer_rgba())[:, :, :3]
+
+
+class Comparison:
+    """Frames of a film that shows several motions of a robot beside each other.
+
+    Parameters
+    ----------
+    staging : SceneSetup
+        Of all motions.
+    names : sequence of str
+        Of the motions, from left to right.
+    title : str
+    stated : str
+        About the deflection that is drawn.
+    size : (int, int)
+        Width and height [pixels].
+    """
+
+    def __init__(
+        self,
+        staging: SceneSetup,
+        names: Sequence[str],
+        title: str,
+        stated: str,
+        size: tuple[int, int],
+    ) -> None:
+        self._staging = staging
+        self._canvas = Canvas(size)
+        figure = self._canvas.figure
+        grid = figure.add_gridspec(
+            1, len(names), left=0.05, right=0.985, bottom=0.07, top=0.87, wspace=0.04
+        )
+        self._scenes = []
+        for k, name in enumerate(names):
+            axes = figure.add_subplot(grid[0, k])
+            self._scenes.append(Scene(axes, staging, k == 0, k == 0))
+            axes.set_title(name, loc='left', size=10, color=INK, pad=3)
+        self._trails = [
+            scene.axes.plot([], [], color=CURVES[1], lw=1.2, zorder=TRAIL)[0]
+            for scene in self._scenes
+        ]
+        line: dict[str, Any] = {'y': 0.95, 'va': 'center'}
+        figure.text(0.02, s=title, size=11, weight='bold', color=INK, **line)
+        figure.text(0.98, s=f'{stated}, blue: path of the tip', size=9, color=MUTED, ha='right',
+                    **line)  # fmt: skip
+        self._time = figure.text(0.5, s='', size=11, color=INK, ha='center', **line)
+        self._paths: list[list[Array]] = [[] for _ in names]
+        bodies = [each for scene in self._scenes for each in (scene.ghost, scene.robot)]
+        self._canvas.animate([*self._trails, *bodies, self._time])
+
+    def draw(self, t: float, states: Sequence[Array]) -> Pixels:
+        """Return the next frame (height, width, 3).
+
+        Parameters
+        ----------
+        t : float
+            Since the motions began [s]; 0 begins the paths of the tips anew.
+        states : sequence of (n,) arrays
+            Coordinates in each motion.
+        """
+        for scene, trail, path, q in zip(
+            self._scenes, self._trails, self._paths, states, strict=True
+        ):
+            scene.show(q)
+            if t == 0.0:
+                path.clear()
+            path.append(self._staging.tip(q))
+            trail.set_data(*np.transpose(path))
+        self._time.set_text(f't = {t:.2f} s')
+        return self._canvas.pixels()
+
+
 class Picture:
     """Frames of a film: what stays is drawn once, what moves into a copy of it.
 
@@ -82,26 +178,22 @@ class Picture:
         self, run: RecordedRun, staging: SceneSetup, title: str, size: tuple[int, int]
     ) -> None:
         self._run = run
-        self._figure, self._canvas = _figure(size)
+        self._canvas = Canvas(size)
+        figure = self._canvas.figure
         groups = chart_groups(run) if size[0] >= LEAST[0] and size[1] >= LEAST[1] else {}
         bottom = 0.3 if groups else 0.07
         bar = 0.08 if staging.strain > 0.0 else 0.0
-        scene = self._figure.add_axes((0.05, bottom, 0.93 - bar, 0.93 - bottom))
+        scene = figure.add_axes((0.05, bottom, 0.93 - bar, 0.93 - bottom))
         self._scene = Scene(scene, staging)
         if bar:
             low = bottom + 0.06
-            _colour_bar(self._figure, (0.93, low, 0.012, 0.76 - bottom), staging)
-        self._cursors = draw_charts(self._figure, run, groups)
-        self._figure.text(0.02, 0.955, title, size=11, weight='bold', color=INK)
-        self._figure.text(0.98, 0.955, _stated(run, staging), size=9, color=MUTED, ha='right')
-        self._time = self._figure.text(0.5, 0.955, '', size=11, color=INK, ha='center')
-        self._moving: list[Any] = [
-            self._scene.ghost, self._scene.robot, self._time, *self._cursors,
-        ]  # fmt: skip
-        for artist in self._moving:
-            artist.set_animated(True)
-        self._canvas.draw()
-        self._still = self._canvas.copy_from_bbox(self._figure.bbox)
+            _colour_bar(figure, (0.93, low, 0.012, 0.76 - bottom), staging)
+        self._cursors = draw_charts(figure, run, groups)
+        figure.text(0.02, 0.955, title, size=11, weight='bold', color=INK)
+        figure.text(0.98, 0.955, stated(run, staging), size=9, color=MUTED, ha='right')
+        self._time = figure.text(0.5, 0.955, '', size=11, color=INK, ha='center')
+        bodies = self._scene.ghost, self._scene.robot
+        self._canvas.animate([*bodies, self._time, *self._cursors])
 
     def draw(self, t: float, q: Array) -> Pixels:
         """Return the frame (height, width, 3) at a time [s] with coordinates (n,)."""
@@ -109,10 +201,7 @@ class Picture:
         self._time.set_text(_when(self._run, t))
         for cursor in self._cursors:
             cursor.set_xdata([t, t])
-        self._canvas.restore_region(self._still)
-        for artist in self._moving:
-            self._figure.draw_artist(artist)
-        return np.array(self._canvas.buffer_rgba())[:, :, :3]
+        return self._canvas.pixels()
 
 
 def strip(
@@ -160,7 +249,7 @@ def strip(
         _colour_bar(figure, (0.93, bottom, 0.012, top - bottom - 0.13), staging)
     line = {'y': 1.0 - 0.5 * HEADER / height, 'va': 'center'}
     figure.text(0.02, s=title, size=12, weight='bold', color=INK, **line)
-    figure.text(0.98, s=_stated(run, staging), size=9.5, color=MUTED, ha='right', **line)
+    figure.text(0.98, s=stated(run, staging), size=9.5, color=MUTED, ha='right', **line)
     canvas.draw()
     return np.array(canvas.buffer_rgba())[:, :, :3]
 
@@ -189,7 +278,7 @@ def _when(run: RecordedRun, t: float) -> str:
     return f't = {t:.2f} s · {phase}' if phase else f't = {t:.2f} s'
 
 
-def _stated(run: RecordedRun, staging: SceneSetup) -> str:
+def stated(run: RecordedRun, staging: SceneSetup) -> str:
     """Return what must be known of a picture to take it for what it is."""
     where = {'joints': 'joints alone', 'plant': 'true state'}.get(run.source, run.source)
     if not staging.flexible:

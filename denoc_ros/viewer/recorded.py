@@ -13,7 +13,7 @@ import numpy as np
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.measured_side import described_coordinates
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import BagError
+from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.types import Array
 from denoc_ros.viewer.channels import deflection_channel, residual_channel, torque_channels
 from denoc_ros.viewer.snapshot import Snapshot
@@ -167,6 +167,28 @@ class RecordedRun(Sequence[Snapshot]):
     def phase(self, t: float) -> str:
         """Return the name of the phase at a time [s], '' outside of all."""
         return next((name for start, name in reversed(self.phases) if start <= t), '')
+
+    def phase_span(self, name: str) -> tuple[float, float]:
+        """Return begin and end [s] of the phase of that name.
+
+        Raises
+        ------
+        ConfigError
+            When the run has no such phase among its moments.
+        """
+        first, last = float(self.t[0]), float(self.t[-1])
+        ends = [t for t, _ in self.phases[1:]] + [last]
+        spans = {
+            each: (max(begin, first), min(end, last))
+            for (begin, each), end in zip(self.phases, ends, strict=True)
+            if each and begin < last and end > first
+        }
+        if name not in spans:
+            known = ', '.join(map(repr, spans)) or 'a run without phases'
+            raise ConfigError(
+                f'{self.path}: phases', [f'each must be one of {known}, got {name!r}']
+            )
+        return spans[name]
 
     def channel(self, name: str) -> Array:
         """Return a channel at all moments, (k,)."""

@@ -146,6 +146,12 @@ class SceneSetup:
         shaded = np.minimum(_shade(normals[shown])[:, np.newaxis] * tint, 1.0)
         return Triangles(seen[shown, :, :2], shaded)
 
+    def tip(self, q: Array) -> Array:
+        """Return right and up (2,) [m] of the last frame of the robot at coordinates (n,)."""
+        robot = self._robot
+        pose = robot.frame_pose(list(robot.tree.frames)[-1], exaggerated(robot, q, self.scale))
+        return self.camera.project(pose[:3, 3])[:2]
+
     def ghost(self, q: Array) -> Array:
         """Return the triangles (f, 3, 2) of the undeflected robot with the joints of q (n,)."""
         return self.camera.project(self.vertices(q, 0.0))[self._faces][:, :, :2]

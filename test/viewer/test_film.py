@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from simulated_bags import SimulatedBag
 
+from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.viewer.camera import best_view
@@ -74,6 +75,38 @@ def test_mp4_has_a_frame_per_time_and_moves(
     pictures = [np.frombuffer(raw, np.uint8).reshape(240, 320, 3) for raw in reader]
     assert len(pictures) == frames
     assert share_that_differs(pictures[0], pictures[-1]) > 0.005
+
+
+def test_phases_beside_each_other_are_in_step(tmp_path: Path) -> None:
+    """Phases of 2 and 3 s that begin alike: halves are equal at first, later they are not."""
+    robot, path = load_robot(two_links()), tmp_path / 'phases.mcap'
+    with BagWriter(path) as bag:
+        bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+        bag.add_topic('/up/phase', 'std_msgs/msg/String')
+        marks = {0: 'slow', 20: '', 30: 'fast', 60: ''}
+        for k in range(61):
+            stamp = 10**18 + k * 10**8
+            angle = 0.02 * k if k < 30 else 0.04 * (k - 30)
+            names = list(robot.joint_names)
+            bag.write_message('/joint_states', stamp, name=names, position=[angle, 0.0])
+            if k in marks:
+                bag.write_message('/up/phase', stamp, data=marks[k])
+    run = RecordedRun(path, robot)
+    film_path = tmp_path / 'two.gif'
+    look = Look(size=(640, 320), scale=1.0, phases=('slow', 'fast'))
+    assert write_film(run, robot, film_path, look, fps=10.0) == 30
+    with Image.open(film_path) as film:
+        halves = []
+        for k in (0, 15, 22, 29):
+            film.seek(k)
+            pixels = np.asarray(film.convert('RGB'))
+            halves.append((pixels[60:290, 34:320], pixels[60:290, 346:632]))
+    assert share_that_differs(halves[0][0], halves[1][0]) > 0.005
+    # the first phase is over after 2 s and stays, the second one goes on
+    assert share_that_differs(halves[2][0], halves[3][0]) < 1e-3
+    assert share_that_differs(halves[2][1], halves[3][1]) > 0.005
+    with pytest.raises(ConfigError, match=r"each must be one of 'slow', 'fast', got 'none'"):
+        write_film(run, robot, film_path, Look(phases=('slow', 'none')))
 
 
 def test_strip_shows_moments_that_differ(
