@@ -80,6 +80,7 @@ MUJOCO = ['mujoco>=3.17']
 TABLES = ['openpyxl>=3.1']
 
 # the site of the documentation
+PAGES = ['README.md', 'CHANGELOG.md', 'CONTRIBUTING.md', 'SECURITY.md', 'CODE_OF_CONDUCT.md']
 DOCS = ['sphinx>=8', 'myst-parser>=4', 'furo>=2024.8']
 
 # linear models for python-control's tools
@@ -92,7 +93,7 @@ setup(
     package_data={NAME: ['py.typed', 'nodes/*.xml', 'reports/templates/*.j2']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
-        (f'share/{NAME}', ['package.xml', 'README.md', 'CHANGELOG.md', 'LICENSE']),
+        (f'share/{NAME}', ['package.xml', *PAGES, 'CITATION.cff', 'LICENSE']),
         *shared_files('config'),
         *shared_files('docs'),
         *shared_files('launch'),

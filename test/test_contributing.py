@@ -1,0 +1,59 @@
+"""CONTRIBUTING, SECURITY, CITATION and the issue templates agree with the repository."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+import yaml
+
+PAGES = ('CONTRIBUTING.md', 'SECURITY.md', 'CODE_OF_CONDUCT.md')
+TEMPLATES = ('fault.yml', 'robot.yml')
+
+
+@pytest.mark.parametrize('name', PAGES)
+def test_links_lead_to_files_and_headings(repository: Path, name: str) -> None:
+    links = re.findall(r'\]\((?!https?:)([^)#]+)(?:#([^)]*))?\)', (repository / name).read_text())
+    assert links or name != 'CONTRIBUTING.md'
+    for file, anchor in links:
+        path = repository / file
+        assert path.exists(), file
+        if anchor:
+            headings = re.findall(r'^#+ (.*)$', path.read_text(), re.MULTILINE)
+            known = [re.sub(r'[^\w\- ]', '', each.lower()).replace(' ', '-') for each in headings]
+            assert anchor in known, anchor
+
+
+def test_commands_exist(repository: Path) -> None:
+    text = (repository / 'CONTRIBUTING.md').read_text()
+    makefile = (repository / 'Makefile').read_text()
+    targets = set(re.findall(r'`?make (\w+)', text))
+    assert {'venv', 'lint', 'check', 'test', 'readme', 'rates'} <= targets
+    for target in targets:
+        assert re.search(rf'^{target}:', makefile, re.MULTILINE), target
+    # a path may name a file of the reader's own
+    paths = re.findall(r'`((?:test|docs|config)/[^`]+)`', text)
+    assert paths
+    for path in paths:
+        assert (repository / path.partition('NAME')[0]).exists(), path
+
+
+def test_citation_has_the_version_and_licence_of_the_package(repository: Path) -> None:
+    citation = yaml.safe_load((repository / 'CITATION.cff').read_text())
+    package = ElementTree.parse(repository / 'package.xml').getroot()
+    assert citation['version'] == package.findtext('version')
+    assert citation['license'] == package.findtext('license')
+    assert {'cff-version', 'message', 'title', 'authors'} <= set(citation)
+
+
+@pytest.mark.parametrize('name', TEMPLATES)
+def test_templates_ask_for_a_check_and_a_recording(repository: Path, name: str) -> None:
+    text = (repository / '.github/ISSUE_TEMPLATE' / name).read_text()
+    form = yaml.safe_load(text)
+    assert {'name', 'description', 'body'} <= set(form)
+    fields = {part['id']: part['attributes']['label'] for part in form['body']}
+    assert len(fields) == len(form['body'])
+    assert 'denoc check --json' in fields['check']
+    assert 'recording' in fields['recording'].lower()
