@@ -50,6 +50,10 @@ LONGEST = (
 
 SOURCES = (
     'CHANGELOG.md',
+    'CONTRIBUTING.md',
+    'SECURITY.md',
+    'CODE_OF_CONDUCT.md',
+    'CITATION.cff',
     'LICENSE',
     'MANIFEST.in',
     'README.md',
