@@ -24,7 +24,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint style types bench mechanisms rates soak siege longbag fuzz load watched requests bounds identification strangers longload ends peers tips readme counts venv clean
+.PHONY: demo test check browser lint style types bench mechanisms rates docs smoke soak siege longbag fuzz load watched requests bounds identification strangers longload ends peers tips readme counts venv clean
 
 venv: $(STAMP)
 
@@ -75,6 +75,18 @@ browser:
 # the tables of README and docs/nodes.md, from the code
 readme: $(STAMP)
 	$(BIN)/python test/test_readme.py
+
+# the site, as build/site/html/index.html; a warning is a fault
+docs: $(STAMP)
+	rm -rf build/site
+	mkdir -p build/site/source
+	$(BIN)/python -m sphinx --quiet --fail-on-warning -c docs/site -d build/site/trees build/site/source build/site/html
+	@echo 'build/site/html/index.html'
+
+# three minutes: the package as the index would give it, in an empty environment, tried from end to end
+smoke: $(STAMP)
+	$(PIP) build
+	PYTHONPATH=test:test/support $(BIN)/python -m campaign.smoke
 
 # how the code is built: lines, lengths, arguments, repeated names, import circles
 counts:

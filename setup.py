@@ -81,7 +81,7 @@ TABLES = ['openpyxl>=3.1']
 
 # the site of the documentation
 PAGES = ['README.md', 'CHANGELOG.md', 'CONTRIBUTING.md', 'SECURITY.md', 'CODE_OF_CONDUCT.md']
-DOCS = ['sphinx>=8', 'myst-parser>=4', 'furo>=2024.8']
+DOCS = ['sphinx>=8', 'myst-parser>=4', 'furo>=2024.8', 'jupytext>=1.16', 'nbformat>=5.9']
 
 # linear models for python-control's tools
 CONTROL = ['control>=0.10']
