@@ -254,6 +254,8 @@ def escaped(text: str) -> str:
     parts = CODE.split(text)
     parts[::2] = [re.sub(r'([*|])', r'\\\1', part) for part in parts[::2]]
     parts[::2] = [re.sub(r'(?<=\w)_(?!\w)', r'\\_', part) for part in parts[::2]]
+    # an address in an explanation is none to go to
+    parts[::2] = [part.replace('://', r'\://') for part in parts[::2]]
     return ''.join(parts)
 
 
