@@ -313,7 +313,7 @@ class Session:
         self._client.until(self._spoken(names), PLANNING)
 
     def _spoken(self, names: Sequence[str], words: int = WORDS) -> Callable[[], bool]:
-        """Return what says whether nodes have reported so often from now on."""
+        """Return a condition: nodes have reported so often from now on."""
         reports = self._client.reports
         wanted = {name: reports(name) + words for name in names}
         return lambda: all(reports(name) >= count for name, count in wanted.items())

@@ -268,7 +268,7 @@ class TreeDynamics(MassAndMomentum):
         return self._of_frame(FRAME_POSE, frame, q, out, check)
 
     def pose_of(self, frame: str) -> Callable[[Array, Array], None]:
-        """Return what writes a frame's pose (4, 4) from coordinates (n,), for a loop.
+        """Return a function that writes a frame's pose (4, 4) for coordinates (n,), for loops.
 
         It looks at neither: both must be contiguous arrays of doubles, and the coordinates finite.
         """
