@@ -14,6 +14,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FrameType
@@ -91,7 +92,7 @@ def subscribe_to_all(node: Node, topics: Sequence[tuple[str, Sequence[str]]]) ->
 def made(config_file: Path, phase: int, folder: Path) -> dict[str, Any]:
     """Return the nodes of a session, configured, with loops that do not run."""
     config = load_config(config_file)
-    nodes = {}
+    nodes: dict[str, Any] = {}
     for name, kind in NODES.items():
         given = {**node_parameters(config, name, config.phases[phase], folder)}
         given |= {'urdf_path': str(config.robot)}
@@ -149,7 +150,7 @@ def measured(config_file: Path, phase: int, ticks: int) -> dict[str, dict[str, A
                     if count >= WARMUP:
                         spent[name].append(time.thread_time() - before)
                 else:
-                    tracers[name].run(lambda node=node, at=moment: turn(node, at))
+                    tracers[name].run(partial(turn, node, moment))
                 time.sleep(DELIVERED)
         said = {name: [each.message for each in node.statuses()] for name, node in nodes.items()}
         del heard
