@@ -25,11 +25,12 @@ from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.feedforward_parameters import TABLE
 from denoc_ros.runtime.following import STALE_JOINTS
 from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputMonitor
 from denoc_ros.runtime.live_torque import LiveTorque
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.phase_lock import PLACE, PhaseLock
 from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
-from denoc_ros.runtime.safety import InputMonitor, SafeCommand, TorqueLimiter, torque_limits
+from denoc_ros.runtime.safety import SafeCommand, TorqueLimiter, torque_limits
 from denoc_ros.runtime.stamps import StampOf
 from denoc_ros.runtime.torque_status import TorqueStatus
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory

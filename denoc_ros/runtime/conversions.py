@@ -34,12 +34,11 @@ from denoc_ros.kernels.message_values import (
     bytes_type,
     take_numbers,
 )
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_error import MOST_JOINTS, InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.types import Array
 
 LONGEST = 16384  # bytes of a message that a loop has time for
-MOST_JOINTS = 256  # in one message: names are read one by one
 LARGEST_EFFORT = 1e9  # N m or N: more is no torque of a robot
 
 
