@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 Tone = Literal['good', 'doubtful', 'bad']
 
 UNKNOWN = '–'
-# a number, and the unit behind it; the exponents and prefixes of this page's texts. `²` counts as a
-# letter for `\b`, so the end of a unit is where no letter of a word follows
+# a number, and the unit behind it; the exponents and prefixes of this page's texts. `²` counts as
+# a letter for `\b`, so the end of a unit is where no letter of a word follows
 QUANTITY = re.compile(
     r'(?:± )?[-+−±]?\d[\d.,]*(?:e[-+]?\d+)? '
     r'(?:[pnuµmkMG]?(?:rad|m|s|Hz|N|g|J|W|V|A|Pa|B|strain)(?![A-Za-z])(?:[²³]|\^[23])?'
