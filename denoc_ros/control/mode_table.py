@@ -171,8 +171,10 @@ def read_mode_table(path: str | Path) -> ModeTable:
                 findings.append(f'postures[{place}]: {rule}')
     if findings:
         raise ConfigError(str(file), findings)
-    columns = (np.array([row[name] for row in rows], dtype=np.float64) for name in ROW)
-    return ModeTable(tuple(joints), *columns, str(file))
+    positions, frequencies, ratios = (
+        np.array([row[name] for row in rows], dtype=np.float64) for name in ROW
+    )
+    return ModeTable(tuple(joints), positions, frequencies, ratios, str(file))
 
 
 def _row_finding(row: Any, joints: Any, first: Any) -> str:
