@@ -66,7 +66,7 @@ class ModeTable:
 
     @cached_property
     def _values(self) -> Array:
-        """What is interpolated: logarithms of the frequencies, then ratios (m, 2 k)."""
+        """Interpolated values: logarithms of the frequencies, then ratios (m, 2 k)."""
         return np.hstack([np.log(self.frequencies), self.ratios])
 
     @cached_property
