@@ -104,7 +104,7 @@ def closed_loop(
         rest -= np.tile(rows @ by_sensors, (late, 1))
         rest[-sensors:] -= rows @ by_joints
         step[queue] = rest
-    if not settings.integral_time or share == 0.0:
+    if not settings.integral_time or share < 1.0:  # integrals rest until all is in
         keep = np.delete(np.arange(total), np.arange(sums.start, sums.stop))
         step = step[np.ix_(keep, keep)]
     return step

@@ -93,6 +93,7 @@ class DeviationFilter:
         self._biased, self._most_bias = np.flatnonzero(bias), BIASES * bias[bias > 0.0]
         self._unbiased = np.ones(len(self._biased), dtype=np.bool_)
         self._deviations = len(gains.push)
+        self._rows = gains.measured[:, : self._deviations]  # the joints' are the same everywhere
         self.state: Array = np.zeros(len(gains.transition))
         self.refused = np.zeros(len(self._sensors), dtype=np.int64)
         self._values, self._stamps = np.zeros(seen), np.zeros(seen)
@@ -140,11 +141,18 @@ class DeviationFilter:
         self.errors = other.errors
 
     def deviations(self) -> Array:
-        """Deviations y (2 m,), including those by the model's errors."""
+        """Deviations y (2 m,) from the plan of a robot with the model's errors."""
         y = self.state[: self._deviations]
         if self.errors is None:
             return y
-        return np.asarray(y + self.errors.seen[: self._deviations] @ self.errors.used)
+        return np.asarray(y - self.errors.state(self.time, self.errors.used))
+
+    def joint_deviations(self) -> Array:
+        """Return those of the measured joints and their rates (2 joints,), from the same plan."""
+        if self.errors is None:
+            return self.joints
+        changed = self.errors.state(self.time, self.errors.used)
+        return np.asarray(self.joints - self._rows[: 2 * self._k] @ changed)
 
     def follow(self, time: float, q: Array, qd: Array) -> None:
         """Take the plan's coordinates and rates (n,) at a time of the loop's clock [s].
@@ -193,6 +201,8 @@ class DeviationFilter:
         ]
         for stamp, sample, at in groups:
             plan = self._plan.at(stamp)
+            if self.errors is not None:
+                plan = plan + self.errors.measured(self.time + stamp - now)
             innovation[at] = self._values[at] - plan[at] - self._own.at(sample)[at]
             own = at[at < 2 * self._k]
             self.joints[own] = self._values[own] - plan[own]
@@ -231,7 +241,12 @@ class DeviationFilter:
         """Correct the estimate, and its propagation since, by the innovations of a sample."""
         correction, errors = gains.correction, self.errors
         if errors is not None and self.believed:
-            errors.correct(gains, self._innovation, at, self.time)
+            learned = errors.correct(gains, self._innovation, at, self.time)
+            if learned is not None:
+                self.state += learned
+                seen = gains.measured @ learned
+                self._own.since(stamp - 0.5 * self._period)[1][:] += seen
+                self._innovation[at] -= seen[at]
         if self.blind:
             at, correction = at[at < 2 * self._k], gains.blind
         if errors is not None:
@@ -362,9 +377,18 @@ class DeviationFilter:
         Returns what these did to the deviations (2 m,).
         """
         pushed: Array = gains.push @ pushes
+        errors, s = self.errors, len(pushed)
+        if errors is None:
+            self.state = gains.transition @ self.state
+            self.state[:s] += pushed
+            return pushed
+        # a robot with the errors stays on its own plan under its torque
+        self.state[:s] -= errors.state(self.time, errors.values)
         self.state = gains.transition @ self.state
-        self.state[: len(pushed)] += pushed
-        if self.errors is not None:
-            self.errors.go_on(gains, self.time)
-            self.time += self._period
+        held = gains.push.reshape(s, -1, self._k).sum(axis=1)
+        pushed -= held @ errors.torque(self.time, errors.values)
+        self.state[:s] += pushed
+        errors.go_on(gains, self.time)
+        self.time += self._period
+        self.state[:s] += errors.state(self.time, errors.values)
         return pushed

@@ -69,6 +69,16 @@ class DeviationModel:
         a[m:, :m] -= (stiffness - 1.0) * np.linalg.solve(linear.inertia, np.diag(self.stiff))
         return replace(self, linear=replace(linear, a=a))
 
+    def damped(self, above: float, ratio: float) -> DeviationModel:
+        """Return the model with modes above a frequency [Hz] damped by a ratio more."""
+        m, linear = self.size, self.linear
+        values, shapes = scipy.linalg.eigh(np.diag(self.stiff), linear.inertia)
+        omega = np.sqrt(np.maximum(values, 0.0))
+        more = np.where(omega > 2.0 * np.pi * above, 2.0 * ratio * omega, 0.0)
+        a = linear.a.copy()
+        a[m:, m:] -= (shapes * more) @ shapes.T @ linear.inertia
+        return replace(self, linear=replace(linear, a=a))
+
     def sampled(self, period: float, delay: float) -> DiscreteModel:
         """Return y under torques of the driven joints that act `delay` later and are held."""
         k, linear = self.joints, self.linear

@@ -7,28 +7,28 @@ from numpy.typing import NDArray
 
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
-from denoc_ros.control.model_errors import ModelErrors, drive
+from denoc_ros.control.model_errors import ModelErrors, drive, terms
 from denoc_ros.types import Array
 
 LIKELY = 0.2  # standard deviation of an error before anything is measured
 LARGEST = 0.4  # error that is believed
-TRUST = 0.3  # the innovations' spread counts so much: the filter allows for more than is true
-# in its place, where robots have modes beyond the design: factors of the noise of joints and of
-# sensors. Noise in the estimate, and modes that nobody knows, stay alike over many periods
-COLOURED = 3.0, 10.0
+# factor of the noise: it stays alike over many periods in the estimate, as do modes that nobody
+# knows
+COLOURED = 3.0
 GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
 DOUBT = 1.0  # standard deviations within which an error may well be none
-SMOOTH = 0.2  # s over which an error comes in
+SMOOTH = 0.1  # s over which an error comes in
 WALK = 0.01  # standard deviation of what an error changes within a second
 
 
 class ErrorEstimate:
-    """Errors of the model along a plan, one for each beam's stiffness and the load.
+    """Errors of the model along a plan, and the plan of the robot that has them.
 
-    A filter of deviations that does not know of the errors is off by `seen` @ values, whatever
-    the deviations are; so are its innovations, which show the values. Torque and estimate then
-    take the values into account, and the filter and the proof of its stability stay as they are.
+    A filter of deviations that is off by `seen` @ (errors - values), whatever the deviations are,
+    has innovations which show the errors. The plan then follows: that of a robot with the errors
+    `used`, its tip where it was. Deviations are from that plan, so they stay small however wrong
+    the model is; filter, gains and the proof of their stability stay as they are.
 
     Parameters
     ----------
@@ -38,10 +38,9 @@ class ErrorEstimate:
     Attributes
     ----------
     values : (errors,) array
-        As estimated.
+        As estimated: of each beam's (spring's) compliance, then of the load.
     used : (errors,) array
-        On which torque and estimate rely; of a robot that has modes beyond the design, those that
-        are beyond their standard deviation, followed smoothly.
+        On which the plan relies: those beyond their standard deviation, followed smoothly.
     seen : (e, errors) array
         How far the estimate is from the truth, by unit errors.
 
@@ -55,20 +54,18 @@ class ErrorEstimate:
         assert schedule.errors is not None
         self._errors: ModelErrors = schedule.errors
         self._period = schedule.settings.period
-        count = self._errors.accelerations.shape[2]
+        count = self._errors.count
         self.values, self.used = np.zeros((2, count))
         self.seen: Array = np.zeros((len(schedule.gains[0].transition), count))
         self._covariance: Array = LIKELY**2 * np.eye(count)
         self._quiet = -np.inf
-        self._variance: Array | None = None
-        if len(noise := self._errors.noise):
-            own = 2 * len(schedule.names)
-            factors = np.repeat(COLOURED, (own, len(noise) - own))
-            self._variance = np.square(factors * noise)
+        self._variance = np.square(COLOURED * self._errors.noise)
         # at rest errors show no more: what is seen then is noise
-        self._end = (len(self._errors.accelerations) - 1) * self._errors.step
-        self._now = np.zeros(self._errors.accelerations.shape[1:])
-        self._ahead = np.zeros(self._errors.ahead.shape[1:])
+        self._end = (len(self._errors.states) - 1) * self._errors.step
+        self._states = np.zeros(self._errors.states.shape[1:])
+        self._torques = np.zeros(self._errors.torques.shape[1:])
+        self._values = np.zeros(self._errors.measured.shape[1:])
+        self._added = np.zeros(self._errors.accelerations.shape[1:])
 
     def reset(self) -> None:
         """Forget the errors."""
@@ -92,22 +89,25 @@ class ErrorEstimate:
 
     def correct(
         self, gains: PostureGains, innovation: Array, at: NDArray[np.intp], time: float
-    ) -> None:
-        """Learn from the innovations of the filter at some places, at a time of the plan [s]."""
+    ) -> Array | None:
+        """Learn from the innovations of the filter at some places, at a time of the plan [s].
+
+        Returns what that changes of the filter's estimate (e,); None: nothing.
+        """
         if not self._quiet <= time <= self._end or not len(at):
-            return
+            return None
         expected = gains.measured[at] @ self.seen
-        left = innovation[at] - expected @ self.values
-        if (np.abs(left) > GATE * gains.spread[at]).any():
+        if (np.abs(innovation[at]) > GATE * gains.spread[at]).any():
             self.doubt(time)
-            return
+            return None
         across = self._covariance @ expected.T
-        trusted = np.square(TRUST * gains.spread) if self._variance is None else self._variance
-        noise = np.diag(trusted[at])
+        noise = np.diag(self._variance[at])
         gain = np.linalg.solve(expected @ across + noise, across.T).T
-        self.values += gain @ left
+        before = self.values.copy()
+        self.values += gain @ innovation[at]
         np.clip(self.values, -LARGEST, LARGEST, out=self.values)
         self._covariance = self._covariance - gain @ across.T
+        return np.asarray(self.seen @ (self.values - before))
 
     def follow(self, gains: PostureGains, correction: Array, at: NDArray[np.intp]) -> None:
         """Take note that the filter has corrected its estimate by the innovations at places."""
@@ -115,16 +115,27 @@ class ErrorEstimate:
 
     def go_on(self, gains: PostureGains, time: float) -> None:
         """Go on by a period from a time of the plan [s]."""
-        added = self._errors.between(self._errors.accelerations, time, self._now)
+        errors, count = self._errors, len(self.values)
+        rows = errors.between(errors.accelerations, time, self._added)
+        added = rows[:, :count] + np.einsum(
+            'mpe,p->me', rows[:, count:].reshape(len(rows), count, count), self.values
+        )
         self.seen = gains.transition @ self.seen + drive(added, self._period, len(self.seen))
-        self._covariance += WALK**2 * self._period * np.eye(len(self.values))
-        if self._variance is None:
-            self.used[:] = self.values
-            return
+        self._covariance += WALK**2 * self._period * np.eye(count)
         doubt = DOUBT**2 * np.diag(self._covariance)
         believed = self.values * np.maximum(0.0, 1.0 - doubt / np.maximum(self.values**2, doubt))
         self.used += self._period / (self._period + SMOOTH) * (believed - self.used)
 
-    def torque(self, time: float) -> Array:
-        """Return the torque (joints,) that undoes the errors from a time of the plan on."""
-        return -self._errors.between(self._errors.ahead, time, self._ahead) @ self.used
+    def state(self, time: float, errors: Array) -> Array:
+        """Return what errors change of the plan's deviations (2 m,) at a time of it [s]."""
+        rows = self._errors.between(self._errors.states, time, self._states)
+        return np.asarray(rows @ terms(errors))
+
+    def measured(self, time: float) -> Array:
+        """Return what the design's robot adds to the plan's measured values (measured,)."""
+        return self._errors.between(self._errors.measured, time, self._values)
+
+    def torque(self, time: float, errors: Array) -> Array:
+        """Return what errors change of the plan's torque (joints,) at a time of it [s]."""
+        rows = self._errors.between(self._errors.torques, time, self._torques)
+        return np.asarray(rows[:, 0] + rows[:, 1:] @ terms(errors))

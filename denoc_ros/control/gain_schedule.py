@@ -22,7 +22,6 @@ from denoc_ros.control.feedback_design import (
     STRAINING,
     Noise,
     PostureGains,
-    Regulator,
     earlier_cost,
     estimator,
     gain_of,
@@ -37,16 +36,16 @@ from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.joint_feedback import joint_gains
 from denoc_ros.control.model_errors import (
     ModelErrors,
-    error_accelerations,
+    ModelledMotion,
     knows_errors,
-    preview,
+    model_errors,
 )
 from denoc_ros.control.planned_states import PlannedMotion
 from denoc_ros.control.read_values import chosen_values, read_sensors
 from denoc_ros.control.residual_modes import is_hardened
 from denoc_ros.dynamics.measured_side import MeasuredStates, whole_robot
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import StateError
+from denoc_ros.errors import SolverError, StateError
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.model.link_side import motors_behind
 from denoc_ros.types import Array
@@ -57,6 +56,8 @@ TRIED = 17  # postures of a plan at which stability is shown, at most
 LOWER = (1.0, 2.0, 4.0, 8.0)  # factors of the errors until the loop is stable
 LOWERED = ('tip_error', 'tip_turn', 'joint_error', 'integral_time')  # times these factors
 OTHERS = ', and with other modes of the links'
+# Hz: modes that are faster count as damped by so much more, so that no gain is spent on them
+LEFT_ALONE, MORE_DAMPED = 6.0, 0.3
 HALVINGS = 5  # of the joints' bandwidth
 NEUTRAL = 1e-9  # what rounding makes of a modulus of 1
 
@@ -120,7 +121,6 @@ def design(
     times: Array,
     states: Sequence[PlannedState],
     settings: FeedbackSettings,
-    solved: list[tuple[Regulator, Array]] | None = None,
 ) -> GainSchedule:
     """Return the gains along a plan, shown to be stable for robots that are not the model.
 
@@ -137,8 +137,6 @@ def design(
         (see :func:`denoc_ros.control.planned_states.spacing`).
     states : sequence of PlannedState
     settings : FeedbackSettings
-    solved : list, optional
-        Gets the problem of each state and the cost one period later, the last state first.
 
     Raises
     ------
@@ -166,9 +164,11 @@ def design(
     proof = Proof(robot, joints, rows, [states[k] for k in chosen], settings, hard)
     settings = _with_stable_joints(settings, proof, [models[k] for k in chosen])
     share = (KNOWN if hard and knows_errors(robot) else 1.0) * settings.model_error
+    if hard:  # what moves faster is left to the joints' own feedback
+        models = [model.damped(LEFT_ALONE, MORE_DAMPED) for model in models]
     for factor in LOWER if hard else LOWER[:1]:
         lower = replace(settings, **{name: factor * getattr(settings, name) for name in LOWERED})
-        gains, problems = _gains(robot, models, states, limits, lower, noise, doublings, share)
+        gains = _gains(robot, models, states, limits, lower, noise, doublings, share)
         slowest = proof.slowest([gains[k] for k in chosen])
         if slowest.modulus < 1.0:
             break
@@ -179,8 +179,6 @@ def design(
             f'{slowest}; a larger tip_error, joint_error or integral_time, or a smaller '
             'effort_share, joint_bandwidth, model_error or delay may help'
         )
-    if solved is not None:
-        solved.extend(problems)
     names = models[0].linear.state_names[: models[0].size]
     coordinates = np.array([robot.coordinate_names.index(name) for name in names], dtype=np.intp)
     index = np.asarray(robot.indices(joints), dtype=np.intp)
@@ -195,20 +193,15 @@ def design(
 def _gains(
     robot: Robot, models: Sequence[DeviationModel], states: Sequence[PlannedState],
     limits: Array, settings: FeedbackSettings, noise: Noise, doublings: int, share: float,
-) -> tuple[list[PostureGains], list[tuple[Regulator, Array]]]:  # fmt: skip
-    """Return the gains at each state, and its problem with the cost one period later.
-
-    The problems begin with that of the last state.
-    """
+) -> list[PostureGains]:  # fmt: skip
+    """Return the gains at each state."""
     cost: Array | None = None
     gains: list[PostureGains] = []
-    problems: list[tuple[Regulator, Array]] = []
     stiff = robot.stiffness[robot.flexible_indices]
     for model, state in zip(reversed(models), reversed(states), strict=True):
         inner = joint_gains(model, settings.joint_bandwidth)
         problem = regulator(model, limits, settings, inner)
         cost = settled_cost(problem) if cost is None else earlier_cost(problem, cost, doublings)
-        problems.append((problem, cost))
         forces = noise.forces(state, stiff, share)
         transition = noise.with_biases(
             model.disturbed(settings.period, CORRELATION), settings.period
@@ -224,7 +217,7 @@ def _gains(
             measured, spread, blind, reach_of(model, noise), problem.virtual, inner,
         ))  # fmt: skip
     gains.reverse()
-    return gains, problems
+    return gains
 
 
 def _with_stable_joints(
@@ -246,24 +239,29 @@ def design_along(
     limits: Array,
     motion: PlannedMotion,
     settings: FeedbackSettings,
+    plan: ModelledMotion | None = None,
 ) -> GainSchedule:
     """Design the gains along a motion, with the effect of model errors.
 
-    Arguments and errors as of :func:`design`; of robots with loops or mimic joints no errors are
-    estimated.
+    Arguments and errors as of :func:`design`; `plan` is the motion of the robot that the plan is
+    for, if the robot of the design has other modes. Of robots with loops or mimic joints, and of
+    plans that no other robot can follow with its tip, no errors are estimated.
     """
     robot = whole_robot(robot)
-    solved: list[tuple[Regulator, Array]] = []
-    found = design(robot, joints, limits, motion.times, motion.states, settings, solved)
+    found = design(robot, joints, limits, motion.times, motion.states, settings)
     if not knows_errors(robot):
         return found
-    accelerations = error_accelerations(robot, settings.tip, found.coordinates, motion.rows)
-    problems, costs = zip(*reversed(solved), strict=True)
-    ahead = preview(problems, costs, accelerations, motion.step, limits, found.settings)
     own = np.repeat([settings.position_noise, settings.velocity_noise], len(joints))
-    sensors = [value.noise for value in chosen_values(robot.tree, found.sensors)]
-    noise = np.concatenate([own, sensors]) if is_hardened(robot, joints) else np.zeros(0)
-    return replace(found, errors=ModelErrors(motion.step, accelerations, ahead, noise))
+    values = chosen_values(robot.tree, found.sensors)
+    noise = np.concatenate([own, [value.noise for value in values]])
+    try:
+        errors = model_errors(
+            robot, joints, settings.tip, found.coordinates, plan or ModelledMotion(robot, motion),
+            [value.place for value in values], noise,
+        )  # fmt: skip
+    except SolverError:
+        return found
+    return replace(found, errors=errors)
 
 
 def _doublings(times: Array, settings: FeedbackSettings) -> int:

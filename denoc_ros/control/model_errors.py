@@ -1,45 +1,68 @@
-"""Relative errors of the model along a plan: their effect, and the torque against it."""
+"""Relative errors of the model along a plan, and the plans of robots that have them."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.control.feedback_design import Regulator
-from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.planned_states import Row
+from denoc_ros.control.grid import differences
+from denoc_ros.control.planned_states import PlannedMotion, Row
+from denoc_ros.control.rest import rest_posture
+from denoc_ros.control.targets import Target
+from denoc_ros.control.tip import DRAW, LONGEST_STEP, NODES, SMOOTH, TURN
+from denoc_ros.control.tip_problem import TipProblem
+from denoc_ros.control.tip_solver import settle
+from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array
 
 CHANGE = 0.01  # of the load, in the difference that is its derivative
-MOST = 6  # stiffnesses that are told apart; more count as one
+MOST = 6  # compliances that are told apart; more count as one
+REACH = 0.2  # errors at which plans of other robots are made
+AFTER = 2.0  # s after the end of the motion that such a plan may use
+PAIRED = 4  # errors of which all pairs are tried; of more each alone
 
 
 @dataclass(frozen=True)
 class ModelErrors:
-    """Effect of model errors along a plan: of each beam's stiffness, then of the load.
+    """Plans of robots with other compliances of their beams, and another load, tip as planned.
+
+    The first is that of the robot of the design, which has modes that the plan's leaves out.
+    Errors: of each beam's (or spring's) compliance, then of the load. What they change is a
+    polynomial in them, of the terms of :func:`terms`.
 
     Attributes
     ----------
     step : float
         Time between rows [s]; the first is at the plan's start, the last one holds afterwards.
-    accelerations : (k, m, errors) array
-        Of the minimal coordinates, by unit errors.
-    ahead : (k, joints, errors) array
-        Torque to add = -ahead @ errors [N m, N]: it knows what is still to come.
+    states : (k, 2 m, terms) array
+        What the plan's minimal coordinates and their rates change by.
+    torques : (k, joints, 1 + terms) array
+        What is added to its torque [N m, N]: for the robot of the design, then by the errors.
+    measured : (k, measured) array
+        What is added to the measured values of the plan for the robot of the design.
+    accelerations : (k, m, errors (1 + errors)) array
+        Of the minimal coordinates, by unit errors; then what each of these changes by an error.
     noise : (measured,) array
-        Standard deviations of the measurements by which the errors are found; (0,) where the
-        design has all modes that are allowed for.
+        Standard deviations of the measurements by which the errors are found.
     """
 
     step: float
+    states: Array
+    torques: Array
+    measured: Array
     accelerations: Array
-    ahead: Array
     noise: Array
+
+    @property
+    def count(self) -> int:
+        """How many errors there are."""
+        return round(math.sqrt(self.accelerations.shape[2] + 0.25) - 0.5)
 
     def between(self, rows: Array, time: float, out: Array) -> Array:
         """Write rows of one of the arrays, interpolated at a time of the plan [s], to `out`."""
@@ -49,6 +72,28 @@ class ModelErrors:
         np.multiply(rows[before], 1.0 - share, out=out)
         out += share * rows[before + 1]
         return out
+
+
+@dataclass(frozen=True)
+class ModelledMotion:
+    """A motion of all coordinates of a robot, with its springs."""
+
+    robot: Robot
+    motion: PlannedMotion
+
+
+def terms(errors: Array) -> Array:
+    """Return all that a polynomial of second degree without a constant has of errors (e,)."""
+    first, second = np.triu_indices(len(errors))
+    return np.concatenate([errors, errors[first] * errors[second]])
+
+
+def terms_rate(errors: Array) -> Array:
+    """Return the derivative (terms, e) of the terms by the errors."""
+    first, second = np.triu_indices(len(errors))
+    unit = np.eye(len(errors))
+    pairs = errors[second, None] * unit[first] + errors[first, None] * unit[second]
+    return np.concatenate([unit, pairs])
 
 
 def knows_errors(robot: Robot) -> bool:
@@ -71,9 +116,17 @@ def stiffnesses(robot: Robot) -> list[NDArray[np.intp]]:
     return groups
 
 
-def error_accelerations(
-    robot: Robot, tip: str, coordinates: NDArray[np.intp], rows: Sequence[Row]
-) -> Array:
+def with_errors(robot: Robot, tip: str, errors: Array) -> Robot:
+    """Return a robot with errors of its compliances, and of the load at a frame."""
+    other = robot.with_scaled_load(tip, 1.0 + errors[-1])
+    diagonals = other.diagonals()
+    for group, error in zip(stiffnesses(robot), errors[:-1], strict=True):
+        diagonals[0, group] /= 1.0 + error
+    other.set_diagonals(diagonals)
+    return other
+
+
+def error_accelerations(robot: Robot, tip: str, coordinates: NDArray[np.intp], rows: Row) -> Array:
     """Return the accelerations (k, m, errors) that unit errors of the model add along a motion.
 
     Parameters
@@ -84,20 +137,120 @@ def error_accelerations(
         The frame whose load may be wrong.
     coordinates : (m,) int array
         The minimal ones.
-    rows : sequence of (q, qd, qdd), (n,) arrays each
-        The motion.
+    rows : three (k, n) arrays
+        q, qd and qdd of the motion.
     """
     heavier, groups = robot.with_scaled_load(tip, 1.0 + CHANGE), stiffnesses(robot)
-    found = np.zeros((len(rows), len(coordinates), len(groups) + 1))
-    for row, (q, qd, qdd) in enumerate(rows):
-        forces = np.zeros((robot.n, len(groups) + 1))
-        for column, group in enumerate(groups):
-            forces[group, column] = -robot.stiffness[group] * q[group]
-        more = heavier.inverse_dynamics(q, qd, qdd) - robot.inverse_dynamics(q, qd, qdd)
-        forces[:, -1] = -more / CHANGE
-        inertia = robot.inertia_matrix(q)[np.ix_(coordinates, coordinates)]
-        found[row] = np.linalg.solve(inertia, forces[coordinates])
-    return found
+    q, qd, qdd = rows
+    forces = np.zeros((len(q), robot.n, len(groups) + 1))
+    for column, group in enumerate(groups):
+        forces[:, group, column] = robot.stiffness[group] * q[:, group]
+    more = heavier.inverse_dynamics(q, qd, qdd) - robot.inverse_dynamics(q, qd, qdd)
+    forces[:, :, -1] = -more / CHANGE
+    inertia = np.array([robot.inertia_matrix(one)[np.ix_(coordinates, coordinates)] for one in q])
+    return np.linalg.solve(inertia, forces[:, coordinates])
+
+
+def model_errors(
+    robot: Robot, joints: Sequence[str], tip: str, coordinates: NDArray[np.intp],
+    plan: ModelledMotion, sensors: Sequence[int], noise: Array,
+) -> ModelErrors:  # fmt: skip
+    """Return what errors of the model change of a plan whose tip is to stay where it is.
+
+    Parameters
+    ----------
+    robot : Robot
+        With all its springs, without loops or mimic joints.
+    joints : sequence of str
+        That are driven.
+    tip : str
+    coordinates : (m,) int array
+        The minimal ones.
+    plan : ModelledMotion
+        Of a robot that may have other modes.
+    sensors : sequence of int
+        Places of the values that are read, as of :func:`deviation_model`.
+    noise : (measured,) array
+
+    Raises
+    ------
+    SolverError
+        There is no such plan.
+    """
+    family = _Family(robot, joints, tip, plan)
+    count = len(stiffnesses(robot)) + 1
+    unit, zero = REACH * np.eye(count), np.zeros(count)
+    tried = [zero, *unit, *-unit]
+    if count <= PAIRED:
+        tried += [unit[a] + unit[b] for a, b in zip(*np.triu_indices(count, 1), strict=True)]
+    plans = [family.plan(errors) for errors in tried]
+    by_terms = np.linalg.pinv(np.array([terms(errors) for errors in tried[1:]]))
+    changed = [np.array([one[part] - plans[0][part] for one in plans[1:]]) for part in range(4)]
+    q, qd, _, torque = (np.einsum('tp,pkn->knt', by_terms, part) for part in changed)
+    torques = np.concatenate([(plans[0][3] - family.torque)[:, :, None], torque], axis=2)
+    measured = _measured(robot, joints, sensors, *plans[0][:2]) - _measured(
+        plan.robot, joints, sensors, *family.planned
+    )
+    driven = [
+        error_accelerations(with_errors(robot, tip, errors), tip, coordinates, plan[:3])
+        for errors, plan in zip(tried[: 1 + 2 * count], plans[: 1 + 2 * count], strict=True)
+    ]
+    rates = [(driven[1 + at] - driven[1 + count + at]) / (2.0 * REACH) for at in range(count)]
+    states = np.concatenate([q[:, coordinates], qd[:, coordinates]], axis=1)
+    accelerations = np.concatenate([driven[0], *rates], axis=2)
+    return ModelErrors(family.step, states, torques, measured, accelerations, noise)
+
+
+class _Family:
+    """Plans of robots that are not the model, with the tip where the model's plan has it."""
+
+    def __init__(
+        self, robot: Robot, joints: Sequence[str], tip: str, plan: ModelledMotion
+    ) -> None:
+        model, motion = plan.robot, plan.motion
+        rows = np.array(motion.rows)
+        usual = min(motion.step * (len(rows) - 1) / NODES, LONGEST_STEP)
+        fewer = max(1, round(usual / motion.step))
+        self.step = fewer * motion.step
+        count = math.ceil((len(rows) - 1) / fewer) + 1 + math.ceil(AFTER / self.step)
+        q, qd, qdd = np.moveaxis(rows[np.minimum(fewer * np.arange(count), len(rows) - 1)], 1, 0)
+        self.planned = q, qd
+        self.torque = model.inverse_dynamics(q, qd, qdd)[:, model.indices(joints)]
+        self._robot, self._tip, self._driven = robot, tip, robot.indices(joints)
+        self._asked = np.zeros((count, robot.n))
+        same = [name for name in model.coordinate_names if name in robot.coordinate_names]
+        into = [robot.coordinate_names.index(name) for name in same]
+        self._asked[:, into] = q[:, [model.coordinate_names.index(name) for name in same]]
+        poses = model.frame_pose(tip, q)
+        self._size = float(np.linalg.norm(poses[:, :3, 3], axis=1).max())
+        self._target = Target(tip, poses, 1.0, TURN * self._size)
+
+    def plan(self, errors: Array) -> tuple[Array, Array, Array, Array]:
+        """Return q, qd, qdd (k, n) and torque (k, joints) of a robot with errors."""
+        robot, planned, size = with_errors(self._robot, self._tip, errors), self._asked, self._size
+        problem = TipProblem(
+            robot, self._driven, [self._target], planned, DRAW * size, SMOOTH * size,
+            self.step * len(planned),
+        )  # fmt: skip
+        first, last = (rest_posture(problem, k, planned[k]) for k in (0, -1))
+        share = np.linspace(0.0, 1.0, len(planned))[:, None]
+        guess = planned + (1.0 - share) * (first[0] - planned[0])
+        guess += share * (last[0] - planned[-1])
+        multipliers = np.zeros((len(planned), problem.loops.count))
+        solved = settle(problem, (guess, multipliers), self.step, size, lambda *_: None)
+        qd, qdd = differences(solved.q, self.step)
+        return solved.q, qd, qdd, problem.torque(solved.q, qd, qdd, solved.multipliers)
+
+
+def _measured(
+    robot: Robot, joints: Sequence[str], sensors: Sequence[int], q: Array, qd: Array
+) -> Array:
+    """Return the measured values (k, measured) along a motion (k, n)."""
+    seen, places = MeasuredStates(robot, joints), list(sensors)
+    return np.array([
+        np.concatenate([seen.posture(a), seen.posture(b), robot.sensor_values(a, b)[places]])
+        for a, b in zip(q, qd, strict=True)
+    ])  # fmt: skip
 
 
 def drive(accelerations: Array, period: float, size: int) -> Array:
@@ -107,55 +260,3 @@ def drive(accelerations: Array, period: float, size: int) -> Array:
     added[:m] = 0.5 * period**2 * accelerations
     added[m : 2 * m] = period * accelerations
     return added
-
-
-def preview(
-    problems: Sequence[Regulator], costs: Sequence[Array], accelerations: Array, step: float,
-    limits: Array, settings: FeedbackSettings,
-) -> Array:  # fmt: skip
-    """Return the torques (k, joints, errors) that undo unit errors at least cost.
-
-    Parameters
-    ----------
-    problems, costs : sequences
-        Of the regulator at the nodes of the plan, the cost one period later.
-    accelerations : (k, m, errors) array
-        As :func:`error_accelerations` returns them, evenly spaced from the first node to the last.
-    step : float
-        Time between them: 2^j periods [s].
-    limits : (joints,) array
-        Effort limits [N m, N].
-    settings : FeedbackSettings
-
-    Notes
-    -----
-    The cost of the regulator x+ = a x + b v + e is x^T P x + 2 x^T r; backwards in time
-    r <- (a - b K)^T (r + P e), and v = -K x - (1 + b^T P b)^-1 b^T (r + P e). From the last row
-    on e is constant.
-    """
-    per_node = (len(accelerations) - 1) // (len(problems) - 1)
-    periods = round(step / settings.period)
-    scale = (settings.effort_share * limits)[:, None]
-    found = np.zeros((len(accelerations), len(limits), accelerations.shape[2]))
-    rest: Array | None = None
-    for row in range(len(accelerations) - 1, -1, -1):
-        node = round(row / per_node)
-        a, b, cost = problems[node].a, problems[node].b, costs[node]
-        inner = np.linalg.solve(np.eye(b.shape[1]) + b.T @ cost @ b, b.T)
-        closed = (a - b @ (inner @ cost @ a)).T
-        push = cost @ drive(accelerations[row], settings.period, len(a))
-        if rest is None:
-            rest = np.linalg.solve(np.eye(len(a)) - closed, closed @ push)
-        else:
-            power, total = _powers(closed, periods)
-            rest = power @ rest + total @ (closed @ push)
-        found[row] = scale * (inner @ (rest + push))
-    return found
-
-
-def _powers(closed: Array, count: int) -> tuple[Array, Array]:
-    """Return closed^count and the sum of all lower powers; count is a power of two."""
-    power, total = closed, np.eye(len(closed))
-    while count > 1:
-        power, total, count = power @ power, total + power @ total, count // 2
-    return power, total

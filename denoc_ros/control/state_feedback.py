@@ -120,6 +120,7 @@ class StateFeedback:
         self._way, self.integrals = np.zeros(past), np.zeros(k)
         self._most = schedule.settings.limit * schedule.limits
         self._asked, self._torque, self._left, self._governed_last = np.zeros((4, k))
+        self._changed = np.zeros(k)  # torque that the plan of a robot with the errors adds
         self._own, self._state = HandOver(k), HandOver(k)
         self._plan: Array | None = None  # torque of the plan at the last tick
         self._deviations = self.filter.deviations()
@@ -222,8 +223,12 @@ class StateFeedback:
         elapsed = 0.0 if self._last == -np.inf else min(now - self._last, RAMP)
         self._last = now
         after = min(before + 1, len(schedule.gains) - 1)
+        errors = self.filter.errors
+        if errors is not None:
+            self._changed[:] = errors.torque(time, errors.used)
         np.copyto(self._torque, self._joint_torque(before, after, share, now, elapsed))
-        asked, self._governs = self._state_torque(before, after, share, time), False
+        self._torque += self._changed
+        asked, self._governs = self._state_torque(before, after, share), False
         if asked is not None and now < self._heard_from:
             self.integrals[:], asked = 0.0, None
         if asked is not None:
@@ -245,9 +250,9 @@ class StateFeedback:
         if now - known.joints_at > self.schedule.settings.sensor_timeout:
             return self._own.take(None, elapsed)
         gain = _between(gains[before].joints, gains[after].joints, share, self._joint_gain)
-        return self._own.take(-(gain @ known.joints), elapsed)
+        return self._own.take(-(gain @ known.joint_deviations()), elapsed)
 
-    def _state_torque(self, before: int, after: int, share: float, time: float) -> Array | None:
+    def _state_torque(self, before: int, after: int, share: float) -> Array | None:
         """Return the torque (joints,) by all deviations, None while they are not believed."""
         if not self.filter.believed:
             self.integrals[:] = 0.0
@@ -255,9 +260,8 @@ class StateFeedback:
         gains = self.schedule.gains
         gain = _between(gains[before].gain, gains[after].gain, share, self._gain)
         self._deviations = self.filter.deviations()
-        torque = gain @ np.concatenate((self._deviations, self._way, self.integrals))
-        if self.filter.errors is not None:
-            torque -= self.filter.errors.torque(time)
+        way = self._way - np.tile(self._changed, len(self._way) // self._k)
+        torque = gain @ np.concatenate((self._deviations, way, self.integrals))
         return np.asarray(np.negative(torque, out=torque))
 
     def _governed(self, asked: Array, before: int, now: float, elapsed: float) -> Array | None:
@@ -311,7 +315,7 @@ class StateFeedback:
     def applied(self, change: Array) -> None:
         """Take the torque (joints,) [N m, N] that was added to the plan's after all limits."""
         gains = self.schedule.gains[self._at]
-        free = self.active and not self._governs
+        free = self.share == 1.0 and not self._governs
         if free and np.abs(change - self._asked).max() <= ROUNDING * self._most.max():
             m = gains.virtual.shape[1]
             step = self.schedule.settings.period

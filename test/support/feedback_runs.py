@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_schedule import GainSchedule, design_along
-from denoc_ros.control.planned_states import motion_along
+from denoc_ros.control.gain_jobs import GainJob
+from denoc_ros.control.gain_schedule import GainSchedule
 from denoc_ros.control.read_values import numbered_values
-from denoc_ros.control.residual_modes import with_residual_modes
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
@@ -58,9 +57,8 @@ class Planned:
     def schedule(self, **more: float) -> GainSchedule:
         settings = FeedbackSettings(period=PERIOD, tip='tool', delay=DELAY * PERIOD, **more)
         names = self.robot.joint_names
-        robot = with_residual_modes(self.robot, names)
-        motion = motion_along(robot, names, self.trajectory.sample, self.duration, PERIOD)
-        return design_along(robot, names, self.limits, motion, settings)
+        job = GainJob(names, self.limits, np.zeros(self.robot.n), settings, START, self.trajectory)
+        return job.schedule(self.robot)
 
 
 def canadarm(stiffness: float = 1.0, load: float = 1.0, source: str = str(CANADARM)) -> Robot:
