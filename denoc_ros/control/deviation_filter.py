@@ -145,7 +145,8 @@ class DeviationFilter:
         y = self.state[: self._deviations]
         if self.errors is None:
             return y
-        return np.asarray(y - self.errors.state(self.time, self.errors.used))
+        changed = self.errors.state(self.time, self.errors.used)
+        return np.asarray(y - changed - self.errors.doubtful()[: self._deviations])
 
     def joint_deviations(self) -> Array:
         """Return those of the measured joints and their rates (2 joints,), from the same plan."""
@@ -243,9 +244,9 @@ class DeviationFilter:
         if errors is not None and self.believed:
             learned = errors.correct(gains, self._innovation, at, self.time)
             if learned is not None:
-                self.state += learned
-                seen = gains.measured @ learned
-                self._own.since(stamp - 0.5 * self._period)[1][:] += seen
+                change, seen = learned
+                self.state += change
+                self._own.since(stamp - 0.5 * self._period)[1][:] += gains.measured @ change
                 self._innovation[at] -= seen[at]
         if self.blind:
             at, correction = at[at < 2 * self._k], gains.blind

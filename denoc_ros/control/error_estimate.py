@@ -19,6 +19,9 @@ GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
 DOUBT = 1.0  # standard deviations within which an error may well be none
 SMOOTH = 0.1  # s over which an error comes in
+# share of the further modes of the design that a robot shows, and its standard deviation: the
+# model has none of them, a beam has all
+FURTHER = 0.5
 WALK = 0.01  # standard deviation of what an error changes within a second
 
 
@@ -56,8 +59,9 @@ class ErrorEstimate:
         self._period = schedule.settings.period
         count = self._errors.count
         self.values, self.used = np.zeros((2, count))
-        self.seen: Array = np.zeros((len(schedule.gains[0].transition), count))
-        self._covariance: Array = LIKELY**2 * np.eye(count)
+        self.further = FURTHER
+        self.seen: Array = np.zeros((len(schedule.gains[0].transition), count + 1))
+        self._covariance = self._unknown()
         self._quiet = -np.inf
         self._variance = np.square(COLOURED * self._errors.noise)
         # at rest errors show no more: what is seen then is noise
@@ -70,8 +74,13 @@ class ErrorEstimate:
     def reset(self) -> None:
         """Forget the errors."""
         self.values[:] = self.used[:] = 0.0
-        self._covariance = LIKELY**2 * np.eye(len(self.values))
+        self.further = FURTHER
+        self._covariance = self._unknown()
         self.forget_deviations()
+
+    def _unknown(self) -> Array:
+        """Return the covariance before anything is measured."""
+        return np.diag(np.append(np.full(len(self.values), LIKELY**2), FURTHER**2))
 
     def forget_deviations(self) -> None:
         """Take note that the filter has started anew from measurements."""
@@ -81,7 +90,7 @@ class ErrorEstimate:
         """Go on with the values of another estimate of the same errors."""
         if other is not None and other.seen.shape == self.seen.shape:
             self.values[:], self.used[:], self.seen[:] = other.values, other.used, other.seen
-            self._covariance = other._covariance
+            self.further, self._covariance = other.further, other._covariance
 
     def doubt(self, time: float) -> None:
         """Learn nothing for a while from a time of the plan [s] on: the torque was not as told."""
@@ -89,29 +98,37 @@ class ErrorEstimate:
 
     def correct(
         self, gains: PostureGains, innovation: Array, at: NDArray[np.intp], time: float
-    ) -> Array | None:
+    ) -> tuple[Array, Array] | None:
         """Learn from the innovations of the filter at some places, at a time of the plan [s].
 
-        Returns what that changes of the filter's estimate (e,); None: nothing.
+        Returns what that changes of the filter's estimate (e,), and of the values (measured,)
+        that are expected; None: nothing.
         """
         if not self._quiet <= time <= self._end or not len(at):
             return None
+        shown = self._errors.between(self._errors.measured, time, self._values)
         expected = gains.measured[at] @ self.seen
+        expected[:, -1] += shown[at]
         if (np.abs(innovation[at]) > GATE * gains.spread[at]).any():
             self.doubt(time)
             return None
         across = self._covariance @ expected.T
         noise = np.diag(self._variance[at])
         gain = np.linalg.solve(expected @ across + noise, across.T).T
-        before = self.values.copy()
-        self.values += gain @ innovation[at]
-        np.clip(self.values, -LARGEST, LARGEST, out=self.values)
+        before = np.append(self.values, self.further)
+        after = before + gain @ innovation[at]
+        self.values[:] = np.clip(after[:-1], -LARGEST, LARGEST)
+        self.further = after[-1] = min(max(float(after[-1]), 0.0), 2.0 * FURTHER)
+        after[:-1] = self.values
         self._covariance = self._covariance - gain @ across.T
-        return np.asarray(self.seen @ (self.values - before))
+        change = self.seen @ (after - before)
+        return change, gains.measured @ change + (after[-1] - before[-1]) * shown
 
     def follow(self, gains: PostureGains, correction: Array, at: NDArray[np.intp]) -> None:
         """Take note that the filter has corrected its estimate by the innovations at places."""
-        self.seen -= correction[:, at] @ (gains.measured[at] @ self.seen)
+        expected = gains.measured[at] @ self.seen
+        expected[:, -1] += self._values[at]
+        self.seen -= correction[:, at] @ expected
 
     def go_on(self, gains: PostureGains, time: float) -> None:
         """Go on by a period from a time of the plan [s]."""
@@ -120,11 +137,16 @@ class ErrorEstimate:
         added = rows[:, :count] + np.einsum(
             'mpe,p->me', rows[:, count:].reshape(len(rows), count, count), self.values
         )
-        self.seen = gains.transition @ self.seen + drive(added, self._period, len(self.seen))
-        self._covariance += WALK**2 * self._period * np.eye(count)
-        doubt = DOUBT**2 * np.diag(self._covariance)
+        self.seen = gains.transition @ self.seen
+        self.seen[:, :count] += drive(added, self._period, len(self.seen))
+        self._covariance[:count, :count] += WALK**2 * self._period * np.eye(count)
+        doubt = DOUBT**2 * np.diag(self._covariance)[:count]
         believed = self.values * np.maximum(0.0, 1.0 - doubt / np.maximum(self.values**2, doubt))
         self.used += self._period / (self._period + SMOOTH) * (believed - self.used)
+
+    def doubtful(self) -> Array:
+        """Return what the filter's estimate (e,) owes to errors on which the plan does not rely."""
+        return np.asarray(self.seen[:, :-1] @ (self.values - self.used))
 
     def state(self, time: float, errors: Array) -> Array:
         """Return what errors change of the plan's deviations (2 m,) at a time of it [s]."""
@@ -133,7 +155,7 @@ class ErrorEstimate:
 
     def measured(self, time: float) -> Array:
         """Return what the design's robot adds to the plan's measured values (measured,)."""
-        return self._errors.between(self._errors.measured, time, self._values)
+        return self.further * self._errors.between(self._errors.measured, time, self._values)
 
     def torque(self, time: float, errors: Array) -> Array:
         """Return what errors change of the plan's torque (joints,) at a time of it [s]."""
