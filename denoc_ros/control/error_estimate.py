@@ -31,7 +31,12 @@ class ErrorEstimate:
     A filter of deviations that is off by `seen` @ (errors - values), whatever the deviations are,
     has innovations which show the errors. The plan then follows: that of a robot with the errors
     `used`, its tip where it was. Deviations are from that plan, so they stay small however wrong
-    the model is; filter, gains and the proof of their stability stay as they are.
+    the model is; filter, gains and the proof of their stability stay as they are. What is not
+    `used` is left out of the filter's estimate, too: an error that may be none moves nothing.
+
+    The measured values of the plan are between those of the model and those of the design's
+    robot, which has more modes. Where is estimated with the errors: a gauge near a beam's root
+    shows the difference, which would otherwise be taken for an error of compliance.
 
     Parameters
     ----------
@@ -44,8 +49,10 @@ class ErrorEstimate:
         As estimated: of each beam's (spring's) compliance, then of the load.
     used : (errors,) array
         On which the plan relies: those beyond their standard deviation, followed smoothly.
-    seen : (e, errors) array
-        How far the estimate is from the truth, by unit errors.
+    further : float
+        Share of the further modes of the design that the robot shows.
+    seen : (e, errors + 1) array
+        How far the estimate is from the truth, by unit errors and by `further`.
 
     Notes
     -----
@@ -145,7 +152,7 @@ class ErrorEstimate:
         self.used += self._period / (self._period + SMOOTH) * (believed - self.used)
 
     def doubtful(self) -> Array:
-        """Return what the filter's estimate (e,) owes to errors on which the plan does not rely."""
+        """Return what errors that are not used have done to the filter's estimate (e,)."""
         return np.asarray(self.seen[:, :-1] @ (self.values - self.used))
 
     def state(self, time: float, errors: Array) -> Array:
@@ -154,7 +161,7 @@ class ErrorEstimate:
         return np.asarray(rows @ terms(errors))
 
     def measured(self, time: float) -> Array:
-        """Return what the design's robot adds to the plan's measured values (measured,)."""
+        """Return what further modes add to the plan's measured values (measured,)."""
         return self.further * self._errors.between(self._errors.measured, time, self._values)
 
     def torque(self, time: float, errors: Array) -> Array:
