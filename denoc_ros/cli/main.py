@@ -30,6 +30,7 @@ VERBS = (
     'recover',
     'dh',
     'export',
+    'reduce',
     'stability',
     'warmup',
     'bench',

@@ -130,7 +130,8 @@ class Patch:
 
 
 def patches_of(
-    body: Body,
+    where: str,
+    nodes: Array,
     frames: Sequence[tuple[str, Array, Array]],
     choose: Callable[[str, Array], tuple[NDArray[np.int64], float]],
 ) -> list[Patch]:
@@ -138,7 +139,10 @@ def patches_of(
 
     Parameters
     ----------
-    body : Body
+    where : str
+        Of the body, for errors.
+    nodes : ndarray (n, 3)
+        Of the body [m].
     frames : sequence of (name, origin (3,), rotation (3, 3))
         The root first, its name empty.
     choose : callable
@@ -150,7 +154,7 @@ def patches_of(
         For a frame off the body, a patch that could turn about a line, two that overlap.
     """
     findings, patches, owner = [], [], dict[int, str]()
-    lowest, highest = body.nodes.min(axis=0), body.nodes.max(axis=0)
+    lowest, highest = nodes.min(axis=0), nodes.max(axis=0)
     reach = float(np.linalg.norm(highest - lowest))
     for name, origin, rotation in frames:
         whose = f'frame {name!r}' if name else 'the root'
@@ -159,21 +163,21 @@ def patches_of(
             rule = f'{whose} must be at the mesh, whose size is {reach:.3g} m'
             findings.append(f'{rule}, got {far:.3g} m off it; are units and poses right?')
             continue
-        nodes, radius = choose(name, origin)
-        if not _holds(body.nodes[nodes]):
+        chosen, radius = choose(name, origin)
+        if not _holds(nodes[chosen]):
             rule = f'{whose} must have nodes around it that are no line'
             findings.append(
-                f'{rule}, got {len(nodes)} within {radius:.3g} m of {_place(origin)}: give a '
+                f'{rule}, got {len(chosen)} within {radius:.3g} m of {_place(origin)}: give a '
                 'larger radius or a finer mesh, or check units and poses'
             )
             continue
-        shared = {owner[node] for node in nodes.tolist() if node in owner}
+        shared = {owner[node] for node in chosen.tolist() if node in owner}
         for other in sorted(shared):
             rule = f'{whose} must have a patch of its own'
             findings.append(f'{rule}, got nodes of {other} in it: give a smaller radius')
-        owner.update(dict.fromkeys(nodes.tolist(), whose))
-        patches.append(Patch(name, origin, rotation, nodes, radius))
-    ModelError.raise_any(body.where, findings)
+        owner.update(dict.fromkeys(chosen.tolist(), whose))
+        patches.append(Patch(name, origin, rotation, chosen, radius))
+    ModelError.raise_any(where, findings)
     return patches
 
 

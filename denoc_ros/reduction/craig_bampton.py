@@ -321,10 +321,7 @@ def link_modes(craigs: Craigs, count: int, tip_mass: Mapping[str, float]) -> Mod
         stiffness,
         np.sqrt(own[count : count + 3]) / (2.0 * np.pi),
         [f'{frames[load // 6]}/{"xyz"[load % 6]}' for load in wanted],
-        {
-            name: 100.0 * np.maximum(lost[6 * k : 6 * k + 6], 0.0)
-            for k, name in enumerate(frames)
-        },
+        {name: 100.0 * np.maximum(lost[6 * k : 6 * k + 6], 0.0) for k, name in enumerate(frames)},
     )
 
 

@@ -6,6 +6,7 @@ a ninth of the memory that a vector form needs.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -85,6 +86,12 @@ class Solid:
         self.mesh = MeshTet(corners.T, np.ascontiguousarray(tetrahedra.T))
         self.basis = Basis(self.mesh, ElementTetP2(), intorder=STIFFNESS_ORDER)
 
+    def with_elasticity(self, elasticity: Elasticity) -> Solid:
+        """Return the same elements of another material."""
+        other = copy(self)
+        other.elasticity = elasticity
+        return other
+
     @property
     def nodes(self) -> Array:
         """Nodes (n, 3) [m]: vertices, then the middles of edges."""
@@ -106,11 +113,6 @@ class Solid:
         inwards = np.einsum('fi,fi->f', np.cross(b - a, c - a), inside - a) > 0.0
         faces[inwards] = faces[inwards][:, ::-1]
         return faces
-
-    @cached_property
-    def boundary_nodes(self) -> NDArray[np.int64]:
-        """Nodes on the surface, middles of edges among them."""
-        return np.asarray(np.unique(self.basis.get_dofs(self.mesh.boundary_facets()).flatten()))
 
     def body(self) -> Body:
         """Return its nodes with mass and stiffness."""

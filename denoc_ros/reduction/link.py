@@ -267,8 +267,5 @@ def _patch_shares(solid: Solid, craigs: Craigs, compliance: Array) -> dict[str, 
         for patch in craigs.patches:
             reach = NEAR_PATCH * patch.radius
             near = np.linalg.norm(centres - patch.origin, axis=1) < reach
-            shares[patch.name] = max(
-                shares[patch.name], float(energy[near].sum() / energy.sum())
-            )
+            shares[patch.name] = max(shares[patch.name], float(energy[near].sum() / energy.sum()))
     return shares
-

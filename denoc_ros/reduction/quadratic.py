@@ -144,9 +144,7 @@ def foreshortening(
 
 def turned_twice(first: Array, second: Array, arm: Array) -> Array:
     """Return the second derivative (..., 3) of a turned arm along two turns [rad]."""
-    return 0.5 * (
-        np.cross(first, np.cross(second, arm)) + np.cross(second, np.cross(first, arm))
-    )
+    return 0.5 * (np.cross(first, np.cross(second, arm)) + np.cross(second, np.cross(first, arm)))
 
 
 def _kept(
@@ -159,9 +157,7 @@ def _kept(
 ) -> Quadratic:
     """Return the pairs that matter where each mode holds the same energy."""
     weight = np.array([1.0 / np.sqrt(stiffness[j] * stiffness[k]) for j, k in pairs])
-    squares = sum(
-        np.einsum('ng,ng->g', nodes[:, a], body.measure @ nodes[:, a]) for a in range(3)
-    )
+    squares = sum(np.einsum('ng,ng->g', nodes[:, a], body.measure @ nodes[:, a]) for a in range(3))
     size = np.sqrt(np.maximum(squares, 0.0)) * weight
     kept = np.flatnonzero(size > NEGLIGIBLE * size.max(initial=0.0))
     return Quadratic(
