@@ -1,4 +1,4 @@
-"""`denoc reduce SOURCE -o LINK.npz`: a flexible link from its mesh or another program's matrices."""
+"""`denoc reduce SOURCE -o LINK.npz`: a flexible link from a mesh or other programs' matrices."""
 
 from __future__ import annotations
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 SURFACES = ('.stl', '.obj', '.ply', '.off', '.dae')
 UNIT_NAMES = ('m', 'cm', 'mm', 'in')
-UNLIKE_MASS = 0.01  # between URDF and mesh: more is told
-MILLIMETRES = 100.0  # times: a mass so far off is one of units
 PLACE = 'NAME=X,Y,Z'
 
 
@@ -31,9 +29,10 @@ def add_parser(subparsers: Any) -> None:
         'reduce',
         help="reduce a link from its mesh, or another program's matrices, to a few modes",
         description=(
-            'Make a flexible link of a closed surface mesh (STL, OBJ, PLY, OFF, COLLADA), a volume '
-            'mesh (.msh, .inp, .bdf, .mesh), the link of a URDF, or mass and stiffness matrices of '
-            'another program (.mtx, .npz, .op4, .sti). The file is for <flexible link= file=>.'
+            'Make a flexible link of a closed surface mesh (STL, OBJ, PLY, OFF, COLLADA), a'
+            ' volume mesh (.msh, .inp, .bdf, .mesh), the link of a URDF, or mass and stiffness'
+            ' matrices of another program (.mtx, .npz, .op4, .sti). The file is for'
+            ' <flexible link= file=>.'
         ),
     )
     parser.add_argument('source', help='the mesh, the URDF, or the stiffness matrix')

@@ -15,6 +15,7 @@ from denoc_ros.types import Array
 
 ASYMMETRY = 1e-6  # of the largest entry: what rounding to the digits of a text file leaves
 PARALLEL = 1e-3  # of a patch's size across its longest line: less is a line, which turns freely
+OFF = 0.5  # of the body's size: a frame farther off is not of it
 ANISOTROPY = 0.01  # of the mass, between directions: more is told
 
 
@@ -153,16 +154,10 @@ def patches_of(
     ModelError
         For a frame off the body, a patch that could turn about a line, two that overlap.
     """
+    check_places(where, nodes, frames)
     findings, patches, owner = [], [], dict[int, str]()
-    lowest, highest = nodes.min(axis=0), nodes.max(axis=0)
-    reach = float(np.linalg.norm(highest - lowest))
     for name, origin, rotation in frames:
-        whose = f'frame {name!r}' if name else 'the root'
-        outside = np.maximum(np.maximum(lowest - origin, origin - highest), 0.0)
-        if (far := float(np.linalg.norm(outside))) > 0.5 * reach:
-            rule = f'{whose} must be at the mesh, whose size is {reach:.3g} m'
-            findings.append(f'{rule}, got {far:.3g} m off it; are units and poses right?')
-            continue
+        whose = _whose(name)
         chosen, radius = choose(name, origin)
         if not _holds(nodes[chosen]):
             rule = f'{whose} must have nodes around it that are no line'
@@ -179,6 +174,23 @@ def patches_of(
         patches.append(Patch(name, origin, rotation, chosen, radius))
     ModelError.raise_any(where, findings)
     return patches
+
+
+def check_places(where: str, nodes: Array, frames: Sequence[tuple[str, Array, Array]]) -> None:
+    """Raise ModelError with each frame far off the nodes (n, 3) of a body [m]."""
+    findings = []
+    lowest, highest = nodes.min(axis=0), nodes.max(axis=0)
+    reach = float(np.linalg.norm(highest - lowest))
+    for name, origin, _ in frames:
+        outside = np.maximum(np.maximum(lowest - origin, origin - highest), 0.0)
+        if (far := float(np.linalg.norm(outside))) > OFF * reach:
+            rule = f'{_whose(name)} must be at the mesh, whose size is {reach:.3g} m'
+            findings.append(f'{rule}, got {far:.3g} m off it; are units and poses right?')
+    ModelError.raise_any(where, findings)
+
+
+def _whose(name: str) -> str:
+    return f'frame {name!r}' if name else 'the root'
 
 
 def within(nodes: Array, origin: Array, radius: float) -> NDArray[np.int64]:

@@ -105,7 +105,7 @@ def _dissected(matrix: Any, groups: Array) -> Array:
     ).tocsr()
     pairs.setdiag(0)
     pairs.eliminate_zeros()
-    _, place = pymetis.nested_dissection(xadj=pairs.indptr, adjncy=pairs.indices)
+    _, place = pymetis.nested_dissection(pymetis.CSRAdjacency(pairs.indptr, pairs.indices))
     return np.argsort(np.asarray(place)[group], kind='stable')
 
 

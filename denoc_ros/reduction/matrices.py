@@ -1,11 +1,11 @@
 """Mass and stiffness matrices of other programs, with their nodes.
 
-| file | program | rows |
-|---|---|---|
-| `.npz` | ours: `nodes` (n, 3), `stiffness`, `mass` dense or as `.../row`, `.../column`, `.../value` | x, y, z of each node, or of six per node |
-| `.mtx` | MatrixMarket (Ansys: `*EXPORT, ..., MMF`), or Abaqus' `*MATRIX GENERATE` | the same; Abaqus says node and direction |
-| `.sti`, `.mas`, `.dof` | CalculiX, `*FREQUENCY, SOLVER=MATRIXSTORAGE` | as `.dof` says |
-| `.op4` | Nastran, by pyyeti | six per node, in the order of their numbers |
+`.npz`: ours, with `nodes` (n, 3), and `stiffness` and `mass`, dense or as `stiffness/row`,
+`stiffness/column`, `stiffness/value`; rows are x, y, z of each node, or six of each node.
+`.mtx`: MatrixMarket (Ansys writes it: `*EXPORT, …, MMF`), rows as before; or Abaqus' `*MATRIX
+GENERATE`, which says node and direction of each entry.
+`.sti`, `.mas`, `.dof`: CalculiX, `*FREQUENCY, SOLVER=MATRIXSTORAGE`.
+`.op4`: Nastran, by pyyeti; rows are six of each node, in the order of the nodes' numbers.
 
 Numbers only are read: nothing in a file is ever executed.
 """
@@ -266,9 +266,7 @@ def _read_calculix(file: Path, mass: Path | None, nodes: Path | None) -> Body:
     for each in (file, mass):
         entries = _table(each, 3)
         row, column = (entries[:, k].astype(np.int64) - 1 for k in (0, 1))
-        if len(row) and not (0 <= min(row.min(), column.min())) & (
-            max(row.max(), column.max()) < size
-        ):
+        if entries[:, :2].min() < 1 or entries[:, :2].max() > size:
             rule = f'rows must be 1 to {size}, those of {directions.name}'
             raise ModelError(str(each), [f'{rule}, got others'])
         both.append(_both_triangles(row, column, entries[:, 2], size))

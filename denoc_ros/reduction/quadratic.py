@@ -6,6 +6,7 @@ Without it a link that spins is too soft, and the more the faster it spins.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,7 +119,7 @@ def foreshortening(
     along = (body.nodes - root) @ line
     edges = _edges(along)
     stations, turns, centres = [], [], []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         inside = np.flatnonzero((along >= low) & (along <= high))
         centre = body.nodes[inside].mean(axis=0)
         stations.append(float(along[inside].mean()))

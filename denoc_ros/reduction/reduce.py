@@ -10,7 +10,7 @@ import numpy as np
 
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.suggest.materials import MATERIALS
-from denoc_ros.reduction.body import Body, patches_of
+from denoc_ros.reduction.body import Body, check_places, patches_of
 from denoc_ros.reduction.craig_bampton import Report
 from denoc_ros.reduction.elements import Elasticity, Solid
 from denoc_ros.reduction.link import Reduction, Wishes, reduce_link
@@ -150,6 +150,7 @@ def reduce_surface(
     SolverError
         If modes do not converge.
     """
+    check_places(surface.where, np.asarray(surface.mesh.vertices), frames.rows())
     edge = surface.default_edge() if edge is None else edge
     solid = fill(surface, edge, elasticity)
     report(0.1)

@@ -53,6 +53,7 @@ def summary(found: ReducedMesh, inertia: RigidInertia | None) -> Row:
         {'mode': k + 1, 'hz': float(hz), **({'coarser_hz': coarser[k]} if coarser else {})}
         for k, hz in enumerate(link.frequencies)
     ]
+    shares = {name: 100.0 * share for name, share in reduction.patch_share.items()}
     off = abs(coarser[0] / link.frequencies[0] - 1.0) if coarser else 0.0
     return {
         'source': link.source,
@@ -84,9 +85,7 @@ def summary(found: ReducedMesh, inertia: RigidInertia | None) -> Row:
                 'frame': patch.name or 'root',
                 'radius_m': patch.radius,
                 'nodes': len(patch.nodes),
-                'energy_percent': 100.0 * reduction.patch_share.get(patch.name, float('nan'))
-                if reduction.patch_share
-                else None,
+                'energy_percent': shares.get(patch.name),
             }
             for patch in reduction.patches
         ],
@@ -159,17 +158,22 @@ def _modes(row: Row) -> PageSection:
     left = ', '.join(engineering(value, 'Hz') for value in row['left_out_hz'])
     columns = ', '.join(row['static_columns']) or 'none'
     text = (
-        f'The root is clamped, all other frames are free. Left out: {left or "nothing"} and above. '
-        f'Forces with a static column of their own: {columns}; the highest modes stand for them.'
+        'The root is clamped, all other frames are free. Left out: '
+        f'{left or "nothing"} and above. Forces with a static column of their own: {columns}; '
+        'the highest modes stand for them.'
     )
     return PageSection('Modes', text, tables=[PageTable(head, rows)])
 
 
 def _frames(row: Row) -> PageSection:
     rows = [
-        [f'{f["frame"]}, {f["along"]}', engineering(f['m_per_n'], 'm/N'), f'{f["lacking_percent"]:.2g} %']
+        [
+            f'{f["frame"]}, {f["along"]}',
+            engineering(f['m_per_n'], 'm/N'),
+            f'{f["lacking_percent"]:.2g} %',
+        ]
         for f in row['frames']
-    ]  # fmt: skip
+    ]
     text = 'Displacement of each frame under a unit force, and what the modes lack of it.'
     table = PageTable(['frame', 'compliance', 'lacking'], rows)
     return PageSection('Static compliance', text, tables=[table])
@@ -186,9 +190,9 @@ def _patches(row: Row) -> PageSection:
         for patch in row['patches']
     ]
     text = (
-        'Nodes of a patch move as one rigid body with the frame. A patch that is too small softens '
-        'its joint: the last column is the share of the strain energy within two radii, under a '
-        'force at the last frame in the worst direction.'
+        'Nodes of a patch move as one rigid body with the frame. A patch that is too small'
+        ' softens its joint: the last column is the share of the strain energy within two radii,'
+        ' under a force at the last frame in the worst direction.'
     )
     head = ['frame', 'radius', 'nodes', 'energy around it']
     return PageSection('Rigid patches', text, tables=[PageTable(head, rows)])
@@ -197,15 +201,16 @@ def _patches(row: Row) -> PageSection:
 def _doubts(row: Row) -> PageSection | None:
     if not row['doubts']:
         return None
-    return PageSection('To consider', 'Warnings.', tables=[PageTable([''], [[d] for d in row['doubts']])])  # fmt: skip
+    table = PageTable(['warning'], [[doubt] for doubt in row['doubts']])
+    return PageSection('To consider', 'The link is usable; these may matter.', tables=[table])
 
 
 def _pictures(surface: Surface, frequencies: Any) -> PageSection:
     """Return a section with each mode's shape, coloured by its displacement."""
-    pictures = [
-        f'<img alt="mode {k + 1}, {engineering(hz, "Hz")}" src="data:image/png;base64,{_png(surface, k)}">'
-        for k, hz in enumerate(frequencies[:PICTURES])
-    ]  # fmt: skip
+    pictures = []
+    for k, hz in enumerate(frequencies[:PICTURES]):
+        shown = f'mode {k + 1}, {engineering(hz, "Hz")}'
+        pictures.append(f'<img alt="{shown}" src="data:image/png;base64,{_png(surface, k)}">')
     text = 'The first modes in their order, far enlarged; the colour is the displacement.'
     return PageSection('Shapes of the modes', text, picture=Markup(''.join(pictures)))
 
