@@ -172,7 +172,7 @@ class KinematicDerivatives(TreeDynamics):
         """
         section, own = self.section(link, station)
         qd = as_states('qd', qd, self.n)
-        if isinstance(section, Section):
+        if not isinstance(section, SegmentedSection):
             rows = section.jacobian_rate(qd[..., own])
         elif q is None:
             raise StateError(f'link {link!r}: q must be given where it has segments, got none')

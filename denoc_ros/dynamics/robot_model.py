@@ -264,7 +264,7 @@ class RobotModel:
         """
         row = self._carrier(frame)
         attachment = self.tree.frames.get(frame)
-        if row == 0 or attachment is None or attachment.station != 0.0:
+        if row == 0 or attachment is None or attachment.deforms:
             raise StateError(f'frame {frame!r} must be a link that moves, got one that does not')
         payload = payload_inertia(attachment.placement, mass, com, inertia)
         self._payloads[frame] = inertia_row(payload, self.arrays.axes[row - 1])

@@ -25,8 +25,8 @@ class ComponentPoints:
     constants: Array  # as the kernels' layout says
 
 
-def _second_order(link: ReducedLink, values: Array) -> Array:
-    """Return Gamma (..., m, m, 3) from the columns (..., 3 g) of its pairs."""
+def second_order(link: ReducedLink, values: Array) -> Array:
+    """Return Gamma (..., m, m, 3) from the columns (..., 3 g) of a link's pairs."""
     m = link.modes
     gamma = np.zeros((*values.shape[:-1], m, m, 3))
     for k, (i, j) in enumerate(link.pairs):
@@ -41,10 +41,11 @@ def kernel_axes(link: ReducedLink, joint: Joint | None) -> tuple[Array, int]:
     costs the kernels least.
     """
     values = link.points[:, 4 + 3 * link.modes :].reshape(-1, 3)
-    scatter = values.T @ values if len(values) else np.zeros((3, 3))
-    found, sides = np.linalg.eigh(scatter)
-    bent = int(np.sum(found > NO_CURVE**2 * max(found[-1], 0.0)))
-    first = sides[:, ::-1] if bent else np.eye(3)
+    sizes, rows = np.linalg.svd(np.concatenate([values, np.zeros((3, 3))]), full_matrices=False)[
+        1:
+    ]
+    bent = int(np.sum(sizes > NO_CURVE * sizes[0]))
+    first = rows.T if bent else np.eye(3)
     turns = joint is not None and joint.kind is JointKind.REVOLUTE
     if bent <= 1 and turns and joint is not None:
         z = joint.axis
@@ -82,7 +83,7 @@ def component_points(
     padded = np.zeros((count, rows.shape[1]))
     padded[: len(rows)] = rows
     phi = padded[:, 4 : 4 + 3 * m].reshape(count, m, 3) @ axes
-    gamma = _second_order(link, padded[:, 4 + 3 * m :]) @ axes
+    gamma = second_order(link, padded[:, 4 + 3 * m :]) @ axes
     parts = (
         padded[:, 0],
         (padded[:, 1:4] @ axes).T,
@@ -95,7 +96,7 @@ def component_points(
 def section_of_modes(modes: ComponentModes, name: str, axes: Array, geometric: bool) -> Array:
     """Return the constants of the section at a frame of a link with component modes."""
     frame = modes.link.frames[name]
-    gamma = _second_order(modes.link, frame.quadratic.T.ravel()) @ axes
+    gamma = second_order(modes.link, frame.quadratic.T.ravel()) @ axes
     parts = (
         frame.origin @ axes,
         frame.phi.T @ axes,

@@ -167,6 +167,16 @@ class ComponentModes:
         return np.asarray(2.0 * np.sqrt(self.stiffness * self.link.modal_mass))
 
     @property
+    def spans(self) -> Array:
+        """Amplitude (m,) of each mode that displaces a frame by the link's size."""
+        frames = self.link.frames.values()
+        size = max([float(np.linalg.norm(frame.origin)) for frame in frames], default=0.0)
+        size = size or float(np.linalg.norm(self.link.com))
+        moved = [np.linalg.norm(frame.phi, axis=0) for frame in frames]
+        moved.append(np.sqrt(self.link.modal_mass / self.link.mass))
+        return np.asarray(size / np.max(moved, axis=0))
+
+    @property
     def tip(self) -> str:
         """Name of the frame that is farthest from the link frame, '' where there is none."""
         frames = self.link.frames
@@ -243,6 +253,16 @@ class Body:
         """Number of its amplitudes."""
         own = 0 if self.modes is None else self.modes.count
         return own if self.beam is None else sum(self.beam.modes)
+
+    @property
+    def spans(self) -> Array:
+        """Size (amplitudes,) of each amplitude: the link's, 1 rad of twist."""
+        if self.modes is not None:
+            return self.modes.spans
+        if self.beam is None:
+            return np.zeros(0)
+        ny, nz, nt = self.beam.modes
+        return np.concatenate([np.full(ny + nz, self.beam.length), np.ones(nt)])
 
     @property
     def start(self) -> float:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from denoc_ros.model.beam_arrays import beam_points, foreshortening
