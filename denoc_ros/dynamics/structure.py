@@ -48,8 +48,8 @@ def amplitudes(robot: RobotModel, link: str) -> slice:
     for index, body in enumerate(robot.tree.bodies):
         if body.name == link and body.segment > 1:
             return body_amplitudes(robot, index)
-    if (index := component_body(robot, link)) is not None:
-        return body_amplitudes(robot, index)
+    if (component := component_body(robot, link)) is not None:
+        return body_amplitudes(robot, component)
     beam = whole_beam(robot, link)
     first = body_amplitudes(robot, beam.first).start
     return slice(first, first + beam.segments * beam.modes)
