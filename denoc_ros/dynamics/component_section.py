@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from denoc_ros.dynamics.section import Section
+from denoc_ros.dynamics.segmented_section import SegmentedSection
 from denoc_ros.model.component_arrays import second_order
 from denoc_ros.model.link_file import ReducedLink
 from denoc_ros.types import Array
@@ -52,3 +54,6 @@ class ComponentSection:
         u: Array = rates @ self.linear.T
         u[..., :3] += np.einsum('cij,...i,...j->...c', self.gamma, amplitudes, rates)
         return u
+
+
+AnySection = Section | SegmentedSection | ComponentSection

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from denoc_ros.dynamics.component_section import ComponentSection
+from denoc_ros.dynamics.component_section import AnySection, ComponentSection
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.segmented_section import SegmentedSection
@@ -15,8 +15,6 @@ from denoc_ros.model.joint_rows import cross_matrix
 from denoc_ros.model.segments import WholeBeam, whole_beams
 from denoc_ros.model.tree import Sensor
 from denoc_ros.types import Array
-
-AnySection = Section | SegmentedSection | ComponentSection
 
 
 def whole_beam(robot: RobotModel, link: str) -> WholeBeam:
