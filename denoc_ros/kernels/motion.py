@@ -2,14 +2,17 @@
 
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined
+from denoc_ros.kernels.component_modes import component_section_rates
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.vector import add, cross, dot, load, scale, store, unrotate
 
 
 @inlined
 def section_rates(topology, constants, qd, i):
-    """Return phi' and the axial entry of B' d' of the section that carries row i."""
+    """Return phi' and B' d' of the section that carries row i."""
     p = at(topology, i, at_.PARENT)
+    if at(topology, p, at_.COMPONENTS) > 0:
+        return component_section_rates(topology, constants, qd, i)
     ny = at(topology, p, at_.NY)
     nz = at(topology, p, at_.NZ)
     nt = at(topology, p, at_.NT)
@@ -33,7 +36,7 @@ def section_rates(topology, constants, qd, i):
             shortening -= x * constants[h + nz * j + k] * qd[d + ny + k]
     for j in range(nt):
         twist += constants[slope + ny + nz + j] * qd[d + ny + nz + j]
-    return (twist, -turn_z, turn_y), shortening
+    return (twist, -turn_z, turn_y), (shortening, 0.0, 0.0)
 
 
 @inlined
@@ -47,10 +50,9 @@ def section_motion(topology, constants, work, qd, qdd, i, w, a, al):
     d = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
     place = load(work, o + at_.SECTION_POSITION)
     phi = load(work, o + at_.ROTATION_VECTOR)
-    rate, shortening = section_rates(topology, constants, qd, i)
+    rate, slip_up = section_rates(topology, constants, qd, i)  # B' d', to which B d'' comes
     slip = (0.0, 0.0, 0.0)  # B d'
     spin = (0.0, 0.0, 0.0)  # J Theta d'
-    slip_up = (shortening, 0.0, 0.0)  # B d'' + B' d'
     k = o + at_.COEFFICIENTS
     c = work[k + 1]
     r = dot(phi, rate)

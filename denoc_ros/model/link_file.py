@@ -24,8 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.errors import ModelError
-from denoc_ros.model.inertia import pseudo_inertia
-from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
 SCHEMA = 1
@@ -107,9 +105,10 @@ class ReducedLink:
         return len(self.stiffness)
 
     @property
-    def rigid(self) -> RigidInertia:
-        """Its inertia undeformed, about the link frame's origin."""
-        return RigidInertia(self.mass, self.mass * self.com, self.inertia)
+    def modal_mass(self) -> Array:
+        """Mass (m,) of each mode with the link frame held."""
+        columns = self.points[:, 4 : 4 + 3 * self.modes]
+        return np.asarray((columns**2).sum(axis=0).reshape(-1, 3).sum(axis=1))
 
 
 def write(path: str | Path, link: ReducedLink) -> None:
@@ -432,8 +431,7 @@ def _check(link: ReducedLink, findings: list[str]) -> None:
             findings.append(
                 f'direction of strain point {name!r} must be of length 1, got {length:g}'
             )
-    gram = link.points[:, 4 : 4 + 3 * link.modes]
-    modal = np.array([np.sum(gram[:, 3 * j : 3 * j + 3] ** 2) for j in range(link.modes)])
+    modal = link.modal_mass
     if not (modal > 0.0).all():
         which = int(np.argmin(modal)) + 1
         findings.append(
@@ -456,7 +454,7 @@ def _check_inertia(link: ReducedLink, findings: list[str]) -> None:
         off = float(np.abs(np.asarray(said) - found).max())
         if not off <= ROUNDING * scale:
             findings.append(f"{name} must be the points', got {off:.3g} {unit} off")
-    pseudo = pseudo_inertia(link.rigid, max(size, 1e-150))
-    lowest = float(np.linalg.eigvalsh(pseudo)[0])
+    spread = 0.5 * np.trace(link.inertia) * np.eye(3) - link.inertia
+    lowest = float(np.linalg.eigvalsh(spread)[0]) / max(size**2, 1e-300)
     if lowest < -ROUNDING * link.mass:
         findings.append(f'inertia must be one that a body can have, got a mass of {lowest:g} kg')
