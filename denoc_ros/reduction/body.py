@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from denoc_ros.errors import ModelError
 from denoc_ros.types import Array
 
+Rows = NDArray[np.signedinteger[Any]]
+
 ASYMMETRY = 1e-6  # of the largest entry: what rounding to the digits of a text file leaves
 PARALLEL = 1e-3  # of a patch's size across its longest line: less is a line, which turns freely
 OFF = 0.5  # of the body's size: a frame farther off is not of it
@@ -31,8 +33,8 @@ class Body:
     nodes: Array  # (n, 3) [m]
     stiffness: Any  # (N, N) csr
     mass: Any  # (N, N) csr
-    dof_nodes: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    dof_axes: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    dof_nodes: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    dof_axes: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
         count = len(self.nodes)
@@ -79,7 +81,7 @@ class Body:
             total = part if total is None else total + part
         return total / 3.0
 
-    def rows(self, axis: int) -> NDArray[np.int64]:
+    def rows(self, axis: int) -> Rows:
         """Return the rows (n,) of one axis, in the order of nodes."""
         rows = np.flatnonzero(self.dof_axes == axis)
         order = rows[np.argsort(self.dof_nodes[rows], kind='stable')]
@@ -106,7 +108,7 @@ class Body:
         said = f'mass differs by {spread:.1%} between x, y and z; their mean is taken'
         return [said] if spread > ANISOTROPY else []
 
-    def rigid(self, rows: NDArray[np.int64], origin: Array) -> Array:
+    def rigid(self, rows: Rows, origin: Array) -> Array:
         """Return the motion (r, 6) of rows as of a rigid body: displacement of a point, turn."""
         arm = self.nodes[self.dof_nodes[rows]] - origin
         axes = self.dof_axes[rows]
@@ -126,7 +128,7 @@ class Patch:
     name: str  # of the frame; '' for the root
     origin: Array  # (3,) [m]
     rotation: Array  # (3, 3)
-    nodes: NDArray[np.int64]
+    nodes: Rows
     radius: float  # m, within which they lie
 
 
@@ -134,7 +136,7 @@ def patches_of(
     where: str,
     nodes: Array,
     frames: Sequence[tuple[str, Array, Array]],
-    choose: Callable[[str, Array], tuple[NDArray[np.int64], float]],
+    choose: Callable[[str, Array], tuple[Rows, float]],
 ) -> list[Patch]:
     """Return the rigid patch of each frame, the root's first.
 
@@ -193,7 +195,7 @@ def _whose(name: str) -> str:
     return f'frame {name!r}' if name else 'the root'
 
 
-def within(nodes: Array, origin: Array, radius: float) -> NDArray[np.int64]:
+def within(nodes: Array, origin: Array, radius: float) -> Rows:
     """Return the nodes no farther from a point than a radius [m]."""
     return np.flatnonzero(np.linalg.norm(nodes - origin, axis=1) <= radius * (1.0 + 1e-9))
 

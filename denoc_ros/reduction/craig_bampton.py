@@ -19,8 +19,10 @@ import scipy.sparse as sparse
 import scipy.sparse.linalg as sparse_linalg
 
 from denoc_ros.errors import ModelError, SolverError
-from denoc_ros.reduction.body import Body, Patch
+from denoc_ros.reduction.body import Body, Patch, Rows
 from denoc_ros.types import Array
+
+Ties = Sequence[tuple[Rows, Array]]
 
 SPARE = 12  # modes with patches clamped beyond those kept: the kept ones are exact to 1e-4 or so
 LOST = 1e-3  # of a frame's largest compliance: more, and the direction has a static column
@@ -48,7 +50,7 @@ class Factor:
         For a matrix that is singular.
     """
 
-    def __init__(self, where: str, matrix: Any, groups: Array) -> None:
+    def __init__(self, where: str, matrix: Any, groups: Rows) -> None:
         self.where = where
         self.matrix = matrix.tocsr()
         self.order = _dissected(self.matrix, groups)
@@ -95,7 +97,7 @@ def _singular(got: str) -> str:
     return f'{rule}, got {got}; are all parts joined, and no node without an element?'
 
 
-def _dissected(matrix: Any, groups: Array) -> Array:
+def _dissected(matrix: Any, groups: Rows) -> Rows:
     """Return the order of rows that keeps a factor small: nested dissection of the nodes."""
     names, group = np.unique(groups, return_inverse=True)
     graph = matrix.tocoo()
@@ -119,8 +121,8 @@ class Craigs:
 
     body: Body
     patches: Sequence[Patch]  # the root first
-    interior: Array
-    ties: Sequence[tuple[Array, Array]]  # rows of a patch, their motion (r, 6)
+    interior: Rows
+    ties: Ties  # rows of a patch, their motion (r, 6)
     factor: Factor
     static: Array
     clamped: Array
@@ -235,18 +237,18 @@ def reduce_body(body: Body, patches: Sequence[Patch], modes: int, report: Report
     )
 
 
-def _balanced(matrix: Array) -> Array:
+def _balanced(matrix: Any) -> Array:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     return scale[:, None] * matrix * scale
 
 
-def _projected(matrix: Any, rows: Array, ties: Sequence[tuple[Array, Array]]) -> Array:
+def _projected(matrix: Any, rows: Rows, ties: Ties) -> Array:
     """Return what the patches' coordinates do to rows, (r, 6 F)."""
     below = matrix[rows]
     return np.hstack([below[:, columns] @ motion for columns, motion in ties])
 
 
-def _outer(matrix: Any, ties: Sequence[tuple[Array, Array]]) -> Array:
+def _outer(matrix: Any, ties: Ties) -> Array:
     """Return a matrix over the patches' coordinates, (6 F, 6 F)."""
     return np.vstack([motion.T @ _projected(matrix, rows, ties) for rows, motion in ties])
 
@@ -325,7 +327,7 @@ def link_modes(craigs: Craigs, count: int, tip_mass: Mapping[str, float]) -> Mod
     )
 
 
-def _static_loads(compliance: Array, vectors: Array, values: Array) -> list[int]:
+def _static_loads(compliance: Any, vectors: Any, values: Any) -> list[int]:
     """Return the forces at frames whose sag the modes alone would not give, worst first."""
     lost = np.diag(compliance) - np.einsum('im,im,m->i', vectors, vectors, 1.0 / values)
     found = []

@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
-from numpy.typing import NDArray
 from skfem import Basis, BilinearForm, ElementTetP2, MeshTet
 
 from denoc_ros.errors import ModelError
-from denoc_ros.reduction.body import Body
+from denoc_ros.reduction.body import Body, Rows
 from denoc_ros.types import Array
 
 STIFFNESS_ORDER, MASS_ORDER = 2, 4  # degrees that the quadrature is exact to
@@ -67,7 +66,11 @@ class Solid:
     """
 
     def __init__(
-        self, where: str, corners: Array, tetrahedra: NDArray[np.int64], elasticity: Elasticity
+        self,
+        where: str,
+        corners: Array,
+        tetrahedra: Rows,
+        elasticity: Elasticity,
     ) -> None:
         used, flat = np.unique(tetrahedra, return_inverse=True)
         corners = np.ascontiguousarray(corners[used], dtype=np.float64)
@@ -98,12 +101,12 @@ class Solid:
         return np.asarray(self.basis.doflocs.T)
 
     @property
-    def elements(self) -> NDArray[np.int64]:
+    def elements(self) -> Rows:
         """Nodes (t, 10) of each element."""
         return np.asarray(self.basis.element_dofs.T)
 
     @cached_property
-    def faces(self) -> NDArray[np.int64]:
+    def faces(self) -> Rows:
         """Boundary triangles (f, 3) of vertices, seen anticlockwise from outside."""
         boundary = self.mesh.boundary_facets()
         faces = np.asarray(self.mesh.facets[:, boundary].T)

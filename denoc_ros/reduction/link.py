@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from denoc_ros.errors import ModelError
@@ -20,8 +19,6 @@ from denoc_ros.reduction.quadratic import Quadratic, foreshortening, modal_deriv
 from denoc_ros.types import Array
 
 GRAM_ROUNDING = 1e-14  # of a function's square: what the factor leaves out
-QUADRATIC_ROUNDING = 1e-8  # the same of quadratic terms, at SWING of the link's length
-SWING = 0.1
 MOST_NODES = 3000  # of the surface in the file
 NEAR_PATCH = 2.0  # radii of a patch: energy of elements within is that of its surroundings
 
@@ -98,7 +95,7 @@ def reduce_link(
     found = link_modes(craigs, wishes.modes, wishes.tip_mass)
     modes = body.displacement(craigs.expand(found.coordinates))
     quadratic = _quadratic(solid, craigs, found, wishes, lambda s: report(0.7 + 0.25 * s))
-    points = _points(body, modes, found.stiffness, quadratic)
+    points = _points(body, modes, quadratic)
     second = points[:, :4].T @ points[:, :4]
     link = ReducedLink(
         mass=float(second[0, 0]),
@@ -151,11 +148,11 @@ def _quadratic(
     return foreshortening(craigs.body, craigs, found.coordinates, found.stiffness, root, tip)
 
 
-def _points(body: Body, modes: Array, stiffness: Array, quadratic: Quadratic) -> Array:
+def _points(body: Body, modes: Array, quadratic: Quadratic) -> Array:
     """Return rows of a factor of the Gram matrix, (k, 4 + 3 m + 3 g).
 
-    Functions are scaled to one before they are factored: quadratic terms by what they are at a
-    swing of a tenth of the link's length, so that rows that nobody notices are left out.
+    Quadratic terms are projected on the other functions: what they lose of inertia is of the
+    fourth order, and the rows are no more than 4 + 3 m.
     """
     count = len(body.nodes)
     columns = np.hstack(
@@ -169,37 +166,15 @@ def _points(body: Body, modes: Array, stiffness: Array, quadratic: Quadratic) ->
     gram = columns.T @ (body.measure @ columns)
     gram = 0.5 * (gram + gram.T)
     first = 4 + 3 * modes.shape[2]
-    base, base_pivot = _factor(gram[:first, :first], GRAM_ROUNDING)
-    rows = np.zeros((len(base), len(gram)))
-    rows[:, :first] = base
-    rows[:, first:] = np.linalg.solve(base[:, base_pivot].T, gram[base_pivot, first:])
-    if quadratic.kind == 'none' or not len(quadratic.pairs):
-        return rows
-    rest = gram[first:, first:] - rows[:, first:].T @ rows[:, first:]
-    swing = _swings(modes, quadratic.pairs, body)
-    scale = np.repeat(swing, 3)
-    size = np.sqrt(gram[0, 0] * np.ptp(body.nodes, axis=0).max() ** 2)
-    more, _ = _factor(rest * np.outer(scale, scale) / size**2, QUADRATIC_ROUNDING, scaled=False)
-    below = np.zeros((len(more), len(gram)))
-    below[:, first:] = more * size / scale
-    return np.vstack([rows, below])
-
-
-def _swings(modes: Array, pairs: NDArray[np.int64], body: Body) -> Array:
-    """Return the product of amplitudes (g,) at which the modes move by SWING of the size."""
-    largest = np.linalg.norm(modes, axis=1).max(axis=0)
-    reach = SWING * float(np.ptp(body.nodes, axis=0).max()) / largest
-    return np.asarray(0.5 * reach[pairs[:, 0]] * reach[pairs[:, 1]])
-
-
-def _factor(gram: Array, rounding: float, scaled: bool = True) -> tuple[Array, NDArray[np.int64]]:
-    """Return rows R (k, n) with R^T R = gram, and the columns that span them, by pivoting."""
-    diagonal = np.sqrt(np.maximum(np.diag(gram), 0.0))
-    scale = np.where(diagonal > 0.0, diagonal, 1.0) if scaled else np.ones(len(gram))
-    factor, pivot, rank, _ = lapack.dpstrf(gram / np.outer(scale, scale), tol=rounding)
+    scale = np.sqrt(np.diag(gram)[:first])
+    factor, pivot, rank, _ = lapack.dpstrf(
+        gram[:first, :first] / np.outer(scale, scale), tol=GRAM_ROUNDING
+    )
+    spanning = pivot[:rank] - 1
     rows = np.zeros((rank, len(gram)))
-    rows[:, pivot - 1] = np.triu(factor)[:rank]
-    return rows * scale, np.asarray(pivot[:rank] - 1)
+    rows[:, pivot - 1] = np.triu(factor)[:rank] * scale[pivot - 1]
+    rows[:, first:] = np.linalg.solve(rows[:, spanning].T, gram[spanning, first:])
+    return rows
 
 
 def _gauges(

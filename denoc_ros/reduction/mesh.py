@@ -13,13 +13,12 @@ from pathlib import Path
 
 import meshio
 import numpy as np
-from numpy.typing import NDArray
 from trimesh import Trimesh, triangles
 
 from denoc_ros.errors import ModelError
 from denoc_ros.model.mesh_files import read_surface
 from denoc_ros.reduction import mesher
-from denoc_ros.reduction.body import within
+from denoc_ros.reduction.body import Rows, within
 from denoc_ros.reduction.elements import Elasticity, Solid
 from denoc_ros.types import Array
 
@@ -190,7 +189,7 @@ def _unheard() -> Iterator[None]:
 
 def patch_nodes(
     nodes: Array, solid: Solid | None, radii: Mapping[str, float]
-) -> Callable[[str, Array], tuple[NDArray[np.int64], float]]:
+) -> Callable[[str, Array], tuple[Rows, float]]:
     """Return what chooses the nodes of a frame's patch.
 
     Parameters
@@ -205,7 +204,7 @@ def patch_nodes(
         of the surface and half an edge; for bare nodes the fewest that hold a rigid body.
     """
 
-    def choose(name: str, origin: Array) -> tuple[NDArray[np.int64], float]:
+    def choose(name: str, origin: Array) -> tuple[Rows, float]:
         radius = radii.get(name, radii.get('*'))
         if radius is not None:
             return within(nodes, origin, radius), radius
@@ -247,7 +246,7 @@ class _Faces:
         far = np.linalg.norm(foot - point, axis=1)
         return int(np.argmin(far)), float(far.min())
 
-    def level_with(self, face: int) -> NDArray[np.int64]:
+    def level_with(self, face: int) -> Rows:
         """Return the nodes of the plane region that a triangle belongs to."""
         plane = np.abs((self.corners - self.corners[face, 0]) @ self.normals[face]).max(axis=1)
         level = (self.normals @ self.normals[face] > LEVEL) & (plane < 0.2 * self.edge)
@@ -259,7 +258,7 @@ class _Faces:
             reached = touched
         return self._nodes(np.flatnonzero(reached))
 
-    def _nodes(self, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _nodes(self, faces: Rows) -> Rows:
         """Return vertices of triangles and the middles of their edges."""
         facets = self.solid.mesh.boundary_facets()[faces]
         return np.asarray(np.unique(self.solid.basis.get_dofs(facets).flatten()))

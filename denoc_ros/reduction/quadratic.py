@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from denoc_ros.reduction.body import Body
+from denoc_ros.reduction.body import Body, Rows
 from denoc_ros.reduction.craig_bampton import Craigs, Report
 from denoc_ros.reduction.elements import Solid
 from denoc_ros.types import Array
@@ -29,7 +28,7 @@ class Quadratic:
     `pairs` (g, 2), j <= k; `nodes` (n, 3, g); `frames` (3, g) of each outer frame, in order.
     """
 
-    pairs: NDArray[np.int64]
+    pairs: Rows
     nodes: Array
     frames: list[Array]
     kind: str
