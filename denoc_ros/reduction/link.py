@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.linalg import lapack
@@ -229,7 +229,7 @@ def _surface(solid: Solid, modes: Array) -> Surface:
     )
 
 
-def _patch_shares(solid: Solid, craigs: Craigs, compliance: Array) -> dict[str, float]:
+def _patch_shares(solid: Solid, craigs: Craigs, compliance: Any) -> dict[str, float]:
     """Return the share of strain energy around each patch under forces at the last frame."""
     last = craigs.outer - 6
     centres = solid.nodes[solid.mesh.t.T].mean(axis=1)
