@@ -74,12 +74,8 @@ class Body:
     @cached_property
     def measure(self) -> Any:
         """Mass of the displacements as a scalar measure (n, n) [kg]: the mean of x, y and z."""
-        total = None
-        for axis in range(3):
-            rows = self.rows(axis)
-            part = self.mass[rows][:, rows]
-            total = part if total is None else total + part
-        return total / 3.0
+        x, y, z = (self.mass[rows][:, rows] for rows in map(self.rows, range(3)))
+        return (x + y + z) / 3.0
 
     def rows(self, axis: int) -> Rows:
         """Return the rows (n,) of one axis, in the order of nodes."""

@@ -26,6 +26,8 @@ Ties = Sequence[tuple[Rows, Array]]
 
 SPARE = 12  # modes with patches clamped beyond those kept: the kept ones are exact to 1e-4 or so
 LOST = 1e-3  # of a frame's largest compliance: more, and the direction has a static column
+HALVED = 300_000  # rows: more are factored in single precision
+REFINED, MOST_REFINED = 1e-12, 60  # residual, and steps to it
 RESIDUAL = 1e-6  # of a load, in its equation: beyond it the stiffness is singular
 SINGULAR = 1e-10  # of the largest stiffness of patches
 TOLERANCE = 1e-10  # of eigenvalues
@@ -35,6 +37,9 @@ Report = Callable[[float], None]  # takes the share of the work that is done
 
 class Factor:
     """Factor of a symmetric positive definite matrix (N, N), ordered by nested dissection.
+
+    Beyond HALVED rows it is of single precision, half the memory, and conjugate gradients refine
+    what it gives to double precision; slender bodies, for which that fails, have small factors.
 
     Parameters
     ----------
@@ -54,7 +59,14 @@ class Factor:
         self.where = where
         self.matrix = matrix.tocsr()
         self.order = _dissected(self.matrix, groups)
-        ordered = self.matrix[self.order][:, self.order].tocsc()
+        self.halved = matrix.shape[0] > HALVED
+        self.scale = np.ones(matrix.shape[0])
+        if self.halved:
+            self.scale = 1.0 / np.sqrt(np.maximum(self.matrix.diagonal(), 1e-300))
+        scale = sparse.diags_array(self.scale[self.order])
+        ordered = (scale @ self.matrix[self.order][:, self.order] @ scale).tocsc()
+        if self.halved:
+            ordered = ordered.astype(np.float32)
         try:
             self.factors = sparse_linalg.splu(
                 ordered,
@@ -71,8 +83,29 @@ class Factor:
 
     def solve(self, load: Array) -> Array:
         """Return the solution (N,) or (N, k) under loads of the same shape."""
+        if not self.halved:
+            return self._substitute(load)
+        if load.ndim > 1:
+            return np.stack([self.solve(column) for column in load.T], axis=1)
+        shape = self.matrix.shape
+        nearly = sparse_linalg.LinearOperator(shape, self._substitute, dtype=np.float64)
+        found, failed = sparse_linalg.cg(
+            self.matrix, load, M=nearly, rtol=REFINED, maxiter=MOST_REFINED
+        )
+        if failed:
+            rule = f'single precision must do for {shape[0]} rows: use a larger edge'
+            raise SolverError(f'{self.where}: {rule}, got none in {MOST_REFINED} refinements')
+        return np.asarray(found)
+
+    def _substitute(self, load: Array) -> Array:
+        """Return what the factor gives for loads."""
+        scale = self.scale[self.order]
+        scale = scale if load.ndim == 1 else scale[:, None]
+        ordered = np.ascontiguousarray(scale * load[self.order])
+        if self.halved:
+            ordered = ordered.astype(np.float32)
         found = np.empty_like(load, dtype=np.float64)
-        found[self.order] = self.factors.solve(np.ascontiguousarray(load[self.order]))
+        found[self.order] = scale * self.factors.solve(ordered)
         return found
 
     def modes(self, mass: Any, count: int) -> tuple[Array, Array]:
@@ -132,7 +165,7 @@ class Craigs:
     @property
     def outer(self) -> int:
         """Number of coordinates of the outer patches, 6 F."""
-        return self.static.shape[1]
+        return int(self.static.shape[1])
 
     def expand(self, coordinates: Array) -> Array:
         """Return values (N, m) of all rows from coordinates (6 F + k, m)."""
@@ -239,7 +272,7 @@ def reduce_body(body: Body, patches: Sequence[Patch], modes: int, report: Report
 
 def _balanced(matrix: Any) -> Array:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return scale[:, None] * matrix * scale
+    return np.asarray(scale[:, None] * matrix * scale)
 
 
 def _projected(matrix: Any, rows: Rows, ties: Ties) -> Array:

@@ -209,4 +209,4 @@ class Solid:
 
 
 def _symmetric(tensor: Array) -> Array:
-    return 0.5 * (tensor + tensor.swapaxes(0, 1))
+    return np.asarray(0.5 * (tensor + tensor.swapaxes(0, 1)))

@@ -130,8 +130,8 @@ def _trimmed(body: Body) -> Body:
 
 
 def _as_csr(body: Body) -> Body:
-    both = [sparse.csr_matrix(matrix, dtype=np.float64) for matrix in (body.stiffness, body.mass)]
-    return Body(body.where, body.nodes, *both, body.dof_nodes, body.dof_axes)
+    stiffness, mass = (sparse.csr_matrix(m, dtype=np.float64) for m in (body.stiffness, body.mass))
+    return Body(body.where, body.nodes, stiffness, mass, body.dof_nodes, body.dof_axes)
 
 
 def _read_archive(file: Path, mass: Path | None, nodes: Path | None) -> Body:
@@ -192,8 +192,7 @@ def _read_text(file: Path, mass: Path | None, nodes: Path | None) -> Body:
     table = _node_table(nodes)
     with file.open('rb') as opened:
         if opened.read(len(MARKET)) == MARKET:
-            both = [_market(each) for each in (file, mass)]
-            return _whole(str(file), table.places, *both)
+            return _whole(str(file), table.places, _market(file), _market(mass))
     return _read_abaqus(file, mass, table)
 
 
@@ -229,7 +228,8 @@ def _read_abaqus(file: Path, mass: Path, table: _Nodes) -> Body:
         Body(
             str(file),
             table.places[[order[node] for node in used]],
-            *both,
+            both[0],
+            both[1],
             np.array([place[node] for node, _ in keys]),
             np.array([direction - 1 for _, direction in keys]),
         )
@@ -279,7 +279,9 @@ def _read_calculix(file: Path, mass: Path | None, nodes: Path | None) -> Body:
     place = {node: k for k, node in enumerate(used)}
     at = np.array([place[node] for node, _ in pairs], dtype=np.int64)
     axes = np.array([direction - 1 for _, direction in pairs], dtype=np.int64)
-    return _trimmed(Body(str(file), table.places[[order[node] for node in used]], *both, at, axes))
+    return _trimmed(
+        Body(str(file), table.places[[order[node] for node in used]], both[0], both[1], at, axes)
+    )
 
 
 def _read_nastran(file: Path, mass: Path | None, nodes: Path | None) -> Body:

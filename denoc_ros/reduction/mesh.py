@@ -62,7 +62,7 @@ class ClosedSurface:
     def default_edge(self) -> float:
         """Return the edge's length [m] for two elements through a wall, or COARSE nodes."""
         coarse = (NODES_PER_VOLUME * abs(float(self.mesh.volume)) / COARSE) ** (1.0 / 3.0)
-        return max(0.5 * self.wall, coarse)
+        return float(max(0.5 * self.wall, coarse))
 
 
 def closed_surface(file: Path, pose: Array, scale: Array, close: bool) -> ClosedSurface:

@@ -11,15 +11,15 @@ import numpy as np
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.suggest.materials import MATERIALS
 from denoc_ros.reduction.body import Body, check_places, patches_of
-from denoc_ros.reduction.craig_bampton import Report
+from denoc_ros.reduction.craig_bampton import HALVED, Report
 from denoc_ros.reduction.elements import Elasticity, Solid
 from denoc_ros.reduction.link import Reduction, Wishes, reduce_link
 from denoc_ros.reduction.mesh import ClosedSurface, fill, patch_nodes, volume_doubts
 from denoc_ros.types import Array
 
 COARSER = 1.6  # edge of the mesh that the result is compared with
-# measured on slender and bulky bodies of 3,000 to 60,000 nodes, on one core
-SECONDS, MEGABYTES = (2e-6, 1.5), (1e-4, 1.35)  # a n^b of n nodes
+# measured, one core: a forearm of 50,000 nodes 25 s, 1.8 GB; a thick block of 57,000 3.5 GB
+SECONDS, MEGABYTES = (2e-6, 1.5), (1.2e-3, 4.0 / 3.0)  # a n^b of n nodes
 BASE_MEGABYTES = 250.0
 UNLIKE = 0.01  # between the two meshes' first frequency: more is told
 MassChoice = Literal['keep', 'scale']
@@ -37,10 +37,11 @@ class Estimate:
     def of(cls, nodes: int, modes: int) -> Estimate:
         """Return that of a number of nodes and modes."""
         share = 0.5 + 0.5 * modes / 6.0
+        halved = 0.6 if 3 * nodes > HALVED else 1.0
         return cls(
             nodes,
             share * SECONDS[0] * nodes ** SECONDS[1],
-            BASE_MEGABYTES + MEGABYTES[0] * nodes ** MEGABYTES[1],
+            BASE_MEGABYTES + halved * MEGABYTES[0] * nodes ** MEGABYTES[1],
         )
 
 

@@ -18,6 +18,7 @@ from skfem import MeshTet
 
 from denoc_ros.cli.main import main
 from denoc_ros.model.link_file import read
+from denoc_ros.reduction import craig_bampton
 from denoc_ros.reduction.body import patches_of
 from denoc_ros.reduction.elements import Elasticity, Solid
 from denoc_ros.reduction.link import Reduction, Wishes, reduce_link
@@ -106,6 +107,21 @@ def test_points_hold_the_bodys_integrals(reduced: Reduction) -> None:
     assert np.diag(link.inertia) == pytest.approx(exact, rel=1e-10)
     phi = link.points[:, 4:22].reshape(len(link.points), 6, 3)
     assert np.einsum('kia,kja->ij', phi, phi) == pytest.approx(np.eye(6), abs=1e-9)
+
+
+def test_large_bodies_are_refined_to_the_same_modes(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = MeshTet.init_tensor(
+        np.linspace(0.0, 0.4, 9), np.linspace(-0.05, 0.05, 3), np.linspace(-0.05, 0.05, 3)
+    )
+    solid = Solid('block', mesh.p.T, mesh.t.T, STEEL)
+    found = []
+    for rows in (craig_bampton.HALVED, 0):
+        monkeypatch.setattr(craig_bampton, 'HALVED', rows)
+        found.append(reduce_solid(solid, tip_frames(), Wishes(), 'block').link)
+    double, single = found
+    assert single.frequencies == pytest.approx(double.frequencies, rel=1e-8)
+    sags = [(link.frames['tip'].phi ** 2 / link.stiffness).sum(axis=1) for link in found]
+    assert sags[1] == pytest.approx(sags[0], rel=1e-7)
 
 
 def test_sag_at_the_frame_is_that_of_the_whole_mesh(reduced: Reduction) -> None:
@@ -210,9 +226,9 @@ def test_formats_of_other_programs_give_the_same_link(calculix: Path, tmp_path: 
     for each in bodies:
         size = float(np.ptp(each.nodes[:, 0]))
         frames = Frames(tip_frames(size).outer, {'*': 0.08 * size})
-        rows = frames.rows()
+        places = frames.rows()
         patches = patches_of(
-            'block', each.nodes, rows, patch_nodes(each.nodes, None, frames.radii)
+            'block', each.nodes, places, patch_nodes(each.nodes, None, frames.radii)
         )
         first.append(reduce_link(each, None, patches, Wishes(modes=2), 'block').link.frequencies)
     for other in first[1:-1]:
@@ -259,7 +275,8 @@ def archive(folder: Path, **change: Any) -> list[str]:
     }
     for name, edit in change.items():
         arrays[name] = edit(arrays[name])
-    np.savez(folder / 'all.npz', **{k: v for k, v in arrays.items() if v is not None})
+    given: dict[str, Any] = {k: v for k, v in arrays.items() if v is not None}
+    np.savez(folder / 'all.npz', **given)
     return ['all.npz', *TIP, '--radius', '0.01']
 
 
