@@ -272,8 +272,8 @@ def noise_of(
             continue
         begin = int(np.searchsorted(flexible, robot.amplitudes(body.name).start))
         if body.modes is not None:  # each mode by itself
-            own = slice(begin, begin + body.amplitudes)
-            first[own], length[own] = np.arange(own.start, own.stop), body.spans
+            modes = np.arange(begin, begin + body.amplitudes)
+            first[modes], length[modes] = modes, body.spans
             continue
         assert body.beam is not None
         for count, span in zip(body.beam.modes, (body.beam.length, body.beam.length, 1.0),
