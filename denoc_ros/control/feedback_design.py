@@ -53,7 +53,7 @@ class Regulator:
 
 @dataclass(frozen=True)
 class PostureGains:
-    """What the loop needs at one moment of a plan.
+    """Gains of the loop at one moment of a plan.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ def earlier_cost(problem: Regulator, cost: Array, doublings: int) -> Array:
 
 
 def _doubled(a: Array, g: Array, h: Array) -> tuple[Array, Array, Array]:
-    """Return what the Riccati difference equation is over twice the periods.
+    """Riccati difference equation over twice the periods.
 
     Notes
     -----

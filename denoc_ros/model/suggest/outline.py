@@ -139,7 +139,7 @@ def _read_mesh(filename: str, folder: Path) -> Any:
 
 @contextmanager
 def _silent(*loggers: str) -> Iterator[None]:
-    """Keep libraries from complaining of what is no error here."""
+    """Silence libraries about expected findings."""
     logs = [logging.getLogger(name) for name in loggers]
     levels = [log.level for log in logs]
     for log in logs:
