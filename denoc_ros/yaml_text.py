@@ -42,7 +42,7 @@ class _Loader(yaml.SafeLoader):
         self._sizes: dict[int, int] = {}  # by the node's id: all nodes live until the end
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Compose a node, and count what it holds with all aliases written out."""
+        """Compose a node, and count its values with all aliases written out."""
         mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
         is_alias = self.check_event(yaml.AliasEvent)
         before = self._values

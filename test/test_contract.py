@@ -18,7 +18,8 @@ import pytest
 
 import denoc_ros as dn
 from denoc_ros.cli.config import NODES
-from denoc_ros.cli.main import VERBS, build_parser
+from denoc_ros.cli.main import build_parser
+from denoc_ros.cli.verbs import VERBS
 
 ROOT = Path(__file__).resolve().parents[1]
 LIST = ROOT / 'test' / 'data' / 'contract.json'

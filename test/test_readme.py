@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from denoc_ros.cli.config import NODES
-from denoc_ros.cli.main import VERBS, build_parser
+from denoc_ros.cli.main import build_parser
+from denoc_ros.cli.verbs import VERBS
 
 ROOT = Path(__file__).resolve().parent.parent
 README, NODES_PAGE = ROOT / 'README.md', ROOT / 'docs' / 'nodes.md'

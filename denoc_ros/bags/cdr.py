@@ -66,7 +66,7 @@ class CdrReader:
         self.position = ENCAPSULATION
 
     def fail(self, rule: str) -> NoReturn:
-        """Raise for bytes that are no message; of a subclass what its callers expect."""
+        """Raise the error that callers expect for bytes that are no message."""
         raise CdrError(rule)
 
     def _end(self, size: int) -> int:

@@ -102,7 +102,7 @@ def decode(types: Any, type_name: str, raw: bytes) -> tuple[Any, int]:
 
 
 def exact_cdr(type_name: str, raw: bytes) -> bytes:
-    """Return what rclpy's `serialize_message` gave, with nothing in it that means nothing.
+    """Remove the meaningless bytes from the output of rclpy's `serialize_message`.
 
     The bytes that it appends are left out, and those between fields are zero: it leaves them as
     they were in memory, and two runs would differ.

@@ -101,7 +101,7 @@ class JointStateLayout:
         return np.array(starts, dtype=np.intp)[:, np.newaxis] + joints
 
     def words(self, raw: bytes) -> Array:
-        """Return what stands behind the encapsulation of a message as doubles, also what is none.
+        """All words behind the encapsulation of a message as doubles, strings included.
 
         One view of all of it takes less time than one of each field.
         """

@@ -38,7 +38,7 @@ class Identity:
 
 
 def displacement(path: Path, size: int) -> str:
-    """Return what became of a finished file of a size [bytes], '' when it is as it was written."""
+    """Fate of a finished file of a size [bytes]: deleted, moved, cut; '' when unchanged."""
     try:
         found = path.stat().st_size
     except (FileNotFoundError, NotADirectoryError):

@@ -42,7 +42,7 @@ def library_name() -> str:
 
 
 class DiskFile:
-    """A new file without a buffer of its own: what `write` took, the kernel has."""
+    """A new unbuffered file: each `write` reaches the kernel."""
 
     def __init__(self, path: Path) -> None:
         # appending: a file that somebody cut stays short, so that it is noticed
@@ -156,7 +156,7 @@ class McapFile:
         self._disk.close()
 
     def displacement(self) -> str:
-        """Return what became of the file when it is no longer there as it was written, or ''."""
+        """Fate of the file: deleted, replaced, cut; '' when it is as written."""
         status = self._disk.status()
         if not status.st_nlink:
             return 'one replaced by another' if self.path.exists() else 'a deleted one'

@@ -1,4 +1,4 @@
-"""Serial chains as URDF text: what the benchmark runs on."""
+"""Serial chains as URDF text, the robots of the benchmark."""
 
 from __future__ import annotations
 

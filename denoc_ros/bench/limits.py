@@ -60,7 +60,7 @@ EIGHT_LINKS: Printed = {
 
 @dataclass(frozen=True)
 class Case:
-    """A robot whose operations are counted, and what the book prints for one like it."""
+    """A robot whose operations are counted, and the book's count for one like it."""
 
     name: str
     text: str
@@ -154,7 +154,7 @@ def accounts(effort: Effort, quick: bool) -> Iterator[Account]:
 
 @dataclass(frozen=True)
 class Count:
-    """What one call of a verb executes, and whether it came to the right result."""
+    """Operations of one call of a verb, and whether its result was right."""
 
     verb: str
     operations: Operations

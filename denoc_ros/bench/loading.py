@@ -111,7 +111,7 @@ def _line(
 
 
 def _first_torque(file: Path, environment: dict[str, str]) -> dict[str, Any]:
-    """Run the first torque in a fresh process; return its times, torque and what it said."""
+    """Run the first torque in a fresh process; return its times, torque and output."""
     start = time.monotonic()
     run = subprocess.run(
         [sys.executable, '-c', FIRST_TORQUE, str(file)],

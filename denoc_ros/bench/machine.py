@@ -1,4 +1,4 @@
-"""What one core of this machine can do at best, measured by compiled loops."""
+"""Peak rate of one core of this machine, measured by compiled loops."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class Operations:
 
 
 class Counted:
-    """A number that counts what is done to it; change of sign and comparison are free.
+    """A number that counts its operations; change of sign and comparison are free.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ class CountingKernels:
         self._spaces = _plain_kernels(instead, self._attributed)
 
     def count(self, module: str, function: str, *arguments: Any) -> tuple[Operations, Array]:
-        """Return the operations of one call and what its last argument holds after it.
+        """Operations of one call, and the values of its last argument after it.
 
         Parameters
         ----------
@@ -218,7 +218,7 @@ class CountingKernels:
         return function
 
     def _attributed(self, function: FunctionType) -> Callable[..., Any]:
-        """Return the function with what it executes itself added to its share."""
+        """Wrap a function to add its own operations to its share."""
         name, tally, running = function.__name__, self.tally, self._running
 
         def attributed(*arguments: Any) -> Any:
@@ -243,7 +243,7 @@ class CountingKernels:
         return out
 
     def _arrays(self, robot: Robot) -> tuple[Any, ...]:
-        """Return what `model_arrays` does, counted, flat where that has pointers."""
+        """Counting arrays in place of those of `model_arrays`, flat where that has pointers."""
         arrays = robot.arrays
         diagonals = np.zeros((DIAGONALS, arrays.n))
         diagonals[: len(arrays.diagonals)] = arrays.diagonals

@@ -1,4 +1,4 @@
-"""What a benchmark run finds: one record per line of its table."""
+"""Results of a benchmark run: one record per line of its table."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AT_LEAST = '>='
 
 @dataclass(frozen=True)
 class Reach:
-    """What a line's value is meant to be."""
+    """Bound on a line's value."""
 
     sense: str  # AT_MOST or AT_LEAST
     value: float

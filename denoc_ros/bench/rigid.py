@@ -45,7 +45,7 @@ def random_states(robot: Robot, count: int = STATES) -> list[State]:
 
 
 def results(subject: Subject) -> list[Array]:
-    """Return what the calls of a subject give, one after another."""
+    """Results of a subject's calls, one after another."""
     return [np.array(subject.call(*arguments)) for arguments in subject.states]
 
 

@@ -1,4 +1,4 @@
-"""What a link of segments costs beside the same link as one beam."""
+"""Cost of a link of segments beside the same link as one beam."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What elastic joints cost beside the same robot with rigid ones."""
+"""Cost of elastic joints beside the same robot with rigid ones."""
 
 from __future__ import annotations
 

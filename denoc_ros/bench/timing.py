@@ -46,7 +46,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class Times:
-    """What one subject's calls took [s].
+    """Times of one subject's calls [s].
 
     Attributes
     ----------

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+from denoc_ros.cli.config import find_file
 from denoc_ros.errors import ConfigError
 from denoc_ros.reports.run_files import EARTH
 
@@ -60,7 +61,7 @@ def add_times(group: Any) -> None:
 
 
 def times_findings(args: Any) -> list[str]:
-    """Return what is wrong with how the times of a table are read."""
+    """Findings on the options that read the times of a table."""
     if math.isfinite(args.rate) and args.rate >= 0.0:
         return []
     return [f'--rate must be > 0 Hz, got {args.rate}']
@@ -88,8 +89,6 @@ def unused(path: Path) -> Path:
 
 def given_file(path: str, whose: str) -> Path:
     """Return a file that is here or where the package is installed; ConfigError without one."""
-    from denoc_ros.cli.config import find_file
-
     found = find_file(Path(path), Path())
     if found is None:
         raise ConfigError(path, [f'the {whose} must be a file, got none of this name'])
@@ -131,12 +130,12 @@ def named_values(
 
 
 def require(findings: Sequence[str]) -> None:
-    """Raise ConfigError with what was found on the command line, if anything."""
+    """Raise ConfigError with the findings on the command line, if any."""
     ConfigError.raise_any('command line', findings)
 
 
 def number_range(text: str) -> tuple[float, float]:
-    """Return LOW:HIGH as numbers; ValueError for what is no range."""
+    """Parse LOW:HIGH; ValueError for anything that is no range."""
     low, high = (float(end) for end in text.split(':'))
     if not (math.isfinite(low) and math.isfinite(high) and low <= high):
         raise ValueError(text)

@@ -9,8 +9,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+from tqdm import tqdm
 
 from denoc_ros.cli.interrupts import deferred_interrupts, is_made_by_interrupt
 from denoc_ros.errors import ConfigError, DenocError
@@ -111,7 +114,7 @@ class RowStore:
         self._stored = time.monotonic()
 
     def close(self) -> None:
-        """Write what waits."""
+        """Write the waiting rows."""
         self.flush()
 
 
@@ -133,7 +136,7 @@ def add_worker_options(parser: argparse.ArgumentParser) -> None:
 
 
 def worker_config(args: argparse.Namespace) -> WorkerConfig:
-    """Return what --workers and --scheduler say; ConfigError where they make no sense."""
+    """Configuration by --workers and --scheduler; ConfigError where they contradict."""
     if args.workers < 0:
         raise ConfigError('--workers', [f'it must be >= 0, got {args.workers}'])
     if args.workers and args.scheduler:
@@ -171,8 +174,6 @@ def run_batch(
     ConfigError
         When Dask is needed and not installed, or the scheduler does not answer.
     """
-    from tqdm import tqdm
-
     stored = store.rows() if store else []
     done = {row[KEY]: row for row in stored if row[KEY] in items}
     todo = [(key, item) for key, item in items.items() if key not in done]
@@ -255,8 +256,6 @@ def _client(workers: WorkerConfig, tasks: int) -> Iterator[Any]:
 
 
 def _required(module: str) -> Any:
-    from importlib import import_module
-
     try:
         return import_module(module)
     except ImportError as error:

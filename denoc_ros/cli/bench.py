@@ -5,16 +5,21 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import platform
 import sys
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
+from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from denoc_ros.bench.limits import Account
-    from denoc_ros.bench.results import BenchLine
+from denoc_ros.bench import batches, derivatives, growth, loading, loops, rigid, segments, springs
+from denoc_ros.bench.limits import Account, accounts
+from denoc_ros.bench.results import BenchLine
+from denoc_ros.bench.timing import FULL, QUICK
+from denoc_ros.cli.config import find_file
+from denoc_ros.cli.verbs import VERBS
 
 GROUPS = (
     'inverse', 'forward', 'inertia', 'derivatives', 'ssrms', 'springs', 'loops', 'growth', 'dense',
@@ -29,7 +34,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'bench',
-        help='check results, then time the dynamics beside Pinocchio and dense Cholesky',
+        help=VERBS['bench'],
         description=(
             'Check the results of the dynamics against Pinocchio and dense solutions, then '
             'time both in turn in this process. The result is their ratios. Exit status 2 if a'
@@ -86,9 +91,6 @@ def run(args: argparse.Namespace) -> int:
 
 def machine() -> dict[str, Any]:
     """Return the machine of the measurement: processors, load, versions."""
-    import platform
-    from importlib.metadata import version
-
     found: dict[str, Any] = {
         'processor': _processor(),
         'cores': os.cpu_count(),
@@ -113,19 +115,6 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[BenchLine]:
     quick : bool
         Check on less, and call only a few times: no line has a reach then.
     """
-    from denoc_ros.bench import (
-        batches,
-        derivatives,
-        growth,
-        loading,
-        loops,
-        rigid,
-        segments,
-        springs,
-    )
-    from denoc_ros.bench.timing import FULL, QUICK
-    from denoc_ros.cli.config import find_file
-
     effort = QUICK if quick else FULL
     ssrms = find_file(Path(SSRMS), Path()) or Path(SSRMS)
     parts: dict[str, Callable[[], Iterator[BenchLine]]] = {
@@ -153,9 +142,6 @@ def counted_operations(groups: Collection[str], quick: bool) -> Iterator[Account
     """Yield the operations per call where 'operations' is among the groups."""
     if 'operations' not in groups:
         return
-    from denoc_ros.bench.limits import accounts
-    from denoc_ros.bench.timing import FULL, QUICK
-
     yield from accounts(QUICK if quick else FULL, quick)
 
 

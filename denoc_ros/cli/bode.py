@@ -5,17 +5,22 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.loop_response import LoopResponse, Swing
-    from denoc_ros.dynamics.robot import Robot
+from denoc_ros.cli.arguments import given_file
+from denoc_ros.cli.postures import posture, read_postures
+from denoc_ros.dynamics.loop_response import LoopResponse, Swing, loop_response
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError
+from denoc_ros.output_files import write_text
+from denoc_ros.reports.bode import page
+from denoc_ros.reports.provenance import named_file, provenance
 
 PAGE = 'bode.html'
 
 
 def add_bode(parser: argparse.ArgumentParser) -> None:
-    """Declare `--bode` and what goes with it."""
+    """Declare `--bode` and its options."""
     group = parser.add_argument_group('would a loop ring')
     group.add_argument(
         '--bode',
@@ -33,13 +38,6 @@ def add_bode(parser: argparse.ArgumentParser) -> None:
 
 def run_bode(args: argparse.Namespace, robot: Robot) -> int:
     """Write the page, print its conclusion, and return the exit status."""
-    from denoc_ros.cli.arguments import given_file
-    from denoc_ros.cli.postures import posture, read_postures
-    from denoc_ros.dynamics.loop_response import loop_response
-    from denoc_ros.output_files import write_text
-    from denoc_ros.reports.bode import page
-    from denoc_ros.reports.provenance import named_file, provenance
-
     pairs = _pairs(args.bode)
     postures = read_postures(robot, args.at) or [posture(robot, [0.0] * len(robot.joint_names))]
     ways = {
@@ -62,8 +60,6 @@ def run_bode(args: argparse.Namespace, robot: Robot) -> int:
 
 
 def _pairs(given: list[str]) -> list[tuple[str, str]]:
-    from denoc_ros.errors import ConfigError
-
     pairs = [text.partition(':') for text in given]
     wrong = [text for text, (a, _, b) in zip(given, pairs, strict=True) if not (a and b)]
     if wrong:
@@ -73,7 +69,7 @@ def _pairs(given: list[str]) -> list[tuple[str, str]]:
 
 
 def _summary(name: str, way: LoopResponse) -> dict[str, Any]:
-    """Return what was found of one way at one posture, ready for JSON."""
+    """Summary of one response at one posture, ready for JSON."""
     unstable = way.unstable_zero
     return {
         'input': way.input,

@@ -7,16 +7,28 @@ import json
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from denoc_ros.bags.readings import read_readings
 from denoc_ros.cli.arguments import add_gravity
 from denoc_ros.cli.calibrate_mounting import run_mounting
+from denoc_ros.cli.config import find_file
 from denoc_ros.cli.exit_statuses import DOUBTFUL, NOT_IDENTIFIABLE
+from denoc_ros.cli.verbs import VERBS
 from denoc_ros.cli.written_description import write_description
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.estimation.calibration import Calibration
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.errors import ConfigError, IdentificationError
+from denoc_ros.estimation.calibration import (
+    Calibration,
+    calibrate,
+    calibration_paths,
+    find_plateaus,
+    match_levels,
+    sensor_values,
+)
+from denoc_ros.identification.tables import read_sheet
+from denoc_ros.model.overrides import edited_description
+from denoc_ros.model.sensors import wrench_field
 
 KINDS = ('value', 'deflection', 'load')
 
@@ -25,7 +37,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'calibrate',
-        help="fit a sensor's gain and offset to readings at known references",
+        help=VERBS['calibrate'],
         description=(
             'Fit value = gain raw + offset to a table, or to the plateaus of a bag; of an IMU or '
             'accelerometer the mounting and the biases to a bag with joint states. Exit status 2: '
@@ -66,11 +78,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    from denoc_ros.cli.config import find_file
-    from denoc_ros.dynamics.robot import load_robot
-    from denoc_ros.errors import IdentificationError
-    from denoc_ros.estimation.calibration import calibrate, sensor_values
-
     file = find_file(Path(args.robot), Path()) or Path(args.robot)
     robot = load_robot(file, gravity=tuple(args.gravity))
     if args.sensor in {sensor.name for sensor in robot.tree.inertial_sensors}:
@@ -91,11 +98,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _readings(args: argparse.Namespace, robot: Robot) -> tuple[Any, Any, float]:
     """Return readings, references and the deviation of one reading."""
-    from denoc_ros.bags.readings import read_readings
-    from denoc_ros.errors import ConfigError
-    from denoc_ros.estimation.calibration import find_plateaus, match_levels
-    from denoc_ros.model.sensors import wrench_field
-
     path = Path(args.readings)
     if path.is_file() and path.suffix not in ('.mcap', '.db3'):
         if args.levels:
@@ -128,9 +130,6 @@ def read_table(path: Path) -> tuple[list[float], list[float]]:
     BagError
         The file cannot be read.
     """
-    from denoc_ros.errors import ConfigError
-    from denoc_ros.identification.tables import read_sheet
-
     sheet = read_sheet(path)
     raw: list[float] = []
     reference: list[float] = []
@@ -154,9 +153,6 @@ def read_table(path: Path) -> tuple[list[float], list[float]]:
 
 def _write(args: argparse.Namespace, file: Path, found: Calibration) -> str:
     """Write the calibrated description to the chosen file; return its path, '' without one."""
-    from denoc_ros.estimation.calibration import calibration_paths
-    from denoc_ros.model.overrides import edited_description
-
     paths = calibration_paths(args.sensor, found)
     return write_description(args, file, lambda: edited_description(file, paths))
 

@@ -7,15 +7,20 @@ import json
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
+
+from denoc_ros.bags.readings import read_inertial
+from denoc_ros.bags.series import read_joint_states
 from denoc_ros.cli.exit_statuses import DOUBTFUL, NOT_IDENTIFIABLE
 from denoc_ros.cli.written_description import write_description
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.estimation.mounting import Mounting
-    from denoc_ros.types import Array
+from denoc_ros.dynamics.measured_side import measured_robot
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError, IdentificationError
+from denoc_ros.estimation.joint_motion import smooth
+from denoc_ros.estimation.mounting import Mounting, calibrate_mounting
+from denoc_ros.model.remounting import remounted_description
+from denoc_ros.types import Array
 
 MOST = 1000  # readings, evenly out of all: the amplitudes of each are in equilibrium
 CUTOFF = 5.0  # Hz, of the joints' motion: vibration is not what is looked for
@@ -23,11 +28,6 @@ CUTOFF = 5.0  # Hz, of the joints' motion: vibration is not what is looked for
 
 def run_mounting(args: argparse.Namespace, file: Path, robot: Robot) -> int:
     """Fit, show and write; return the exit status."""
-    from denoc_ros.dynamics.measured_side import measured_robot
-    from denoc_ros.errors import IdentificationError
-    from denoc_ros.estimation.mounting import calibrate_mounting
-    from denoc_ros.model.remounting import remounted_description
-
     robot = measured_robot(robot)
     try:
         found = calibrate_mounting(robot, args.sensor, *_record(args, robot))
@@ -43,13 +43,6 @@ def run_mounting(args: argparse.Namespace, file: Path, robot: Robot) -> int:
 
 def _record(args: argparse.Namespace, robot: Robot) -> tuple[Array, Array, Array, Array]:
     """Return motion (k, n) three times and readings of the bag."""
-    import numpy as np
-
-    from denoc_ros.bags.readings import read_inertial
-    from denoc_ros.bags.series import read_joint_states
-    from denoc_ros.errors import ConfigError, IdentificationError
-    from denoc_ros.estimation.joint_motion import smooth
-
     (sensor,) = (s for s in robot.tree.inertial_sensors if s.name == args.sensor)
     if not sensor.topic:
         raise ConfigError(str(args.robot), [f'sensor {sensor.name!r} must have a topic, got none'])

@@ -8,20 +8,23 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from denoc_ros.cli.arguments import add_gravity
 from denoc_ros.cli.bode import add_bode, run_bode
-from denoc_ros.cli.postures import add_postures, read_postures
+from denoc_ros.cli.config import find_file
+from denoc_ros.cli.postures import Posture, add_postures, read_postures
 from denoc_ros.cli.suggestion import add_suggestion, check_options, run_suggestion
+from denoc_ros.cli.verbs import VERBS
+from denoc_ros.dynamics.mobility import mobility
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.shape_losses import shape_losses
+from denoc_ros.estimation.observability import observability
+from denoc_ros.model.tree import Beam, Body, Joint, Tree
 from denoc_ros.reports.text_table import Row, cell_text, text_table
-
-if TYPE_CHECKING:
-    from denoc_ros.cli.postures import Posture
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.model.tree import Beam, Body, Joint, Tree
-    from denoc_ros.types import Array
-
+from denoc_ros.types import Array
 
 WITHOUT_ROTORS = (
     'no rotor inertia of {}: beyond the modes of the model such a joint moves the root of a beam '
@@ -34,7 +37,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'check',
-        help='validate a robot; list its links, joints, beams, frequencies and masses',
+        help=VERBS['check'],
         description='Read a URDF with its <flexibility> block, report every finding in it, and '
         'list links, joints, beams, natural frequencies and masses.',
     )
@@ -48,9 +51,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    from denoc_ros.cli.config import find_file
-    from denoc_ros.dynamics.robot import load_robot
-
     check_options(args)
     file = find_file(Path(args.robot), Path()) or args.robot
     if args.suggest:
@@ -90,8 +90,6 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         inertia) and `warnings`. Numbers that are infinite
         stand as None.
     """
-    import numpy as np
-
     tree = robot.tree
     links = [_link(body, tree.bodies) for body in tree.bodies if body.segment == 1]
     joints = [_joint(body.joint, body.name) for body in tree.bodies if body.joint is not None]
@@ -153,9 +151,7 @@ def _without_rotors(tree: Tree) -> list[str]:
 
 
 def _observability(robot: Robot, q: Array) -> list[Row]:
-    """Return what the sensors tell of modes and biases at rest at q (n,)."""
-    from denoc_ros.estimation.observability import observability
-
+    """Observability of modes and biases by the sensors at rest at q (n,)."""
     return [
         {
             'state': state.name,
@@ -169,8 +165,6 @@ def _observability(robot: Robot, q: Array) -> list[Row]:
 
 def _mechanism(robot: Robot) -> Row:
     """Return the loops and mimic joints, and the remaining degrees of freedom."""
-    from denoc_ros.dynamics.mobility import mobility
-
     if not robot.constraint_names:
         return {'loops': [], 'mechanism': []}
     found = mobility(robot)
@@ -209,7 +203,7 @@ def _joint_name(body: Body) -> str:
 
 
 def _link(body: Body, bodies: Sequence[Body]) -> Row:
-    """Return what a link is, from its first body and all of the robot's."""
+    """Row of a link, from its first body and all of the robot's."""
     rigid = sum(each.inertia.mass for each in bodies if each.link == body.name)
     carrier = bodies[body.attachment.body] if body.attachment.body >= 0 else None
     beam = body.beam
@@ -314,8 +308,7 @@ def _beam(beam: Beam, link: str) -> Row:
 
 
 def _shapes(robot: Robot) -> list[Row]:
-    """Return what the shapes of each beam lose, in percent of the beam's own."""
-    from denoc_ros.dynamics.shape_losses import shape_losses
+    """Losses of each beam's shapes, in percent of the beam's own compliance."""
 
     def percent(share: float | None) -> float | None:
         return None if share is None else round(100.0 * share, 4) + 0.0

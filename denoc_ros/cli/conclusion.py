@@ -6,12 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.bags.recover import recover
 from denoc_ros.cli.interrupts import Interrupt
 from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.report import write_report
 from denoc_ros.cli.session_file import SessionFile
 from denoc_ros.errors import DenocError
 from denoc_ros.output_files import write_text
 from denoc_ros.reports.run_files import BAG_FOLDER
+from denoc_ros.reports.summary import summary_lines
 
 CUT_OFF = 'bag_cut_off'  # what a recorder left that did not end by itself
 REPORTING = 5.0  # s that a report takes
@@ -25,7 +28,7 @@ def conclude(
     records: bool,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Write what a session leaves: summary.json and, where it recorded, the report.
+    """Write the results of a session: summary.json and, where it recorded, the report.
 
     Parameters
     ----------
@@ -82,16 +85,12 @@ def cause(error: BaseException) -> str:
 
 
 def _report(folder: Path, progress: Progress) -> dict[str, Any]:
-    from denoc_ros.cli.report import write_report
-
     with progress.step('writing the report', REPORTING):
         return write_report(folder, folder / 'report.html')
 
 
 def _make_whole(folder: Path, progress: Progress) -> None:
-    """Rebuild the bag of a recorder that could not finish it; what it left is kept."""
-    from denoc_ros.bags.recover import recover
-
+    """Rebuild the bag of a recorder that could not finish it; the cut one is kept."""
     bag = folder / BAG_FOLDER
     if (bag / 'metadata.yaml').is_file() or not any(bag.glob('*.mcap')):
         return
@@ -103,8 +102,6 @@ def _make_whole(folder: Path, progress: Progress) -> None:
 
 def print_summary(summary: dict[str, Any], folder: Path) -> None:
     """Print the numbers of a run, and where it and its report are."""
-    from denoc_ros.reports.summary import summary_lines
-
     for line in summary_lines(summary):
         print(line)
     report = folder / 'report.html'

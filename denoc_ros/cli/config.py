@@ -59,7 +59,7 @@ class Phase:
 
 @dataclass(frozen=True)
 class SessionConfig:
-    """What `denoc up` brings up.
+    """Configuration of a session of `denoc up`.
 
     Attributes
     ----------

@@ -6,12 +6,16 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.cli.verbs import VERBS
+from denoc_ros.model.dh.system import load_system
+from denoc_ros.model.dh.urdf import urdf_text
+from denoc_ros.model.urdf import load_tree
+from denoc_ros.output_files import write_new
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the verb to the parsers of `denoc`."""
-    parser: argparse.ArgumentParser = subparsers.add_parser(
-        'dh', help='make a URDF with flexible links from a Denavit-Hartenberg table'
-    )
+    parser: argparse.ArgumentParser = subparsers.add_parser('dh', help=VERBS['dh'])
     parser.add_argument('table', help='YAML file with one system, or with several by name')
     parser.add_argument('-o', '--output', required=True, help='the URDF to write, a new file')
     parser.add_argument('--system', help='name of the system, for a file with several')
@@ -41,11 +45,6 @@ def run(args: argparse.Namespace) -> int:
     ModelError
         If the table's robot is not possible.
     """
-    from denoc_ros.model.dh.system import load_system
-    from denoc_ros.model.dh.urdf import urdf_text
-    from denoc_ros.model.urdf import load_tree
-    from denoc_ros.output_files import write_new
-
     system = load_system(args.table, args.system, args.kinds)
     text = urdf_text(system)
     tree = load_tree(text)

@@ -6,16 +6,21 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from denoc_ros.cli.arguments import add_gravity, given_file
 from denoc_ros.cli.overrides import add_overrides, overrides_of
 from denoc_ros.cli.postures import add_postures, posture, read_postures
+from denoc_ros.cli.verbs import VERBS
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError
+from denoc_ros.model.mjcf import mjcf
+from denoc_ros.model.overrides import with_overrides
+from denoc_ros.model.sdf import sdf
+from denoc_ros.model.segments import whole_beams
+from denoc_ros.output_files import require_new, write_new
 from denoc_ros.reports.text_table import text_table
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.simulation.mujoco_chain import ChainComparison
+from denoc_ros.simulation.mujoco_chain import ChainComparison, compare
 
 FINER = 8  # segments per beam of the model that ours is compared with
 
@@ -24,7 +29,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'export',
-        help="write a robot as MuJoCo's or Gazebo's model, beams as chains of sprung rods",
+        help=VERBS['export'],
         description="Write a robot as MuJoCo's or Gazebo's model: each beam becomes a chain of "
         'rigid rods on sprung hinges, which has nothing of the shape functions. What the format '
         'cannot hold is refused by name.',
@@ -53,13 +58,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.errors import ConfigError
-    from denoc_ros.model.mjcf import mjcf
-    from denoc_ros.model.overrides import with_overrides
-    from denoc_ros.model.sdf import sdf
-    from denoc_ros.output_files import require_new, write_new
-
     require_new(args.output)
     if args.verify and args.format == 'sdf':
         rule = '--verify must come with mjcf: no Gazebo is run, and SDF has the same chain'
@@ -86,10 +84,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _verify(robot: Robot, text: str, at: Any) -> list[dict[str, Any]]:
     """Return frequencies and sags at each posture, ready for JSON."""
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.model.overrides import with_overrides
-    from denoc_ros.simulation.mujoco_chain import compare
-
     if len(robot.base_indices):
         robot = Robot(robot.tree, gravity=(0.0, 0.0, 0.0))
     finer = Robot(with_overrides(robot.tree, _finer(robot)), gravity=tuple(robot.gravity))
@@ -104,8 +98,6 @@ def _verify(robot: Robot, text: str, at: Any) -> list[dict[str, Any]]:
 
 def _finer(robot: Robot) -> dict[str, Any]:
     """Return overrides that divide every undivided beam."""
-    from denoc_ros.model.segments import whole_beams
-
     divided: dict[str, Any] = {}
     for whole in whole_beams(robot.tree):
         if whole.segments == 1:

@@ -5,14 +5,11 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from denoc_ros.cli.recorded_run import open_run
+from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.recorded_run import OpenedRun, open_run
 from denoc_ros.errors import ConfigError
-
-if TYPE_CHECKING:
-    from denoc_ros.cli.recorded_run import OpenedRun
-    from denoc_ros.viewer.film import Look
+from denoc_ros.viewer.film import Look
 
 VIEWS = ('auto', 'side', 'top', 'front', 'iso')
 STRIP_RATE = 60.0  # Hz
@@ -101,7 +98,6 @@ def write_pictures(args: argparse.Namespace, path: Path) -> list[Path]:
 
 
 def _film(args: argparse.Namespace, opened: OpenedRun, look: Look) -> None:
-    from denoc_ros.cli.progress import Progress
     from denoc_ros.viewer.film import write_film
 
     run = opened.run

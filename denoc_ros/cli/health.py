@@ -1,4 +1,4 @@
-"""The health of a session's nodes: told by what they say and by what their processes do."""
+"""Health of a session's nodes, by their messages and by the activity of their processes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ UNWATCHED = ('viewer',)  # it has the lowest priority: a session goes on without
 
 
 class Speaker(Protocol):
-    """Hears what nodes say on /diagnostics."""
+    """Listener to the nodes' messages on /diagnostics."""
 
     def reports(self, name: str) -> int:
         """Return how often a node has spoken."""
@@ -38,10 +38,10 @@ class Speaker(Protocol):
 
 
 class Tasks(Protocol):
-    """Knows what processes do."""
+    """Observer of the nodes' processes."""
 
     def activity(self, name: str) -> Activity | None:
-        """Return what a process does."""
+        """Return a process's activity."""
 
     def give_up(self, name: str) -> None:
         """Expect no orderly end of a process."""
@@ -49,7 +49,7 @@ class Tasks(Protocol):
 
 @dataclass
 class _Watched:
-    """What is known of a node."""
+    """Health of one node so far."""
 
     reports: int = 0
     silent: float = 0.0  # s

@@ -6,7 +6,7 @@ import argparse
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from denoc_ros.cli.identify_inputs import (
     asked_of,
@@ -17,14 +17,13 @@ from denoc_ros.cli.identify_inputs import (
 )
 from denoc_ros.errors import DenocError
 from denoc_ros.identification.analysis import DecayAnalysis, analyse_decay
+from denoc_ros.identification.apply import USABLE, configuration
 from denoc_ros.identification.channel import Reading, joint_positions, read_record
+from denoc_ros.identification.damping import Assigned, assign_damping
 from denoc_ros.identification.modes import strongest
 from denoc_ros.identification.result import modal_result
 from denoc_ros.identification.windows import standing_spans
 from denoc_ros.reports.versions import versions
-
-if TYPE_CHECKING:
-    from denoc_ros.identification.damping import Assigned
 
 Document = dict[str, Any]
 
@@ -54,9 +53,6 @@ def _of_model(
     )
     if robot is None:
         return {}, {}
-    from denoc_ros.identification.apply import USABLE, configuration
-    from denoc_ros.identification.damping import assign_damping
-
     modes = analysis.modes
     measured = joint_positions(reading, modes.start, modes.stop)
     joints = {name: measured[name] for name in robot.joint_names if name in measured}

@@ -7,17 +7,25 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from denoc_ros.cli.arguments import add_gravity, given_file, named_values, number_range, require
 from denoc_ros.cli.exit_statuses import exit_status
+from denoc_ros.cli.identify_inputs import load_named_robot
 from denoc_ros.cli.identify_numbers import numbers_text
 from denoc_ros.cli.overrides import add_overrides, overrides_of
+from denoc_ros.cli.plan_file import write_joint_trajectory, write_points
+from denoc_ros.cli.progress import share_bar
+from denoc_ros.cli.verbs import ACTIONS
+from denoc_ros.identification.model.excitation import Excitation, design_excitation
+from denoc_ros.identification.model.result import WORDS
+from denoc_ros.identification.modes import worst
 from denoc_ros.output_files import require_new, write_text
+from denoc_ros.reports.identify_excite import excitation_page
+from denoc_ros.reports.provenance import named_file
 from denoc_ros.reports.text_table import text_table
-
-if TYPE_CHECKING:
-    from denoc_ros.identification.model.excitation import Excitation
 
 Document = dict[str, Any]
 
@@ -36,7 +44,7 @@ def add_actions(actions: Any) -> None:
     """Declare the action's arguments."""
     parser = actions.add_parser(
         'excite',
-        help='plan the motion whose recording identifies numbers of a robot best',
+        help=ACTIONS['excite'],
         description='Find the motion within limits, a Fourier series of each joint from rest to '
         'rest, whose recording tells `denoc identify model` most of the free numbers; print the '
         '95 %% intervals to expect, and what no motion shows.',
@@ -125,13 +133,6 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
 
 def run_excite(args: argparse.Namespace) -> int:
     """Plan the motion; exit status 0 good, 2 doubtful, 3 not identifiable."""
-    import numpy as np
-
-    from denoc_ros.cli.identify_inputs import load_named_robot
-    from denoc_ros.cli.plan_file import write_joint_trajectory, write_points
-    from denoc_ros.cli.progress import share_bar
-    from denoc_ros.identification.model.excitation import design_excitation
-
     options = _options(args)
     robot = load_named_robot(args.robot, args.gravity)
     overrides = overrides_of(args.set, args.payload)
@@ -149,8 +150,6 @@ def run_excite(args: argparse.Namespace) -> int:
         write_joint_trajectory(args.trajectory, found.joints, rows.t, motion)
     document = excitation_result(args, found)
     if args.page is not None:
-        from denoc_ros.reports.identify_excite import excitation_page
-
         page = excitation_page(found, document, robot.tree, args.command)
         write_text(args.page, page.html())
     print(json.dumps(document, indent=2, allow_nan=False) if args.json else as_text(document))
@@ -158,7 +157,7 @@ def run_excite(args: argparse.Namespace) -> int:
 
 
 def _options(args: argparse.Namespace) -> dict[str, Any]:
-    """Return what design_excitation takes beside robot and numbers."""
+    """Arguments of design_excitation beside robot and numbers."""
     findings: list[str] = []
     if args.output.suffix not in ('.yaml', '.yml'):
         findings.append(f'--output must end in .yaml, got {args.output.name!r}')
@@ -192,10 +191,7 @@ def _head(found: Excitation) -> str:
 
 
 def excitation_result(args: argparse.Namespace, found: Excitation) -> Document:
-    """Return a motion and what to expect of it as plain values."""
-    from denoc_ros.identification.model.result import WORDS
-    from denoc_ros.identification.modes import worst
-    from denoc_ros.reports.provenance import named_file
+    """Result document of a motion and its expected accuracy, of plain values."""
 
     def finite(value: float) -> float | None:
         return value if math.isfinite(value) else None

@@ -6,13 +6,16 @@ import argparse
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from denoc_ros.bags.digest import file_hash
+from denoc_ros.cli.arguments import given_file
 from denoc_ros.cli.batch import Row, WorkerConfig
+from denoc_ros.cli.identify_folder import RowKind, run_folder
+from denoc_ros.cli.model_fit import fitted_model, started_robot
+from denoc_ros.cli.recording_options import recording_settings
 from denoc_ros.errors import BagError
-
-if TYPE_CHECKING:
-    from denoc_ros.cli.identify_folder import RowKind
+from denoc_ros.identification.model.free_parameters import FreeParameters
+from denoc_ros.identification.model.result import result_of
 
 OF_NUMBER: dict[str, type] = {'': float, ' from': float, ' to': float, ' verdict': str}
 MARKS = {'found': '', 'doubtful': '?', 'not identifiable': '-'}
@@ -20,8 +23,6 @@ MARKS = {'found': '', 'doubtful': '?', 'not identifiable': '-'}
 
 def run_fleet(args: argparse.Namespace, paths: Sequence[Path], workers: WorkerConfig) -> int:
     """Identify a model from each recording; exit status as of `run_folder`."""
-    from denoc_ros.cli.identify_folder import run_folder
-
     if args.apply is not None:
         raise BagError('--apply must come with one model, got --each, --workers or --scheduler')
     return run_folder(args, paths, workers, model_rows(args))
@@ -32,13 +33,6 @@ def model_rows(args: argparse.Namespace) -> RowKind:
 
     The robot's file is named as a whole: workers may have another working directory.
     """
-    from denoc_ros.bags.digest import file_hash
-    from denoc_ros.cli.arguments import given_file
-    from denoc_ros.cli.identify_folder import RowKind
-    from denoc_ros.cli.model_fit import started_robot
-    from denoc_ros.cli.recording_options import recording_settings
-    from denoc_ros.identification.model.free_parameters import FreeParameters
-
     args.robot = str(given_file(args.robot, 'robot').resolve())
     recording_settings(args)
     paths = FreeParameters(started_robot(args), args.free).paths
@@ -59,9 +53,6 @@ def model_row(item: tuple[argparse.Namespace, Path]) -> Row:
 
     `held_out` is the largest share of a channel's deviation that is left of the held-out part.
     """
-    from denoc_ros.cli.model_fit import fitted_model
-    from denoc_ros.identification.model.result import result_of
-
     options, path = item
     began = time.thread_time()
     found = fitted_model(options, [path])
@@ -81,7 +72,7 @@ def model_row(item: tuple[argparse.Namespace, Path]) -> Row:
 
 
 def _shown(paths: Sequence[str]) -> Callable[[Row], Row]:
-    """Return what makes a row's line: numbers, `?` behind the doubtful, `-` for no number."""
+    """Make a formatter of a row's line: numbers, `?` behind the doubtful, `-` for no number."""
 
     def line(row: Row) -> Row:
         shown: Row = {'file': Path(row['file']).name, 'verdict': row['verdict']}

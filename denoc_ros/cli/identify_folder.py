@@ -12,6 +12,7 @@ from pathlib import Path
 
 from denoc_ros.cli.batch import FAILURE, Row, RowStore, WorkerConfig, run_batch
 from denoc_ros.cli.exit_statuses import DOUBTFUL
+from denoc_ros.cli.identify_decay import identify
 from denoc_ros.errors import BagError
 from denoc_ros.reports.text_table import text_table
 
@@ -41,7 +42,7 @@ APART = (
 
 @dataclass(frozen=True)
 class RowKind:
-    """What a recording's row has.
+    """Content of a recording's row.
 
     Attributes
     ----------
@@ -120,8 +121,6 @@ def identify_all(
 
 def modal_row(item: tuple[argparse.Namespace, Path]) -> Row:
     """Return one recording's row."""
-    from denoc_ros.cli.identify_decay import identify
-
     options, path = item
     began = time.thread_time()
     document, _ = identify(options, path)

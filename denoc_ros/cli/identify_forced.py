@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from denoc_ros.cli.identify_inputs import (
     add_channel_options,
@@ -14,13 +16,26 @@ from denoc_ros.cli.identify_inputs import (
     asked_of,
     channel_of,
 )
+from denoc_ros.cli.identify_outputs import give_result
+from denoc_ros.cli.verbs import ACTIONS
+from denoc_ros.identification.channel import Reading, read_record
+from denoc_ros.identification.forced import ForcedModes, fit_forced
+from denoc_ros.identification.modes import strongest
+from denoc_ros.identification.quality import assess
+from denoc_ros.identification.records import Record
+from denoc_ros.identification.result import plain, quality_of, source_of
+from denoc_ros.reports.figures import (
+    PHASE_COLOURS,
+    RESULT_HEIGHT,
+    TRUTH_COLOUR,
+    Curve,
+    Panel,
+    line_figure,
+)
+from denoc_ros.reports.identify_result import mode_cards, modes_found, result_page, verdict_text
+from denoc_ros.reports.pages import PageSection, ReportPage
 from denoc_ros.reports.text_table import text_table
-
-if TYPE_CHECKING:
-    from denoc_ros.identification.channel import Reading
-    from denoc_ros.identification.forced import ForcedModes
-    from denoc_ros.identification.records import Record
-    from denoc_ros.reports.pages import PageSection, ReportPage
+from denoc_ros.reports.versions import versions
 
 Document = dict[str, Any]
 
@@ -29,7 +44,7 @@ def add_actions(actions: Any) -> None:
     """Declare the action's arguments."""
     parser = actions.add_parser(
         'forced',
-        help='modes from torque and response',
+        help=ACTIONS['forced'],
         description='Fit a rational frequency response to a measured input (torque, by --force-*) '
         'and its response (--topic, --field). A table without times takes --rate; with --rate 1 '
         'frequencies are in cycles per sample.',
@@ -58,12 +73,6 @@ def add_actions(actions: Any) -> None:
 
 def run_forced(args: argparse.Namespace) -> int:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
-    from denoc_ros.cli.identify_outputs import give_result
-    from denoc_ros.identification.channel import read_record
-    from denoc_ros.identification.forced import fit_forced
-    from denoc_ros.identification.modes import strongest
-    from denoc_ros.reports.versions import versions
-
     channel, (band, count) = channel_of(args), asked_of(args)
     response = read_record(args.path, channel)
     sources = [
@@ -100,9 +109,6 @@ def forced_result(
     asked: Sequence[int],
 ) -> Document:
     """Return all that is kept of an identification from torque and response."""
-    from denoc_ros.identification.quality import assess
-    from denoc_ros.identification.result import plain, quality_of, source_of
-
     modes = [
         {
             'frequency_hz': found.frequency[k],
@@ -135,8 +141,6 @@ def forced_result(
 
 def as_text(document: Mapping[str, Any]) -> str:
     """Return a result's lines for a terminal."""
-    from denoc_ros.reports.identify_result import verdict_text
-
     source = document['source']
     lines = [
         f'{source["file"]}: {source["field"]} from {source["force"]}, '
@@ -164,8 +168,6 @@ def forced_page(
     document: Mapping[str, Any], record: Record, found: ForcedModes, command: str
 ) -> ReportPage:
     """Return the page of modes from torque and response."""
-    from denoc_ros.reports.identify_result import mode_cards, modes_found, result_page
-
     explained = f'{100.0 * document["explained"]:.1f} % of the response explained'
     return result_page(
         document,
@@ -178,18 +180,6 @@ def forced_page(
 
 
 def _response(found: ForcedModes) -> PageSection:
-    import numpy as np
-
-    from denoc_ros.reports.figures import (
-        PHASE_COLOURS,
-        RESULT_HEIGHT,
-        TRUTH_COLOUR,
-        Curve,
-        Panel,
-        line_figure,
-    )
-    from denoc_ros.reports.pages import PageSection
-
     inputs = found.measured.shape[1]
     panels = [
         Panel(
@@ -217,10 +207,6 @@ def _response(found: ForcedModes) -> PageSection:
 
 def _together(forces: Sequence[Reading], response: Reading) -> tuple[list[Record], Record]:
     """Return inputs and response on the stamps of the response where all are there."""
-    import numpy as np
-
-    from denoc_ros.identification.records import Record
-
     answer = response.record
     shifted = [
         (one.record, one.record.t + (one.origin_ns - response.origin_ns) * 1e-9) for one in forces

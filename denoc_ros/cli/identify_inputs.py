@@ -6,8 +6,8 @@ import argparse
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from denoc_ros.bags.reader import read_description
 from denoc_ros.cli.arguments import (
     add_gravity,
     add_stamp,
@@ -17,11 +17,9 @@ from denoc_ros.cli.arguments import (
     require,
     times_findings,
 )
+from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.identification.channel import Channel
+from denoc_ros.identification.channel import Channel, is_table
 
 
 def add_recording_options(parser: argparse.ArgumentParser, several: bool = False) -> None:
@@ -112,8 +110,6 @@ def asked_of(args: argparse.Namespace) -> tuple[tuple[float, float], int | None]
 
 def channel_of(args: argparse.Namespace) -> Channel:
     """Return the channel that the options give; ConfigError where they make no sense."""
-    from denoc_ros.identification.channel import Channel
-
     findings = [
         f'{name} must be a finite number, got {value}'
         for name, value in (('--gain', args.gain), ('--offset', args.offset))
@@ -172,21 +168,14 @@ def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> No
 
 def load_named_robot(path: str, gravity: Sequence[float]) -> Robot:
     """Return the robot of a file; one that is not here is looked for among the installed."""
-    from denoc_ros.dynamics.robot import load_robot
-
     return load_robot(given_file(path, 'robot'), gravity=tuple(gravity))
 
 
 def attached_robot(path: Path, gravity: Sequence[float]) -> Robot | None:
     """Return the robot attached to a bag, None without one."""
-    from denoc_ros.bags.reader import read_description
-    from denoc_ros.identification.channel import is_table
-
     text = '' if is_table(path) else read_description(path)
     if not text:
         return None
-    from denoc_ros.dynamics.robot import load_robot
-
     return load_robot(text, gravity=tuple(gravity))
 
 

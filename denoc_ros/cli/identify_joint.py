@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from denoc_ros.cli.identify_inputs import add_channel_options, add_recording_options, channel_of
+from denoc_ros.cli.identify_outputs import give_result
+from denoc_ros.cli.verbs import ACTIONS
 from denoc_ros.errors import ConfigError, IdentificationError
+from denoc_ros.identification.channel import Reading, read_record
+from denoc_ros.identification.decrement import critical_joint_damping, log_decrement
+from denoc_ros.identification.joint import JointFit, fit_joint
+from denoc_ros.identification.quality import assess
+from denoc_ros.identification.records import Record
+from denoc_ros.identification.result import plain, quality_of, source_of
+from denoc_ros.identification.swing_fit import TERMS
+from denoc_ros.reports.identify_joint import joint_page
+from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.text_table import text_table
-
-if TYPE_CHECKING:
-    from denoc_ros.identification.channel import Reading
-    from denoc_ros.identification.joint import JointFit
-    from denoc_ros.identification.records import Record
-    from denoc_ros.reports.pages import ReportPage
+from denoc_ros.reports.versions import versions
 
 Document = dict[str, Any]
 
@@ -23,7 +29,7 @@ def add_actions(actions: Any) -> None:
     """Declare the action's arguments."""
     parser = actions.add_parser(
         'joint',
-        help='viscous and Coulomb friction of a joint from a free swing',
+        help=ACTIONS['joint'],
         description=(
             'Fit viscous, Coulomb and quadratic friction to a free swing at large angle, '
             'report which of them are significant, and give the logarithmic decrement, exact '
@@ -59,19 +65,12 @@ def add_actions(actions: Any) -> None:
 
 def run_joint(args: argparse.Namespace) -> int:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
-    from denoc_ros.cli.identify_outputs import give_result
-    from denoc_ros.identification.channel import read_record
-    from denoc_ros.identification.joint import fit_joint
-    from denoc_ros.reports.versions import versions
-
     _check(args)
     reading = read_record(args.path, channel_of(args))
     fit = fit_joint(reading.record, args.inertia, args.gravity_torque, not args.spring)
     document = joint_result(reading, fit, args, versions())
 
     def page() -> ReportPage:
-        from denoc_ros.reports.identify_joint import joint_page
-
         return joint_page(document, reading.record, fit, args.command)
 
     return give_result(args, document, as_text(document), page)
@@ -81,10 +80,6 @@ def joint_result(
     reading: Reading, fit: JointFit, args: argparse.Namespace, versions: Mapping[str, str]
 ) -> Document:
     """Return all that is kept of an identification of a joint."""
-    from denoc_ros.identification.quality import assess
-    from denoc_ros.identification.result import plain, quality_of, source_of
-    from denoc_ros.identification.swing_fit import TERMS
-
     known = args.inertia is not None or args.gravity_torque is not None
     units = dict(zip(TERMS, ('N m s/rad', 'N m', 'N m s^2/rad^2'), strict=True))
     per_inertia = dict(zip(TERMS, ('1/s', '1/s^2', '1/rad'), strict=True))
@@ -145,8 +140,6 @@ def as_text(document: Mapping[str, Any]) -> str:
 def _decrement(
     record: Record, fit: JointFit, args: argparse.Namespace, known: bool, convention: Any
 ) -> Document:
-    from denoc_ros.identification.decrement import critical_joint_damping, log_decrement
-
     row: Document = {
         'convention': convention,
         'damping_ratio': None,

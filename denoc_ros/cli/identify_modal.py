@@ -6,19 +6,23 @@ import argparse
 import glob
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
+from denoc_ros.cli.identify_decay import identify
+from denoc_ros.cli.identify_folder import run_folder
 from denoc_ros.cli.identify_inputs import (
     add_channel_options,
     add_robot_options,
     add_verdict_options,
 )
+from denoc_ros.cli.identify_outputs import give_result
+from denoc_ros.cli.verbs import ACTIONS
 from denoc_ros.errors import BagError
+from denoc_ros.reports.identify_modal import decay_page
+from denoc_ros.reports.identify_result import interval_text, verdict_text
+from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.text_table import text_table
-
-if TYPE_CHECKING:
-    from denoc_ros.reports.pages import ReportPage
 
 Document = dict[str, Any]
 
@@ -29,7 +33,7 @@ def add_actions(actions: Any) -> None:
     """Declare the action's arguments."""
     parser = actions.add_parser(
         'modal',
-        help='modes and damping ratios of a free decay, or of a folder of them',
+        help=ACTIONS['modal'],
         description=(
             'Identify the modes of a free decay and their number. Several recordings, a folder'
             ' or a quoted pattern give one row each.'
@@ -60,17 +64,10 @@ def run_modal(args: argparse.Namespace) -> int:
     """Identify; exit status of the modes asked for: 0 good, 2 doubtful, 3 not identifiable."""
     paths, workers = recordings(args.paths), worker_config(args)
     if len(paths) > 1 or str(paths[0]) not in args.paths or workers != WorkerConfig():
-        from denoc_ros.cli.identify_folder import run_folder
-
         return run_folder(args, paths, workers)
-    from denoc_ros.cli.identify_decay import identify
-    from denoc_ros.cli.identify_outputs import give_result
-
     document, analysis = identify(args, paths[0])
 
     def page() -> ReportPage:
-        from denoc_ros.reports.identify_modal import decay_page
-
         return decay_page(document, analysis, args.command)
 
     return give_result(args, document, as_text(document), page)
@@ -99,8 +96,6 @@ def recordings(names: Sequence[str]) -> list[Path]:
 
 def as_text(document: Mapping[str, Any]) -> str:
     """Return a result's lines for a terminal."""
-    from denoc_ros.reports.identify_result import interval_text, verdict_text
-
     source, window, quality = document['source'], document['window'], document['quality']
     signal = ' '.join(filter(None, (source['topic'], source['field'], source['quantity'])))
     lines = [

@@ -5,20 +5,29 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from denoc_ros.bags.digest import file_hash
 from denoc_ros.cli.arguments import add_gravity
 from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
+from denoc_ros.cli.identify_fleet import run_fleet
+from denoc_ros.cli.identify_modal import recordings
 from denoc_ros.cli.identify_numbers import numbers_text
+from denoc_ros.cli.identify_outputs import give_result
+from denoc_ros.cli.model_fit import fitted_model
 from denoc_ros.cli.overrides import add_overrides
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.recording_options import add_recording_settings
+from denoc_ros.cli.verbs import ACTIONS
 from denoc_ros.errors import BagError
+from denoc_ros.identification.model.fit import IdentifiedModel
+from denoc_ros.identification.model.result import applied_description, not_applied, result_of
+from denoc_ros.identification.result import plain
+from denoc_ros.output_files import write_text
+from denoc_ros.reports.identify_model import model_page
+from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.text_table import text_table
-
-if TYPE_CHECKING:
-    from denoc_ros.identification.model.fit import IdentifiedModel
-    from denoc_ros.reports.pages import ReportPage
+from denoc_ros.reports.versions import versions
 
 Document = dict[str, Any]
 
@@ -27,7 +36,7 @@ def add_actions(actions: Any) -> None:
     """Declare the action's arguments."""
     parser = actions.add_parser(
         'model',
-        help='stiffness, payload, inertia, friction, gains and delays of a whole robot',
+        help=ACTIONS['model'],
         description='Fit numbers of the robot to measured effort, gauges and other sensors of one '
         'run or several, by maximum likelihood. For each number: its value, a 95 %% interval, '
         'and whether it is found, doubtful or not identifiable; and which combinations are '
@@ -75,7 +84,7 @@ def add_actions(actions: Any) -> None:
 
 
 def _add_outputs(parser: argparse.ArgumentParser) -> None:
-    """Declare what is written and printed, and for which recordings."""
+    """Declare the options of outputs and recordings."""
     parser.add_argument(
         '--apply',
         metavar='URDF',
@@ -100,16 +109,10 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
 
 def run_model(args: argparse.Namespace) -> int:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
-    from denoc_ros.cli.identify_modal import recordings
-    from denoc_ros.cli.identify_outputs import give_result
-    from denoc_ros.cli.model_fit import fitted_model
-
     if args.apply is not None and args.apply.exists():
         raise BagError(f'{args.apply}: --apply must be a new file, got an existing one')
     paths, workers = recordings(args.bags), worker_config(args)
     if args.each or workers != WorkerConfig():
-        from denoc_ros.cli.identify_fleet import run_fleet
-
         return run_fleet(args, paths, workers)
     with Progress().step('identifying'):
         found = fitted_model(args, paths)
@@ -118,8 +121,6 @@ def run_model(args: argparse.Namespace) -> int:
         _apply(args, found)
 
     def page() -> ReportPage:
-        from denoc_ros.reports.identify_model import model_page
-
         return model_page(document, args.command)
 
     return give_result(args, document, as_text(document), page)
@@ -129,11 +130,6 @@ def model_result(
     args: argparse.Namespace, paths: Sequence[Path], found: IdentifiedModel
 ) -> Document:
     """Return all that is kept of an identification of a whole model."""
-    from denoc_ros.bags.digest import file_hash
-    from denoc_ros.identification.model.result import result_of
-    from denoc_ros.identification.result import plain
-    from denoc_ros.reports.versions import versions
-
     document = {
         'kind': 'model',
         'source': {
@@ -169,10 +165,7 @@ def as_text(document: Document) -> str:
 
 
 def _apply(args: argparse.Namespace, found: IdentifiedModel) -> None:
-    """Write the robot's description with what was found."""
-    from denoc_ros.identification.model.result import applied_description, not_applied
-    from denoc_ros.output_files import write_text
-
+    """Write the robot's description with the found numbers."""
     text, left = applied_description(args.robot, found)
     write_text(args.apply, text)
     if not args.json:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from denoc_ros.identification.model.result import verdict_text
 from denoc_ros.reports.text_table import text_table
 
 
@@ -18,8 +19,6 @@ def numbers_text(parameters: Sequence[Mapping[str, Any]], verdict: str) -> str:
     verdict : str
         What the verdict is called.
     """
-    from denoc_ros.identification.model.result import verdict_text
-
     return text_table(
         [
             {

@@ -5,23 +5,25 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from denoc_ros.cli.exit_statuses import NOT_IDENTIFIABLE
 from denoc_ros.cli.identify_inputs import add_channel_options, channel_of
+from denoc_ros.cli.verbs import ACTIONS
 from denoc_ros.errors import BagError, DenocError
+from denoc_ros.identification.channel import Channel, channels_of, read_record
+from denoc_ros.identification.quality import assess
+from denoc_ros.identification.segments import find_segments
 from denoc_ros.reports.text_table import Row, text_table
-
-if TYPE_CHECKING:
-    from denoc_ros.identification.channel import Channel
 
 
 def add_actions(actions: Any) -> None:
     """Declare both actions' arguments."""
     info = actions.add_parser(
         'info',
-        help='rate, gaps, jitter, clipping, noise of the signals of a recording',
+        help=ACTIONS['info'],
         description=(
             'List the signals of a bag or a table: rate, gaps, jitter, clipping, resolution, '
             'noise. --topic and --field select some of them.'
@@ -33,7 +35,7 @@ def add_actions(actions: Any) -> None:
     info.set_defaults(act=run_info)
     segment = actions.add_parser(
         'segment',
-        help='find releases, free decays, steps and rests in a signal',
+        help=ACTIONS['segment'],
         description='List the segments of a signal: free decays, steps, rests.',
     )
     segment.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
@@ -60,9 +62,6 @@ def run_info(args: argparse.Namespace) -> int:
 
 def run_segment(args: argparse.Namespace) -> int:
     """List the segments; exit status 3 when there is no free decay."""
-    from denoc_ros.identification.channel import read_record
-    from denoc_ros.identification.segments import find_segments
-
     reading = read_record(args.path, channel_of(args))
     rows = [
         {
@@ -100,10 +99,6 @@ def describe(path: Path, channel: Channel) -> list[Row]:
     BagError
         When the file cannot be read, or has no such signal.
     """
-    from dataclasses import replace
-
-    from denoc_ros.identification.channel import channels_of
-
     chosen = [channel]
     if not channel.field:
         chosen = [
@@ -115,9 +110,6 @@ def describe(path: Path, channel: Channel) -> list[Row]:
 
 
 def _row(path: Path, channel: Channel) -> Row:
-    from denoc_ros.identification.channel import read_record
-    from denoc_ros.identification.quality import assess
-
     try:
         reading = read_record(path, channel)
     except DenocError as error:

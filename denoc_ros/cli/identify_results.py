@@ -12,7 +12,12 @@ from typing import Any
 
 from denoc_ros.cli.exit_statuses import DOUBTFUL
 from denoc_ros.cli.identify_inputs import add_robot_options, joint_values, load_named_robot
+from denoc_ros.cli.verbs import ACTIONS
 from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.apply import joint_overrides, modal_overrides
+from denoc_ros.identification.compare import compare_results
+from denoc_ros.identification.result import read_result
+from denoc_ros.model.overrides import edited_description
 from denoc_ros.output_files import require_new, write_text
 from denoc_ros.reports.text_table import text_table
 
@@ -23,7 +28,7 @@ def add_actions(actions: Any) -> None:
     """Declare both actions' arguments."""
     apply = actions.add_parser(
         'apply',
-        help="write identified damping into a robot's URDF",
+        help=ACTIONS['apply'],
         description=(
             'Compute the damping with which the robot has the identified modes, and write it '
             'into its <flexibility> block; or write the friction of a joint into its '
@@ -50,7 +55,7 @@ def add_actions(actions: Any) -> None:
     apply.set_defaults(act=run_apply)
     compare = actions.add_parser(
         'compare',
-        help='modes of several runs: mean, spread, repeatability',
+        help=ACTIONS['compare'],
         description=(
             'Compare the modes of several results: mean, standard deviation between runs, '
             'largest difference of two runs in 95 %% of cases. Exit status 2 if runs differ by'
@@ -66,8 +71,6 @@ def add_actions(actions: Any) -> None:
 
 def run_apply(args: argparse.Namespace) -> int:
     """Write the changed description; errors are raised."""
-    from denoc_ros.identification.result import read_result
-
     require_new(args.output)
     results = [read_result(path) for path in args.results]
     overrides, text = changed_description(args, results)
@@ -86,9 +89,6 @@ def changed_description(
     args: argparse.Namespace, results: Sequence[Mapping[str, Any]]
 ) -> tuple[dict[str, Any], str]:
     """Return the numbers that change, by dotted path, and the description with them."""
-    from denoc_ros.identification.apply import joint_overrides, modal_overrides
-    from denoc_ros.model.overrides import edited_description
-
     overrides: dict[str, Any] = {}
     robot = load_named_robot(args.robot, args.gravity)
     modal = [one for one in results if one['kind'] == 'modal']
@@ -113,9 +113,6 @@ def changed_description(
 
 def run_compare(args: argparse.Namespace) -> int:
     """Compare; exit status 2 when runs differ by more than their intervals let expect."""
-    from denoc_ros.identification.compare import compare_results
-    from denoc_ros.identification.result import read_result
-
     compared = compare_results([read_result(path) for path in args.results])
     rows = [
         {

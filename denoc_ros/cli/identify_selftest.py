@@ -6,15 +6,14 @@ import argparse
 import dataclasses
 import json
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from denoc_ros.cli.batch import FAILURE, add_worker_options, run_batch, worker_config
 from denoc_ros.cli.exit_statuses import DOUBTFUL
+from denoc_ros.cli.verbs import ACTIONS
 from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.selftest import Job, Outcome, selftest, table
 from denoc_ros.reports.text_table import text_table
-
-if TYPE_CHECKING:
-    from denoc_ros.identification.selftest import Job, Outcome
 
 CHANCE_OF_SHORT = 1e-4  # that a short self-test fails estimators that are just good enough
 
@@ -23,7 +22,7 @@ def add_actions(actions: Any) -> None:
     """Declare the action's arguments."""
     parser = actions.add_parser(
         'selftest',
-        help='accuracy of the estimators on synthetic decays with known truth',
+        help=ACTIONS['selftest'],
         description=(
             'Draw decays with known modes and the defects of a bag, identify them, and compare'
             ' the errors with the required accuracy. Exit status 2 if it is not reached.'
@@ -40,8 +39,6 @@ def add_actions(actions: Any) -> None:
 
 def run_selftest(args: argparse.Namespace) -> int:
     """Measure; exit status 2 when a row of the table is not reached."""
-    from denoc_ros.identification.selftest import selftest, table
-
     workers = worker_config(args)
 
     def runner(measure: Callable[[Job], Outcome], jobs: Iterable[Job]) -> Iterator[Outcome]:

@@ -5,19 +5,29 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from denoc_ros.bags.digest import file_hash
+from denoc_ros.bags.series import JointSeries, read_joint_states
 from denoc_ros.cli.arguments import add_stamp, add_times, named_values, times_findings
 from denoc_ros.cli.identify_inputs import add_recording_options
+from denoc_ros.cli.identify_outputs import give_result
+from denoc_ros.cli.verbs import ACTIONS
 from denoc_ros.errors import BagError, ConfigError, IdentificationError
+from denoc_ros.identification.channel import Channel, is_table, table_times
+from denoc_ros.identification.commands import Commands, read_commands
+from denoc_ros.identification.joint_columns import joint_columns, joints_with
+from denoc_ros.identification.modes import NOT_IDENTIFIABLE, worst
+from denoc_ros.identification.result import plain
+from denoc_ros.identification.servo import Run, ServoFit, fit_servo_runs
+from denoc_ros.identification.tables import read_table
+from denoc_ros.reports.identify_servo import servo_page
+from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.text_table import text_table
-
-if TYPE_CHECKING:
-    from denoc_ros.bags.series import JointSeries
-    from denoc_ros.identification.commands import Commands
-    from denoc_ros.identification.servo import Run, ServoFit
-    from denoc_ros.reports.pages import ReportPage
-    from denoc_ros.types import Array
+from denoc_ros.reports.versions import versions
+from denoc_ros.types import Array
 
 Document = dict[str, Any]
 
@@ -28,7 +38,7 @@ def add_actions(actions: Any) -> None:
     """Declare the action's arguments."""
     parser = actions.add_parser(
         'servo',
-        help='bandwidth, damping, delay and static gain of position-controlled joints',
+        help=ACTIONS['servo'],
         description=(
             'Fit a second-order lag with a delay and a static gain to the commanded and the '
             'measured positions of joints; several recordings are fitted together. The result is '
@@ -83,8 +93,6 @@ def add_actions(actions: Any) -> None:
 
 def run_servo(args: argparse.Namespace) -> int:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
-    from denoc_ros.cli.identify_outputs import give_result
-
     findings = times_findings(args)
     if not args.begin < args.end:
         findings.append(f'--begin must be < --end, got {args.begin:g}')
@@ -101,8 +109,6 @@ def run_servo(args: argparse.Namespace) -> int:
     document = servo_result(args, fits, [run for runs in read for run in runs.values()])
 
     def page() -> ReportPage:
-        from denoc_ros.reports.identify_servo import servo_page
-
         return servo_page(document, fits, curves, args.command)
 
     return give_result(args, document, as_text(document), page)
@@ -110,8 +116,6 @@ def run_servo(args: argparse.Namespace) -> int:
 
 def _runs(path: Path, args: argparse.Namespace, columns: dict[str, str]) -> dict[str, Run]:
     """Return times, commands and positions of each joint of a bag or a table."""
-    from denoc_ros.identification.channel import is_table
-
     if is_table(path):
         return _of_table(path, args, columns)
     if columns:
@@ -120,9 +124,6 @@ def _runs(path: Path, args: argparse.Namespace, columns: dict[str, str]) -> dict
 
 
 def _of_bag(path: Path, args: argparse.Namespace) -> dict[str, Run]:
-    from denoc_ros.bags.series import read_joint_states
-    from denoc_ros.identification.commands import read_commands
-
     commands = read_commands(path, args.commanded, args.stamp)
     names = _joints(args, commands.names, args.commanded)
     measured = read_joint_states(path, args.topic, names, args.stamp)
@@ -136,12 +137,6 @@ def _of_bag(path: Path, args: argparse.Namespace) -> dict[str, Run]:
 
 
 def _of_table(path: Path, args: argparse.Namespace, columns: dict[str, str]) -> dict[str, Run]:
-    import numpy as np
-
-    from denoc_ros.identification.channel import Channel, table_times
-    from denoc_ros.identification.joint_columns import joint_columns, joints_with
-    from denoc_ros.identification.tables import read_table
-
     given = read_table(path)
     told = [name.rpartition('.')[0] for name in columns]
     known = list(dict.fromkeys([*told, *joints_with(given, FIELDS)]))
@@ -189,8 +184,6 @@ def _only(columns: dict[str, str], names: Sequence[str]) -> dict[str, str]:
 
 def _behind_each_other(runs: Sequence[Run]) -> Run:
     """Return times, commands and positions of runs, one behind the other on one clock."""
-    import numpy as np
-
     start, times = 0.0, []
     for t, _, _ in runs:
         times.append(t - t[0] + start if len(t) else t)
@@ -203,8 +196,6 @@ def _behind_each_other(runs: Sequence[Run]) -> Run:
 
 def unbroken(values: Array) -> Any:
     """Say which values (k,) are finite, up to the first gap after the first one."""
-    import numpy as np
-
     finite = np.isfinite(values)
     first = int(np.argmax(finite)) if finite.any() else len(values)
     later = np.flatnonzero(~finite[first:])
@@ -226,8 +217,6 @@ def _grid(
     path: Path, args: argparse.Namespace, commands: Commands, measured: JointSeries
 ) -> tuple[Array, Array]:
     """Return times (k,) in equal steps by the commands' clock, and positions (k, joints) then."""
-    import numpy as np
-
     stamps = measured.stamp_ns
     whole = np.isfinite(measured.position).all(axis=1)
     whole &= np.concatenate(([True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]))
@@ -248,8 +237,6 @@ def _grid(
 
 def _fit(name: str, runs: Sequence[Run]) -> ServoFit | str:
     """Return the fit, or why there is none."""
-    from denoc_ros.identification.servo import fit_servo_runs
-
     try:
         return fit_servo_runs(name, runs)
     except IdentificationError as error:
@@ -260,11 +247,6 @@ def servo_result(
     args: argparse.Namespace, fits: list[ServoFit | str], runs: Sequence[Run]
 ) -> Document:
     """Return all that is kept of an identification of servos."""
-    from denoc_ros.bags.digest import file_hash
-    from denoc_ros.identification.modes import NOT_IDENTIFIABLE, worst
-    from denoc_ros.identification.result import plain
-    from denoc_ros.reports.versions import versions
-
     found = [fit for fit in fits if not isinstance(fit, str)]
     joints = {
         fit.joint: {

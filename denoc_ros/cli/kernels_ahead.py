@@ -15,7 +15,13 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
+from denoc_ros import kernels as package
+from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
+from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
 from denoc_ros.errors import DenocError
+from denoc_ros.kernels import correction, inverse, inverse_derivatives, message_values, world
+from denoc_ros.kernels.cache import is_kept
+from denoc_ros.kernels.compiled import DECLARED, ready
 
 ORDERS = ('first', 'last')  # from which end of the list a process begins
 # s of a processor, on the machine of docs/rates.md
@@ -43,9 +49,6 @@ def all_kernels(loops: bool = True) -> list[Any]:
     loops : bool
         Whether those for robots with constraints are among them.
     """
-    from denoc_ros import kernels as package
-    from denoc_ros.kernels.compiled import DECLARED
-
     for module in pkgutil.iter_modules(package.__path__):
         import_module(f'{package.__name__}.{module.name}')
     found = [each for each in DECLARED if loops or not _module(each).startswith(OF_LOOPS)]
@@ -62,10 +65,6 @@ def kernels(loops: bool, plans: bool) -> list[Any]:
     plans : bool
         Whether a phase shapes its reference, or a node plans.
     """
-    from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
-    from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
-    from denoc_ros.kernels import correction, inverse, inverse_derivatives, message_values, world
-
     of_robot = CONSTRAINT_KERNELS if loops else DRIVEN_KERNELS
     found = [*KERNELS, *of_robot, correction.take_values, message_values.take_numbers]
     if plans:
@@ -81,13 +80,11 @@ def kernels(loops: bool, plans: bool) -> list[Any]:
 
 def missing(wanted: Sequence[Any]) -> list[Any]:
     """Return the kernels that are not in the cache."""
-    from denoc_ros.kernels.cache import is_kept
-
     return [each for each in wanted if not is_kept(each)]
 
 
 def estimate(wanted: Sequence[Any], speed: float = 1.0) -> float:
-    """Return about how long the compilation of what is missing takes [s], 0 if nothing is.
+    """Estimated time to compile the missing kernels [s], 0 if none is missing.
 
     `speed` is that of this machine, as :func:`measured_speed` finds it.
     """
@@ -103,8 +100,6 @@ def measured_speed(wanted: Sequence[Any]) -> float:
 
     By processor time: beside other work all takes longer. 1 where the kernel is kept already.
     """
-    from denoc_ros.kernels.compiled import ready
-
     left = {each.py_func.__name__: each for each in missing(wanted)}
     if not set(PROBES) <= set(left):
         return 1.0
@@ -182,8 +177,6 @@ def _name(kernel: Any) -> str:
 
 def main(arguments: list[str]) -> None:
     """Compile from one end of the list."""
-    from denoc_ros.kernels.compiled import ready
-
     order, *names = arguments
     known = {_name(each): each for each in all_kernels()}
     for name in names if order == ORDERS[0] else reversed(names):

@@ -5,37 +5,18 @@ from __future__ import annotations
 import argparse
 import importlib
 import io
+import logging
 import os
 import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import NoReturn
 
 from denoc_ros.cli.exit_statuses import BAD_INPUT, INTERRUPTED
 from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt
+from denoc_ros.cli.verbs import ACTIONS, DEFAULT_ACTION, VERBS
 from denoc_ros.errors import DenocError
-
-VERBS = (
-    'check',
-    'simulate',
-    'shape',
-    'up',
-    'replay',
-    'view',
-    'identify',
-    'report',
-    'calibrate',
-    'recover',
-    'dh',
-    'export',
-    'reduce',
-    'stability',
-    'warmup',
-    'bench',
-)
-
 
 LONGEST = 2000  # characters of a line of a message
 _MEMORY = 'memory must be enough for what was asked, got: {}'
@@ -105,52 +86,56 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _execute(arguments: list[str], is_process: bool) -> int:
     """Run the verb that the arguments name; errors are messages."""
+    verb = arguments[0] if arguments else ''
     try:
         args = build_parser(arguments).parse_args(arguments)
-    except SystemExit as stop:
-        _flush_or_discard()  # what --help prints
-        return int(stop.code or 0)
-    from denoc_ros.reports.provenance import command_line
+        from denoc_ros.reports.provenance import command_line
 
-    args.command, args.is_process = command_line(arguments), is_process
-    _show_log()
-    try:
+        args.command, args.is_process = command_line(arguments), is_process
+        _show_log()
         status = int(args.execute(args))
         sys.stdout.flush()
+    except SystemExit as stop:
+        _flush_or_discard()  # of --help
+        return int(stop.code or 0)
     except DenocError as error:
-        return _complain(args.verb, str(error))
+        return _complain(verb, str(error))
     except BrokenPipeError:
         _discard_output()
         return 0
     except FileExistsError as error:
-        return _complain(
-            args.verb, f'{error.filename}: output must not exist yet, got an existing one'
-        )
+        return _complain(verb, f'{error.filename}: output must not exist yet, got an existing one')
     except OSError as error:
-        status = _complain(args.verb, f'{error.filename or "output"}: {error.strerror or error}')
+        status = _complain(verb, f'{error.filename or "output"}: {error.strerror or error}')
         _flush_or_discard()
     except MemoryError as error:
-        status = _complain(args.verb, _MEMORY.format(str(error).strip() or 'too little'))
+        status = _complain(verb, _MEMORY.format(str(error).strip() or 'too little'))
     except ImportError as error:
         if is_made_by_interrupt(error) or not any(word in str(error) for word in _NO_MEMORY):
             raise
-        status = _complain(args.verb, _MEMORY.format(error))
+        status = _complain(verb, _MEMORY.format(error))
     return status
 
 
 def build_parser(arguments: Sequence[str] = ()) -> Parser:
-    """Return the parser with all verbs, or with just the one that the arguments start with."""
+    """Return the parser of the verb that the arguments start with, else the list of verbs."""
     parser = Parser(
         prog='denoc',
         description='Real-time model-based control of robots with flexible links (DeNOC).',
     )
     parser.add_argument('--version', action=Version, nargs=0, help='print the version and exit')
     subparsers = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
-    named = arguments[0] if arguments else ''
-    for verb in (named,) if named in VERBS else VERBS:
-        module = _verb_module(verb)
+    if not arguments or arguments[0] not in VERBS:
+        for name, text in VERBS.items():
+            subparsers.add_parser(name, help=text)
+        return parser
+    verb = arguments[0]
+    module = importlib.import_module(f'denoc_ros.cli.{verb}')
+    if verb == 'identify':
+        module.add_parser(subparsers, arguments[1] if len(arguments) > 1 else '')
+    else:
         module.add_parser(subparsers)
-        subparsers.choices[verb].set_defaults(execute=module.run)
+    subparsers.choices[verb].set_defaults(execute=module.run)
     return parser
 
 
@@ -158,20 +143,12 @@ def _with_action(arguments: list[str]) -> list[str]:
     """Put a verb's default action in where a verb that has actions is given none."""
     if len(arguments) < 2 or arguments[0] != 'identify' or arguments[1].startswith('-'):
         return arguments
-    from denoc_ros.cli.identify import ACTIONS, DEFAULT_ACTION
-
     given = [] if arguments[1] in ACTIONS else [DEFAULT_ACTION]
     return [arguments[0], *given, *arguments[1:]]
 
 
-def _verb_module(verb: str) -> ModuleType:
-    return importlib.import_module(f'denoc_ros.cli.{verb}')
-
-
 def _show_log() -> None:
     """Send the package's log, such as the compilation of its kernels, to stderr."""
-    import logging
-
     log = logging.getLogger('denoc_ros')
     if not log.handlers:
         handler = logging.StreamHandler()

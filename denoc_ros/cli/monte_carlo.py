@@ -10,8 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from denoc_ros.cli import scenario_runs
 from denoc_ros.cli.arguments import given_file, named_values, number_range, require
 from denoc_ros.cli.batch import FAILURE, Row, RowStore, WorkerConfig, run_batch, worker_config
+from denoc_ros.cli.config import read_yaml
+from denoc_ros.cli.scenario_runs import load, prepare
+from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.errors import ConfigError
 
 Ranges = Mapping[str, tuple[float, float]]
@@ -21,9 +25,6 @@ NUMBERS = ('duration_s', 'energy_change')
 
 def run_varied(args: argparse.Namespace) -> int:
     """Run `denoc simulate` with --vary; exit status 1 when no run came to its end."""
-    from denoc_ros.cli.config import read_yaml
-    from denoc_ros.cli.scenario_runs import load
-
     ranges = read_ranges(args.vary)
     if args.runs < 1:
         raise ConfigError('--runs', [f'it must be >= 1, got {args.runs}'])
@@ -97,11 +98,9 @@ def draw(ranges: Ranges, seed: int, run: int) -> dict[str, float]:
 
 def simulate_row(item: tuple[str, Mapping[str, Any], Mapping[str, float]]) -> Row:
     """Simulate once and return the drawn values and the results."""
-    from denoc_ros.cli.scenario_runs import prepare, summarize
-
     text, scenario, drawn = item
     robot, made = prepare(text, scenario, 'scenario', drawn)
-    summary = summarize(robot, made.run(robot))
+    summary = scenario_runs.summarize(robot, made.run(robot))
     row: Row = {**drawn, **{name: summary[name] for name in NUMBERS}}
     for group in GROUPS:
         row |= {f'{group}.{name}': value for name, value in summary[group].items()}
@@ -110,8 +109,6 @@ def simulate_row(item: tuple[str, Mapping[str, Any], Mapping[str, float]]) -> Ro
 
 def columns_of(robot: Any, ranges: Ranges) -> dict[str, type]:
     """Return the columns of a run's row."""
-    from denoc_ros.dynamics.deflection import TipDeflections
-
     tips = [n for n in TipDeflections(robot).names if n.rpartition('/')[2] in ('uy', 'uz', 'rx')]
     names = [*ranges, *NUMBERS]
     for group, whose in zip(GROUPS, (robot.joint_names, tips), strict=True):

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from denoc_ros.cli.config import find_file, read_yaml
 from denoc_ros.errors import ConfigError
 from denoc_ros.runtime.motion_samples import RESTING
+from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.trajectories import Trajectory
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.trajectories import Trajectory
-
 
 STEP = 0.01  # s between samples of a motion that is a formula
 
@@ -41,8 +40,6 @@ def read_motion(
     ConfigError
         With every finding.
     """
-    from denoc_ros.simulation.reference import trajectory_from_config
-
     named = list(joints)
     if 'kind' not in values and isinstance(values.get('joints'), list) and values['joints']:
         named = values['joints']
@@ -65,8 +62,6 @@ def read_motion(
 
 def _reference(values: Mapping[str, Any], file: Path) -> dict[str, Any]:
     """Return the mapping of a reference that a file is, has, or names."""
-    from denoc_ros.cli.config import find_file, read_yaml
-
     reference: Any = values if 'kind' in values else values.get('reference')
     if reference is None and isinstance(values.get('torque'), dict):
         reference = values['torque'].get('reference')

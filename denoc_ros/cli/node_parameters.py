@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import yaml
 
@@ -13,6 +12,7 @@ from denoc_ros.cli.time_modes import SIMULATED
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.plant_description import PlantDescription, read_plant
 from denoc_ros.output_files import write_text
+from denoc_ros.runtime.parameters import ParameterTable
 
 # the time stands until the session lets it go on; partners that are slow are waited for
 LOCKSTEP: Parameters = {
@@ -22,9 +22,6 @@ LOCKSTEP: Parameters = {
     'lockstep.timeout': 60.0,
 }
 PARTNERS = ('feedforward', 'predictor', 'shaper', 'recorder')
-
-if TYPE_CHECKING:
-    from denoc_ros.runtime.parameters import ParameterTable
 
 
 def node_table(name: str) -> ParameterTable:
@@ -84,7 +81,7 @@ def session_partners(config: SessionConfig) -> list[str]:
 
 
 def check_parameters(config: SessionConfig, names: list[str]) -> None:
-    """Raise ConfigError with what the nodes would refuse in any phase."""
+    """Raise ConfigError with the parameters that the nodes would refuse in any phase."""
     findings: dict[str, None] = {}
     for phase in config.phases:
         for name in names:
@@ -96,7 +93,7 @@ def check_parameters(config: SessionConfig, names: list[str]) -> None:
 
 
 def changed_parameters(name: str, now: Parameters, wanted: Parameters) -> Parameters | None:
-    """Return what to set in a running node so that it has other parameters.
+    """Parameters to set in a running node so that it has other ones; None where impossible.
 
     Parameters
     ----------

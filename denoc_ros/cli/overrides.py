@@ -1,4 +1,4 @@
-"""What-if on the command line: dotted paths of the model, and payloads."""
+"""`--set` and `--payload`: dotted paths of the model."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from denoc_ros.cli.arguments import named_values, require
+from denoc_ros.cli.path_settings import parse_setting
 
 
 def add_overrides(parser: argparse.ArgumentParser) -> None:
@@ -42,8 +43,6 @@ def overrides_of(settings: Sequence[str], payloads: Sequence[str]) -> dict[str, 
     ConfigError
         With every text that is neither.
     """
-    from denoc_ros.cli.path_settings import parse_setting
-
     findings: list[str] = []
     overrides: dict[str, Any] = {}
     for setting in settings:

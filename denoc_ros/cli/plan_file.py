@@ -104,7 +104,7 @@ def write_joint_trajectory(
 
 
 def _write_table(plan: Plan, file: Path, times: Array, motion: tuple[Array, Array, Array]) -> None:
-    """Write a row per time: what a JointTrajectory has, the amplitudes, and the tip's error."""
+    """Write a row per time: the motion of a JointTrajectory, the amplitudes, the tip's error."""
     names = plan.coordinate_names
     head = ['time']
     for what in ('position', 'velocity', 'acceleration'):

@@ -6,13 +6,14 @@ import argparse
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import NDArray
 
-    from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.equilibrium import Equilibrium
+from denoc_ros.dynamics.mechanism_modes import independent_joints
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,6 @@ def read_postures(robot: Robot, given: Sequence[Sequence[str]] | None) -> list[P
     SolverError
         Loops do not close near it, or a beam has no equilibrium there.
     """
-    from denoc_ros.errors import ConfigError
-
     names, postures, findings = robot.joint_names, [], []
     for words in given or ():
         values = _positions(names, [text for word in words for text in word.split(',') if text])
@@ -63,7 +62,7 @@ def read_postures(robot: Robot, given: Sequence[Sequence[str]] | None) -> list[P
 
 
 def _positions(names: Sequence[str], texts: Sequence[str]) -> list[float]:
-    """Return numbers, in order or by their joints' names; NaN for what is neither."""
+    """Numbers in order or by their joints' names; NaN where a text is neither."""
     pairs = [text.rpartition('=') for text in texts]
     try:
         numbers = [float(number) for _, _, number in pairs]
@@ -79,11 +78,6 @@ def _positions(names: Sequence[str], texts: Sequence[str]) -> list[float]:
 
 def posture(robot: Robot, joints: Sequence[float]) -> Posture:
     """Return a posture by its joints' positions."""
-    import numpy as np
-
-    from denoc_ros.dynamics.equilibrium import Equilibrium
-    from denoc_ros.dynamics.mechanism_modes import independent_joints
-
     q = np.zeros(robot.n)
     q[robot.joint_indices] = joints
     if robot.constraint_names:

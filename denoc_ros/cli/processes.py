@@ -29,7 +29,7 @@ class ProcessError(DenocError):
 
 
 class Activity(NamedTuple):
-    """What a process does.
+    """Activity of a process.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class Processes:
             self.stop(name)
 
     def activity(self, name: str) -> Activity | None:
-        """Return what a process does, None for one that has ended."""
+        """Activity of a named process, None for one that has ended."""
         process = self._running.get(name)
         return None if process is None else activity(process.pid)
 
@@ -138,7 +138,7 @@ class Processes:
 
 
 def activity(pid: int) -> Activity | None:
-    """Return what a process does, from /proc; None where there is none."""
+    """Activity of a process from /proc; None where there is none."""
     process = Path(f'/proc/{pid}')
     try:
         threads = list((process / 'task').iterdir())

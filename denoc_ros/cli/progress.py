@@ -34,7 +34,7 @@ def seconds(duration: float) -> str:
 
 
 class Progress:
-    """Says what goes on; the bars stay away where stderr is no terminal."""
+    """Progress of a session; bars show only where stderr is a terminal."""
 
     def say(self, text: str) -> None:
         """Print a line."""
@@ -42,7 +42,7 @@ class Progress:
 
     @contextmanager
     def step(self, what: str, expected: float = 0.0) -> Iterator[None]:
-        """Say what is being done, how long it should take [s; 0: untold], and how long it took."""
+        """Print a step, its expected time [s; 0: untold], and its time once done."""
         began = time.perf_counter()
         told = f' (about {seconds(expected)})' if expected else ''
         print(f'{what}{told} ... ', end='', file=sys.stderr, flush=True)
@@ -55,7 +55,7 @@ class Progress:
 
     @contextmanager
     def phase(self, name: str, duration: float) -> Iterator[Callable[[float], None]]:
-        """Show a bar over a phase of a duration [s]; yield what takes the time so far."""
+        """Show a bar over a phase of a duration [s]; yield its update by the time so far."""
         bar = tqdm(
             total=round(duration, 1),
             desc=name,

@@ -6,14 +6,13 @@ import argparse
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from denoc_ros.bags.reader import read_description
+from denoc_ros.cli.config import find_file
+from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError, ConfigError
-from denoc_ros.reports.run_files import EARTH
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.viewer.recorded import RecordedRun
+from denoc_ros.reports.run_files import EARTH, find_bag, plant_of, read_session, recording_name
+from denoc_ros.viewer.recorded import RecordedRun
 
 SOURCES = ('plant', 'predictor', 'replay', 'joints')
 
@@ -39,7 +38,7 @@ class OpenedRun:
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
-    """Declare what says which part of a run is taken, and of which robot it is."""
+    """Declare the options that select a part of a run, and its robot."""
     group = parser.add_argument_group('a recorded run')
     group.add_argument(
         '--robot', help=(
@@ -88,8 +87,6 @@ def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
     BagError, ConfigError, ModelError
         The run cannot be read, or not with this robot.
     """
-    from denoc_ros.dynamics.robot import load_robot
-    from denoc_ros.reports.run_files import find_bag, plant_of, read_session, recording_name
     from denoc_ros.viewer.recorded import RecordedRun
 
     if not args.start < args.end:
@@ -116,9 +113,6 @@ def robot_source(bag: Path, given: str | None) -> str | Path:
     BagError
         None was given and the bag has none.
     """
-    from denoc_ros.bags.reader import read_description
-    from denoc_ros.cli.config import find_file
-
     if given is not None:
         return find_file(Path(given), Path()) or Path(given)
     if text := read_description(bag):

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import math
-from typing import TYPE_CHECKING
 
 from denoc_ros.cli.arguments import add_stamp, add_times, named_values, require, times_findings
-
-if TYPE_CHECKING:
-    from denoc_ros.identification.model.sources import RecordingSettings
+from denoc_ros.identification.channel import Channel
+from denoc_ros.identification.model.sensor_filter import SensorFilter
+from denoc_ros.identification.model.sources import RecordingSettings
 
 
 def add_recording_settings(parser: argparse.ArgumentParser) -> None:
@@ -60,11 +59,7 @@ def add_recording_settings(parser: argparse.ArgumentParser) -> None:
 
 
 def recording_settings(args: argparse.Namespace) -> RecordingSettings:
-    """Return what the options give; ConfigError with every finding."""
-    from denoc_ros.identification.channel import Channel
-    from denoc_ros.identification.model.sensor_filter import SensorFilter
-    from denoc_ros.identification.model.sources import RecordingSettings
-
+    """Settings by the options; ConfigError with every finding."""
     findings = times_findings(args)
     if not args.begin < args.end:
         findings.append(f'--begin must be before --end, got {args.begin} and {args.end} s')

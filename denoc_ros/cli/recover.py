@@ -7,14 +7,18 @@ import json
 from pathlib import Path
 from typing import Any
 
+from tqdm import tqdm
+
+from denoc_ros.bags.recover import recover
 from denoc_ros.cli.exit_statuses import DOUBTFUL
+from denoc_ros.cli.verbs import VERBS
 
 
 def add_parser(subparsers: Any) -> None:
     """Add the verb to the command line."""
     parser = subparsers.add_parser(
         'recover',
-        help='rebuild a recording that was cut off',
+        help=VERBS['recover'],
         description=(
             'Rebuild an MCAP bag from its complete records, without changing the original. '
             'Exit status 2 if parts within it were damaged.'
@@ -33,10 +37,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Recover, print the result, and return the exit status."""
-    from tqdm import tqdm
-
-    from denoc_ros.bags.recover import recover
-
     with tqdm(unit='B', unit_scale=True, disable=True if args.json else None, leave=False) as bar:
         result = recover(args.bag, args.output, bar.update)
     row = {

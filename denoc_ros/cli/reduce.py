@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from denoc_ros.cli.arguments import given_file, named_values, require
 from denoc_ros.cli.exit_statuses import DOUBTFUL
+from denoc_ros.cli.verbs import VERBS
+from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.output_files import require_new, whole_file, write_new
 from denoc_ros.reports.text_table import text_table
 
@@ -21,13 +26,14 @@ if TYPE_CHECKING:
 SURFACES = ('.stl', '.obj', '.ply', '.off', '.dae')
 UNIT_NAMES = ('m', 'cm', 'mm', 'in')
 PLACE = 'NAME=X,Y,Z'
+EXTRA = ('pytetwild', 'skfem', 'pymetis', 'meshio')  # packages that only this verb needs
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'reduce',
-        help="reduce a link from its mesh, or another program's matrices, to a few modes",
+        help=VERBS['reduce'],
         description=(
             'Make a flexible link of a closed surface mesh (STL, OBJ, PLY, OFF, COLLADA), a'
             ' volume mesh (.msh, .inp, .bdf, .mesh), the link of a URDF, or mass and stiffness'
@@ -133,6 +139,7 @@ def _add_matrices(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
+    _check_extra()
     source = given_file(args.source, 'source')
     described = _described(args, source)
     frames = _frames(args, described)
@@ -140,6 +147,14 @@ def run(args: argparse.Namespace) -> int:
     require_new(*files, args.page)
     found = _reduced(args, source, described, frames)
     return _finish(args, source, described, found, files)
+
+
+def _check_extra() -> None:
+    """Raise ConfigError where the packages of the extra `reduce` are not installed."""
+    for name in EXTRA:
+        if importlib.util.find_spec(name) is None:
+            rule = "must be installed: pip install 'denoc_ros[reduce]'"
+            raise ConfigError('denoc reduce', [f'{name} {rule}, got none'])
 
 
 def _described(args: argparse.Namespace, source: Path) -> LinkDescription | None:
@@ -160,7 +175,6 @@ def _described(args: argparse.Namespace, source: Path) -> LinkDescription | None
 
 def _numbers(count: int) -> Any:
     """Return what reads a number of finite numbers from a text."""
-    import numpy as np
 
     def read(text: str) -> Array:
         values = np.array([float(part) for part in text.split(',')])
@@ -172,8 +186,6 @@ def _numbers(count: int) -> Any:
 
 
 def _frames(args: argparse.Namespace, described: LinkDescription | None) -> Frames:
-    import numpy as np
-
     from denoc_ros.reduction.reduce import Frames
 
     findings: list[str] = []
@@ -242,8 +254,6 @@ def _reduced(
     args: argparse.Namespace, source: Path, described: LinkDescription | None, frames: Frames
 ) -> ReducedMesh:
     """Reduce the source, whatever it is."""
-    import numpy as np
-
     from denoc_ros.cli.progress import share_bar
     from denoc_ros.reduction import matrices, mesh
     from denoc_ros.reduction.reduce import (
@@ -303,9 +313,6 @@ def _scale(args: argparse.Namespace, default: float | None = None) -> float:
 
 def _surface(args: argparse.Namespace, source: Path, described: LinkDescription | None) -> Any:
     """Return the surface: the source's, or the first closed mesh of the URDF's link."""
-    import numpy as np
-
-    from denoc_ros.errors import ModelError
     from denoc_ros.reduction.mesh import closed_surface
 
     if described is None or source.suffix != '.urdf':

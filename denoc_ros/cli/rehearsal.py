@@ -1,4 +1,4 @@
-"""The choice between real and simulated time, by what two seconds of a session cost."""
+"""Choice between real and simulated time, by the cost of two seconds of a session."""
 
 from __future__ import annotations
 

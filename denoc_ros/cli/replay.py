@@ -8,37 +8,44 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from denoc_ros.cli.arguments import (
     add_gravity,
     add_stamp,
     add_times,
     named_values,
+    number_range,
     require,
     times_findings,
     unused,
 )
 from denoc_ros.cli.exit_statuses import DOUBTFUL
 from denoc_ros.cli.overrides import add_overrides, overrides_of
+from denoc_ros.cli.progress import share_bar
+from denoc_ros.cli.recorded_run import robot_source
+from denoc_ros.cli.verbs import VERBS
+from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
+from denoc_ros.estimation.tracker_settings import TrackerSettings
+from denoc_ros.identification.channel import Channel, is_table
 from denoc_ros.output_files import require_new, write_text
-from denoc_ros.reports.run_files import EARTH, recording_name
+from denoc_ros.replay.adaptation import AdaptSettings
+from denoc_ros.replay.bag import replay_bag
+from denoc_ros.replay.settings import ReplaySettings
+from denoc_ros.replay.summary import summarize
+from denoc_ros.replay.table import bag_of_table
+from denoc_ros.reports.provenance import named_file, named_text, provenance
+from denoc_ros.reports.replay import page
+from denoc_ros.reports.run_files import EARTH, find_bag, read_session, recording_name
 from denoc_ros.reports.text_table import Row, text_table
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.replay.adaptation import AdaptSettings
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'replay',
-        help=(
-            'recompute torque and deflection along a recorded run, and compare them with the '
-            'measurement'
-        ),
+        help=(VERBS['replay']),
         description=(
             'Read the joint states of a bag (MCAP or db3) or of a table, and compute the '
             'torque of the rigid and of the flexible model and the deflection along them. '
@@ -178,14 +185,6 @@ def _add_adaptation(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    from denoc_ros.cli.progress import share_bar
-    from denoc_ros.replay.bag import replay_bag
-    from denoc_ros.replay.settings import ReplaySettings
-    from denoc_ros.replay.summary import summarize
-    from denoc_ros.reports.provenance import named_file, named_text, provenance
-    from denoc_ros.reports.replay import page
-    from denoc_ros.reports.run_files import find_bag, read_session
-
     settings = ReplaySettings(
         topic=args.topic,
         joints=tuple(args.joint),
@@ -227,9 +226,6 @@ def run(args: argparse.Namespace) -> int:
 @contextmanager
 def _as_bag(args: argparse.Namespace, path: Path, robot: Robot) -> Iterator[Path]:
     """Yield the bag to be read: the one that was given, or one made of a table for now."""
-    from denoc_ros.identification.channel import Channel, is_table
-    from denoc_ros.replay.table import bag_of_table
-
     findings: list[str] = []
     columns = named_values('--column', args.column, 'JOINT.FIELD=COLUMN', str, findings)
     require(findings + times_findings(args))
@@ -259,10 +255,6 @@ def _renames(texts: list[str]) -> dict[str, str]:
 
 
 def _adapt_settings(args: argparse.Namespace) -> AdaptSettings:
-    from denoc_ros.cli.arguments import number_range
-    from denoc_ros.estimation.tracker_settings import TrackerSettings
-    from denoc_ros.replay.adaptation import AdaptSettings
-
     findings: list[str] = []
     bounds = named_values(
         '--adapt-bounds', args.adapt_bounds, 'PATH=LOW:HIGH', number_range, findings
@@ -277,10 +269,7 @@ def _adapt_settings(args: argparse.Namespace) -> AdaptSettings:
 
 
 def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robot:
-    """Return the robot that was asked for, or the recorded one, with what is to be changed."""
-    from denoc_ros.cli.recorded_run import robot_source
-    from denoc_ros.dynamics.robot import load_robot
-
+    """Load the named robot, or the recorded one, with the wanted changes."""
     overrides = overrides_of(args.set, args.payload)
     source = robot_source(bag, args.robot)
     robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))

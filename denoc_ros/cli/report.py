@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from denoc_ros.cli.arguments import unused
+from denoc_ros.cli.verbs import VERBS
+from denoc_ros.reports.run import report
 from denoc_ros.reports.run_files import BAG_FOLDER, recording_name
 
 
@@ -16,7 +18,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'report',
-        help='write the HTML report of a run or of any bag',
+        help=VERBS['report'],
         description=(
             'Write one HTML page with tracking, predicted and true deflection, torque, loop '
             'periods, node statistics, and for a simulation energy and closure of loops; as '
@@ -50,9 +52,7 @@ def default_output(run_path: Path) -> Path:
 
 
 def write_report(run_path: Path, output: Path, command: str = '') -> dict[str, Any]:
-    """Write a run's page, say on stderr what it leaves out, return its numbers."""
-    from denoc_ros.reports.run import report
-
+    """Write a run's page, print its omissions on stderr, return its numbers."""
     made = report(run_path, command=command)
     for note in made.notes:
         print(f'denoc report: {note}', file=sys.stderr)

@@ -5,15 +5,18 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from denoc_ros.cli.arguments import given_file
+from denoc_ros.cli.config import find_file, read_yaml
+from denoc_ros.cli.setpoints import rounded_setpoints, smoothed
+from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.simulation.run import Run
-    from denoc_ros.simulation.scenario import Scenario
+from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_from_config
 
 
 def load(robot: str, scenario: str, smooth: float | None = None) -> tuple[Robot, Scenario, str]:
@@ -32,8 +35,6 @@ def load(robot: str, scenario: str, smooth: float | None = None) -> tuple[Robot,
     ConfigError, ModelError
         With every finding of the file.
     """
-    from denoc_ros.cli.config import read_yaml
-
     robot_file, scenario_file = given_file(robot, 'robot'), given_file(scenario, 'scenario')
     values = _smooth_enough(_with_reference(read_yaml(scenario_file), scenario_file), smooth)
     loaded, made = prepare(robot_file, values, str(scenario_file))
@@ -42,8 +43,6 @@ def load(robot: str, scenario: str, smooth: float | None = None) -> tuple[Robot,
 
 def _with_reference(values: dict[str, Any], scenario: Path) -> dict[str, Any]:
     """Return a scenario with the reference of another file in place of that file's name."""
-    from denoc_ros.cli.config import find_file, read_yaml
-
     name = values.get('reference')
     if not isinstance(name, str):
         return values
@@ -55,8 +54,6 @@ def _with_reference(values: dict[str, Any], scenario: Path) -> dict[str, Any]:
 
 
 def _smooth_enough(values: Mapping[str, Any], smooth: float | None) -> Mapping[str, Any]:
-    from denoc_ros.cli.setpoints import rounded_setpoints, smoothed
-
     if smooth is None:
         for warning in rounded_setpoints(values):
             print(f'denoc simulate: warning: {warning}', file=sys.stderr)
@@ -90,18 +87,12 @@ def prepare(
     ConfigError, ModelError
         With every finding.
     """
-    from denoc_ros.simulation.scenario import model_settings, scenario_from_config
-
     loaded = model_settings(values, where).load(robot, overrides)
     return loaded, scenario_from_config(values, loaded, where)
 
 
 def summarize(robot: Robot, result: Run) -> dict[str, Any]:
     """Return duration, work done, energy drift and each flexible tip's largest deflection."""
-    import numpy as np
-
-    from denoc_ros.dynamics.deflection import TipDeflections
-
     tips = TipDeflections(robot)
     rows = np.array([tips.evaluate(q, qd)[0] for q, qd in zip(result.q, result.qd, strict=True)])
     largest = {

@@ -7,9 +7,9 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from denoc_ros.cli.config import Parameters, Phase, SessionConfig
+from denoc_ros.cli.feedback_rates import FEEDFORWARD, feedback_refusal
 from denoc_ros.cli.health import Health
 from denoc_ros.cli.node_parameters import (
     changed_parameters,
@@ -24,12 +24,11 @@ from denoc_ros.cli.session_file import SessionFile
 from denoc_ros.cli.session_time import RealTime, SimulatedTime
 from denoc_ros.cli.shaped_phases import motion_of
 from denoc_ros.cli.time_modes import AUTO, REAL, SIMULATED
+from denoc_ros.control.plan import Plan
+from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.nodes.session_client import SessionClient
 from denoc_ros.runtime.following import NO_JOINTS, STALE_JOINTS
-
-if TYPE_CHECKING:
-    from denoc_ros.control.plan import Plan
-    from denoc_ros.nodes.session_client import SessionClient
-    from denoc_ros.trajectories import Trajectory
+from denoc_ros.trajectories import Trajectory
 
 START_TIMEOUT = 300.0  # s until active: a slow and busy machine loads nodes for a minute
 STARTING = 10.0  # s that nodes take on a machine which is neither slow nor busy
@@ -162,7 +161,7 @@ class Session:
             self._await_feedforward()
 
     def _rehearse(self) -> None:
-        """Choose the session's time by what its first motion costs.
+        """Choose the session's time by the cost of its first motion.
 
         The nodes run on where they run as they shall, else they are started anew. Either way
         nothing of the rehearsal is left, neither in the bag nor of its motion.
@@ -208,9 +207,6 @@ class Session:
 
     def _feedback_refusal(self, rate: float) -> str:
         """Why the feedforward's feedback cannot run at a lower rate [Hz], '' if it can."""
-        from denoc_ros.cli.feedback_rates import FEEDFORWARD, feedback_refusal
-        from denoc_ros.dynamics.robot import load_robot
-
         given = self._config.nodes.get(FEEDFORWARD, {})
         if FEEDFORWARD not in self._names or 'update_rate' in given:
             return ''
@@ -428,7 +424,7 @@ class Session:
         return start
 
     def _publish(self, trajectory: Trajectory, plan: Plan | None, begin: float) -> float:
-        """Publish what the joints do from a moment [s]; return when what was asked for starts."""
+        """Publish the joints' motion from a moment [s]; return the start of the wanted motion."""
         joints, listeners = self._task.joints, len(self._listeners())
         self._client.await_listeners(listeners)
         begin_ns = self._time.stamp_ns(begin)
@@ -448,7 +444,7 @@ class Session:
         return sum(int(value) for key, value in said.items() if key.endswith(ends))
 
     def _decided(self) -> dict[str, int]:
-        """Return of how many motions the shaper has said what became of them."""
+        """Counts of the motions that the shaper planned, passed on and refused."""
         values = self._client.diagnostics(SHAPER)
         return {what: int(values.get(what, 0)) for what in DECIDED}
 
@@ -478,7 +474,7 @@ class Session:
             self._health.check()
 
     def _shaper_does(self) -> str | None:
-        """Return what the shaper does; where time stands, by a report of just now."""
+        """State of the shaper; where time stands, by a report of just now."""
         heard = self._client.reports('shaper') + 2
         self._time.settle(lambda: self._client.reports('shaper') >= heard, PLANNING)
         return self._client.diagnostics(SHAPER).get('doing')

@@ -1,4 +1,4 @@
-"""The file of a session: what ran, its phases with their times, and why it ended early."""
+"""The file of a session: its programs, its phases with their times, its cause of an early end."""
 
 from __future__ import annotations
 

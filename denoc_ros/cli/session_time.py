@@ -6,19 +6,16 @@ import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from denoc_ros.errors import DenocError
-
-if TYPE_CHECKING:
-    from denoc_ros.nodes.session_client import SessionClient
+from denoc_ros.nodes.session_client import SessionClient
 
 STANDS = 120.0  # s of wall time in which simulated time must go on, on the slowest machine
 SAME = 1e-6  # s
 
 
 class SessionTime(ABC):
-    """The robot's time, as a session waits for it and stamps what it publishes."""
+    """The robot's time, for a session's waits and stamps."""
 
     is_simulated = False
 
@@ -40,7 +37,7 @@ class SessionTime(ABC):
 
     @abstractmethod
     def settle(self, is_so: Callable[[], bool], patience: float) -> None:
-        """Wait, where time stands, until nodes have taken what they were sent [s of wall time]."""
+        """Wait, where time stands, until nodes have taken their messages [s of wall time]."""
 
 
 class RealTime(SessionTime):
@@ -64,7 +61,7 @@ class RealTime(SessionTime):
             self._client.wait(min(0.1, left))
 
     def settle(self, is_so: Callable[[], bool], patience: float) -> None:
-        """Go on: what is sent long before it counts arrives in time."""
+        """Return at once: messages sent long before they count arrive in time."""
 
 
 class SimulatedTime(SessionTime):
@@ -119,5 +116,5 @@ class SimulatedTime(SessionTime):
         show(1e-9 * end_ns)
 
     def settle(self, is_so: Callable[[], bool], patience: float) -> None:
-        """Wait until what was sent has been taken: time may go on then."""
+        """Wait until the nodes have taken their messages: time may go on then."""
         self._client.until(is_so, patience)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from denoc_ros.estimation.joint_motion import smooth
 from denoc_ros.types import Array
 
 FEWEST_POINTS = 16
@@ -50,8 +51,6 @@ def smoothed(values: Mapping[str, Any], cutoff: float) -> dict[str, Any]:
         [Hz]; motion that is faster is taken out by polynomials around each time, so nothing
         comes late.
     """
-    from denoc_ros.estimation.joint_motion import smooth
-
     changed: dict[str, Any] = _copied(values)
     for _, points in _point_lists(changed):
         times, rows = _arrays(points)

@@ -6,17 +6,28 @@ import argparse
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from denoc_ros.cli.arguments import add_gravity, given_file, named_values, require
+from denoc_ros.cli.config import flatten, read_yaml
+from denoc_ros.cli.motion_file import read_motion
 from denoc_ros.cli.overrides import add_overrides, overrides_of
+from denoc_ros.cli.plan_file import write_plan
+from denoc_ros.cli.progress import share_bar
+from denoc_ros.cli.verbs import VERBS
+from denoc_ros.control.plan import Plan
+from denoc_ros.control.shape import shape_motion
+from denoc_ros.dynamics.held_base import held_robot
+from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.output_files import require_new, write_text
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from denoc_ros.control.plan import Plan
-    from denoc_ros.dynamics.robot import Robot
+from denoc_ros.reports.pages import engineering
+from denoc_ros.reports.provenance import named_file, provenance
+from denoc_ros.reports.run_files import EARTH
+from denoc_ros.reports.shape import page
+from denoc_ros.reports.shape_comparison import compare
 
 METHODS = ('tip', 'zv', 'zvd', 'ei', 'rest_to_rest')
 BASES = ('free_floating', 'free_flying')
@@ -49,7 +60,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'shape',
-        help='plan a motion without residual vibration, with the tip on its path',
+        help=VERBS['shape'],
         description=(
             'Plan the motion of the joints so that the tip of a flexible robot moves like that'
             ' of the undeformed robot, or so that no vibration is left at the end. The plan is'
@@ -129,12 +140,6 @@ def _add_tip_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    from denoc_ros.cli.config import read_yaml
-    from denoc_ros.cli.motion_file import read_motion
-    from denoc_ros.cli.plan_file import write_plan
-    from denoc_ros.cli.progress import share_bar
-    from denoc_ros.control.shape import shape_motion
-
     require(_findings(args))
     require_new(args.output, args.page)
     motion_file = given_file(args.motion, 'motion')
@@ -174,7 +179,7 @@ def _findings(args: argparse.Namespace) -> list[str]:
 
 
 def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what shape_motion takes beside motion, method and tip."""
+    """Arguments of shape_motion beside motion, method and tip."""
     findings: list[str] = []
     options: dict[str, Any] = {}
     for name in ('velocity', 'acceleration', 'effort'):
@@ -195,10 +200,6 @@ def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, A
 
 def _robot(args: argparse.Namespace, values: Mapping[str, Any]) -> Robot:
     """Return the robot with gravity and model of the command line, else of the motion's file."""
-    from denoc_ros.cli.config import flatten
-    from denoc_ros.dynamics.robot import load_robot
-    from denoc_ros.reports.run_files import EARTH
-
     file = given_file(args.robot, 'robot')
     robot = load_robot(file, gravity=args.gravity or values.get('gravity', EARTH))
     model = values.get('model')
@@ -209,8 +210,6 @@ def _robot(args: argparse.Namespace, values: Mapping[str, Any]) -> Robot:
 
 def summarize(plan: Plan, times: NDArray[Any]) -> dict[str, Any]:
     """Return the numbers of a plan, ready for JSON."""
-    import numpy as np
-
     first, last = float(times[0]), float(times[0]) + plan.stretch * float(times[-1] - times[0])
     moving = (plan.t >= first) & (plan.t <= last)
     return {
@@ -231,8 +230,6 @@ def summarize(plan: Plan, times: NDArray[Any]) -> dict[str, Any]:
 
 def _of_base(plan: Plan) -> dict[str, Any]:
     """Return the largest force and torque of thrusters that hold a base."""
-    import numpy as np
-
     if plan.base_wrench is None:
         return {}
     parts = plan.base_wrench[:, :3], plan.base_wrench[:, 3:]
@@ -251,13 +248,7 @@ def _page(
     motion: tuple[NDArray[Any], NDArray[Any]],
     tip: str | list[str] | None,
 ) -> dict[str, Any]:
-    """Write the page; return what it adds to the summary."""
-    from denoc_ros.cli.progress import share_bar
-    from denoc_ros.dynamics.held_base import held_robot
-    from denoc_ros.reports.provenance import named_file, provenance
-    from denoc_ros.reports.shape import page
-    from denoc_ros.reports.shape_comparison import compare
-
+    """Write the page; return its part of the summary."""
     if plan.base_wrench is not None:
         robot = held_robot(robot)
     with share_bar(quiet=args.json) as bar:
@@ -274,8 +265,6 @@ def _page(
 
 
 def _print(summary: Mapping[str, Any]) -> None:
-    from denoc_ros.reports.pages import engineering
-
     print(
         f'{summary["output"]}: {summary["rows"]} rows from {summary["begins_s"]:.4g} to '
         f'{summary["ends_s"]:.4g} s, method {summary["method"]}'

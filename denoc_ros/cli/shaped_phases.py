@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from denoc_ros.cli.config import Phase, SessionConfig
+from denoc_ros.control.driven_joints import all_joints
+from denoc_ros.control.plan import Plan
+from denoc_ros.control.shape import shape_motion
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError, StateError
-
-if TYPE_CHECKING:
-    from denoc_ros.cli.config import Phase, SessionConfig
-    from denoc_ros.control.plan import Plan
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.trajectories import SplineTrajectory, Trajectory
-    from denoc_ros.types import Array
+from denoc_ros.trajectories import SplineTrajectory, Trajectory
+from denoc_ros.types import Array
 
 ASKED_STEP = 0.01  # s between the points of the motion that is asked for
 
@@ -47,8 +47,6 @@ def plans_of(
     ConfigError
         There is nothing to shape, the method refuses its options, or finds no motion.
     """
-    from denoc_ros.control.shape import shape_motion
-
     plans: dict[str, Plan] = {}
     shaped = [phase for phase in config.phases if phase.shape]
     if not shaped:
@@ -86,8 +84,6 @@ def _asked(
     config: SessionConfig, robot: Robot, trajectory: Trajectory, joints: Sequence[str]
 ) -> tuple[Array, Array]:
     """Return times (k,) and positions (k, joints) of all joints for the driven ones' motion."""
-    from denoc_ros.control.driven_joints import all_joints
-
     times, driven, _, _ = trajectory.table(ASKED_STEP)
     posture = np.zeros(robot.n)
     posture[robot.joint_indices] = config.nodes['plant'].get('posture') or 0.0
@@ -98,9 +94,7 @@ def _asked(
 
 
 def motion_of(plan: Plan, joints: Sequence[str]) -> SplineTrajectory:
-    """Return what joints do in a plan, from its first row on."""
-    from denoc_ros.trajectories import SplineTrajectory
-
+    """Motion of the joints in a plan, from its first row on."""
     columns = [plan.coordinate_names.index(joint) for joint in joints]
     return SplineTrajectory(
         plan.t - plan.t[0], plan.q[:, columns], plan.qd[:, columns], plan.qdd[:, columns]

@@ -6,24 +6,32 @@ import argparse
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from tqdm import tqdm
 
 from denoc_ros.cli.arguments import given_file
 from denoc_ros.cli.batch import add_worker_options
+from denoc_ros.cli.monte_carlo import run_varied
+from denoc_ros.cli.report import write_report
+from denoc_ros.cli.scenario_runs import load, summarize
+from denoc_ros.cli.verbs import VERBS
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.output_files import require_new
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.simulation.run import Run
-    from denoc_ros.simulation.scenario import Scenario
+from denoc_ros.reports.provenance import named_file
+from denoc_ros.reports.run_files import SIMULATED
+from denoc_ros.reports.versions import versions
+from denoc_ros.simulation.bag import write_run
+from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.scenario import Scenario
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'simulate',
-        help='simulate a robot through a scenario, without a ROS graph',
+        help=VERBS['simulate'],
         description='Integrate the equations of motion through a scenario and write the run as '
         'MCAP: joint_states, plant/true_modal_state and plant/true_deflection.',
     )
@@ -66,14 +74,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    from tqdm import tqdm
-
-    from denoc_ros.cli.scenario_runs import load, summarize
-    from denoc_ros.simulation.bag import write_run
-
     if args.vary:
-        from denoc_ros.cli.monte_carlo import run_varied
-
         if args.report:
             raise ConfigError('--report', ['the page is of one run, got --vary'])
         return run_varied(args)
@@ -85,8 +86,6 @@ def run(args: argparse.Namespace) -> int:
         write_run(result, robot, args.output, description, scenario.reference, bar.update, session)
     summary = {'output': str(args.output), **summarize(robot, result)}
     if args.report:
-        from denoc_ros.cli.report import write_report
-
         write_report(args.output, args.report, args.command)
         summary['report'] = str(args.report)
     if args.json:
@@ -100,10 +99,6 @@ def session_of(
     args: argparse.Namespace, robot: Robot, scenario: Scenario, result: Run
 ) -> dict[str, Any]:
     """Return the settings of a run, ready for JSON, so that its bag is self-contained."""
-    from denoc_ros.reports.provenance import named_file
-    from denoc_ros.reports.run_files import SIMULATED
-    from denoc_ros.reports.versions import versions
-
     return {
         'kind': SIMULATED,
         'name': Path(args.scenario).stem,

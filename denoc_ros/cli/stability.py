@@ -5,20 +5,27 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from denoc_ros.cli.arguments import given_file
 from denoc_ros.cli.exit_statuses import DOUBTFUL
-
-if TYPE_CHECKING:
-    from denoc_ros.simulation.scenario import Scenario
-    from denoc_ros.simulation.stability import Measures, Study
+from denoc_ros.cli.progress import share_bar
+from denoc_ros.cli.scenario_runs import load
+from denoc_ros.cli.verbs import VERBS
+from denoc_ros.output_files import write_text
+from denoc_ros.reports.provenance import named_file, provenance
+from denoc_ros.reports.stability import page
+from denoc_ros.simulation.scenario import Scenario
+from denoc_ros.simulation.stability import Measures, Study, study_stability
 
 
 def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'stability',
-        help="compare the recursion's numerical stability with dense Cholesky's",
+        help=VERBS['stability'],
         description=(
             'Integrate a scenario twice, with forward dynamics by the recursion and by a '
             'Cholesky factor of the inertia matrix, and write one HTML page: deviation, power '
@@ -44,14 +51,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    from denoc_ros.cli.arguments import given_file
-    from denoc_ros.cli.progress import share_bar
-    from denoc_ros.cli.scenario_runs import load
-    from denoc_ros.output_files import write_text
-    from denoc_ros.reports.provenance import named_file, provenance
-    from denoc_ros.reports.stability import page
-    from denoc_ros.simulation.stability import study_stability
-
     robot, scenario, _ = load(args.robot, args.scenario)
     with share_bar(quiet=args.json) as bar:
         study = study_stability(robot, scenario, bar.update)
@@ -79,8 +78,6 @@ def summarize(study: Study, scenario: Scenario) -> dict[str, Any]:
     scenario : Scenario
         What was studied.
     """
-    import numpy as np
-
     growing = int(np.argmax(study.growth))
     return {
         'duration_s': float(study.times[-1]),
@@ -100,8 +97,6 @@ def summarize(study: Study, scenario: Scenario) -> dict[str, Any]:
 
 
 def _figures(study: Study, one: Measures) -> dict[str, Any]:
-    import numpy as np
-
     trace = one.trace
     figures = {
         'reached_s': float(trace.t[-1]),

@@ -7,21 +7,23 @@ import json
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from denoc_ros.cli.exit_statuses import DOUBTFUL
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.errors import ConfigError
+from denoc_ros.model.suggest.beam import BeamSuggestion
+from denoc_ros.model.suggest.suggestion import Suggestion, suggest_flexibility
+from denoc_ros.output_files import write_new
 from denoc_ros.reports.text_table import Row, cell_text, text_table
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.model.suggest.beam import BeamSuggestion
-    from denoc_ros.model.suggest.suggestion import Suggestion
 
 OPTIONS = ('material', 'link', 'bandwidth', 'gears', 'output')
 
 
 def add_suggestion(parser: argparse.ArgumentParser) -> None:
-    """Declare `--suggest` and what goes with it."""
+    """Declare `--suggest` and its options."""
     group = parser.add_argument_group('a plain URDF becomes flexible')
     group.add_argument(
         '--suggest',
@@ -74,8 +76,6 @@ def check_options(args: argparse.Namespace) -> None:
     ConfigError
         With each of them.
     """
-    from denoc_ros.errors import ConfigError
-
     given = [name for name in OPTIONS if getattr(args, name) is not None]
     stray = [] if args.suggest else [name for name in given if name != 'output' or not args.bode]
     findings = [f'--{name} must come with --suggest, got it alone' for name in stray]
@@ -88,10 +88,6 @@ def check_options(args: argparse.Namespace) -> None:
 
 def run_suggestion(args: argparse.Namespace, file: Path | str) -> int:
     """Propose, print and write; return 0, or 2 if no link bends enough."""
-    from denoc_ros.dynamics.robot import load_robot
-    from denoc_ros.model.suggest.suggestion import suggest_flexibility
-    from denoc_ros.output_files import write_new
-
     wishes: dict[str, Any] = {'links': args.link, 'gravity': math.hypot(*args.gravity)}
     wishes |= {
         name: getattr(args, name)
@@ -130,8 +126,6 @@ def summarize_suggestion(suggestion: Suggestion, robot: Robot) -> Row:
         `gears` (None: not asked for), `springs` (assumed; `armature` None: the robot says it),
         `stiff` (joints without a proposal, with `why`) and `written`, the file or None.
     """
-    import numpy as np
-
     material = suggestion.material
     frequencies = robot.natural_frequencies(np.zeros(robot.n), held=True)
     return {
@@ -246,7 +240,7 @@ def _as_text(row: Row) -> str:
 
 
 def _springs_text(row: Row) -> list[str]:
-    """Return what is proposed for joints, for a terminal."""
+    """Proposals for the joints, for a terminal."""
     gears = row['gears']
     if gears is None:
         return []

@@ -12,19 +12,28 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from denoc_ros.bags.series import read_joint_states
+from denoc_ros.cli.conclusion import conclude, print_summary
+from denoc_ros.cli.config import SessionConfig, load_config
 from denoc_ros.cli.interrupts import Interrupts
+from denoc_ros.cli.kernels_ahead import compile_all, estimate, kernels
+from denoc_ros.cli.node_parameters import check_parameters, session_plant
+from denoc_ros.cli.processes import Processes, free_domain
+from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.session import Session, Task, session_nodes
+from denoc_ros.cli.session_file import SessionFile
+from denoc_ros.cli.shaped_phases import plans_of, started_on_the_plan
 from denoc_ros.cli.time_modes import AUTO, REAL, SIMULATED, TIMES
+from denoc_ros.cli.verbs import VERBS
+from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, DenocError
-
-if TYPE_CHECKING:
-    from denoc_ros.cli.config import SessionConfig
-    from denoc_ros.cli.processes import Processes
-    from denoc_ros.cli.progress import Progress
-    from denoc_ros.cli.session import Task
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.nodes.session_client import SessionClient
+from denoc_ros.model.mjcf import SEGMENTS
+from denoc_ros.model.plant_description import description_in_words
+from denoc_ros.nodes.session_client import SessionClient
+from denoc_ros.reports.versions import versions
+from denoc_ros.simulation.reference import trajectory_from_config
 
 NO_ROS = (
     'rclpy must be importable, got: {}; source a ROS 2 installation or '
@@ -63,7 +72,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'up',
-        help='start the nodes, run a reference, record and report',
+        help=VERBS['up'],
         description=(
             'Start plant, recorder, predictor and feedforward as separate processes, run the '
             'reference, end them in order, and write a bag and a report into a new directory.'
@@ -109,8 +118,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    from denoc_ros.cli.conclusion import print_summary
-
     with Interrupts(args.is_process) as interrupts:
         config = _configured(args)
         run_of = bring_up(config, args.input, args.output, args.command, interrupts)
@@ -126,8 +133,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _configured(args: argparse.Namespace) -> SessionConfig:
     """Return the session's configuration, changed as the arguments say."""
-    from denoc_ros.cli.config import load_config
-
     config = load_config(args.config, args.set)
     if args.duration is not None:
         if not 0.0 < args.duration < float('inf'):
@@ -177,14 +182,6 @@ def bring_up(
     DenocError
         For a bad configuration or robot.
     """
-    from denoc_ros.cli.conclusion import conclude
-    from denoc_ros.cli.node_parameters import check_parameters, session_plant
-    from denoc_ros.cli.processes import Processes, free_domain
-    from denoc_ros.cli.progress import Progress
-    from denoc_ros.cli.session import Session, session_nodes
-    from denoc_ros.cli.session_file import SessionFile
-    from denoc_ros.dynamics.robot import load_robot
-
     if config.time != REAL and (bag is not None or 'plant' in config.without):
         if config.time == SIMULATED:
             raise ConfigError(str(config.path), [NO_SOURCE])
@@ -245,8 +242,6 @@ def bring_up(
 
 def _compile(config: SessionConfig, progress: Progress, watch: Callable[[], None]) -> None:
     """Compile the kernels that the session needs, if some are not in the cache."""
-    from denoc_ros.cli.kernels_ahead import compile_all, estimate, kernels
-
     loops = bool(config.joints)
     plans = any(phase.shape for phase in config.phases) or 'shaper' not in config.without
     wanted = kernels(loops, plans)
@@ -282,13 +277,8 @@ def _client(
 
 
 def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
-    from denoc_ros.cli.session import Task
-    from denoc_ros.simulation.reference import trajectory_from_config
-
     joints = list(config.joints or robot.tree.non_mimic_joints)
     if bag is not None:
-        from denoc_ros.bags.series import read_joint_states
-
         duration = float(read_joint_states(bag).t[-1])
         return Task(None, joints, duration, bag)
     trajectory = None
@@ -307,8 +297,6 @@ def _shaped(
     config: SessionConfig, robot: Robot, task: Task, progress: Progress
 ) -> tuple[SessionConfig, Task]:
     """Return session and task with the plans of the phases that shape their reference."""
-    from denoc_ros.cli.shaped_phases import plans_of, started_on_the_plan
-
     plans = plans_of(config, robot, task.trajectory, task.joints, progress.step)
     phases = tuple(
         started_on_the_plan(phase, plans[phase.name], task.joints)
@@ -373,11 +361,7 @@ def _require_ros() -> None:
 
 
 def _beams(config: SessionConfig, robot: Robot) -> dict[str, Any]:
-    """Return what session.json says of the plant's beams: paths that describe them, and words."""
-    from denoc_ros.cli.node_parameters import session_plant
-    from denoc_ros.model.mjcf import SEGMENTS
-    from denoc_ros.model.plant_description import description_in_words
-
+    """Document the plant's beams for session.json: the changed paths, and words."""
     described = session_plant(config).overrides(robot.tree)
     plant, model = (
         description_in_words(robot.with_overrides(paths).tree if paths else robot.tree)
@@ -392,9 +376,7 @@ def _beams(config: SessionConfig, robot: Robot) -> dict[str, Any]:
 def _session_values(
     config: SessionConfig, environment: dict[str, str], command: str
 ) -> dict[str, Any]:
-    """Return what session.json says of a session before it begins."""
-    from denoc_ros.reports.versions import versions
-
+    """Document a session for session.json before it begins."""
     return {
         'name': config.path.stem,
         'configuration': str(config.path),

@@ -7,18 +7,20 @@ import os
 import signal
 import sys
 import threading
+import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from denoc_ros.cli.arguments import add_gravity
+from denoc_ros.cli.config import find_file, read_yaml, share_directory
 from denoc_ros.cli.film import add_film_options, wants_pictures, write_pictures
 from denoc_ros.cli.recorded_run import add_run_options, open_run
+from denoc_ros.cli.verbs import VERBS
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.reports.run_files import EARTH
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.viewer.page import Page
+from denoc_ros.viewer.page import Page
 
 DEFAULT_PORT = 8080
 FIRST = 'canadarm'  # that the gallery shows
@@ -30,10 +32,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser = subparsers.add_parser(
         'view',
-        help=(
-            'show a robot or a run in the browser: deformed links, forces, natural modes; '
-            'write films'
-        ),
+        help=(VERBS['view']),
         description=(
             'Serve a page that shows the deformed robot until interrupted, on this machine '
             'only unless --host allows more. Without a robot: a gallery of the systems in the '
@@ -69,8 +68,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    from denoc_ros.errors import ConfigError
-
     if args.scale is not None and not 1.0 <= args.scale <= 100.0:
         raise ConfigError('denoc view', [f'--scale must be 1 to 100, got {args.scale:g}'])
     run_path = Path(args.shown) if args.shown is not None and is_run(args.shown) else None
@@ -92,7 +89,6 @@ def is_run(path: str) -> bool:
 
 
 def _serve_until_interrupted(args: argparse.Namespace, run_path: Path | None) -> int:
-    from denoc_ros.errors import DenocError
     from denoc_ros.viewer import NO_VISER
 
     try:
@@ -128,9 +124,6 @@ def _run_page(args: argparse.Namespace, path: Path) -> Page:
 
 
 def _robot_page(args: argparse.Namespace) -> Page:
-    from denoc_ros.cli.config import find_file
-    from denoc_ros.dynamics.robot import load_robot
-
     file = find_file(Path(args.shown), Path()) or Path(args.shown)
     robot = load_robot(file, gravity=args.gravity or EARTH)
     page = _serve(args, robot, folder=file.parent)
@@ -139,7 +132,6 @@ def _robot_page(args: argparse.Namespace) -> Page:
 
 
 def _gallery(args: argparse.Namespace) -> Page:
-    from denoc_ros.dynamics.robot import load_robot
     from denoc_ros.viewer.gallery import Exhibit, offer
 
     systems = book_systems()
@@ -162,7 +154,7 @@ def _serve(args: argparse.Namespace, robot: Robot, **options: Any) -> Page:
 
 
 class System(NamedTuple):
-    """A robot that comes with the package, and what its scenario says of it."""
+    """A robot of the package, with the gravity and posture of its scenario."""
 
     file: Path
     gravity: tuple[float, ...]  # m/s^2
@@ -175,8 +167,6 @@ def book_systems() -> dict[str, System]:
     Gravity and where they begin are those of the scenario whose name a robot's begins with:
     planar mechanisms move in X-Y and have gravity along -Y.
     """
-    from denoc_ros.cli.config import read_yaml, share_directory
-
     config = share_directory() / 'config'
     scenarios = {file.stem: read_yaml(file) for file in (config / 'scenarios').glob('*.yaml')}
     systems = {}
@@ -191,13 +181,11 @@ def book_systems() -> dict[str, System]:
 def _open_browser(address: str) -> None:
     """Open a browser where there is a display to show it on."""
     if os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY') or sys.platform == 'darwin':
-        import webbrowser
-
         webbrowser.open(address)
 
 
 def _ending() -> threading.Event:
-    """Return what SIGINT and SIGTERM set from now on."""
+    """Make an event that SIGINT and SIGTERM set."""
     ending = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ending.set())

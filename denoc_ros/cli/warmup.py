@@ -6,10 +6,14 @@ import argparse
 import logging
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from denoc_ros.model.tree import Tree
+from denoc_ros.cli import kernels_ahead
+from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.verbs import VERBS
+from denoc_ros.kernels.cache import cache_folder
+from denoc_ros.model.tree import Tree
+from denoc_ros.model.urdf import load_tree
 
 LOG = logging.getLogger('denoc_ros')
 
@@ -18,7 +22,7 @@ def add_parser(subparsers: Any) -> None:
     """Declare the verb's arguments."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
         'warmup',
-        help='compile all kernels now, once per version and user',
+        help=VERBS['warmup'],
         description=(
             'Compile the kernels of all commands and nodes in two processes, and cache them for '
             'all processes of this user. Cached kernels are only loaded.'
@@ -48,11 +52,6 @@ def run(args: argparse.Namespace) -> int:
         0; a bad robot is raised.
     """
     LOG.info('loading the compiler')
-    from denoc_ros.cli import kernels_ahead
-    from denoc_ros.cli.progress import Progress
-    from denoc_ros.kernels.cache import cache_folder
-    from denoc_ros.model.urdf import load_tree
-
     loops = args.robot is None or has_constraints(load_tree(args.robot))
     wanted = kernels_ahead.all_kernels(loops)
     began = time.perf_counter()

@@ -6,6 +6,9 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+from denoc_ros.errors import ConfigError
+from denoc_ros.output_files import write_new, write_text
+
 
 def write_description(args: argparse.Namespace, file: Path, text: Callable[[], str]) -> str:
     """Write a changed description to the chosen file; return its path, '' without one.
@@ -26,9 +29,6 @@ def write_description(args: argparse.Namespace, file: Path, text: Callable[[], s
     BagError
         The new file exists already.
     """
-    from denoc_ros.errors import ConfigError
-    from denoc_ros.output_files import write_new, write_text
-
     target = file if args.write else args.output
     if target is None:
         return ''

@@ -43,7 +43,7 @@ class CarriedOut:
 
 
 def planned(plan: Plan, joints: Sequence[str]) -> DrivenMotion:
-    """Return what joints do in a plan, by quintics between its rows."""
+    """Motion of the joints in a plan, by quintics between its rows."""
     columns = [plan.coordinate_names.index(name) for name in joints]
     step = float(plan.t[-1] - plan.t[0]) / (len(plan.t) - 1)
     rows = (plan.q[:, columns], plan.qd[:, columns], plan.qdd[:, columns])
@@ -57,7 +57,7 @@ def carry_out(
     near: Array,
     times: Array,
 ) -> CarriedOut:
-    """Return what all coordinates do while the driven joints make a motion exactly.
+    """Motion of all coordinates while the driven joints make a motion exactly.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ REGAIN = 0.2  # s of good values until the estimate is believed again
 
 
 class Pause(NamedTuple):
-    """A time in which the loop was away: what torque did (2 m,), how long, when it ended [s]."""
+    """An interruption of the loop: its torque (2 m,), its length, its end [s]."""
 
     pushed: Array
     seconds: float
@@ -140,7 +140,7 @@ class DeviationFilter:
         self.errors = other.errors
 
     def deviations(self) -> Array:
-        """Return y (2 m,), with what the model's errors add to it."""
+        """Deviations y (2 m,), including those by the model's errors."""
         y = self.state[: self._deviations]
         if self.errors is None:
             return y
@@ -228,7 +228,7 @@ class DeviationFilter:
         return now - late * self._period
 
     def _take(self, stamp: float, at: NDArray[np.intp], gains: PostureGains) -> None:
-        """Correct the estimate by the innovations of a sample, and what it was since then."""
+        """Correct the estimate, and its propagation since, by the innovations of a sample."""
         correction, errors = gains.correction, self.errors
         if errors is not None and self.believed:
             errors.correct(gains, self._innovation, at, self.time)
@@ -260,7 +260,7 @@ class DeviationFilter:
             self.errors.forget_deviations()
 
     def _begin_biases(self, gains: PostureGains) -> None:
-        """Take for a bias what the first value of a gyroscope is off by."""
+        """Initialize a gyroscope's bias by its first value."""
         first = self._unbiased & self._new[self._biased]
         if self._fresh or not first.any():
             return

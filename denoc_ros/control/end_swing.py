@@ -22,7 +22,7 @@ class Driven(NamedTuple):
 
 
 def follow_joints(stepper: Stepper, start: Array, q: Array, qd: Array, between: Array) -> Driven:
-    """Return the motion of all coordinates from `start` (n,) while the joints do what they do.
+    """Motion of all coordinates from `start` (n,) under a motion of the joints.
 
     Arguments as of :meth:`EndSwing.run`.
     """
@@ -145,7 +145,7 @@ class EndSwing:
 
 
 def _driven_by(gains: tuple[Array, Array, Array], designs: tuple[Array, Array, Array]) -> Array:
-    """Return what coefficients do (k, rows, joints * free) by positions, rates, accelerations."""
+    """Derivatives by coefficients (k, rows, joints * free), from those by the joints' motion."""
     parts = [
         gain[:, :, :, None] * design[:, None, None, :]
         for gain, design in zip(gains, designs, strict=True)

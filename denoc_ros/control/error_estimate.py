@@ -1,4 +1,4 @@
-"""Estimate of the model's relative errors from what a filter of deviations does not expect."""
+"""Model-error estimate from the filter's innovations."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class Regulator:
 
 @dataclass(frozen=True)
 class PostureGains:
-    """What the loop needs at one moment of a plan.
+    """Gains of the loop at one moment of a plan.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ def earlier_cost(problem: Regulator, cost: Array, doublings: int) -> Array:
 
 
 def _doubled(a: Array, g: Array, h: Array) -> tuple[Array, Array, Array]:
-    """Return what the Riccati difference equation is over twice the periods.
+    """Riccati difference equation over twice the periods.
 
     Notes
     -----
@@ -272,8 +272,8 @@ def noise_of(
             continue
         begin = int(np.searchsorted(flexible, robot.amplitudes(body.name).start))
         if body.modes is not None:  # each mode by itself
-            own = slice(begin, begin + body.amplitudes)
-            first[own], length[own] = np.arange(own.start, own.stop), body.spans
+            modes = np.arange(begin, begin + body.amplitudes)
+            first[modes], length[modes] = modes, body.spans
             continue
         assert body.beam is not None
         for count, span in zip(body.beam.modes, (body.beam.length, body.beam.length, 1.0),

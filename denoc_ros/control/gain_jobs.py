@@ -1,4 +1,4 @@
-"""Gains of the state feedback as a job of another process: what is asked, and what comes back."""
+"""Gains of the state feedback as a job of another process: request and result."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ INDICES = ('coordinates', 'joints', 'sensors')
 
 @dataclass(frozen=True)
 class GainJob:
-    """What gains are wanted for, but for the robot.
+    """Request for gains, without the robot.
 
     Attributes
     ----------

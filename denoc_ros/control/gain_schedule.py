@@ -63,7 +63,7 @@ NEUTRAL = 1e-9  # what rounding makes of a modulus of 1
 
 @dataclass(frozen=True)
 class GainSchedule:
-    """What the loop needs along a plan.
+    """Gains of the loop along a plan.
 
     Attributes
     ----------
@@ -247,7 +247,7 @@ def design_along(
     motion: PlannedMotion,
     settings: FeedbackSettings,
 ) -> GainSchedule:
-    """Return the gains along a motion, and what errors of the model do to it.
+    """Design the gains along a motion, with the effect of model errors.
 
     Arguments and errors as of :func:`design`; of robots with loops or mimic joints no errors are
     estimated.
@@ -275,7 +275,7 @@ def _doublings(times: Array, settings: FeedbackSettings) -> int:
 def require_sensors(
     robot: Robot, joints: Sequence[str], limits: Array, settings: FeedbackSettings
 ) -> Int:
-    """Return the sensors to read, if robot and limits are what feedback needs."""
+    """Select the sensors to read, if robot and limits fit feedback."""
     if settings.tip not in robot.tree.frames:
         known = ', '.join(robot.tree.frames)
         raise StateError(f'state feedback: tip must be one of {known}, got {settings.tip!r}')

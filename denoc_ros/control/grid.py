@@ -1,4 +1,4 @@
-"""Motions on a uniform grid of times: derivatives by differences, and what lies between nodes."""
+"""Motions on a uniform grid of times: derivatives by differences, values between nodes."""
 
 from __future__ import annotations
 

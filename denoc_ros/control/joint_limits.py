@@ -51,7 +51,7 @@ class JointLimits:
         torque: Array | None = None,
         tolerance: float = TOLERANCE,
     ) -> tuple[str, int, float] | None:
-        """Return what is exceeded most, by which joint and by what factor; None: nothing.
+        """Most exceeded limit, with its joint and factor; None where all hold.
 
         Rows (k, joints) of a motion, and of its torque; a share beyond a limit is tolerated.
         """
@@ -80,7 +80,7 @@ def _largest(rows: Array, limit: Array) -> Array:
 def plan_violation(
     robot: Robot, plan: Plan, limits: JointLimits, tolerance: float = TOLERANCE
 ) -> tuple[str, str, float] | None:
-    """Return which limit a plan exceeds most, by which driven joint, by what factor; None: none.
+    """Most exceeded limit of a plan, with its driven joint and factor; None where all hold.
 
     Limits of all the robot's joints; a share beyond a limit is tolerated.
     """

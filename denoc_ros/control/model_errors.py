@@ -1,4 +1,4 @@
-"""Relative errors of the model along a plan: what they do, and the torque that undoes it."""
+"""Relative errors of the model along a plan: their effect, and the torque against it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOST = 6  # stiffnesses that are told apart; more count as one
 
 @dataclass(frozen=True)
 class ModelErrors:
-    """What errors of the model do along a plan: of each beam's stiffness, then of the load.
+    """Effect of model errors along a plan: of each beam's stiffness, then of the load.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ def error_accelerations(
 
 
 def drive(accelerations: Array, period: float, size: int) -> Array:
-    """Return what accelerations (m, errors) add to a state (size, errors) over a period [s]."""
+    """Change of a state (size, errors) by accelerations (m, errors) over a period [s]."""
     m = len(accelerations)
     added = np.zeros((size, accelerations.shape[1]))
     added[:m] = 0.5 * period**2 * accelerations

@@ -113,7 +113,7 @@ class Planning:
 def _commands(
     plan: Plan, rows: tuple[Array, Array, Array], servo: JointServo
 ) -> tuple[Array, Array, Array, Array]:
-    """Return times and what to command so that the joints, behind their servos, do the plan."""
+    """Times and commands with which the joints, behind their servos, follow the plan."""
     if servo.is_exact:
         return plan.t, *rows
     spline = rest_spline(plan.t, rows[0])

@@ -1,4 +1,4 @@
-"""What a floating base does while the undeformed robot moves its joints: it has no momentum."""
+"""Motion of a floating base as the undeformed robot moves its joints at zero momentum."""
 
 from __future__ import annotations
 

@@ -37,11 +37,11 @@ class RestBasis:
         self.free = self._count - 2 * ENDS
 
     def design(self, times: ArrayLike, derivative: int = 0) -> Array:
-        """Return what the free coefficients do at times (k,): (k, free); 0 outside."""
+        """Basis functions of the free coefficients at times (k,): (k, free); 0 outside."""
         return self._columns(times, derivative)[:, ENDS:-ENDS]
 
     def ends(self, start: Array, end: Array, times: ArrayLike, derivative: int = 0) -> Array:
-        """Return what the fixed coefficients do at times (k,): (k, joints)."""
+        """Motion by the fixed coefficients at times (k,): (k, joints)."""
         columns = self._columns(times, derivative)
         first, last = columns[:, :ENDS].sum(axis=1), columns[:, -ENDS:].sum(axis=1)
         return np.asarray(np.outer(first, start) + np.outer(last, end))

@@ -83,7 +83,7 @@ class RestMotion:
 
 
 class _Point(NamedTuple):
-    """Motions of all robots with some coefficients, and what they leave.
+    """Motions of all robots with some coefficients, and their residual vibration.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class _Point(NamedTuple):
     torque: Array
 
     def left(self, size: float) -> float:
-        """Return what rings of the robot itself, as a share of a swing's size."""
+        """Residual vibration of the robot itself, as a share of a swing's size."""
         return float(np.linalg.norm(self.errors[0])) / max(size, 1e-12)
 
 
@@ -161,7 +161,7 @@ class _Problem:
         return self._by_driven(error), self._by_driven(torque)
 
     def _by_driven(self, rows: Array) -> Array:
-        """Return what the driven joints' coefficients do for what those of all joints do."""
+        """Reduce a sensitivity from all joints to the driven ones."""
         whose = rows.reshape(*rows.shape[:-1], -1, self.basis.free)
         found = np.einsum('...jf,ji->...if', whose, self.driven.ties)
         return np.asarray(found.reshape(*rows.shape[:-1], -1))
@@ -287,7 +287,7 @@ class _Problem:
         )
 
     def _point(self, x: Array) -> _Point:
-        """Return how all robots move with coefficients (count,), and what rings at the end."""
+        """Motions of all robots with coefficients (count,), and their residual vibration."""
         motions = [self.run(x, swing) for swing in self.swings]
         errors = [swing.error(motion) for swing, motion in zip(self.swings, motions, strict=True)]
         torque = self.torque(motions[0], self.rows(x, 2))

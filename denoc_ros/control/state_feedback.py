@@ -240,7 +240,7 @@ class StateFeedback:
     def _joint_torque(
         self, before: int, after: int, share: float, now: float, elapsed: float
     ) -> Array:
-        """Return the torque (joints,) by what the joints themselves are off."""
+        """Torque (joints,) by the joints' own deviations."""
         known, gains = self.filter, self.schedule.gains
         if now - known.joints_at > self.schedule.settings.sensor_timeout:
             return self._own.take(None, elapsed)
@@ -309,7 +309,7 @@ class StateFeedback:
         return pushed
 
     def applied(self, change: Array) -> None:
-        """Take what was added to the plan's torque after all limits (joints,) [N m, N]."""
+        """Take the torque (joints,) [N m, N] that was added to the plan's after all limits."""
         gains = self.schedule.gains[self._at]
         free = self.active and not self._governs
         if free and np.abs(change - self._asked).max() <= ROUNDING * self._most.max():

@@ -54,7 +54,7 @@ class Target:
 
 
 def _turn_rate(turn: Array) -> Array:
-    """Return what (k, 3, 3) makes the rate of rotation vectors (k, 3) of an angular velocity.
+    """Matrix (k, 3, 3) from angular velocity to the rate of a rotation vector (k, 3).
 
     The inverse of the left Jacobian of SO(3).
     """

@@ -1,4 +1,4 @@
-"""Tip-exact motions: joints and links move so that the tip does what a stiff robot's would."""
+"""Tip-exact motions: joints and links move so that the tip follows a stiff robot's."""
 
 from __future__ import annotations
 
@@ -218,7 +218,7 @@ def _turn(robot: Robot, driven: Int, poses: Sequence[Array], options: TipOptions
 
 
 def _share(robot: Robot, driven: Int, options: TipOptions) -> float:
-    """Return by what turn and draw are multiplied where nothing is said."""
+    """Default factor of turn and draw."""
     few = len(robot.base_indices) > 0 and len(driven) < DIRECTIONS
     return FEW if few and options.turn is None else 1.0
 

@@ -116,7 +116,7 @@ def _reacting(robot: Robot, q: Array) -> Array:
 def _rows(
     robot: Robot, frames: Sequence[str], poses: Sequence[Array], q: Array, turn: float
 ) -> tuple[Array, Array]:
-    """Return the derivatives (r, n) and what is missing (r,) of closure and of the frames."""
+    """Jacobian (r, n) and residual (r,) of closure and of the frames."""
     rows, wanted = [robot.closure_jacobian(q)], [-robot.closure(q)]
     for frame, pose in zip(frames, poses, strict=True):
         here, jacobian = robot.frame_pose(frame, q), robot.frame_jacobian(frame, q)

@@ -234,7 +234,7 @@ def _newton(
 
 
 def _add_draw(problem: TipProblem, q: Array, hessian: Array, right: Array) -> None:
-    """Add what draws the driven joints toward the motion that was asked for."""
+    """Add the attraction of the driven joints to the wanted motion."""
     j, weight = problem.driven, problem.draw**2
     hessian[:, j, j] += weight
     right[:, j] -= weight * (q - problem.asked)[:, j]
@@ -243,7 +243,7 @@ def _add_draw(problem: TipProblem, q: Array, hessian: Array, right: Array) -> No
 def _add_smoothness(
     problem: TipProblem, q: Array, band: BlockBand, hessian: Array, right: Array
 ) -> None:
-    """Add what the second differences of the driven joints' distance from the asked ones cost.
+    """Add the cost of second differences of the driven joints' distance from the wanted ones.
 
     Without it, vibrations near the grid's highest frequency in which the tip stands still (zeros
     of the robot that neither grow nor decay) would be found only to a few digits.

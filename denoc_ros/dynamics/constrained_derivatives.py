@@ -254,7 +254,7 @@ class _Plan(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _plan(verb: int, a: int, n: int, rows: int) -> _Plan:
-    """Return what the derivatives of a verb with a actuated joints look like."""
+    """Shapes of the derivatives of a verb with a actuated joints."""
     columns = (n, n, a, n) if verb == cdiff_.HYBRID else (n, n, n)
     lengths = {cdiff_.FORWARD: (n, rows), cdiff_.INVERSE: (a, rows), cdiff_.HYBRID: (a, n, rows)}[
         verb
@@ -316,7 +316,7 @@ def _loads(robot: DifferentiableMechanism, wrenches: Wrenches | None) -> Array:
 
 
 def _values(robot: DifferentiableMechanism, call: _Call, states: Sequence[Array]) -> None:
-    """Call the verb whose derivatives are asked for, to raise what it raises."""
+    """Call the verb of the derivatives, for its errors."""
     names = [robot.coordinate_names[k] for k in call.actuated]
     (q, qd, third), loads = states[:3], call.wrenches
     if call.verb == cdiff_.FORWARD:

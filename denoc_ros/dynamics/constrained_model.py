@@ -22,7 +22,7 @@ _empty = np.empty  # a global name is found more quickly than a module's
 
 
 class ConstrainedModel(TreeDynamics):
-    """What a robot does with its loops closed and its mimic joints on their leaders.
+    """Dynamics of a robot with closed loops, and mimic joints on their leaders.
 
     Rows are loops in file order, then mimic joints in that of their coordinates. A loop's rows are
     the constrained components of the motion of its child's loop frame in its parent's, linear

@@ -1,4 +1,4 @@
-"""Derivatives of the dynamics by coordinates, rates and what drives them; docs/derivatives.md."""
+"""Derivatives of the dynamics by coordinates, rates and inputs; docs/derivatives.md."""
 
 from __future__ import annotations
 
@@ -307,7 +307,7 @@ class DifferentiableModel(ConstrainedModel):
         return result
 
     def _subtract_loads(self, q: Array, wrenches: Wrenches, out: Array) -> None:
-        """Subtract from out (n, n) or (k, n, n) the derivative by q of what wrenches do."""
+        """Subtract the derivative by q of the loads from out (n, n) or (k, n, n)."""
         count = out.shape[0] if out.ndim == 3 else 1
         rows = np.array(np.broadcast_to(q, (count, self.n)))
         for frame, wrench in wrenches.items():

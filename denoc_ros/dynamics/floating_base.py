@@ -31,7 +31,7 @@ def wrap_attitude(phi: Array, rate: Array) -> tuple[Array, Array]:
 
 
 def require_known_base(robot: RobotModel, whose: str) -> None:
-    """Refuse a robot whose base floats, for what is made for a base whose motion is known.
+    """Refuse a robot whose base floats, for methods that need a known motion of the base.
 
     Raises
     ------

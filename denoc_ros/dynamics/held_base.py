@@ -1,4 +1,4 @@
-"""A robot with its floating base held: what it is where the base's motion is known."""
+"""A robot with its floating base held, for a base with a known motion."""
 
 from __future__ import annotations
 

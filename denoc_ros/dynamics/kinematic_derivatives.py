@@ -35,7 +35,7 @@ ACCELERATION = KernelOperation(
 
 
 class KinematicDerivatives(TreeDynamics):
-    """What frames, beams and sensors do as the state changes; exact, by recursion.
+    """Derivatives of frames, beams and sensors by the state; exact, by recursion.
 
     Of a frame: linear first, base axes, at its origin. The derivative of a pose by q is the
     Jacobian. Kernels compile when first asked for.
@@ -190,7 +190,7 @@ class KinematicDerivatives(TreeDynamics):
         qdd: ArrayLike | None,
         out: Array | None,
     ) -> Array:
-        """Return what a kernel makes of a frame's motion, at one state or many."""
+        """Call a kernel on a frame's motion, at one state or many."""
         row, n = self._row(frame), self.n
         given = self._zero if qdd is None else as_states('qdd', qdd, n)
         states = [as_states('q', q, n), as_states('qd', qd, n), given]

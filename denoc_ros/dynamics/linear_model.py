@@ -26,7 +26,7 @@ SLACK = 1e-9  # of a period: a delay this close to a multiple of it is one
 
 @dataclass(frozen=True)
 class Signals:
-    """What x' = a x + b u, y = c x + d u are matrices of; names and arrays in one order."""
+    """Signals of x' = a x + b u, y = c x + d u; names and arrays in one order."""
 
     a: Array
     b: Array

@@ -119,7 +119,7 @@ def _sensors(robot: SensorValues, state: tuple[Array, Array, Array], given: str)
 def _measured(
     robot: SensorValues, state: tuple[Array, Array, Array], kind: str, name: str, given: str
 ) -> Outputs:
-    """Return what frames and beams show."""
+    """Outputs of frames and beams."""
     q, qd, qdd = state
     if kind == 'deflection':
         by_q = robot.tip_deflection_jacobian(name, q)

@@ -24,7 +24,7 @@ State = tuple[Array, Array, Array]
 
 
 class Linearizable(DifferentiableMechanism, SensorValues):
-    """What a robot does in small about a state."""
+    """Linear models of a robot about a state."""
 
     def linearize(
         self,

@@ -43,7 +43,7 @@ class Swing:
 
 @dataclass(frozen=True)
 class LoopResponse:
-    """One way from a joint's torque to what is measured, at one posture.
+    """Response from a joint's torque to an output, at one posture.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class LoopResponse:
 
 
 def swings(values: Complex) -> list[Swing]:
-    """Return what of poles or zeros [rad/s] swings, by frequency."""
+    """Oscillating poles or zeros [rad/s], by frequency."""
     upper = values[_swinging(values) & (values.imag > 0.0)]
     found = [Swing(abs(s) / (2.0 * np.pi), float(-s.real / abs(s))) for s in upper]
     return sorted(found, key=lambda one: one.frequency)

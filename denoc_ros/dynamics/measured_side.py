@@ -53,7 +53,7 @@ def whole_robot(robot: Robot) -> Robot:
 
 
 class MeasuredStates:
-    """What joint states say of the motion of a whole robot.
+    """Map from joint states to the motion of a whole robot.
 
     Parameters
     ----------
@@ -85,14 +85,14 @@ class MeasuredStates:
         return found
 
     def efforts(self, q: Array, qd: Array, out: Array) -> None:
-        """Put what the gears give out into efforts (joints,) of joints measured behind them."""
+        """Write the gears' output torque into efforts (joints,) of joints measured behind them."""
         if len(self._joints):
             force = elasticity(self._robot, q)[0] + self._robot.damping * qd
             out[self._joints] = -force[self._springs]
 
 
 def described_coordinates(robot: Robot) -> tuple[str, ...]:
-    """Return the coordinates of a robot that what is made of its joint states can have."""
+    """Coordinates of a robot that are observable through its joint states."""
     hidden = {spring_name(joint) for joint in motors_behind(robot.tree)}
     return tuple(name for name in robot.coordinate_names if name not in hidden)
 
@@ -207,7 +207,7 @@ class MotorSide:
         inertia: bool = True,
         friction: bool = True,
     ) -> None:
-        """Turn what gears give out into what their motors need (driven joints,), in place.
+        """Convert gear torque to motor torque (driven joints,), in place.
 
         Parameters
         ----------
@@ -245,7 +245,7 @@ class MotorSide:
         return found[0], found[1], found[2]
 
     def take_off(self, torque: Array, motion: tuple[Array, Array]) -> None:
-        """Turn what motors give (driven joints,) into what their gears give out, in place.
+        """Convert motor torque (driven joints,) to gear torque, in place.
 
         Parameters
         ----------
@@ -258,7 +258,7 @@ class MotorSide:
             torque[self._at] -= self._own(rate, acceleration, inertia=True, friction=True)
 
     def driven_by(self, torque: Array, motion: tuple[Array, Array]) -> Array:
-        """Return what motors give (..., driven) where their gears give out a torque.
+        """Motor torque (..., driven) for a gear torque.
 
         Parameters
         ----------
@@ -273,7 +273,7 @@ class MotorSide:
         return found
 
     def _own(self, rate: Array, acceleration: Array, inertia: bool, friction: bool) -> Array:
-        """Return what the motors need for themselves."""
+        """Torque of the motors' own inertia and friction."""
         needed = np.zeros_like(rate)
         if friction:
             needed += self._viscous * rate

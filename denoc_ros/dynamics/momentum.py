@@ -14,7 +14,7 @@ from denoc_ros.types import Array
 
 
 class MassAndMomentum(RobotModel):
-    """Sums over all bodies and payloads; what is fixed to the base has no part in them."""
+    """Sums over all bodies and payloads without those fixed to the base."""
 
     @property
     def mass(self) -> float:

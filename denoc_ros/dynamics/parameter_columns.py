@@ -41,7 +41,7 @@ NOT_LINEAR = 'be a number in which torque is linear'
 
 @dataclass(frozen=True)
 class Column:
-    """What one unit of a parameter adds.
+    """Change of the dynamics by one unit of a parameter.
 
     To a term along the coordinates: values (n,). To the inertia: values of the constants, which
     are indices of `constants`, all other masses being zero.
@@ -53,7 +53,7 @@ class Column:
 
 
 class _Unfit(Exception):  # noqa: N818
-    """A path that gives no column: what it must be, and what it is."""
+    """A path without a column: the rule, and the reason."""
 
 
 def find_columns(robot: RobotModel, paths: Sequence[str]) -> list[Column]:

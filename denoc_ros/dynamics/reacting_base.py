@@ -52,7 +52,7 @@ class ReactingBase:
         return len(self.index) > 0
 
     def require_none(self, where: str) -> None:
-        """Raise StateError if there is one, for what needs a base whose motion is known."""
+        """Raise StateError for a floating base, where a known motion is needed."""
         if self.floats:
             raise StateError(
                 f'{self.robot.tree.name}: the base must be fixed or its motion measured {where}, '

@@ -23,7 +23,7 @@ from denoc_ros.types import Array
 
 
 class TorqueRegressor(TreeDynamics):
-    """What inverse dynamics make of parameters in which they are linear."""
+    """Torque regressor: derivatives of inverse dynamics by parameters in which they are linear."""
 
     def torque_regressor(
         self,

@@ -414,7 +414,7 @@ class RobotModel:
     def _on_base(
         self, base: Base, verb: Callable[..., Result], *states: ArrayLike, **options: Any
     ) -> Result:
-        """Return what a verb gives at states while the base moves so."""
+        """Call a verb at states on a moving base."""
         return on_base(self, base, verb, *states, **options)
 
     def _raise_for_status(self, status: int, check: bool, **arguments: Array) -> None:

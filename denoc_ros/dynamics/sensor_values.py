@@ -1,4 +1,4 @@
-"""What a robot's sensors read, and how that changes with its state."""
+"""Predicted readings of a robot's sensors, and their derivatives by the state."""
 
 from __future__ import annotations
 

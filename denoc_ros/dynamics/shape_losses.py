@@ -61,7 +61,7 @@ class ShapeLoss:
 
 
 def shape_losses(robot: Robot) -> list[ShapeLoss]:
-    """Return what the shapes of each beam lose, at its tip and where something hangs on it."""
+    """Losses of the shapes of each beam, at its tip and at its children."""
     beams = whole_beams(robot.tree)
     lowest = robot.natural_frequencies(np.zeros(robot.n))[: len(beams)]
     found = []

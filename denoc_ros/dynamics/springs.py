@@ -37,7 +37,7 @@ def elasticity(robot: RobotModel, q: Array) -> tuple[Array, Array]:
 
 
 def with_motors(robot: Held) -> Held:
-    """Return a robot whose kernels leave what every row does in the workspace.
+    """Robot whose kernels leave the torques of all rows in the workspace.
 
     Of a robot with elastic joints, inverse and forward dynamics else work on its link side.
     """

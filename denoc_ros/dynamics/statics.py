@@ -18,7 +18,7 @@ Wrenches = Mapping[str, ArrayLike]
 
 
 class StaticsAndVibration(DifferentiableModel):
-    """What a robot does at rest, and in small about it."""
+    """Equilibria of a robot, and small vibrations about them."""
 
     def static_deflection(
         self,

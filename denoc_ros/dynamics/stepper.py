@@ -145,7 +145,7 @@ class Stepper:
     def torque(
         self, motion: tuple[Array, Array, Array], q: Array, qd: Array, qdd: Array, out: Array
     ) -> None:
-        """Write what a motion of the driven joints takes (driven,), and how all else accelerates.
+        """Write the torque (driven,) of a motion of the driven joints, and all accelerations.
 
         Not for robots with constraints.
 
@@ -241,7 +241,7 @@ def as_rows(*rows: Array) -> tuple[Array, ...]:
 
 
 def raise_step_status(robot: Robot, status: int, *arrays: Array) -> None:
-    """Raise what a status of a step means."""
+    """Raise the error of a step's status."""
     if status == GOOD:
         return
     if status == MISFIT:

@@ -45,7 +45,7 @@ class StepsAlong:
     def write(
         self, states: Array, intervals: Array, accelerations: Array, first: int, last: int
     ) -> None:
-        """Write what is not joints into rows first .. last - 1 of the states.
+        """Write the undriven coordinates into rows first .. last - 1 of the states.
 
         Parameters
         ----------

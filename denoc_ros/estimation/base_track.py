@@ -1,4 +1,4 @@
-"""The motion of a base from what is measured of it: interpolated, and carried on for a while."""
+"""Motion of a base from its measurements: interpolated, and extrapolated for a while."""
 
 from __future__ import annotations
 

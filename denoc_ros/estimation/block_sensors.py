@@ -62,7 +62,7 @@ class BlockSensors:
 
     @property
     def noise(self) -> Array:
-        """What the sensors say of one value (s,)."""
+        """Standard deviation of one value of each sensor (s,)."""
         return self._noise
 
     def clear(self) -> None:
@@ -70,7 +70,7 @@ class BlockSensors:
         self._waiting.clear()
 
     def take(self, place: int, stamp: float, value: float) -> None:
-        """Take a value, of a time [s]; what is no measurement or of no beam is left out."""
+        """Take a value of a time [s]; an invalid one, or one of no beam, is left out."""
         if place < self.count and abs(value) < LARGEST and math.isfinite(stamp):
             if len(self._waiting) == WAITING:
                 self._waiting.pop(0)
@@ -87,7 +87,7 @@ class BlockSensors:
     def advance(
         self, begin: float, end: float, before: Array, after: Array, derivatives: Array
     ) -> None:
-        """Take in what was measured over a step.
+        """Take in the measurements of a step.
 
         Parameters
         ----------

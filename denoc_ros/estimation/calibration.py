@@ -255,7 +255,7 @@ def _runs(means: Array, near: float) -> list[tuple[int, int]]:
 
 
 def sensor_values(robot: Robot, sensor: str, reference: ArrayLike, kind: str = 'value') -> Array:
-    """Return what a sensor should show at known references.
+    """Predicted values of a sensor at known references.
 
     Parameters
     ----------

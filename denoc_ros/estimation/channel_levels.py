@@ -1,4 +1,4 @@
-"""What is usual of measured values: their level, how far they move about it, their noise."""
+"""Usual level, range and noise of measured values."""
 
 from __future__ import annotations
 

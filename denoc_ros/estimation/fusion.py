@@ -275,7 +275,7 @@ class StrainFusion:
         self._spread(state - expected, now)
 
     def forces(self, q: Array, qd: Array, ahead: float = 0.0) -> Array:
-        """Return what the model leaves out (m,) at a state (n,), so long after it [s]."""
+        """Forces outside the model (m,) at a state (n,), a time after it [s]."""
         if not len(self.shares):
             return self.loads
         bent = q[self._flexible] + ahead * qd[self._flexible]

@@ -63,7 +63,7 @@ class HiddenSprings:
         self._ahead = other._ahead
 
     def gear_torque(self, effort: Array, motion: State) -> Array:
-        """Return what gears give out (joints,) by efforts, rates and accelerations of links."""
+        """Output torque of the gears (joints,) by efforts, rates and accelerations of links."""
         if self._motors is None:
             return effort
         torque = np.array(effort, dtype=np.float64)

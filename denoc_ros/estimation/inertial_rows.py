@@ -87,7 +87,7 @@ class InertialRows:
         self.forget()
 
     def forget(self) -> None:
-        """Forget the last state: what comes is elsewhere."""
+        """Forget the last state: the next one is elsewhere."""
         self._time = self._refreshed = -math.inf
 
     def move(

@@ -26,7 +26,7 @@ DOUBTFUL_TURN = np.radians(20.0)
 
 @dataclass(frozen=True)
 class Mounting:
-    """How a sensor is mounted, and what it reads beside the motion.
+    """Mounting of a sensor, and its bias.
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ def _fit(rotation: Array, seen: Array, given: Array, weights: Array) -> tuple[Ar
 
 
 def _described(rotation: Array, bias: Array, covariance: Array, residual: Array) -> Mounting:
-    """Return the result with what casts doubt on it."""
+    """Result with its doubts."""
     angle = float(np.linalg.norm(Rotation.from_matrix(rotation).as_rotvec()))
     errors = np.sqrt(np.diag(covariance))
     angle_error = float(np.linalg.norm(errors[:3]))

@@ -23,7 +23,7 @@ OBSERVABLE = 0.5  # a state of whose deviation more is left counts as not observ
 
 @dataclass(frozen=True)
 class ObservedState:
-    """A mode's vibration or a constant bias, and what the sensors leave of its uncertainty.
+    """A mode's vibration or a constant bias, and its uncertainty with the sensors.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class ObservedState:
 
 
 def observability(robot: Robot, q: Array) -> list[ObservedState]:
-    """Return what the sensors tell of every mode and bias about a state at rest.
+    """Observability of every mode and bias by the sensors, about a state at rest.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ MOST_STEPS = 250  # between two measurements, however far apart
 
 
 class Observer:
-    """Estimates the amplitudes of a flexible robot from what its joints and sensors measure.
+    """Observer of a flexible robot's amplitudes, by measurements of its joints and sensors.
 
     A state at the last measurement has been driven by what was measured up to there, however late
     that came; from it the state now, and `horizon` ahead, is predicted anew.

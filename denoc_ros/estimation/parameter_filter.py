@@ -18,7 +18,7 @@ WILD = 4.0  # deviations beyond which a value counts less, the more the farther
 
 
 class BlockValues(NamedTuple):
-    """What one block of time shows of c channels.
+    """Measurements of c channels over one block of time.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class BlockValues(NamedTuple):
 
 
 class Correction(NamedTuple):
-    """What a block corrects: the state at its beginning, parameters, offsets.
+    """Corrections by a block: of the state at its beginning, parameters, offsets.
 
     surprise : float
         Mean square of what no parameter explains of the gaps, in the deviations expected; NaN if
@@ -89,7 +89,7 @@ class ParameterFilter:
         self.covariance[place, place] = deviation**2
 
     def forget_state(self, state: Array, by_parameters: Array) -> None:
-        """Start a new state; what is known of parameters and offsets stays.
+        """Start a new state; the knowledge of parameters and offsets stays.
 
         Parameters
         ----------
@@ -175,7 +175,7 @@ class ParameterFilter:
 
 
 def _unexplained(gap: Array, expected: Array, by_parameters: Array) -> float:
-    """Return the mean square of gaps (c,) of a covariance, across what parameters do (c, p)."""
+    """Mean square of gaps (c,) of a covariance, orthogonal to the parameters' effect (c, p)."""
     factor = np.linalg.cholesky(expected)
     whole = np.linalg.solve(factor, np.column_stack([gap, by_parameters]))
     span, sizes, _ = np.linalg.svd(whole[:, 1:], full_matrices=False)

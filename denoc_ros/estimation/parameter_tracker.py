@@ -326,7 +326,7 @@ class ParameterTracker:
             self.model_error = min(max(grown, self.settings.model_error), 1.0)
 
     def _publish(self, duration: float) -> None:
-        """Bring the values towards what is found, along what the data tell, not too fast."""
+        """Move published values to the estimate, along observable directions, rate-limited."""
         spread, vectors = np.linalg.eigh(self._filter.parameters)
         known = vectors[:, spread < KNOWN**2]
         step = known @ (known.T @ ((self._target - self.values) / self._size)) * self._size

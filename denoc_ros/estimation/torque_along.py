@@ -28,7 +28,7 @@ from denoc_ros.types import Array, Flags
 
 @dataclass(frozen=True)
 class Torques:
-    """What a model says of k rows of motion.
+    """Torques of a model along k rows of motion.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ BaseAt = Callable[[float], BaseMotion | None]
 
 
 class BlockMeans(NamedTuple):
-    """What a block shows of c channels: torques of joints, then sensors.
+    """Mean values of c channels over a block: torques of joints, then sensors.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class TrackedModel:
         )
 
     def error_covariance(self, share: float) -> Array:
-        """Return what an error of the elastic forces by a share adds in a block (s, s)."""
+        """Covariance in a block (s, s) by an error of the elastic forces by a share."""
         load = share * self.sensitivity.load_deviation(self._q, self._qd)
         by_force = self.sensitivity.end()[2]
         return np.asarray(by_force @ (load[:, None] * self.sensitivity.shape * load) @ by_force.T)

@@ -25,7 +25,7 @@ HELD_OUT = 0.3  # of a decay: predicted from the rest
 
 @dataclass(frozen=True)
 class Check:
-    """What another method says of a mode.
+    """Estimate of a mode's frequency and damping by another method.
 
     Attributes
     ----------

@@ -107,7 +107,7 @@ def configuration(robot: Robot, joints: Mapping[str, float]) -> np.ndarray[Any, 
 
 
 def _left_out(results: Sequence[Mapping[str, Any]], doubtful: bool) -> str:
-    """Return what verdicts the modes have that do not count, and what would take them."""
+    """Verdicts of the modes that do not count, and the option that would take them."""
     verdicts = [mode['verdict'] for one in results for mode in one['modes']]
     if 'doubtful' in verdicts and not doubtful:
         return f'{verdicts.count("doubtful")} doubtful: --doubtful takes them'

@@ -29,7 +29,7 @@ DEEPEST = 4  # levels of a message that are looked into
 
 @dataclass(frozen=True)
 class Channel:
-    """One signal of a file: where it stands, and what turns it into a quantity.
+    """One signal of a file: its place, and its conversion to a quantity.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Channel:
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """Name of the channel in reports."""
         where = ' '.join(filter(None, (self.topic, self.field)))
         return f'{where} {self.quantity}' if self.topic and self.quantity != 'position' else where
 

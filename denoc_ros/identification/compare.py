@@ -46,7 +46,7 @@ class ComparedMode:
 
     @property
     def consistent(self) -> bool:
-        """Whether the runs differ by no more than three times what their intervals say."""
+        """Whether the runs differ by at most three times their intervals."""
         return not self.damping_deviation > 3.0 * self.expected_deviation
 
 

@@ -62,7 +62,7 @@ class Component:
 
     @property
     def interval(self) -> Array:
-        """The interval to go by, shape (2,): never narrower than what the windows say."""
+        """Interval of the damping ratio, shape (2,): never narrower than that over windows."""
         return self.windowed if self.curve else self.formal
 
 
@@ -104,7 +104,7 @@ def components(t: Array, fit: Damped, span: float) -> tuple[list[Component], tup
 
 
 def _beside_no_decay(parts: list[Component]) -> list[Component]:
-    """Doubt what decays about as fast as a part that is no free decay."""
+    """Doubt modes that decay about as fast as a component that is no free decay."""
     longest = max((_time_constant(part) for part in parts if part.no_decay), default=0.0)
     said = 'beside what is no free decay and lasts as long'
     return [

@@ -37,7 +37,7 @@ def pole_zeta_deviation(pole: Array, covariance: Array, k: int) -> float:
 
 
 def along(slope: Array, covariance: Array, k: int) -> float:
-    """Return the standard deviation of what has this slope over pole k of a covariance."""
+    """Standard deviation of a function of pole k with this slope, from the poles' covariance."""
     block = covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
     return float(np.sqrt(max(float(slope @ block @ slope), 0.0)))
 

@@ -65,7 +65,7 @@ class Assigned:
 
 @dataclass(frozen=True)
 class _Amplitude:
-    """What one damping ratio damps: an amplitude, or a deformation of all segments of a link."""
+    """Object of one damping ratio: an amplitude, or a deformation of all segments of a link."""
 
     coordinate: str  # the first
     index: NDArray[np.int64]

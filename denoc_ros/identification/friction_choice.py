@@ -82,7 +82,7 @@ def _listed(terms: Terms) -> str:
 
 
 def _gain(small: SwingFit, large: SwingFit) -> tuple[float, float]:
-    """Return the chance that the terms more are none, and what they take off the residual."""
+    """Probability that the additional terms are zero, and their reduction of the residual."""
     more = len(large.values) - len(small.values)
     rest = large.residual.size - len(large.values)
     if small.rss == 0.0:

@@ -87,7 +87,7 @@ def _ends(column: str, ending: str) -> bool:
 
 
 def renamed(names: tuple[str, ...], rename: Mapping[str, str]) -> dict[str, str]:
-    """Return the names in the bag by what the robot calls them."""
+    """Map the robot's names to those in the bag."""
     found = {}
     for name in names:
         start = max((s for s in rename if name.startswith(s)), key=len, default='')

@@ -49,7 +49,7 @@ def find_lines(fit: Damped, span: float) -> dict[int, Line]:
 
 
 def suspects(fit: Damped, span: float) -> dict[int, str]:
-    """Return of what weak components may be harmonics, going by their frequencies alone.
+    """Weak components that may be harmonics by their frequencies alone, each with its origin.
 
     Friction makes harmonics that decay with the parent or more slowly.
     """

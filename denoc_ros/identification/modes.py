@@ -169,7 +169,7 @@ class Modes:
 
     @property
     def energy(self) -> Array:
-        """Integral of each mode's square over the record, (k,): what makes one the strongest."""
+        """Integral of each mode's square over the record, (k,): the measure of its strength."""
         rate = 2.0 * np.pi * self.frequency * self.damping_ratio
         span = self.stop - self.start
         small = np.abs(rate) * span < 1e-9

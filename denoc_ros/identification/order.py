@@ -69,7 +69,7 @@ class Search:
         return self.fit(fit.poles[sound])
 
     def sound(self, poles: Array) -> Mask:
-        """Return which poles are cosines within what the record can show, shape (m,)."""
+        """Select the poles of cosines that the record can show, shape (m,)."""
         sigma, omega = poles[:, 0], poles[:, 1]
         return np.asarray(
             (omega > 0.2 / self.span)
@@ -89,7 +89,7 @@ def search_cosines(search: Search) -> Damped:
 
 
 def refined_cosines(search: Search, poles: Array) -> Damped:
-    """Return the fit that these poles lead to, with what the samples still ask for."""
+    """Refine the fit from these poles: add components while the residual asks for them."""
     return _pruned(search, _grown(search, search.fit(poles)))
 
 
@@ -114,7 +114,7 @@ def _starts(search: Search) -> tuple[Damped, Damped]:
 
 
 def _grown(search: Search, fit: Damped) -> Damped:
-    """Add what the residual shows, as long as it pays."""
+    """Add components of the residual while they pay."""
     while len(fit.poles) < MOST_COSINES:
         for pole in _strongest(search, fit.residual):
             larger = search.fit(np.vstack((fit.poles, pole)))
@@ -135,7 +135,7 @@ def _pays(search: Search, fit: Damped, larger: Damped) -> bool:
 
 
 def _stands_out(search: Search, fit: Damped, larger: Damped) -> bool:
-    """Say whether what was added exceeds the residual around it, not only the mean residual."""
+    """Say whether an added component exceeds the local residual, not only its mean."""
     gain = fit.rss - larger.rss
     local = local_variance(search.t, larger.residual, search.span, *larger.poles[-1])
     k = search.t.size
@@ -178,7 +178,7 @@ def _strongest(search: Search, residual: Array) -> list[Array]:
 
 
 def _pruned(search: Search, fit: Damped) -> Damped:
-    """Leave out what is no decay or does not pay, the least first."""
+    """Remove components that do not decay or do not pay, the weakest first."""
     while not (lasting := _lasting(search, fit)).all():
         fit = search.fit(fit.poles[lasting])
     while len(fit.poles):

@@ -23,7 +23,7 @@ FEWEST_REPEATS = 4  # samples per value from which on the values are levels
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """What a record is worth.
+    """Quality of a record.
 
     Attributes
     ----------

@@ -44,7 +44,7 @@ Document = dict[str, Any]
 
 
 def source_of(reading: Reading) -> Document:
-    """Return what a record was read from: file, its hash, channel, stamps, calibration."""
+    """Source of a record: file, its hash, channel, stamps, calibration."""
     channel = reading.channel
     return {
         'file': str(reading.path),
@@ -58,7 +58,7 @@ def source_of(reading: Reading) -> Document:
 
 
 def _clock_of(channel: Channel) -> str:
-    """Return what a table's times are: a column and its unit, or a rate."""
+    """Clock of a table: a column and its unit, or a rate."""
     if not channel.time:
         return f'{channel.rate:g} Hz'
     unit = f' in {channel.time_unit}' if channel.time_unit not in ('', 's') else ''

@@ -28,7 +28,7 @@ FULL_RECORDS = 40
 
 @dataclass(frozen=True)
 class Condition:
-    """A row of the accuracy table: how the records are drawn and what must come out."""
+    """A row of the accuracy table: how the records are drawn, and the required accuracy."""
 
     name: str
     snr_db: tuple[float, float]
@@ -100,7 +100,7 @@ Runner = Callable[[Callable[[Job], Outcome], Iterable[Job]], Iterable[Outcome]]
 
 
 def jobs(full: bool, seed: int) -> list[Job]:
-    """Return what the self-test is made of: condition, case and seed of each record."""
+    """Records of the self-test: condition, case and seed of each."""
     count = FULL_RECORDS if full else SHORT_RECORDS
     return [
         (condition, case, (seed, i, j, k))
@@ -133,7 +133,7 @@ def _outcome(
     spurious: int,
     seconds: float,
 ) -> Outcome:
-    """Compare what is reported of true modes, a damping ratio and its interval each, with them."""
+    """Compare the reported damping ratios and intervals with the true modes."""
     condition, case, seed = job
     hits = [i for i in wanted if i in reported]
     zeta = [mode.damping_ratio for mode in decay.truth]

@@ -192,7 +192,7 @@ class _Spread:
 
 
 class _Model:
-    """Residuals by log w, log zeta and delay; what is linear is solved for."""
+    """Residuals by log w, log zeta and delay; linear parameters are eliminated."""
 
     def __init__(self, runs: Sequence[Run]) -> None:
         self._runs = [(t - t[0], told, was) for t, told, was in runs]
@@ -289,7 +289,7 @@ class _Model:
         return np.asarray(white / both), np.asarray(together / both)
 
     def offset(self, x: Array) -> float:
-        """Return what is left of the command at rest, the mean over runs."""
+        """Offset between command and position at rest, the mean over runs."""
         value = self.gain(x)[0]
         offsets = []
         for t, told, was in self._runs:

@@ -280,7 +280,7 @@ def _each_alone(products: Array) -> Complexes:
 def _floor(
     record: Record, magnitude: Array, frequencies: Array, k: int, window: float, method: Method
 ) -> Array:
-    """Return what leakage of the other modes and noise can put at mode k's frequency."""
+    """Level that leakage of other modes and noise can reach at mode k's frequency."""
     samples = max(window / record.step, 1.0)
     floor = np.full(len(magnitude), sample_noise(record.y) * np.sqrt(3.0 / samples))
     for j in range(frequencies.size):

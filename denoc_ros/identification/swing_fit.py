@@ -228,7 +228,7 @@ def _scale(y: Array, guess: JointSwing) -> dict[str, float]:
 
 
 def _deviation(jacobian: Array, residual: Array) -> Array:
-    """Return the standard deviations, inf of what the samples do not determine."""
+    """Standard deviations; inf for parameters that the samples do not determine."""
     size = np.linalg.norm(jacobian, axis=0)
     unseen = size == 0.0
     _, singular, rows = np.linalg.svd(jacobian / np.where(unseen, 1.0, size), full_matrices=False)

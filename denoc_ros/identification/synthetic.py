@@ -40,7 +40,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Defects:
-    """What a recorded bag does to a signal.
+    """Defects that a recording adds to a signal.
 
     Attributes
     ----------

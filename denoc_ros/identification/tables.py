@@ -173,7 +173,7 @@ def _split(lines: list[str], delimiter: str) -> list[list[str]]:
 
 
 def _delimiter(lines: Sequence[str]) -> str:
-    """Return what separates most cells that are numbers, in rows of one width."""
+    """Delimiter that separates the most numeric cells in rows of one width."""
     best, chosen = 0.0, ','
     for delimiter in DELIMITERS:
         rows = [_trimmed(row) for row in _split([BEHIND.sub('', li) for li in lines], delimiter)]

@@ -35,7 +35,7 @@ SLIP_RATE = 1e-3  # rad/s or m/s, of Coulomb friction (design.md, section 1)
 
 @dataclass(frozen=True)
 class ModelArrays:
-    """A robot as flat arrays; see :mod:`denoc_ros.kernels.layout` for what stands where."""
+    """A robot as flat arrays, laid out as in :mod:`denoc_ros.kernels.layout`."""
 
     # (1 + bodies + frames + constraints, TOPOLOGY_COLUMNS), row 0 the base
     topology: NDArray[np.uint32]
@@ -162,7 +162,7 @@ class _ArrayBuilder:
         return attachment.placement
 
     def body(self, body: Body) -> None:
-        """Write one body, and before it the motor side of an elastic joint, or what floats."""
+        """Write one body, and before it the motor side of an elastic joint, or a floating base."""
         row = np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)
         placement = self.attach(row, body.attachment)
         if body.floating:
@@ -254,7 +254,7 @@ class _ArrayBuilder:
         row[layout.BEAM_WORK] = self.reserve(size)
 
     def derivatives(self) -> None:
-        """Reserve what the derivatives need over all coordinates."""
+        """Reserve the storage of the derivatives over all coordinates."""
         slots = mark_branches(self.rows)
         size = derivative_layout.base_size(self.coordinate, slots)
         base = self.rows[0]

@@ -161,7 +161,7 @@ def shape_for(element: BeamElement, modes: int, carries: bool) -> str:
 
 
 def _pointed(element: BeamElement, carries: bool) -> str | None:
-    """Return what is wrong with a beam whose section has nothing left at its tip, None if well."""
+    """Fault of a beam whose section has nothing left at its tip, None if there is none."""
     parts = {'ei_y': element.y, 'ei_z': element.z, 'gj': element.torsion}
     for name, part in parts.items():
         if part is None or part.modes == 0 or part.along.values(np.ones(1))[0] > POINTED:

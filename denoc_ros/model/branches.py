@@ -18,7 +18,7 @@ def _end(row: Row) -> int:
 
 
 def mark_branches(rows: Sequence[Row]) -> int:
-    """Fill in what the rows of the base and the bodies say of their branches.
+    """Fill in the branches in the rows of the base and the bodies.
 
     Parameters
     ----------

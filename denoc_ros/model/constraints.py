@@ -1,4 +1,4 @@
-"""Arrays of what constrains coordinates: loops in file order, then mimic joints."""
+"""Arrays of constraints between coordinates: loops in file order, then mimic joints."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def directions(loop: Loop) -> tuple[int, Array, Array, Array]:
 
 
 def _meeting(topology: Sequence[Int], one: int, other: int) -> int:
-    """Return the body, or the base, that carries two rows, itself or what hangs on it."""
+    """Last common carrier of two rows: a body, or the base."""
     carriers = {0}
     while one > 0:
         carriers.add(one)

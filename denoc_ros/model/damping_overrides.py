@@ -61,7 +61,7 @@ def _numbers(value: Any) -> Array | None:
 
 
 def _elements(body: Body) -> list[str]:
-    """Return what a body has of elements that can change."""
+    """Elements of a body that can change."""
     joint, beam = body.joint, body.beam
     moves = joint is not None and joint.kind is not JointKind.FIXED
     found = [f'joint.{joint.name}'] if joint is not None and moves else []
@@ -70,7 +70,7 @@ def _elements(body: Body) -> list[str]:
 
 
 def _changed(body: Body, changes: Changes) -> Body:
-    """Return a body with what is changed of it; ValueError where that does not fit."""
+    """Body with changed elements; ValueError where a change does not fit."""
     if not changes.keys() & set(_elements(body)):
         return body
     joint, beam = body.joint, body.beam

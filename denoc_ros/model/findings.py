@@ -25,7 +25,7 @@ class Findings:
         self.items: list[str] = []
 
     def add(self, whose: str, what: str) -> None:
-        """Note that `what` is wrong with `whose`."""
+        """Note a fault of an element."""
         self.items.append(f'{whose}: {what}')
 
 

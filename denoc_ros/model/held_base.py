@@ -1,4 +1,4 @@
-"""The same robot with its floating base held: what a robot is on a base whose motion is known."""
+"""The same robot with its floating base held, for a base with a known motion."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from denoc_ros.errors import ConfigError
 
 
 class MappingReader:
-    """Gathers the findings of a configuration: what it reads goes on where a value is wrong.
+    """Reader of a configuration that gathers findings; it goes on after a wrong value.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class MappingReader:
         self.findings.append(text)
 
     def finish(self, where: str) -> None:
-        """Raise what was found."""
+        """Raise the findings, if any."""
         ConfigError.raise_any(where, self.findings)
 
     def only(self, whose: str, values: Mapping[Any, Any], known: Sequence[str]) -> None:

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import trimesh
+
 from denoc_ros.errors import ModelError
 
 
@@ -48,8 +50,6 @@ def read_surface(file: Path) -> Any:
     ModelError
         For a file that is no mesh, or one without triangles.
     """
-    import trimesh
-
     try:
         with _silent('trimesh'):
             mesh = trimesh.load(file, force='mesh', skip_materials=True)

@@ -135,7 +135,7 @@ class _Chain:
 
     @property
     def parts(self) -> dict[str, Deformation]:
-        """What it deforms in, by the names of `AXES`."""
+        """Deformations of the beam, by the names of `AXES`."""
         all_ = {'y': self.beam.y, 'z': self.beam.z, 't': self.beam.torsion}
         return {name: part for name, part in all_.items() if part is not None and part.modes}
 

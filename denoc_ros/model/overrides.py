@@ -150,7 +150,7 @@ def damping_names(tree: Tree) -> dict[str, str]:
 
 
 def payloads_of(overrides: Mapping[str, Value | Array], tree: Tree) -> dict[str, Payload]:
-    """Return the payloads by link that paths `payload.*` give; what is not given is 0.
+    """Payloads by link from paths `payload.*`; numbers left out are 0.
 
     Raises
     ------

@@ -140,7 +140,7 @@ def largest_polar_inertia(link: RigidInertia, length: float) -> float:
 
 
 def _allowed(link: RigidInertia) -> float:
-    """Return the inertia_violation that a rest may have: what the printed link itself has."""
+    """Admissible inertia_violation of a rest: that of the printed link itself."""
     return min(inertia_violation(link, link) + ROUNDING, TOLERANCE)
 
 

@@ -93,7 +93,7 @@ def read_rigid_urdf(root: Element, findings: Findings, warnings: list[str]) -> R
 
 
 def _check_expanded(root: Element, findings: Findings) -> None:
-    """Note what xacro would have replaced, once."""
+    """Note, once, elements that xacro should have replaced."""
     for element in root.iterchildren('{*}*'):
         name = etree.QName(element)
         if 'xacro' in (name.namespace or ''):
@@ -260,7 +260,7 @@ def _check_structure(root: Element, links: set[str], findings: Findings) -> None
 
 
 def _check_floating(root: Element, findings: Findings) -> None:
-    """Note floating joints below the root, more than one, and what has no meaning in one."""
+    """Note misplaced or repeated floating joints, and elements without meaning in one."""
     joints = root.findall('joint')
     children = {
         None if (end := joint.find('child')) is None else end.get('link') for joint in joints
@@ -285,7 +285,7 @@ def _check_floating(root: Element, findings: Findings) -> None:
 
 
 def _load(name: str, links: list[Element], joints: list[Element]) -> RigidUrdf:
-    """Return what yourdfpy reads of validated elements."""
+    """Read validated elements by yourdfpy."""
     # Imported here: it takes most of a second, and malformed files never get this far.
     from yourdfpy import URDF
 

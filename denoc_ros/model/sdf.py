@@ -104,7 +104,7 @@ class _Writer:
         }
 
     def has(self, name: str) -> bool:
-        """Say whether the chain has what SDF has not."""
+        """Say whether the chain has an element that SDF lacks."""
         if name == 'armature':
             return self._chain.find('.//joint[@armature]') is not None
         return self._chain.find(f'{name}/*') is not None

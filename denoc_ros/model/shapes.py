@@ -113,7 +113,7 @@ class ShapeFunctions(ABC):
 
     @cached_property
     def _grams(self) -> dict[tuple[int, Along], Array]:
-        """What `gram` has worked out: a change of damping asks for it again."""
+        """Results of `gram`: a change of damping asks for them again."""
         return {}
 
 

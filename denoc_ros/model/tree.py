@@ -224,7 +224,7 @@ class Attachment:
 
 @dataclass(frozen=True)
 class Body:
-    """A body of the tree: a link with what is fixed to it, or a lump at a beam's station.
+    """A body of the tree: a link with all fixed to it, or a lump at a beam's station.
 
     The body frame is the beam frame of a flexible link, else the link frame. A link that is
     fixed to a beam at station > 0 is a body of its own with a FIXED joint and no coordinates

@@ -305,7 +305,7 @@ class DenocNode(GuardedNode):
             self.clock.poll()
 
     def on_standing(self) -> None:
-        """Do what is to be done while a loop waits for a clock that stands."""
+        """Act while a loop waits for a clock that stands; a hook."""
 
     def _on_new_time(self, by: float) -> None:
         """Begin anew: simulated time was set by so many seconds."""
@@ -316,7 +316,7 @@ class DenocNode(GuardedNode):
         self.restart()
 
     def restart(self) -> None:
-        """Forget what belongs to a time that is no more."""
+        """Forget the state of a time that is no more."""
 
     # ---- diagnostics
 
@@ -325,7 +325,7 @@ class DenocNode(GuardedNode):
         return []
 
     def log_waiting(self) -> None:
-        """Log what a loop has left to be logged."""
+        """Log the messages that a loop has left."""
         while self.to_log:
             self.get_logger().warning(self.to_log.popleft())
 
@@ -356,7 +356,7 @@ class DenocNode(GuardedNode):
         """End safely."""
 
     def cleanup(self) -> None:
-        """Drop what configure made."""
+        """Drop the products of configure."""
 
     def _transition(self, act: Callable[[], None]) -> TransitionCallbackReturn:
         self.failure = ''
@@ -413,7 +413,7 @@ class DenocNode(GuardedNode):
         return self._transition(end)
 
     def summary(self) -> str:
-        """Return a line on what the node does, for the log."""
+        """Describe the node's inputs and outputs in a line, for the log."""
         own = {'/rosout', '/parameter_events', '/diagnostics'}
         inputs = [monitor.topic for monitor in self.monitors]
         outputs = [p.topic_name for p in self.publishers if p.topic_name not in own]
@@ -424,7 +424,7 @@ class DenocNode(GuardedNode):
         )
 
     def works_on(self) -> str:
-        """Return what the node works on and how often, for the log."""
+        """Describe the node's robot and rate, for the log."""
         return ''
 
     @property
@@ -433,7 +433,7 @@ class DenocNode(GuardedNode):
         return str(self._state_machine.current_state[1])
 
     def save(self) -> None:
-        """Save what can be saved when the executor hangs: called from another thread, last."""
+        """Save the state when the executor hangs: called last, from another thread."""
 
     def end(self) -> None:
         """Go to the end of the life cycle from wherever the node is."""

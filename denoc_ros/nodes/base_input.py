@@ -68,7 +68,7 @@ class BaseInput:
         self.track = BaseTrack(cutoff, self._timeout, gravity, mounting)
 
     def connect(self) -> None:
-        """Subscribe to what the parameter names."""
+        """Subscribe to the topic that the parameter names."""
         listen = self._node.listen_in_loop
         if self.source in ('odometry', 'odometry_accel'):
             self._monitor = listen(Odometry, 'base_motion', self._on_odometry)
@@ -80,7 +80,7 @@ class BaseInput:
             self._beside = listen(AccelStamped, 'base_acceleration', self._on_accel)
 
     def begin(self) -> None:
-        """Forget what was heard before the loop starts."""
+        """Forget all messages before the loop starts."""
         self.track.reset()
         self._limits.forget()
         self._clock.reset()

@@ -1,4 +1,4 @@
-"""The topic `base_motion` of a plant whose base floats: what a real base's sensors would say."""
+"""The topic `base_motion` of a plant whose base floats: readings of a real base's sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The topic `~/base_wrench`: what thrusters must give to hold a base that would float."""
+"""The topic `~/base_wrench`: the thrusters' wrench that holds a base that would float."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ class ClockInput:
         return newest
 
     def time_of(self, sent_ns: int) -> int | None:
-        """Return what /clock had told [ns] when a message was sent [ns, system's clock]."""
+        """Time on /clock [ns] when a message was sent [ns, system's clock]."""
         place = bisect_right(self._sent, sent_ns)
         return self._told[place - 1] if place else None
 

@@ -54,7 +54,7 @@ class FeedforwardNode(LiveFeedforward):
     # ---- configure
 
     def prepare(self) -> None:
-        """Build the torque, what guards it, and all messages; run each once."""
+        """Build the torque, its guards, and all messages; run each once."""
         settings, name = self.settings, self.get_fully_qualified_name()
         self.require_twist()
         self.joints = driven_joints(self.robot, settings.texts('joints'), name)
@@ -205,7 +205,7 @@ class FeedforwardNode(LiveFeedforward):
         self.begin_time()
 
     def begin_time(self) -> None:
-        """Forget all moments; what has left stays what the next torque may differ from."""
+        """Forget all moments; the last torque still bounds the change of the next."""
         self._tick_time = self.clock.now()
         self._stamp_of = StampOf(self.clock)
         self._last_update = -math.inf
@@ -290,7 +290,7 @@ class FeedforwardNode(LiveFeedforward):
         return self.output.sent
 
     def _plan(self) -> tuple[TorqueFeedforward, Array, float, float]:
-        """Return what the feedback has to know of this tick's plan beside its torque."""
+        """Return the tick's plan beside its torque, for the feedback."""
         return self.torque.source, self.q, self._tick_time, self.conditions.lead
 
     def _move_base(self, time: float) -> None:

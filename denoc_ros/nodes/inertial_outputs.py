@@ -14,7 +14,7 @@ from denoc_ros.types import Array
 
 
 class InertialOutputs:
-    """Publishes what every IMU and accelerometer that has a topic reads.
+    """Publishers of the readings of every IMU and accelerometer with a topic.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ def _never(_raw: bytes) -> None:
 
 
 def arrived(subscription: Any, depth: int) -> Iterator[tuple[bytes, int, int, int | None]]:
-    """Yield what waits in a subscription that no executor serves.
+    """Yield the waiting messages of a subscription that no executor serves.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def arrivals(infos: Sequence[Mapping[str, int]], before: float) -> list[float]:
 
 
 def _taken(take: Callable[..., Any], kind: Any, depth: int) -> list[tuple[bytes, Any]]:
-    """Return what waits, raw, with what the middleware says of it; `take` gives one at a time."""
+    """Take the waiting raw messages, each with the middleware's information, by `take`."""
     taken = take(kind, True)
     if taken is None:
         return []
@@ -111,7 +111,7 @@ def _taken(take: Callable[..., Any], kind: Any, depth: int) -> list[tuple[bytes,
 
 
 def stamp_reader(message_type: type) -> Callable[[bytes], int]:
-    """Return what reads from which simulated time on a message counts [ns]; 0: at once.
+    """Make a reader of the simulated time from which a message counts [ns]; 0: at once.
 
     A streamed point counts from the first tick after its stamp: a tick at its stamp may be over
     when it comes. A whole motion has its start in it.
@@ -130,7 +130,7 @@ def _header_stamp_ns(raw: bytes) -> int:
 
 
 class Subscriber(Protocol):
-    """What makes the subscription, and hears of what is refused."""
+    """Maker of the subscription, and listener to refused messages."""
 
     create_subscription: Callable[..., Any]
     take_aside: Callable[[Any], None]
@@ -215,7 +215,7 @@ class Input:
         self._interval = self._last_ns = self._expected_ns = 0
 
     def take(self) -> None:
-        """Handle all that has arrived since the last call, at most what the queue holds."""
+        """Handle all that has arrived since the last call, at most a queue."""
         self._take(self.subscription)
 
     def _take(self, subscription: Any) -> None:
@@ -285,12 +285,12 @@ class Input:
         self._expected_ns = 0
 
     def forget(self) -> None:
-        """Drop what waits: simulated time begins anew."""
+        """Drop the waiting messages: simulated time begins anew."""
         self._later.clear()
         self._interval = self._last_ns = self._expected_ns = 0
 
     def _give_due(self) -> None:
-        """Handle what counts by now."""
+        """Handle the messages that count by now."""
         later, clock = self._later, self._node.clock
         while later and later[0][0] <= clock.now_ns():
             due_ns, stamped, raw, sending = later.popleft()

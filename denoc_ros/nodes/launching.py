@@ -197,7 +197,7 @@ def simulations(namespaces: Sequence[str]) -> Any:
 
 
 def actions(nodes: Sequence[str], given: Mapping[str, str], file: str) -> list[Any]:
-    """Return what a launch file starts when its arguments are as given."""
+    """Actions of a launch file with the given arguments."""
     from launch.substitutions import PathJoinSubstitution
     from launch_ros.substitutions import FindPackageShare
 
@@ -267,7 +267,7 @@ def rviz(configuration: Any) -> Any:
 
 
 def player(given: Mapping[str, str], listeners: Sequence[str]) -> Any:
-    """Return what plays a bag when all who are to listen do, and ends it all.
+    """Player of a bag that waits for its listeners, and ends the launch with the bag.
 
     In real time it plays the joint states; in lockstep all that nobody publishes, with /clock, and
     a recorder is waited for as well.

@@ -130,7 +130,7 @@ class LiveFeedforward(RobotNode):
             self._watch()
 
     def _watch(self) -> None:
-        """Let the feedback see what is coming."""
+        """Show the feedback the motion to come."""
         if self.state != 'active':
             return
         if self.follower.given:

@@ -116,7 +116,7 @@ class ModelNode(DenocNode):
         return False
 
     def adopt_model(self, model: LiveModel, settings: Settings) -> None:
-        """Take a model for the one that overrides change, and list what they can change."""
+        """Adopt a model for the overrides to change, and list them."""
         self.model = model
         overrides = model.plain(settings.family(*FAMILIES))
         self.settings = settings.without(*FAMILIES).replace(overrides)
@@ -199,13 +199,13 @@ class ModelNode(DenocNode):
         return changes if self.model is None else self.model.plain(changes)
 
     def _after_parameters(self, parameters: Sequence[Any]) -> None:
-        """Tell what a changed override has changed: its other name, and what depends on it."""
+        """Report the effects of a changed override: its other name, and dependent parameters."""
         changed = any(is_override(parameter.name) for parameter in parameters)
         if changed and self.model is not None and not self._showing:
             self.show(self.model.values(self.settings.family(*FAMILIES)))
 
     def configure(self) -> None:
-        """Load the robot, then build what the node makes of it."""
+        """Load the robot, then build the node's objects."""
         try:
             model = self.read_model(self.settings)
         except ModelError:  # a topic may say another one

@@ -196,7 +196,7 @@ class PlantNode(RobotNode):
         return q
 
     def _prepare_drives(self, settings: Settings) -> None:
-        """Read gains and limits; make what reads commands and reference."""
+        """Read gains and limits; make the readers of commands and reference."""
         count = len(self.joints)
         self._kp, self._kd = (
             self._per_joint(f'feedback.{key}', settings.numbers(f'feedback.{key}'))
@@ -335,7 +335,7 @@ class PlantNode(RobotNode):
         self._command = None
 
     def tick(self, steps: int) -> None:
-        """Advance to now under the effort of the drives and publish what the sensors say."""
+        """Advance to now under the effort of the drives, and publish the sensors' readings."""
         pending = self._pending
         if pending is not None:
             self._pending = None
@@ -456,7 +456,7 @@ class PlantNode(RobotNode):
             self.inertial_sensors.send(stamp_ns, simulated.inertial_values())
 
     def _publish_truth(self, stamp_ns: int) -> None:
-        """Publish what no sensor shows: deflections of the tips, and all coordinates."""
+        """Publish the true state: deflections of the tips, and all coordinates."""
         simulated = self._simulated
         if self._deflection_listeners():
             bent = self._deflection_message

@@ -183,7 +183,7 @@ class PredictorNode(RobotNode):
         )
 
     def _reference(self, t: float) -> tuple[Array, Array, Array]:
-        """Return what the joints are to do at steady time `t`."""
+        """Reference of the joints at steady time `t`."""
         q, qd, qdd = self._wanted
         self.follower.sample(t, q, qd, qdd)
         return q, qd, qdd
@@ -277,7 +277,7 @@ class PredictorNode(RobotNode):
                 outputs.send_residual(stamp_ns, self.sensors, explained)
 
     def _explained(self, robot: Robot, observer: Observer) -> Array:
-        """Return what the model says the sensors with a topic show, loads not in it left out."""
+        """Predicted readings of the sensors with a topic, without loads outside the model."""
         values = robot.beam_sensor_values(observer.q)
         if observer.fusion is not None:
             values -= observer.fusion.unexplained()

@@ -1,4 +1,4 @@
-"""What the predictor publishes every tick, as prebuilt messages."""
+"""Messages that the predictor publishes every tick, prebuilt."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class PredictorOutputs:
             self._node.destroy_publisher(publisher)
 
     def has_listener(self, topic: str) -> bool:
-        """Say whether anybody would receive a message: what nobody does is not computed."""
+        """Say whether anybody would receive a message: without listeners it is not computed."""
         return bool(self._listeners[topic]())
 
     def send_state(self, stamp_ns: int, observer: Observer) -> None:

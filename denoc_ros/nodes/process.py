@@ -160,7 +160,7 @@ def _spin(node: DenocNode, executor: Any, watchdog: Watchdog) -> int:
 
 
 def _start(node: DenocNode, executor: Any) -> bool:
-    """Configure as soon as the node has what it needs, then activate."""
+    """Configure as soon as the node has its inputs, then activate."""
     done = TransitionCallbackReturn.SUCCESS
     node.starting = True
     try:
@@ -176,7 +176,7 @@ def _start(node: DenocNode, executor: Any) -> bool:
 
 
 def _wait(node: DenocNode, executor: Any) -> bool:
-    """Wait until the node has what it needs; False when it is to end before."""
+    """Wait until the node has its inputs; False when it is to end before."""
     told = -math.inf
     while not SIGNALS.received and rclpy.ok():
         if node.ready:

@@ -51,7 +51,7 @@ Taken = tuple[int, str, bytes, int]
 
 @dataclass
 class Recorded:
-    """A topic that is recorded, and what its publishers offer."""
+    """A recorded topic, and its publishers' offers."""
 
     type: str
     qos: QoSProfile
@@ -147,7 +147,7 @@ class Recorder(DenocNode):
         return f'recording to {bag.path}'
 
     def stop(self) -> str:
-        """Finish the bag; return what is in it."""
+        """Finish the bag; return its content in words."""
         writer = self._recording()
         self._take(last=True)
         self.writer = None
@@ -174,7 +174,7 @@ class Recorder(DenocNode):
         return message
 
     def save(self) -> None:
-        """Finish the bag with what has come in, though the executor hangs."""
+        """Finish the bag with the messages so far, though the executor hangs."""
         if self.writer is not None:
             self.writer.close()
 
@@ -217,7 +217,7 @@ class Recorder(DenocNode):
             self.writer.attach(DESCRIPTION_ATTACHMENT, self.description, self.stamp_ns())
 
     def _look(self) -> None:
-        """Subscribe to what is new on the graph; now and then see whether offers changed."""
+        """Subscribe to new topics on the graph; check offers now and then."""
         if self.writer is None:
             return
         self._tell_files(self.writer.status())
@@ -268,7 +268,7 @@ class Recorder(DenocNode):
         self._topics[topic] = Recorded(name, qos, subscription)
 
     def _take(self, last: bool = False) -> None:
-        """Put what has arrived since the last call into the bag, topics in the order of time."""
+        """Put the messages since the last call into the bag, topics in the order of time."""
         writer = self.writer
         if writer is None:
             if self.state == 'active':  # and stopped
@@ -405,7 +405,7 @@ def same(one: QoSProfile, other: QoSProfile) -> bool:
 
 
 def offered(offers: Sequence[Any]) -> tuple[Qos, ...]:
-    """Return what the publishers offer, each profile once, as the bag states it."""
+    """Offered profiles of the publishers, each once, in the bag's form."""
     profiles = [offer.qos_profile for offer in offers]
     rows = [
         Qos(

@@ -89,7 +89,7 @@ class RobotNode(ModelNode):
             each.take()
 
     def _await_inputs(self) -> None:
-        """Wait for messages of simulated time that are due: what leaves depends on no lateness."""
+        """Wait for due messages of simulated time: the output depends on no lateness."""
         end = time.perf_counter() + OVERDUE
         while missing := [each for each in self._inputs if each.missing]:
             if time.perf_counter() > end:
@@ -137,7 +137,7 @@ class RobotNode(ModelNode):
             super().follow_clock()
 
     def on_standing(self) -> None:
-        """Take what has come, and tell anew how far the node is, while time stands."""
+        """Take new messages, and publish the node's progress anew, while time stands."""
         try:
             self._take_inputs()
         except Exception as error:
@@ -164,7 +164,7 @@ class RobotNode(ModelNode):
             self.begin_time()
 
     def guarded(self, act: Callable[[float], None], now: float) -> None:
-        """Do what a tick does outside of the loop; a failure counts as one of a tick."""
+        """Act like a tick outside of the loop; a failure counts as one of a tick."""
         try:
             act(now)
         except Exception as error:
@@ -192,14 +192,14 @@ class RobotNode(ModelNode):
         return False
 
     def begin(self) -> None:
-        """Do what is to be done just before the loop starts."""
+        """Prepare, just before the loop starts; a hook."""
 
     def begin_time(self) -> None:
-        """Do what is to be done when simulated time begins anew."""
+        """Prepare for simulated time that begins anew."""
         self.begin()
 
     def come_to_rest(self) -> None:
-        """Do what is to be done when the loop has stopped."""
+        """Come to rest when the loop has stopped; a hook."""
 
     # ---- loop
 
@@ -233,7 +233,7 @@ class RobotNode(ModelNode):
             self.log_waiting()
 
     def deactivate(self) -> None:
-        """Stop the loop and what it moved; time need not wait for the node any more."""
+        """Stop the loop and its motion; time need not wait for the node any more."""
         if self.loop is not None:
             self.loop.stop()
         self.come_to_rest()
@@ -255,7 +255,7 @@ class RobotNode(ModelNode):
         return 1.0 / self.settings.number('update_rate')
 
     def statuses(self) -> list[Status]:
-        """Return how the loop does and what it asked for; a loop that failed fails the node."""
+        """State of the loop and its real-time options; a failed loop fails the node."""
         loop = self.loop
         if loop is None:
             return [Status('loop', message=self.state)]

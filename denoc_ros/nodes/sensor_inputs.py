@@ -164,7 +164,7 @@ class SensorInputs:
                 )
 
     def tare(self, predicted: Array) -> list[str]:
-        """Take off what the sensors show beyond `predicted` (k,); return the sensors' names."""
+        """Remove the sensors' offsets from `predicted` (k,); return the sensors' names."""
         gap = self.values - predicted
         heard = np.isfinite(gap)
         self._tare[heard] += gap[heard]

@@ -59,7 +59,7 @@ class Driver(WithoutEvents):
 
 
 class SessionClient:
-    """Publishes what a session needs and asks its nodes how they are.
+    """Publisher of a session's inputs, and listener to its nodes' health.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class SessionClient:
         return self._clock_ns
 
     def forget(self, name: str) -> None:
-        """Forget what a node said: it is about to be started anew."""
+        """Forget a node's reports: it is about to be started anew."""
         self._reports.pop(name, None)
         for status in [status for status in self._statuses if status.startswith(f'{name}: ')]:
             del self._statuses[status]
@@ -261,7 +261,7 @@ class SessionClient:
         return publisher
 
     def publish_asked(self, trajectory: Trajectory, joints: list[str], start_ns: int) -> None:
-        """Publish, for the record, what was asked for where the reference is shaped from it."""
+        """Publish the wanted motion for the record, where the reference is shaped from it."""
         if self._asked is not None:
             self._asked.publish(exact_bytes(reference_message(trajectory, joints, start_ns)))
 

@@ -117,7 +117,7 @@ class ShaperNode(RobotNode):
     # ---- configure
 
     def prepare(self) -> None:
-        """Build what shapes streams and start the planner; run each once."""
+        """Build the shaper of streams and start the planner; run each once."""
         settings, robot = self.settings, self.robot
         name = self.get_fully_qualified_name()
         self.joints = driven_joints(robot, settings.texts('joints'), name)
@@ -155,7 +155,7 @@ class ShaperNode(RobotNode):
         self.planning.load(job, self._rest, patience)
 
     def _check(self, settings: Settings) -> None:
-        """Refuse what the planner could not work with."""
+        """Refuse settings that the planner cannot work with."""
         try:
             check_planning(self.robot, self.joints, settings)
         except DenocError as error:
@@ -204,7 +204,7 @@ class ShaperNode(RobotNode):
             )
 
     def _left(self, now: float) -> float:
-        """Return for how long what was published goes on [s]."""
+        """Remaining time of the published motion [s]."""
         return 0.0 if self._carried is None else max(0.0, self._carried.end - now)
 
     def _require_continuity(self, message: TrajectoryMessage) -> None:
@@ -271,12 +271,12 @@ class ShaperNode(RobotNode):
         )
 
     def _drop(self) -> None:
-        """Forget what is planned or streamed; published motions go on."""
+        """Forget planned and streamed motions; published ones go on."""
         self.planning.drop()
         self.stream.end()
 
     def _brake(self, now: float) -> None:
-        """Drop what is planned, bring to rest what is streamed or was published."""
+        """Drop planned motions; bring streamed or published ones to rest."""
         self.planning.drop()
         if self.stream.active:
             self.stream.brake()
@@ -324,7 +324,7 @@ class ShaperNode(RobotNode):
     def _braking_limits(
         self, trajectory: SplineTrajectory
     ) -> Callable[[Array, Array, Array], bool]:
-        """Return what says whether the joints can brake so: by their limits, or as in the motion.
+        """Make a check whether the joints can brake so: by their limits, or as in the motion.
 
         Where the motion itself is beyond a limit, its own largest value is the limit.
         """
@@ -364,7 +364,7 @@ class ShaperNode(RobotNode):
     # ---- loop: streams
 
     def begin(self) -> None:
-        """Start with nothing known, but for what has been published and goes on."""
+        """Start without a motion, but for a published one that goes on."""
         with self._lock:
             self._drop()
             if self._left(self.clock.now()) == 0.0:
@@ -373,7 +373,7 @@ class ShaperNode(RobotNode):
         self._retune_due = -math.inf
 
     def restart(self) -> None:
-        """Forget what was published too: it belongs to a time that is no more."""
+        """Forget published motions too: they belong to a time that is no more."""
         self._forget()
         super().restart()
 
@@ -478,7 +478,7 @@ class ShaperNode(RobotNode):
     # ---- services, live parameters, end
 
     def _stop(self) -> str:
-        """Drop what is planned; bring to rest, along its path, what moves."""
+        """Drop planned motions; bring moving joints to rest along their path."""
         if self.state not in ('active', 'inactive'):
             return 'stopped: at rest'
         now = self.clock.now()
@@ -490,7 +490,7 @@ class ShaperNode(RobotNode):
         return f'stopped: at rest in {left:.3g} s' if left else 'stopped: at rest'
 
     def _reset(self) -> str:
-        """Forget motions and stamps; what moves comes to rest first."""
+        """Forget motions and stamps; moving joints come to rest first."""
         self._stop()
         with self._lock:
             if not self.stream.active and self._left(self.clock.now()) == 0.0:
@@ -524,7 +524,7 @@ class ShaperNode(RobotNode):
             self._modes_robot = ringing_robot(self.robot, settings.text('base'))
 
     def deactivate(self) -> None:
-        """Stop the loop; what is planned or streamed is dropped."""
+        """Stop the loop; planned and streamed motions are dropped."""
         super().deactivate()
         with self._lock:
             self._drop()
@@ -543,7 +543,7 @@ class ShaperNode(RobotNode):
     # ---- diagnostics
 
     def statuses(self) -> list[Status]:
-        """Return loop, and what was planned how fast."""
+        """State of the loop, and times of planning."""
         found = super().statuses()
         if self.state not in ('active', 'inactive'):
             return found

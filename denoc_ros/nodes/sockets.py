@@ -23,7 +23,7 @@ IMPLICIT_PROFILES = Path('DEFAULT_FASTRTPS_PROFILES.xml')  # Fast DDS reads it w
 def use_sockets(
     environment: MutableMapping[str, str] = os.environ, middleware: str | None = None
 ) -> None:
-    """Have this process's participant use sockets alone, unless the user has said what to use.
+    """Restrict this process's participant to sockets, unless the user has chosen a transport.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ class Partner:
         self.subscription = subscribe_aside(node, UInt64MultiArray, topic, BEST_EFFORT)
 
     def take(self) -> None:
-        """Take what it has said."""
+        """Take its waiting messages."""
         for raw, *_ in arrived(self.subscription, PROGRESS.depth):
             self.until_ns, self.commands = VALUES.unpack_from(raw, len(raw) - VALUES.size)
             self.heard = time.perf_counter()

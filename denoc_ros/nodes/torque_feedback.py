@@ -20,7 +20,7 @@ from denoc_ros.types import Array
 
 
 class TorqueFeedback:
-    """What `feedback.*` asks for; without any of it nothing is listened to and nothing is done.
+    """Feedback by the parameters `feedback.*`; without them it neither listens nor acts.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class TorqueFeedback:
         posture: Array,
         patience: float = 0.0,
     ) -> None:
-        """Take a robot over; show that what is asked for is safe, and listen to its sensors.
+        """Take a robot over; prove the wanted feedback safe, and listen to its sensors.
 
         `patience` [s] is of :meth:`LiveStateFeedback.build`.
 
@@ -88,7 +88,7 @@ class TorqueFeedback:
             self.state.take_joints(1e-9 * reader.stamp_ns, now, wall, reader.position, velocity)
 
     def watch(self, follower: ReferenceFollower, position: Array) -> None:
-        """Do beside the loop what it needs; see :meth:`LiveStateFeedback.watch`."""
+        """Prepare the feedback beside the loop; see :meth:`LiveStateFeedback.watch`."""
         self.state.watch(follower, position)
 
     @property
@@ -107,7 +107,7 @@ class TorqueFeedback:
         self.state.begin()
 
     def stop(self) -> None:
-        """End what is in work beside the loop."""
+        """End the work beside the loop."""
         self.state.stop()
 
     def close(self) -> None:
@@ -168,7 +168,7 @@ class TorqueFeedback:
             self.state.rest()
 
     def _take_values(self) -> None:
-        """Hand on what the sensors have said."""
+        """Pass on the values of the sensors."""
         assert self._sensors is not None
         queue = self._sensors.queue
         while queue:
@@ -178,5 +178,5 @@ class TorqueFeedback:
             self.state.take_sensor(*value)
 
     def statuses(self) -> list[Status]:
-        """Return what the state feedback does, if it is wanted."""
+        """State of the state feedback, if it is wanted."""
         return [self.state.status()] if self.state.wanted else []

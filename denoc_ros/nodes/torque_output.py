@@ -1,4 +1,4 @@
-"""What the feedforward node publishes: commands, stamped effort, a point for JTC."""
+"""Outputs of the feedforward node: commands, stamped effort, a point for JTC."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class ViewerNode(ModelNode):
         super().configure()
 
     def prepare(self) -> None:
-        """Build the page and what reads the topics."""
+        """Build the page and the readers of the topics."""
         settings, robot = self.settings, self.robot
         posture = self.posture(robot, settings)
         states = settings.texts('state_topics')
@@ -188,7 +188,7 @@ class ViewerNode(ModelNode):
     # ---- diagnostics
 
     def statuses(self) -> list[Status]:
-        """Return what is drawn, for whom, how often."""
+        """State of the page: pictures, browsers, rate."""
         page = self.page
         if page is None or self.state not in ('active', 'inactive'):
             return [Status('page', message=self.state)]

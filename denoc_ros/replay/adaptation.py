@@ -148,7 +148,7 @@ def adapted_along(
 
 
 def _calibrated(robot: Robot, found: Recording) -> Iterator[tuple[int, float, float]]:
-    """Yield place, time [s] and calibrated value of what the sensors on beams say, by time."""
+    """Yield place, time [s] and calibrated value of the sensors on beams, by time."""
     said = [
         (place, stamp, sensor.gain * raw + sensor.offset)
         for place, sensor in enumerate(robot.tree.sensors)

@@ -165,7 +165,7 @@ def _write(work: _Work, bag: Path, output: Path) -> None:
 
 
 def _recorded(bag: Path) -> Iterator[Message]:
-    """Yield what was recorded; an older replay makes way for this one."""
+    """Yield the recorded messages without those of an older replay."""
     for topic, _, log_ns, raw in read_raw(bag):
         if not topic.startswith(PREFIX):
             yield log_ns, topic, raw
@@ -220,7 +220,7 @@ class _Work:
 
     @property
     def description(self) -> str:
-        """What the robot is that was computed with: a base that moves in a known way is held."""
+        """Description of the computed robot: a base with a known motion is held."""
         return self._robot.tree.source
 
     def _read_base(self, bag: Path, floats: bool) -> None:

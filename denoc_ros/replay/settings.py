@@ -128,7 +128,7 @@ class ReplayPlan:
 def plan_replay(
     path: Path, robot: Robot, settings: ReplaySettings, floats: bool = False
 ) -> ReplayPlan:
-    """Return what of a bag a replay goes by, of a robot whose base `floats` but is held here.
+    """Select the topics of a bag for the replay of a robot; a base that `floats` is held here.
 
     Raises
     ------

@@ -175,7 +175,7 @@ class JointStream:
         return max(settling(self.method, self.cutoff, self.period), waited)
 
     def _read(self) -> Iterator[tuple[_Rows, dict[str, JointSeries]]]:
-        """Yield rows as they are in the bag, with what the other topics have meanwhile."""
+        """Yield rows in the bag's order, with the messages of the other topics since the last."""
         source = self.source
         topics = (source.topic, *source.beside)
         columns = {topic: _Column(topic) for topic in topics}

@@ -183,7 +183,7 @@ def scale_of(values: Iterable[Array]) -> tuple[float, str]:
 
 
 def _draw_lines(axis: Axes, panel: Panel) -> str:
-    """Draw a panel; return what it shows in words."""
+    """Draw a panel; return a description in words."""
     # a logarithmic axis has its powers of ten, a plain number or a percentage takes no prefix
     plain = panel.log_y or not panel.unit or panel.unit.startswith('%')
     factor, prefix = NONE if plain else scale_of(curve.y for curve in panel.curves)
@@ -266,7 +266,7 @@ def _tidy(axis: Axes) -> None:
 
 
 def _described(panel: Panel, y_label: str) -> str:
-    """Return what a panel shows, in words, for those who do not see it."""
+    """Describe a panel in words, for readers who do not see it."""
     values = [curve.y[np.isfinite(curve.y)] for curve in panel.curves]
     values = [one for one in values if len(one)]
     extent = ''
@@ -309,7 +309,7 @@ def _inside(margins: Margins, width: float, height: float) -> Margins:
 
 
 def _svg(draw: Callable[[Axes], str], width: float, height: float) -> Markup:
-    """Return what is drawn, and put in words, as an `<svg>` element that scales with the page."""
+    """Draw a figure as an `<svg>` element with a description; it scales with the page."""
     text = io.StringIO()
     with rc_context(STYLE):
         canvas = Canvas(figsize=(width, height), dpi=POINTS, facecolor='none')

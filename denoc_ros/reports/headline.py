@@ -1,4 +1,4 @@
-"""What a run comes down to: its verdict in one sentence and its figures of merit."""
+"""Verdict of a run in one sentence, and its figures of merit."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def verdict(
 
 
 def failed(phases: Sequence[PhaseMeasures], failure: str, units: Units, cut: str = '') -> Verdict:
-    """Return why and in which phase a session ended before its end, and what came before."""
+    """Verdict of a session that ended early: cause, phase, and the phases before."""
     finished = [phase for phase in phases if not phase.name.endswith(UNFINISHED)]
     where = f' in phase “{cut}”' if cut else ''
     text = f'The session ended{where} before its end: {without_folders(failure.splitlines()[0])}.'
@@ -106,7 +106,7 @@ def said(phases: Sequence[PhaseMeasures], units: Units) -> list[str]:
 
 
 def _bent(phases: Sequence[PhaseMeasures]) -> list[tuple[float, str]]:
-    """Return the peaks of what is known to be true of the deflections along a line [m]."""
+    """Peaks of the true deflections along a line [m]."""
     entries = [entry for phase in phases for entry in phase.deflections if entry.unit == 'm']
     return [(peak(entry.true), entry.name) for entry in entries if entry.true is not None]
 

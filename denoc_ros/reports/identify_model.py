@@ -1,4 +1,4 @@
-"""The page of `denoc identify model`: numbers, intervals, what is not identifiable, residuals."""
+"""The page of `denoc identify model`: numbers, intervals, unidentifiable numbers, residuals."""
 
 from __future__ import annotations
 

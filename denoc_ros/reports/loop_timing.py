@@ -1,4 +1,4 @@
-"""How evenly the nodes' loops ran, and what the nodes warned of, from /diagnostics."""
+"""Regularity of the nodes' loops, and the nodes' warnings, from /diagnostics."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def loop_measures(statuses: Sequence[Diagnostic], since_ns: int = 0) -> tuple[Lo
 def warnings(
     statuses: Sequence[Diagnostic], intervals: Sequence[tuple[int, int]]
 ) -> dict[str, tuple[int, str]]:
-    """Return, by status, how many of its messages were no plain ok, and what the last said.
+    """Count by status the messages that were not plain ok, with the text of the last.
 
     Parameters
     ----------

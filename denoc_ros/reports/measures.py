@@ -51,7 +51,7 @@ class Deflection:
 
 @dataclass(frozen=True)
 class PhaseMeasures:
-    """What one phase shows; times count from its reference's start.
+    """Measures of one phase; times count from its reference's start.
 
     A reference may end before the phase does: then what follows is how the robot comes to rest.
     """
@@ -94,7 +94,7 @@ class PhaseMeasures:
 
 
 def measure(recording: RecordedTopics, robot: Robot | None, tip: str) -> tuple[PhaseMeasures, ...]:
-    """Return what each phase of a recording shows.
+    """Measure each phase of a recording.
 
     Parameters
     ----------

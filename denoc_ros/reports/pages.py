@@ -57,7 +57,7 @@ class Card:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a page comes down to, in one sentence."""
+    """Conclusion of a page in one sentence."""
 
     text: str
     tone: Tone = 'good'

@@ -44,7 +44,7 @@ def provenance(
 
 
 def named_file(path: str | Path) -> str:
-    """Return the name of a file, or of a bag's folder, and the hash of what is in it."""
+    """Name of a file, or of a bag's folder, and the hash of its content."""
     return f'{Path(path).name}, SHA-256 {file_hash(path)}'
 
 

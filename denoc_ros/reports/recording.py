@@ -207,7 +207,7 @@ class RecordedTopics:
         return Interval(phase['name'], begin, self._seconds(end))
 
     def _intervals(self) -> Iterator[Interval]:
-        """Yield the phases: each message names what begins then, '' that a phase has ended."""
+        """Yield the phases: each message names the phase that begins then, '' an end."""
         marks = [
             (kept.log_time, str(kept.message.data))
             for kept in self.messages(PHASE_TOPIC.lstrip('/'))

@@ -96,7 +96,7 @@ def _verdict(summary: Summary) -> Verdict:
 
 
 def _missed(summary: Summary) -> dict[str, str]:
-    """Return by model what it misses of the measured effort, rms of all joints [%], in words."""
+    """Unexplained share of the measured effort by model, rms of all joints [%], in words."""
     shares = {}
     for model, joints in summary['torque'].items():
         square = sum(one['rms'] ** 2 for one in joints.values())

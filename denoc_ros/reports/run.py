@@ -60,7 +60,7 @@ class Report:
         return self.page.html()
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the page to a file, over what is there."""
+        """Write the page to a file; an existing file is replaced."""
         write_text(path, self.html())
 
     def _repr_html_(self) -> str:

@@ -30,7 +30,7 @@ STEPPED = 'simulated'  # mode of a session's time
 
 
 def recording_name(path: Path) -> str:
-    """Return what a recording is called: its name without the suffix of its format.
+    """Name of a recording: the file's without the suffix of its format.
 
     A dot in the name of a folder is no suffix: `run_0.55s` is not `run_0`.
     """
@@ -59,7 +59,7 @@ def plant_of(robot: Robot, session: Mapping[str, Any]) -> Robot:
 
 
 def read_session(run_path: Path) -> dict[str, Any]:
-    """Return what a run's directory, or a bag of `denoc simulate`, says of it; else nothing."""
+    """Session document of a run's directory, or of a bag of `denoc simulate`; else empty."""
     from denoc_ros.bags.reader import SESSION_ATTACHMENT, read_attachment
 
     file = run_path / SESSION_FILE

@@ -1,4 +1,4 @@
-"""The sections of a report: a heading, what it shows, figures and tables."""
+"""Sections of a report: a heading, text, figures and tables."""
 
 from __future__ import annotations
 
@@ -208,7 +208,7 @@ def loops(measures: Sequence[LoopMeasure]) -> PageSection | None:
 
 
 def warned(found: Mapping[str, tuple[int, str]]) -> PageSection | None:
-    """Return the section on what the nodes warned of."""
+    """Section of the nodes' warnings."""
     if not found:
         return None
     rows = [[name, str(count), text] for name, (count, text) in sorted(found.items())]
@@ -246,7 +246,7 @@ def _without_folder(text: str, status: Diagnostic) -> str:
 
 
 def topics(recording: RecordedTopics) -> PageSection:
-    """Return the section on what the bag holds."""
+    """Section of the bag's topics."""
     counts = recording.counts
     rows = [[name, kind, str(counts[name])] for name, kind in sorted(recording.topics.items())]
     text = f'{recording.path.name}: {sum(counts.values())} messages.'

@@ -99,7 +99,7 @@ def _tip(found: PlanComparison) -> PageSection:
 
 
 def _smallest(found: PlanComparison) -> float:
-    """Return what counts as small in a logarithmic figure [m]."""
+    """Lower end of a logarithmic figure [m]."""
     return max(1e-9, min(found.plain.rms, found.shaped.rms))
 
 

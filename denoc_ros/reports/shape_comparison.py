@@ -25,7 +25,7 @@ PARTS = ('y', 'z', 'torsion')
 
 @dataclass(frozen=True)
 class Tracked:
-    """A run: times (k,) [s], the tip off what was asked (k,) [m], and what is left after it."""
+    """A run: times (k,) [s], tip error (k,) [m], and the error after the motion."""
 
     t: Array
     error: Array
@@ -55,7 +55,7 @@ class Variation:
 
 @dataclass(frozen=True)
 class PlanComparison:
-    """What was found of a plan.
+    """Comparison of a plan with the plain motion.
 
     Attributes
     ----------

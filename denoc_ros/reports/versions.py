@@ -32,7 +32,7 @@ def source_commit(package: Path) -> str:
 
 
 def _git(folder: Path, *arguments: str) -> str:
-    """Return what git prints, '' where it fails."""
+    """Output of a git command, '' where it fails."""
     command = ['git', '--no-optional-locks', '-C', str(folder), *arguments]
     try:
         asked = subprocess.run(

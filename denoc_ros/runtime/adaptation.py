@@ -85,12 +85,12 @@ class Adaptation:
             self.tracker.sense(place, stamp, value)
 
     def measure(self, stamp: float, q: Array, qd: Array | None, effort: Array | None) -> None:
-        """Take the joints (joints,) at a time [s]; what is not known is None."""
+        """Take the joints (joints,) at a time [s]; None stands for unknown values."""
         if self.tracker is not None:
             self.tracker.measure(stamp, q, qd, effort)
 
     def reset(self, values: bool) -> None:
-        """Forget what was measured, and with `values` also what was found."""
+        """Forget the measurements, and with `values` also the found numbers."""
         if self.tracker is not None:
             (self.tracker.restart if values else self.tracker.reset)()
 

@@ -1,4 +1,4 @@
-"""What messages say of a base's motion."""
+"""Messages of a base's motion."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LARGEST = 1e6  # m/s, rad/s, and per s: more is no base's motion
 
 
 class BaseLimits:
-    """Refuses readings of what no base does, before they count.
+    """Refusal of readings that no base can have, before they count.
 
     Parameters
     ----------

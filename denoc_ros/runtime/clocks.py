@@ -140,7 +140,7 @@ class SteadyClock(Clock):
 
 
 def at_once(now_ns: Callable[[], int]) -> tuple[float, int]:
-    """Return a moment of `time.perf_counter` [s] and what another clock shows then [ns].
+    """Read `time.perf_counter` [s] and another clock [ns] at the same moment.
 
     The two clocks are read close together: a thread that loses the processor between the readings
     would see one clock jump by the time it was away.
@@ -263,7 +263,7 @@ class SimulatedClock(_StampedTime):
         return self._shown_ns
 
     def poll(self) -> None:
-        """Take what has come, where no loop does: what it says is the moment at hand."""
+        """Take the waiting message, where no loop does: it sets the moment."""
         with self._taking:
             if self._take(0.0):
                 self._set(self.shown_ns)
@@ -339,7 +339,7 @@ class SourceClock(_StampedTime):
         self._begin(start_ns)
 
     def tell(self) -> None:
-        """Tell others the moment at hand: what belongs to it has been published."""
+        """Publish the moment at hand; its messages have been published before."""
         self._told = time.perf_counter()
         self._tell(self._now_ns)
 

@@ -44,7 +44,7 @@ LARGEST_EFFORT = 1e9  # N m or N: more is no torque of a robot
 
 
 class MessageReader(CdrReader):
-    """Reads the CDR of a message that came in; what is wrong with it is an `InputError`."""
+    """Reader of an incoming message's CDR; a fault is an `InputError`."""
 
     def fail(self, rule: str) -> NoReturn:
         """Refuse the message."""
@@ -165,7 +165,7 @@ class JointStateReader:
     def _read_stepwise(
         self, raw: bytes, admit: Callable[[int], None] | None, with_effort: bool
     ) -> None:
-        """Read a message of any layout, or find what is wrong with it."""
+        """Read a message of any layout, or find its fault."""
         layout = self._layout
         if layout is None or not layout.fits(raw):
             layout = self._learn(raw)

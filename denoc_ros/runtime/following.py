@@ -33,7 +33,7 @@ class FollowingConditions:
         self.update(settings)
 
     def update(self, settings: Settings) -> None:
-        """Store what the loop reads each tick."""
+        """Store the settings that the loop reads each tick."""
         self.reference_timeout = settings.number('reference_timeout')
         self.lead = settings.number('lead_time')
         self._joint_timeout = settings.number('joint_state_timeout')

@@ -1,4 +1,4 @@
-"""What the fusion of sensors says of itself on /diagnostics."""
+"""State of the sensor fusion for /diagnostics."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SILENT = 0.5  # s without a value after which a fused sensor counts as missing
 
 
 def fusion_status(fusion: StrainFusion, now: float) -> Status:
-    """Return what became of each sensor's values."""
+    """Counts of each sensor's values, by fate."""
     status = Status('fusion', message='fusing')
     silent = []
     for name, counts, heard in zip(fusion.names, fusion.counts, fusion.heard, strict=True):

@@ -24,7 +24,7 @@ LOOK = 0.005  # s between looks for an answer that is waited for
 
 @dataclass(frozen=True)
 class FeedbackModel:
-    """What gains are designed for: the robot with its driven joints, limits and settings.
+    """Input of the gains' design: the robot with its driven joints, limits and settings.
 
     `source` describes the robot to the other process: `source`, `gravity`,
     `geometric_stiffness`, `overrides`. `has_rates` says whether the joints' rates are measured.
@@ -40,7 +40,7 @@ class FeedbackModel:
 
     @property
     def settings(self) -> FeedbackSettings:
-        """What was asked for, without the rates where none are measured."""
+        """The given settings, without rates where none are measured."""
         if self.has_rates:
             return self.given
         return replace(self.given, velocity_noise=math.inf)
@@ -134,7 +134,7 @@ class GainWorker:
             self.look()
 
     def stop(self) -> None:
-        """Drop the design in work, and what was made."""
+        """Drop the current design, and its result."""
         self.task = self._made = self._waiting = None
 
     def close(self) -> None:
@@ -144,7 +144,7 @@ class GainWorker:
         self.planner.close()
 
     def take(self) -> tuple[WantedGains, StateFeedback | None] | None:
-        """Return what was made since the last call: None in place of gains that were refused."""
+        """Take the design made since the last call: None in place of refused gains."""
         made, self._made = self._made, None
         return made
 

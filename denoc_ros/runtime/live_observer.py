@@ -78,7 +78,7 @@ def build_observer(
 
 
 def is_observers(name: str) -> bool:
-    """Say whether a live parameter is one of the observer's, or of what tracks its numbers."""
+    """Say whether a live parameter belongs to the observer or to its tracker of numbers."""
     return name in OBSERVER_SETTINGS or name.startswith(('fusion.', 'adapt'))
 
 

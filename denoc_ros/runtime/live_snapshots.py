@@ -20,7 +20,7 @@ WORDS = {'predictor': 'predicted', 'plant': 'true'}
 
 
 class LiveSnapshots:
-    """Keeps the newest of every topic and makes snapshots of what is fresh.
+    """Newest message of every topic, and snapshots of the fresh ones.
 
     Parameters
     ----------

@@ -98,7 +98,7 @@ class LiveState:
         self.torque = {j: e for j, e in efforts if j in joints} if reader.has_effort else {}
 
     def _learn(self, names: tuple[str, ...]) -> _StateLayout:
-        """Return what messages with these names give."""
+        """Learn the layout of messages with these names."""
         robot = self._robot
         for known in (robot.coordinate_names, described_coordinates(robot)):
             if set(known) <= set(names):

@@ -73,7 +73,7 @@ class LiveStateFeedback:
 
     @property
     def wanted(self) -> bool:
-        """Whether the parameters ask for it, or what they asked for still acts."""
+        """Whether the parameters ask for feedback, or earlier feedback still acts."""
         return self._model is not None or self._now is not None or self._fading is not None
 
     def build(
@@ -284,7 +284,7 @@ class LiveStateFeedback:
         self._note(STALE_JOINTS, False)
 
     def applied(self, change: Array) -> None:
-        """Take what was added to the plan's torque after all limits (joints,), and go on."""
+        """Take the torque (joints,) that was added to the plan's after all limits, and go on."""
         self._left = change
         if self._now is not None:
             self._now.applied(change)
@@ -327,7 +327,7 @@ class LiveStateFeedback:
     # ---- diagnostics
 
     def status(self) -> Status:
-        """Return what it does, and warn of what has come since the last call."""
+        """State of the feedback, with warnings for events since the last call."""
         feedback, worker = self._now, self._worker
         if self._model is None:
             return Status('state feedback', message='switched off')
@@ -367,7 +367,7 @@ class LiveStateFeedback:
 
 
 def _description(robot: Robot, settings: Settings) -> dict[str, Any]:
-    """Return what another process makes the same robot of."""
+    """Description of the robot for another process."""
     return {
         'source': robot.tree.source,
         'gravity': robot.gravity.tolist(),

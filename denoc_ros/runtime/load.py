@@ -121,11 +121,11 @@ class LoopLoad:
         self._begin, self._spent, self.due = now, time.thread_time(), now + self._window
 
     def crowd(self, share: float) -> None:
-        """Hear, from any thread, what share of their cores all real-time threads took together."""
+        """Take the share of their cores that all real-time threads took, from any thread."""
         self._crowd = share
 
     def _cause(self, needed: float, crowd: float) -> str:
-        """Return what a loop does of which a tick needs so long [s]."""
+        """Describe a loop's load from the time that a tick needs."""
         together = f', all real-time threads {100.0 * crowd:.0f} % of theirs' if crowd else ''
         return (
             f'the loop took {100.0 * self.share:.0f} % of its core{together}, and half of the '
@@ -151,7 +151,7 @@ class LoopLoad:
 
     @property
     def finding(self) -> str:
-        """Why the machine does not carry the loop, and what that has given up; '' if it does."""
+        """Overload of the machine and its remedy so far; '' if it carries the loop."""
         state = '; it runs without SCHED_FIFO while that lasts' if self.has_yielded else ''
         return f'{self.cause}{state}' if self.cause else ''
 

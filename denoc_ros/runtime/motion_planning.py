@@ -162,7 +162,7 @@ def shape_job(settings: Settings, robot: dict[str, Any], joints: Sequence[str]) 
 
 
 def robot_job(settings: Settings, description: str) -> dict[str, Any]:
-    """Return what the planner loads."""
+    """Job of the planner's process."""
     return {
         'source': settings.text('urdf_path') or description,
         'gravity': settings.numbers('gravity'),
@@ -172,7 +172,7 @@ def robot_job(settings: Settings, description: str) -> dict[str, Any]:
 
 
 def check_planning(robot: Robot, joints: Sequence[str], settings: Settings) -> None:
-    """Refuse limits and servos that are not the joints', and what the method cannot do.
+    """Refuse limits and servos that do not fit the joints, and impossible methods.
 
     Raises
     ------
@@ -216,7 +216,7 @@ def given_limits(settings: Settings, joints: Sequence[str]) -> dict[str, dict[st
 
 
 def servo_columns(settings: Settings) -> dict[str, list[float]]:
-    """Return what is known of the joints' servos, as `joint_servo` takes it."""
+    """Settings of the joints' servos, as `joint_servo` takes them."""
     found = {
         'damping': settings.numbers('servo.damping') or [1.0],
         'delay': settings.numbers('servo.delay') or [0.0],

@@ -60,7 +60,7 @@ class Parameter:
 
     @property
     def range(self) -> str:
-        """What must hold of a value, in words; empty if anything goes."""
+        """Admissible values in words; empty if anything goes."""
         if self.choices:
             return ' \\| '.join(f'`{choice}`' for choice in self.choices)
         if self.positive:

@@ -32,7 +32,7 @@ class RateLimiter:
         self.period = self._shortest
 
     def begin(self, now: float) -> None:
-        """Start with a round at once [s]; what rounds cost is remembered."""
+        """Start with a round at once [s]; the cost of earlier rounds is remembered."""
         self._due = now
 
     def wait(self, now: float, cost: float) -> float:

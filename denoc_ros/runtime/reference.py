@@ -20,7 +20,7 @@ BRAKING, BRAKING_STEP = 0.3, 0.01  # s from a cancel to rest, and between knots 
 
 
 class FiniteDifferencer:
-    """Fills in what streamed points lack: rates by backward differences.
+    """Rates of streamed points by backward differences.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class ReferenceFollower:
             self._coming.clear()
 
     def forget_begun(self, now: float) -> None:
-        """Forget what has begun by steady `now` [s]; a trajectory still to come stays."""
+        """Forget motions that have begun by steady `now` [s]; a trajectory still to come stays."""
         with self._lock:
             self._point = None
             if self._now is not None and self._now_start <= now:
@@ -223,7 +223,7 @@ class ReferenceFollower:
         return message.holding(q if going or measured is None else measured)
 
     def _stop(self, now: float) -> None:
-        """Come to rest along the path; what was to come does not."""
+        """Come to rest along the path, and drop the trajectories to come."""
         with self._lock:
             self._take_due(now)
             self._coming.clear()
@@ -270,7 +270,7 @@ class ReferenceFollower:
         return self._now is not None or self._point is not None
 
     def _plan(self, moment: float, q: Array, qd: Array, qdd: Array) -> bool:
-        """Sample what will be followed at a moment to come."""
+        """Sample the motion of a moment to come."""
         due = [each for each in self._coming if each[1] <= moment]
         if not due:
             return self._evaluate(moment, q, qd, qdd)
@@ -279,7 +279,7 @@ class ReferenceFollower:
         return True
 
     def _evaluate(self, now: float, q: Array, qd: Array, qdd: Array) -> bool:
-        """Sample what is followed at present."""
+        """Sample the present motion."""
         if self._now is not None:
             self._now.sample(now - self._now_start, q, qd, qdd)
         elif self._point is not None:

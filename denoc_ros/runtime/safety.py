@@ -24,7 +24,7 @@ STALE_ACTIONS = ('hold', 'ramp_to_gravity', 'zero', 'stop_publishing')
 
 
 class InputMonitor:
-    """Counts what one input topic brought and knows how old its last good message is.
+    """Counter of one input topic's messages, with the age of its last good one.
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ class TorqueLimiter:
         self.limits = new
 
     def apply(self, torque: Array) -> Array:
-        """Return what may leave (n,), the same array each time."""
+        """Limit a torque (n,); the same array is returned each time."""
         last, clamped = self.last, self.clamped
         if not limit_torque(torque, self.limits, self.max_delta, LARGEST_EFFORT, last, clamped):
             self.non_finite += 1

@@ -13,7 +13,7 @@ from denoc_ros.types import Array
 
 
 class ShapedStream:
-    """What the joints are told, tick by tick, while single points come, and until they rest.
+    """Commands of the joints, tick by tick, while single points come and until the joints rest.
 
     Points that stop coming are no reason to stop dead: the joints go on with their last rate until
     the stream is stale, then they brake.
@@ -92,7 +92,7 @@ class ShapedStream:
         self.follower.clear()
 
     def tick(self, now: float, steps: int) -> Array | None:
-        """Return what the joints are told now (3, joints); None: nothing.
+        """Commands of the joints now (3, joints); None where there are none.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class ShapedStream:
         self._braking += h
 
     def _commanded(self, row: Array) -> Array:
-        """Return what makes the joints do it behind their servos, but for delay and jerk."""
+        """Invert the joints' servos, but for delay and jerk."""
         servo = self._servo
         if servo is None or np.isinf(servo.bandwidth).all():
             return row

@@ -19,7 +19,7 @@ class Interrupted(BaseException):
 
 
 class EndSignals:
-    """What becomes of SIGINT, SIGTERM and SIGHUP: first an end at once, then what is asked for.
+    """Handling of SIGINT, SIGTERM and SIGHUP: first an end at once, then the wanted one.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ SIGNALS = EndSignals()
 
 
 def begin() -> None:
-    """Honour signals, and say so, while a node's process imports what it needs.
+    """Honour signals, with a message, while a node's process imports its modules.
 
     Does nothing where the process is no node's.
     """

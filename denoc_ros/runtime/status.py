@@ -35,7 +35,7 @@ class Status:
 
 
 def input_status(monitors: Sequence[InputMonitor], now: float) -> Status:
-    """Return what came in on each topic and what was refused, by cause."""
+    """Accepted messages of each topic, and refused ones by cause."""
     status = Status('inputs')
     for monitor in monitors:
         status.values[f'{monitor.topic} accepted'] = monitor.accepted
@@ -107,7 +107,7 @@ def loop_status(statistics: LoopStatistics, load: LoopLoad, late_share: float) -
 
 
 def realtime_status(realtime_options: Mapping[str, str]) -> Status:
-    """Return what was asked of the system to be on time; warns of what was refused."""
+    """Report real-time options: granted or refused."""
     status = Status('realtime', values=dict(realtime_options))
     for refusal in refusals(realtime_options):
         status.worsen(WARN, refusal)

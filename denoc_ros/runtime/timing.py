@@ -23,7 +23,7 @@ HISTOGRAM_EDGES = np.concatenate(
 
 @dataclass(frozen=True)
 class LoopStatistics:
-    """What the loop did since the statistics were last read; totals since it started."""
+    """Timing of the loop since the last reading; totals since its start."""
 
     rate: float  # Hz
     period_p50: float  # s
@@ -178,7 +178,7 @@ class RealtimeLoop:
         return self._start[slots], self._late[slots]
 
     def statistics(self) -> LoopStatistics:
-        """Return what happened since the last call (at most the last `WINDOW` ticks)."""
+        """Timing since the last call (at most the last `WINDOW` ticks)."""
         count = self._count
         new = min(count - self._read, WINDOW - 1)
         slots = np.arange(count - new, count) % WINDOW

@@ -9,7 +9,7 @@ from denoc_ros.runtime.status import ERROR, WARN, Status
 
 
 class TorqueStatus:
-    """Says what the torque does, and warns of what has come since it last spoke."""
+    """State of the torque, with warnings for events since the last report."""
 
     def __init__(self) -> None:
         self._clamped = self._failures = 0

@@ -46,7 +46,7 @@ class TrajectoryMessage:
 
     @property
     def is_cancel(self) -> bool:
-        """Whether it has no points: what is followed ends."""
+        """Whether it has no points: the present motion ends."""
         return len(self.times) == 0
 
     @property

@@ -50,7 +50,7 @@ class CompiledDOP853(DOP853):  # type: ignore[misc]
         self._trial = np.zeros(len(state))
 
     def _step_impl(self) -> tuple[bool, str | None]:
-        """Step until an output time is passed; scipy's hook for what a step is."""
+        """Step until an output time is passed; scipy's hook for a step."""
         following = int(np.searchsorted(self._times, self.t, side='right'))
         control = np.zeros(steps.CONTROLS)
         control[steps.TIME], control[steps.STEP] = self.t, self.h_abs

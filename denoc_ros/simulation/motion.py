@@ -164,7 +164,7 @@ class EquationsOfMotion:
         return self._accelerate_hybrid if self._laws else self._accelerate_free
 
     def start(self, q0: Array, qd0: Array, t: float) -> Array:
-        """Return the integrator's state at the start, and check that it fits what is prescribed.
+        """State of the integrator at the start; it must agree with the prescribed motion.
 
         Parameters
         ----------

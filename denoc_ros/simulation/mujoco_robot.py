@@ -47,7 +47,7 @@ class MujocoSettings(NamedTuple):
 
 
 class MujocoRobot:
-    """A robot simulated by MuJoCo; :class:`SimulatedRobot` has what is public.
+    """A robot simulated by MuJoCo; :class:`SimulatedRobot` has the public interface.
 
     Amplitudes among `q` and `qd` are projections of the hinge angles on the model's shapes.
 

@@ -43,7 +43,7 @@ START_KEYS = ('joints', 'rates', 'amplitudes')
 
 @dataclass(frozen=True)
 class ModelSettings:
-    """What a scenario says of the model itself.
+    """Settings of the model in a scenario.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class Scenario:
     base: SwayingBase | None = None
 
     def run(self, robot: Robot, progress: bool = False) -> Run:
-        """Simulate; raises what `simulate` raises."""
+        """Simulate; raises the errors of `simulate`."""
         return simulate(
             robot,
             self.q0,
@@ -130,7 +130,7 @@ class Scenario:
 
 
 def model_settings(values: Mapping[str, Any], where: str) -> ModelSettings:
-    """Return what a scenario says of the model, before there is one.
+    """Read the model's settings of a scenario, before there is a model.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def _base(reader: ScenarioReader) -> SwayingBase | None:
 
 
 def _start(reader: ScenarioReader, robot: Robot, inputs: ScenarioInputs) -> tuple[Array, Array]:
-    """Return q0 and qd0: what is given, else where the reference and the laws begin."""
+    """Initial q0 and qd0: as given, else at the start of the reference and the laws."""
     values = reader.mapping('start', reader.values.get('start'))
     reader.only('start', values, START_KEYS)
     q, qd = np.zeros(robot.n), np.zeros(robot.n)

@@ -31,7 +31,7 @@ CIRCLE_KEYS = ('kind', 'frame', 'centre', 'start', 'turns', 'guess', *CIRCLE_NEE
 
 
 class ScenarioInputs:
-    """What moves the robot: one of `torque`, `reference`, `prescribed`."""
+    """Inputs of the robot: one of `torque`, `reference`, `prescribed`."""
 
     def __init__(self, reader: ScenarioReader, robot: Robot) -> None:
         self._reader = reader

@@ -12,7 +12,7 @@ from denoc_ros.trajectories import Trajectory
 
 
 class ScenarioReader(MappingReader):
-    """Reads a mapping's values; what does not hold becomes a finding."""
+    """Reader of a mapping's values; violations become findings."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:
         super().__init__()

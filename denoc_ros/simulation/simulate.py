@@ -196,7 +196,7 @@ class _Trials:
         return rate
 
     def raise_refusal(self) -> None:
-        """Raise what the last trial was refused for, if any was."""
+        """Raise the error for which the last trial was refused, if any."""
         if self._refusal is not None:
             raise self._refusal
 

@@ -85,7 +85,7 @@ class SimulatedRobot(Protocol):
 
 
 class ModalRobot:
-    """A robot simulated by its own model: :class:`SimulatedRobot` has what is public.
+    """A robot simulated by its own model: :class:`SimulatedRobot` has the public interface.
 
     Parameters
     ----------

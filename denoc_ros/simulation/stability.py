@@ -122,7 +122,7 @@ class Measures:
 
 @dataclass(frozen=True)
 class Study:
-    """What :func:`study_stability` finds.
+    """Result of :func:`study_stability`.
 
     Attributes
     ----------

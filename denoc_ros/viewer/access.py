@@ -96,7 +96,7 @@ def check_values(server: viser.ViserServer) -> None:
 
 
 def is_possible(control: Any, updates: Any) -> bool:
-    """Say whether a control can have what a browser says of it.
+    """Say whether a control can take the values of a browser's message.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Names of what strip charts plot: `group/name`, a chart for each group."""
+"""Names of the channels of strip charts: `group/name`, a chart for each group."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ class Controls:
 
     @property
     def look(self) -> ViewOptions:
-        """What the user wants to see."""
+        """View options that the user has chosen."""
         return ViewOptions(
             float(self._scale.value),
             self._strain.value,
@@ -66,7 +66,7 @@ class Controls:
         )
 
     def explain(self, legend: Legend) -> None:
-        """Say what colours and arrows stand for."""
+        """Explain the colours and arrows."""
         _put(self._legend, _colour_bar(legend.strain) if legend.strain else '')
         lines = [
             _key(colour, text.format(value))

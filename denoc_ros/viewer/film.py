@@ -210,7 +210,7 @@ def _beside(run: RecordedRun, robot: Robot, look: Look, title: str) -> _Film:
 
 
 def _looked_at(start: float, end: float) -> Array:
-    """Return the times [s] of the states that decide what a film has to hold."""
+    """Times [s] of the states that set the extent of a film."""
     return np.linspace(start, end, STATES)
 
 

@@ -109,7 +109,7 @@ def undeflected(robot: Robot, q: Array) -> Array:
 
 
 def _sizes(robot: Robot) -> Array:
-    """Return what each coordinate swings by at most: a length, an angle for joints and twist."""
+    """Largest swing of each coordinate: a length, an angle for joints and twist."""
     turns, slides = SWING * math.pi, SWING * reach(robot)
     sizes = np.full(robot.n, turns)
     for body in robot.tree.bodies:

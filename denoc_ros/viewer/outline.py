@@ -171,7 +171,7 @@ def _colour(material: Any, known: dict[str, Any]) -> Colour:
 
 
 def _substitute(robot: Robot, root: Any, link: str) -> list[LinkSurface]:
-    """Return what stands for a link without visuals."""
+    """Substitute surfaces of a link without visuals."""
     import trimesh
 
     for body in robot.tree.bodies:

@@ -72,7 +72,7 @@ class Arrows:
 
 
 class Overlays:
-    """What a moment's forces look like.
+    """Arrows of a moment's torques, forces and reactions.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class Overlays:
         )
 
     def draw_torques(self, moment: Snapshot, drawn: Array) -> None:
-        """Draw what actuators give, along the joints' axes, at coordinates as drawn (n,)."""
+        """Draw the actuators' torques along the joints' axes, at coordinates as drawn (n,)."""
         if moment.torque is None:
             self.torques.hide()
             return
@@ -131,7 +131,7 @@ class Overlays:
         self.torques.draw(np.reshape(feet, (-1, 3)), np.reshape(vectors, (-1, 3)))
 
     def draw_reactions(self, moment: Snapshot, drawn: Array) -> None:
-        """Draw what joints and loops transmit, at coordinates as drawn (n,)."""
+        """Draw the reactions of joints and loops, at coordinates as drawn (n,)."""
         found = reactions_of(self._robot, moment)
         if found is None:
             self.hide_reactions()

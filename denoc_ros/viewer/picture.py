@@ -163,7 +163,7 @@ class Comparison:
 
 
 class Picture:
-    """Frames of a film: what stays is drawn once, what moves into a copy of it.
+    """Frames of a film: static parts are drawn once, moving parts into a copy.
 
     Parameters
     ----------
@@ -279,7 +279,7 @@ def _when(run: RecordedRun, t: float) -> str:
 
 
 def stated(run: RecordedRun, staging: SceneSetup) -> str:
-    """Return what must be known of a picture to take it for what it is."""
+    """Caption of a picture: source of the states, scale of the deflection."""
     where = {'joints': 'joints alone', 'plant': 'true state'}.get(run.source, run.source)
     if not staging.flexible:
         return where
@@ -298,7 +298,7 @@ def _fit(axes: Axes, staging: SceneSetup) -> None:
 
 
 def field_of_view(staging: SceneSetup) -> tuple[Array, Array]:
-    """Return the corners (2,) of what a picture has to hold [m]."""
+    """Corners (2,) of the region that a picture must hold [m]."""
     low, high = staging.low[:2], staging.high[:2]
     if not staging.camera.flat:
         floor = _floor_lines(staging)[0].reshape(-1, 2)

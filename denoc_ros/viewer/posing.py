@@ -42,7 +42,7 @@ def start_configuration(robot: Robot, joints: Mapping[str, float] | None = None)
 
 
 class JointSliders:
-    """The folder of a page that moves joints; what loops bind follows.
+    """The folder of a page that moves joints; joints bound by loops follow.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class JointSliders:
         self._draw(Snapshot(0.0, self.q))
 
     def _pose(self) -> tuple[Array, str]:
-        """Return the configuration and what is to be said about it."""
+        """Configuration of the sliders, and a message about it."""
         robot = self._robot
         guess = self.q.copy()
         guess[robot.flexible_indices] = 0.0

@@ -277,7 +277,7 @@ class RecordedRun(Sequence[Snapshot]):
 
 
 def _known(columns: Mapping[str, Array], index: int) -> dict[str, float]:
-    """Return what is known at a moment, by name."""
+    """Finite values at a moment, by name."""
     row = {name: float(column[index]) for name, column in columns.items()}
     return {name: value for name, value in row.items() if math.isfinite(value)}
 

@@ -32,7 +32,7 @@ LIGHT = np.array([-0.34, 0.54, 0.77])  # where the rest comes from: right, up, t
 
 @dataclass(frozen=True)
 class Triangles:
-    """A robot in the picture, what is behind first.
+    """Triangles of a robot in a picture, the rearmost first.
 
     Attributes
     ----------

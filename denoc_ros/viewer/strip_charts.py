@@ -76,5 +76,5 @@ def _peak(run: RecordedRun, name: str) -> float:
 
 
 def _whose(name: str) -> str:
-    """Return what a channel is of, whether predicted or true."""
+    """Quantity of a channel, without its source."""
     return name.partition('/')[2].split(' ', 1)[-1]

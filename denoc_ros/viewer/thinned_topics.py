@@ -122,7 +122,7 @@ class ThinnedTopics:
         return {topic: column.series() for topic, column in columns.items()}
 
     def _marks(self) -> list[tuple[int, str]]:
-        """Return what begins and when [ns]: a phase as it is marked, or with its reference."""
+        """Beginnings of phases [ns] and their names: as marked, or with their references."""
         marks: list[tuple[int, str]] = []
         reference, waits = find_topic(self.names, REFERENCE), False
         for topic, kind, log_ns, raw in read_raw(self._path, {PHASES, reference} & {*self.names}):
@@ -140,7 +140,7 @@ class ThinnedTopics:
 
 
 def _cut(series: JointSeries, origin_ns: int, start: float, end: float) -> Rows:
-    """Return what is between start and end, its times ascending."""
+    """Rows between start and end, in ascending time."""
     stamps, order = np.unique(series.stamp_ns, return_index=True)
     t = np.asarray((stamps - origin_ns) * 1e-9, dtype=np.float64)
     within = (t >= start) & (t <= end)

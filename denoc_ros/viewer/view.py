@@ -28,7 +28,7 @@ OBLIQUE, FACING = np.array([1.1, -1.5, 0.8]), np.array([0.25, -0.25, 1.9])
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """What is to be drawn, and how."""
+    """Parts of the picture to draw, and their scale."""
 
     scale: float = 1.0  # of the deflection
     strain: bool = True  # coloured
@@ -40,7 +40,7 @@ class ViewOptions:
 
 @dataclass(frozen=True)
 class Legend:
-    """What colours and arrows stand for; 0 where there is none yet."""
+    """Values of the colours' ends and of the longest arrows; 0 where there is none yet."""
 
     strain: float  # [-] at the ends of the colours
     torque: float  # [N m, N] of the longest arrow
@@ -75,7 +75,7 @@ class View:
         return bool(self._surfaces.bending.flexible)
 
     def forget_strain(self) -> None:
-        """Let the colours' ends be those of what comes: a mode bends more than anything else."""
+        """Forget the largest strain: a mode bends the robot more than any motion before."""
         self._limit = 0.0
 
     def draw(self, moment: Snapshot, look: ViewOptions) -> Legend:

@@ -69,7 +69,7 @@ class Candidates:
         return field in RIGIDITIES or (field == 'damping_ratio' and float(np.ptp(value)) == 0.0)
 
     def _move(self, diagonals: Array, path: str, value: float) -> None:
-        """Add what a number has more than the robot to its diagonal terms."""
+        """Add the change of a number to its diagonal terms."""
         column = self._column(path)
         before = first_number(self._values[path])
         diagonals[DIAGONAL_TERMS.index(column.term)] += (value - before) * column.values
@@ -94,7 +94,7 @@ class Candidates:
             robot.add_payload(name, inertia_row(change, self._robot.arrays.body_axes(place)))
 
     def _load(self, link: str, point: SearchPoint) -> Array:
-        """Return what a link's payload has more than the robot's (10,), as kernels have it."""
+        """Change of a link's payload from the robot's (10,), in the kernels' order."""
         if link not in self._by_link:
             columns = find_columns(self._robot, [f'link.{link}.{number}' for number in INERTIAL])
             self._by_link[link] = np.array([column.values for column in columns])

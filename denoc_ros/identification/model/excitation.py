@@ -1,4 +1,4 @@
-"""The motion that identifies free numbers of a robot best, and what to expect after it."""
+"""Motion that identifies the free numbers of a robot best, and the accuracy to expect of it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ NEVER = 1e-9  # of the information of the best seen direction: rounding of diffe
 
 @dataclass(frozen=True)
 class Excitation:
-    """A motion that identifies, and what a recording of it would tell.
+    """Identifying motion, and the expected accuracy of the numbers from its recording.
 
     Attributes
     ----------
@@ -201,7 +201,7 @@ def design_excitation(
 
 @dataclass(frozen=True)
 class GivenLimits:
-    """What a motion must keep, as it was given; what was not is the robot's own."""
+    """Limits of a motion as given; those not given are the robot's own."""
 
     position: Mapping[str, tuple[float, float]]
     velocity: Given | None
@@ -329,7 +329,7 @@ def _in_sizes(channels: ExcitedChannels, rows: MotionRows) -> Array:
 
 
 def _never_seen(channels: ExcitedChannels, motions: Sequence[MotionRows]) -> tuple[list[str], int]:
-    """Return what no motion shows, and how many combinations they do show.
+    """Parameters that no motion shows, and the number of combinations that the motions show.
 
     The rank is that of all motions together, each number in the unit in which it is seen best.
     """

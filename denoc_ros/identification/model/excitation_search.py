@@ -34,7 +34,7 @@ class _TimeIsOverError(Exception):
 
 @dataclass
 class SearchClock:
-    """How long a search may take, and what it tells of its way.
+    """Time limit of a search, and reports of its progress.
 
     Processor time: on a busy machine a search takes longer and comes as far.
     """

@@ -1,4 +1,4 @@
-"""What a recording of a motion that is still to be driven would show of a robot's free numbers."""
+"""Predicted channels of the recording of a motion that has not been driven yet."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STEP = 1e-4  # of the differences by theta
 
 @dataclass(frozen=True)
 class Response:
-    """What a robot does on a motion of k rows.
+    """Response of a robot to a motion of k rows.
 
     Attributes
     ----------
@@ -203,7 +203,7 @@ class ExcitedChannels:
         return found * self._weight(rows)
 
     def _inertial(self, t: Array, values: Array, point: SearchPoint) -> Array:
-        """Return what IMUs and accelerometers read (k, values), in their noise."""
+        """Readings of IMUs and accelerometers (k, values), divided by their noise."""
         raw = values.copy()
         for k, (name, part) in enumerate(self._parts):
             offset = point.channels.get(f'sensor.{name}.offset.{part}', 0.0)

@@ -44,7 +44,7 @@ WORSE = 1.5  # times the rms of what was fitted: a held-out part that is not exp
 
 @dataclass(frozen=True)
 class ChannelFit:
-    """What a channel's residuals are, rms in its unit: over what was fitted, and held out.
+    """Residuals of a channel, rms in its unit: over the fitted samples and the held-out ones.
 
     `size` is the channel's own deviation, `louder` how much more it moves while it is held out.
     `shaken` and `held_out_shaken` are what noise of the measured joints makes of the prediction;
@@ -131,7 +131,7 @@ def identify_model(
     step: float = 5e-4,
     poses: Mapping[str, str] | None = None,
 ) -> IdentifiedModel:
-    """Return a robot's numbers by maximum likelihood over what was recorded.
+    """Fit a robot's numbers to recordings by maximum likelihood.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def _named_apart(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def _misfit(found: IdentifiedModel) -> float:
-    """Return the mean logarithm of what is left of the channels, the lower the likelier."""
+    """Mean logarithm of the channels' residuals: the lower, the likelier."""
     samples = np.array([each.samples for each in found.channels])
     left = np.array([each.after for each in found.channels])
     return float(samples @ np.log(np.maximum(left, 1e-300)) / samples.sum())
@@ -300,7 +300,7 @@ def _fitted(search: ModelSearch, held_out: float) -> IdentifiedModel:
 def free_parameters(
     robot: Robot, free: Sequence[str], recordings: Sequence[Recording]
 ) -> FreeParameters:
-    """Return the free numbers of a robot, their sizes by what was recorded."""
+    """Free parameters of a robot, scaled by the recorded efforts and spreads."""
     sizes = _largest_efforts(recordings), _spreads(robot, recordings)
     return FreeParameters(robot, free, *sizes, [each.name for each in recordings])
 
@@ -372,7 +372,7 @@ def _concluded(
 
 
 def _reasons(channels: tuple[ChannelFit, ...]) -> tuple[str, ...]:
-    """Return why the model is not what made the recordings.
+    """Reasons why the model does not explain the recordings.
 
     What is left is compared with the largest of a sensor's axes: one along which nothing happens
     shows its noise alone.

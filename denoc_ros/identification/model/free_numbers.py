@@ -1,4 +1,4 @@
-"""Every number of a robot that may be free, and what it changes by."""
+"""Numbers of a robot that may be free, and how each enters the model."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def free_numbers(
 
 
 def _of_channels(robot: Robot, spreads: Mapping[str, float]) -> Iterator[Number]:
-    """Yield what is of what measures, not of the robot: delays, axes, biases of IMUs."""
+    """Yield parameters of the sensors: delays, axes, biases."""
     for sensor in robot.tree.sensors:
         yield Number(f'delay.{sensor.name}', 0.0, DELAY, False)
     yield Number('delay.effort', 0.0, DELAY, False)

@@ -52,7 +52,7 @@ SENSOR_OFFSET = re.compile(r'sensor\..+\.offset(\.(gyro|accel)_[xyz])?')
 
 @dataclass(frozen=True)
 class SearchPoint:
-    """What a point of the search means.
+    """Values of all free numbers at a point of the search.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class SearchPoint:
 
 
 class InertialBlock:
-    """The ten numbers of a rigid body with what is fixed to it, about its link frame's origin."""
+    """Ten inertial numbers of a body and all fixed to it, about its link frame's origin."""
 
     def __init__(self, body: Body) -> None:
         self.path = f'link.{body.name}.inertial'
@@ -111,7 +111,7 @@ class InertialBlock:
 
     @property
     def scales(self) -> Array:
-        """What one unit is of each of the ten (10,)."""
+        """Units of the ten inertial numbers (10,)."""
         m, length = self._start.mass, self.length
         return m * np.array([1.0] + [length] * 3 + [length**2] * 6)
 
@@ -120,7 +120,7 @@ class InertialBlock:
         return moved(self._about_link(theta), self._to_body)
 
     def change(self, theta: Array) -> RigidInertia:
-        """Return what the body has more than at the start, about the link frame's origin."""
+        """Change of the body's inertia since the start, about the link frame's origin."""
         return difference(self._about_link(theta), self._start)
 
     def numbers(self, theta: Array) -> Array:
@@ -209,7 +209,7 @@ class FreeParameters:
 
     @property
     def is_sensor_offset(self) -> NDArray[np.bool_]:
-        """Which reported numbers are what a sensor shows of nothing (p,)."""
+        """Whether each reported number is a sensor's reading at zero (p,)."""
         of_numbers = [SENSOR_OFFSET.fullmatch(n.shared_path) is not None for n in self.numbers]
         return np.array(of_numbers + [False] * (10 * len(self.blocks)))
 
@@ -247,7 +247,7 @@ class FreeParameters:
         return found
 
     def scales(self, theta: Array) -> Array:
-        """Return what counts as the size of each reported number (p,)."""
+        """Size of each reported number (p,)."""
         sizes = [
             max(abs(number.at(t)), number.scale) if number.positive else abs(number.scale)
             for number, t in zip(self.numbers, theta, strict=False)
@@ -255,7 +255,7 @@ class FreeParameters:
         return np.concatenate([sizes, *(block.scales for block in self.blocks)])
 
     def sizes(self, theta: Array) -> Array:
-        """Return what an interval of each reported number is a share of in its verdict (p,).
+        """Reference that the interval of each reported number is divided by in its verdict (p,).
 
         The number itself where it must be positive, masses included, else what `scales` says.
         """
@@ -288,7 +288,7 @@ class FreeParameters:
         return found, [self.paths[k] for k in found]
 
     def settings(self, theta: Array) -> SearchPoint:
-        """Return what a point of the search means."""
+        """Decode a point of the search."""
         found = SearchPoint()
         coms: dict[str, dict[int, float]] = {}
         for number, t in zip(self.numbers, theta, strict=False):
@@ -319,7 +319,7 @@ class FreeParameters:
         return found
 
     def changes(self, theta: Array) -> dict[str, RigidInertia]:
-        """Return what each free body has more than at the start, about its link's frame."""
+        """Change of each free body's inertia since the start, about its link frame's origin."""
         return {block.name: block.change(own) for block, own in self._of_blocks(theta)}
 
     def _of_blocks(self, theta: Array) -> Iterator[tuple[InertialBlock, Array]]:
@@ -327,7 +327,7 @@ class FreeParameters:
         return zip(self.blocks, theta[len(self.numbers) :].reshape(-1, 10), strict=True)
 
     def overrides(self, settings: SearchPoint) -> dict[str, float | list[float]]:
-        """Return what a point of the search changes of the robot, but for its bodies.
+        """Overrides of a point of the search, without its bodies.
 
         A sensor whose offset each recording has of its own gets their mean.
         """
@@ -375,7 +375,7 @@ class FreeParameters:
 
 
 def _hidden(robot: Robot, paths: Iterable[str]) -> set[str]:
-    """Return what lies before the side of the springs that joint states and effort mean."""
+    """Paths on the far side of springs, seen from the side that joint states and effort mean."""
     motors = motors_behind(robot.tree)
     return {
         path

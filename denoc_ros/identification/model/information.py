@@ -1,4 +1,4 @@
-"""What data tell of each parameter: covariance, what is not seen, and which combinations are."""
+"""Information in the data: covariance, unseen directions, and combinations that are seen."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LISTED = 12  # combinations that are written down
 
 @dataclass(frozen=True)
 class Information:
-    """What is known of p parameters, in sizes of theirs.
+    """Information about p parameters, in units of their sizes.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ def information(
     noise: JointNoise | None = None,
     exact: Array | float = EXACT,
 ) -> Information:
-    """Return what whitened residuals tell, of an estimate at which the scores vanish.
+    """Information from whitened residuals at an estimate whose scores vanish.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def information(
 
 
 def left_beside_noise(offsets: Mask) -> Array:
-    """Return what no number of samples takes away from an error (p,), in sizes.
+    """Error that no number of samples reduces (p,), in sizes.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def verdict_of(half: float) -> str:
 
 
 def combinations(info: Information, names: Sequence[str], factors: Mask) -> list[str]:
-    """Return what the data tell of parameters that they do not tell one by one.
+    """Combinations of parameters that the data tell, though not each parameter alone.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def combinations(info: Information, names: Sequence[str], factors: Mask) -> list
 
 
 def _seen_rows(unseen: Array) -> Array:
-    """Return rows that span what is orthogonal to the unseen directions, reduced to echelon."""
+    """Reduced echelon rows that span the complement of the unseen directions."""
     left, sizes, _ = np.linalg.svd(unseen, full_matrices=True)
     rows: Array = left[:, int(np.sum(sizes > TOUCHED)) :].T.copy()
     pivot = 0

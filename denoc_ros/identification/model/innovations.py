@@ -1,4 +1,4 @@
-"""What each sample tells beyond those before it, where noise of the joints makes links vibrate.
+"""Innovations of each sample, where noise of the joints makes links vibrate.
 
 Noise of the measured joint motion drives the amplitudes of the model, and they remember it: the
 residuals of a simulation hang together over many periods. A Kalman filter over the linear model of
@@ -107,7 +107,7 @@ class Innovations:
         filter_gains(*self._way, added, *self._linked, self._gains, self._deviation)
 
     def whitened(self, residuals: Array) -> Array:
-        """Return residuals (m,) or (m, c) in deviations of what was not foreseen of them."""
+        """Residuals (m,) or (m, c) as innovations over their standard deviations."""
         found = residuals.reshape(len(residuals), -1).copy()
         found[self._alone] /= self._deviation[self._alone, None]
         filter_values(*self._way, *self._linked, self._gains, self._deviation, found)

@@ -26,7 +26,7 @@ MOST = 0.9  # of the information along a direction that may be noise's
 
 @dataclass(frozen=True)
 class JointNoise:
-    """What noise of the joints, once more on top, adds on average for p parameters.
+    """Mean effect of additional joint noise on the scores and information of p parameters.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class JointNoise:
 
     @property
     def pull(self) -> Array:
-        """What noise adds to the scores (p,)."""
+        """Mean effect of the noise on the scores (p,)."""
         return np.asarray(self.pulls.mean(axis=0))
 
     @property
@@ -67,7 +67,7 @@ def joint_noise(
     simulated: SimulatedRuns,
     theta: Array,
 ) -> JointNoise:
-    """Return what noise of the joints adds to scores and information at a theta (p,).
+    """Estimate the effect of joint noise on scores and information at theta (p,).
 
     Noise comes in pairs of both signs: what is linear in it cancels.
     """
@@ -92,7 +92,7 @@ def _at(simulated: SimulatedRuns, whitening: Whitening, theta: Array) -> tuple[A
 
 
 def bounded(added: Array, normal: Array) -> Array:
-    """Return what is added, along each direction at least nothing and at most a share."""
+    """Bound added information along each direction between zero and a share of the whole."""
     values, vectors = np.linalg.eigh(normal)
     kept = values > 1e-12 * max(float(values.max(initial=0.0)), 1e-300)
     root = vectors[:, kept] * np.sqrt(values[kept])

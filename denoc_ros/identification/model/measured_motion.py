@@ -1,4 +1,4 @@
-"""Joint motion from what was measured, smoothed as far as its own noise asks for."""
+"""Joint motion from measurements, smoothed according to their own noise."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FEWEST = 20  # samples that tell noise from motion
 
 @dataclass(frozen=True)
 class MeasuredMotion:
-    """Motion of the joints, and what was measured of it.
+    """Motion of the joints, and the noise of its measurement.
 
     Attributes
     ----------

@@ -90,7 +90,7 @@ class MotionSpace:
         self._require_start()
 
     def _labels(self, names: tuple[str, ...]) -> tuple[tuple[str, str, float, str], ...]:
-        """Return what has a limit: what, name, limit, unit."""
+        """Limited quantities: kind, name, limit, unit."""
         joints, found = self._limits.joints, []
         units = [self.along.units[name] for name in names]
         for what, limit in (

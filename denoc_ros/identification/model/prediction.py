@@ -1,4 +1,4 @@
-"""What a robot says that a recording's channels should have shown."""
+"""Predicted channel values of a recording."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ class PreparedRun:
         return found
 
     def rate_noise(self, robot: Robot) -> Array:
-        """Return the density of what noise the joints' rates have (joints,).
+        """Noise density of the joints' rates (joints,).
 
         Without measured rates they have that of positions at half the smoothing's cutoff.
         """
@@ -152,11 +152,11 @@ class PreparedRun:
 
     @property
     def has_unpowered_joints(self) -> bool:
-        """Whether a joint's effort is 0 throughout: what balances in it is seen, not its scale."""
+        """Whether a joint's effort is zero throughout: its balance is seen, not its scale."""
         return bool(self._unpowered.any())
 
     def _balanced(self, robot: Robot, count: int | None = None) -> Array:
-        """Return the size of what gravity and inertia make in each joint with effort, rms."""
+        """Rms torque of gravity and inertia in each joint with effort."""
         replay = TorqueReplay(robot, self.recording.joints, step=self._step)
         t, moved, starts = self._first(count or len(self.recording.t))
         torques = replay.torques(t, moved, starts)
@@ -253,7 +253,7 @@ class PreparedRun:
         return found + self._sensed.residuals(robot, states, settings)
 
     def _own_torque(self, robot: Robot, states: Array, settings: SearchPoint) -> Array:
-        """Return what friction and armature of the settings add to the robot's (k, joints)."""
+        """Torque of the settings' friction and armature beyond the robot's (k, joints)."""
         names = [self.recording.joints[k] for k in self._joints]
         index = robot.indices(names)
         viscous, coulomb, armature = (
@@ -314,7 +314,7 @@ def time_deviation(cutoff: float) -> float:
 
 
 def delayed_with(channel: str) -> str:
-    """Return what a channel shares its delay with: `imu` of `imu/gyro_x`, `pose.tool`."""
+    """Owner of a channel's delay: `imu` of `imu/gyro_x`, `pose.tool`."""
     kind, _, rest = channel.partition(' ')
     if kind == 'effort' and rest:
         return 'effort'

@@ -1,4 +1,4 @@
-"""What was measured in one run: joints, effort, sensors, all by the clock of the joints."""
+"""Measurements of one run: joints, effort, sensors, all by the clock of the joints."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def read_recording(
     rename: Mapping[str, str] | None = None,
     poses: Mapping[str, str] | None = None,
 ) -> Recording:
-    """Return what a bag has of a robot's joints and sensors.
+    """Read a robot's joints and sensors from a bag.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ class RestSeries:
         self._basis = self._basis / np.abs(self.design(t, 1)).max(axis=0)
 
     def design(self, times: Array, derivative: int = 0) -> Array:
-        """Return what the free coefficients do at times (k,) in [0, duration]: (k, free)."""
+        """Basis functions of the free coefficients at times (k,) in [0, duration]: (k, free)."""
         angle = np.outer(times, self._order * self._omega)
         power = (self._order * self._omega) ** derivative
         turn = 0.5 * np.pi * derivative

@@ -29,7 +29,7 @@ WORDS = {'found': GOOD, 'doubtful': DOUBTFUL, 'not identifiable': NOT_IDENTIFIAB
 
 
 def result_of(found: IdentifiedModel) -> Document:
-    """Return what is kept of a model: numbers without an end are None."""
+    """Result document of a model; infinite numbers are None."""
     return {
         'method': 'output error, maximum likelihood over all channels',
         'parameters': [
@@ -80,7 +80,7 @@ def _finite(value: float) -> float | None:
 def applied_description(
     source: str | os.PathLike[str], found: IdentifiedModel
 ) -> tuple[str, dict[str, float | list[float]]]:
-    """Return a description with what was found, and the overrides that it has no place for.
+    """Description with the found numbers, and the overrides that it has no place for.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def _is_told(found: IdentifiedModel, body: str) -> bool:
 
 
 def _with_bodies(text: str, changes: Mapping[str, RigidInertia], folder: str) -> str:
-    """Return a description whose links have so much more, what is fixed to them held."""
+    """Description with changed link inertias; bodies fixed to the links keep theirs."""
     root = parse_xml('description', text, whole=True)
     inertias = read_rigid_urdf(parse_xml('description', text), Findings(), []).links
     for link in root.iterfind('link'):

@@ -105,7 +105,7 @@ class ModelSearch:
 
     @property
     def deviation(self) -> Array:
-        """What each channel's residuals are in terms of, (channels,)."""
+        """Unit of each channel's residuals, (channels,)."""
         return self.whitening.deviation
 
     @deviation.setter
@@ -118,7 +118,7 @@ class ModelSearch:
 
     @property
     def sizes(self) -> Array:
-        """What each channel's residuals are compared with."""
+        """Size that each channel's residuals are compared with."""
         return np.array([channel.size for run in self._runs for channel in run.channels])
 
     def _vector_sizes(self) -> Array:
@@ -382,7 +382,7 @@ class ModelSearch:
         return np.asarray(np.minimum(sides[0] / np.maximum(sides[1], 1e-300), 1.0))
 
     def information(self, theta: Array) -> Information:
-        """Return what the data alone tell of the reported numbers, in sizes of theirs."""
+        """Information of the data alone about the reported numbers, in their sizes."""
         whitened = self.whitened(theta)
         residual, slope = bent(whitened), bending_slope(whitened)
         jacobian = self.jacobian(theta) * slope[:, None]
@@ -407,14 +407,14 @@ class ModelSearch:
         return info.widened(residual @ jacobian)
 
     def _noise(self, theta: Array) -> JointNoise | None:
-        """Return what noise of the joints makes of scores; None where nothing follows it."""
+        """Effect of joint noise on the scores; None where no vibration is followed."""
         if not self._is_followed:
             return None
         given = self.whitening, self._simulated, theta
         return joint_noise(self._runs, self.parameters, *given)
 
     def shaken(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
-        """Return what noise of the joints makes of each channel over some rows, rms."""
+        """Residual of each channel caused by joint noise over some rows, rms."""
         square = np.mean(self._by_joint_noise(theta) ** 2, axis=1)
         return self._by_channel(square, rows, lambda x: np.sqrt(np.mean(x)))
 

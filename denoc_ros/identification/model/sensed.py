@@ -1,4 +1,4 @@
-"""What sensors and trackers should have shown along a robot's motion."""
+"""Predicted readings of sensors and trackers along a robot's motion."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class MeasuredSignal:
 
 
 class SensedChannels:
-    """The recorded sensors and poses of a run, and what a robot says of them.
+    """Recorded sensors and poses of a run, and their predictions by a robot.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ class SensedChannels:
         return found
 
     def _of_pose(self, robot: Robot, frame: str, q: Array, settings: SearchPoint) -> list[Array]:
-        """Return what is left of a tracker's pose: its axes are turned and shifted by offsets."""
+        """Residual of a tracker's pose; offsets turn and shift its axes."""
         if f'pose {frame}/x' not in self._names:
             return []
         poses, path = robot.frame_pose(frame, q), f'pose.{frame}.offset'
@@ -194,7 +194,7 @@ class SensedChannels:
         return [self._names[name].value - own for name, own in zip(names, seen.T, strict=True)]
 
     def _missed(self, name: str, predicted: Array, delay: float) -> Array:
-        """Return what a channel has more than predicted at the joints' first stamps (j,)."""
+        """Measured minus predicted values of a channel at the joints' first stamps (j,)."""
         channel, count = self._names[name], len(predicted)
         if not len(channel.t):
             return channel.t

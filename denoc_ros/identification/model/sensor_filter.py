@@ -38,7 +38,7 @@ class SensorFilter:
                 raise IdentificationError(f'filter: {name} must be > 0, got {value}')
 
     def passed(self, t: Array, values: Array) -> Array:
-        """Return what values (k,) at stamps t (k,) [s] are behind the filter, settled at first.
+        """Filter values (k,) at stamps t (k,) [s], settled at the first one.
 
         Values are taken as linear between stamps; uneven stamps go through an even grid.
         """

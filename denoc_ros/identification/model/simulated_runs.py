@@ -1,4 +1,4 @@
-"""What all runs leave of a point of the search, and how that changes with the point."""
+"""Residuals of all runs at a parameter vector, and their Jacobian."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NEARBY = 0.01  # of theta: derivatives of a point this near serve as well
 
 
 class SimulatedRuns:
-    """Residuals of all runs by theta, and their derivatives; what was worked out last is kept.
+    """Residuals of all runs by theta, and their derivatives; the last results are kept.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class SimulatedRuns:
         places: Sequence[int],
         motions_of: Callable[[Robot], list[Motion]],
     ) -> Array:
-        """Return derivatives of the residuals (m, c) by what robots nearby do."""
+        """Derivatives of the residuals (m, c) by differences of neighbouring robots."""
         here = self.residuals(theta)
         settings = self.parameters.settings(theta)
         robot, motions = self.moved(settings)

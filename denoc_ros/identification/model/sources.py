@@ -61,7 +61,7 @@ class RecordingSettings:
 
 
 def read_source(path: str | Path, robot: Robot, settings: RecordingSettings) -> Recording:
-    """Return what a bag or a table has of a robot's joints and sensors.
+    """Read a robot's joints and sensors from a bag or a table.
 
     Parameters
     ----------

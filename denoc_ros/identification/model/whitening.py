@@ -1,4 +1,4 @@
-"""Residuals of all runs in their deviations, with what could be foreseen of them taken off."""
+"""Residuals of all runs in standard deviations, less their predictable part."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ UNHEARD = 100.0  # times its deviation is what a filter takes an outlier's for
 
 
 class Whitening:
-    """What makes residuals white: each channel's deviation, and filters about a motion.
+    """Whitening of residuals: each channel's deviation, and filters about a motion.
 
     Parameters
     ----------

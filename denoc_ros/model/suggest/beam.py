@@ -28,7 +28,7 @@ SHORTEST = 1e-3  # m, to a next joint that is not beside the link's own
 
 @dataclass(frozen=True)
 class BeamSuggestion:
-    """What a link would be as a beam.
+    """Proposal of a beam for a link.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class BeamSuggestion:
 
 @dataclass(frozen=True)
 class Wish:
-    """What all links of a robot are judged by."""
+    """Criteria for all links of a robot."""
 
     material: Material
     bandwidth: float  # Hz
@@ -153,7 +153,7 @@ def _line_of(load: SubtreeInertia) -> BeamLine | None:
 
 @dataclass(frozen=True)
 class _TipLoad:
-    """What hangs on a beam's tip."""
+    """Load on a beam's tip."""
 
     mass: float  # kg
     offset: float  # m, of its centre from the tip, all joints at zero

@@ -91,7 +91,7 @@ GEARS = {
 
 @dataclass(frozen=True)
 class SpringSuggestion:
-    """A spring for a joint, and what it was chosen by."""
+    """Proposal of a spring for a joint, and its reasons."""
 
     joint: str
     effort: float  # N m, of the joint's <limit>

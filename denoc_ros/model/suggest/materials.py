@@ -40,7 +40,7 @@ class Material:
 
     @property
     def damping_text(self) -> str:
-        """What the assumed damping ratio lies between, and who says so."""
+        """Range of the assumed damping ratio, with its sources."""
         bare = 'that' if self.bare_damping is None else f'{self.bare_damping:g}'
         return f'{bare} of a bare piece ({BARE}) and {JOINTED_DAMPING:g} with joints ({JOINTED})'
 

@@ -95,7 +95,7 @@ def _turned(x: Array, across: Iterable[Array]) -> Array:
 
 @dataclass(frozen=True)
 class Stiffness:
-    """What a link's beam may have of stiffness.
+    """Stiffness of a link's beam.
 
     Attributes
     ----------

@@ -1,0 +1,54 @@
+"""Verbs of `denoc` and actions of `denoc identify`, with a line of help each."""
+
+from __future__ import annotations
+
+VERBS = {
+    'check': 'validate a robot; list its links, joints, beams, frequencies and masses',
+    'simulate': 'simulate a robot through a scenario, without a ROS graph',
+    'shape': 'plan a motion without residual vibration, with the tip on its path',
+    'up': 'start the nodes, run a reference, record and report',
+    'replay': 'recompute torque and deflection along a recorded run, and compare them with the '
+    'measurement',
+    'view': 'show a robot or a run in the browser: deformed links, forces, natural modes; write '
+    'films',
+    'identify': 'identify damping and friction from recorded motion',
+    'report': 'write the HTML report of a run or of any bag',
+    'calibrate': "fit a sensor's gain and offset to readings at known references",
+    'recover': 'rebuild a recording that was cut off',
+    'dh': 'make a URDF with flexible links from a Denavit-Hartenberg table',
+    'export': "write a robot as MuJoCo's or Gazebo's model, beams as chains of sprung rods",
+    'reduce': "reduce a link from its mesh, or another program's matrices, to a few modes",
+    'stability': "compare the recursion's numerical stability with dense Cholesky's",
+    'warmup': 'compile all kernels now, once per version and user',
+    'bench': 'check results, then time the dynamics beside Pinocchio and dense Cholesky',
+}
+
+ACTIONS = {
+    'info': 'rate, gaps, jitter, clipping, noise of the signals of a recording',
+    'segment': 'find releases, free decays, steps and rests in a signal',
+    'modal': 'modes and damping ratios of a free decay, or of a folder of them',
+    'joint': 'viscous and Coulomb friction of a joint from a free swing',
+    'forced': 'modes from torque and response',
+    'servo': 'bandwidth, damping, delay and static gain of position-controlled joints',
+    'model': 'stiffness, payload, inertia, friction, gains and delays of a whole robot',
+    'excite': 'plan the motion whose recording identifies numbers of a robot best',
+    'apply': "write identified damping into a robot's URDF",
+    'compare': 'modes of several runs: mean, spread, repeatability',
+    'selftest': 'accuracy of the estimators on synthetic decays with known truth',
+}
+
+# module of an action
+ACTION_MODULES = {
+    'info': 'identify_records',
+    'segment': 'identify_records',
+    'modal': 'identify_modal',
+    'joint': 'identify_joint',
+    'forced': 'identify_forced',
+    'servo': 'identify_servo',
+    'model': 'identify_model',
+    'excite': 'identify_excite',
+    'apply': 'identify_results',
+    'compare': 'identify_results',
+    'selftest': 'identify_selftest',
+}
+DEFAULT_ACTION = 'modal'
