@@ -330,3 +330,13 @@ def test_bad_input_is_refused_by_name(
     said = capsys.readouterr().err
     assert re.search(message, said), said
     assert not (tmp_path / 'link.npz').exists()
+
+
+def test_missing_extra_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr('denoc_ros.cli.reduce.EXTRA', ('no_such_mesher',))
+    assert main(['reduce', 'box.stl', *TIP, '-o', 'link.npz']) == 1
+    assert "no_such_mesher must be installed: pip install 'denoc_ros[reduce]'" in (
+        capsys.readouterr().err
+    )
