@@ -52,8 +52,10 @@ def bent_twice(constants, gamma, m, width, x, first):
     """Return sum_jk Gamma_jk x_j x_k of some points, given the offset of Gamma_11 there."""
     found = spread(0.0)
     for j in range(m):
-        row = bent(constants, gamma + width * m * j, m, width, x, first)
-        found = plus_product(found, row, spread(x[first + j]))
+        row = gamma + width * (m + 1) * j
+        more = bent(constants, row + width, m - 1 - j, width, x, first + j + 1)
+        own = take(constants, row) * x[first + j]
+        found = plus_product(found, own + 2.0 * more, spread(x[first + j]))
     return found
 
 

@@ -226,7 +226,8 @@ def place_beam(topology, constants, work, q, i):
 @inlined
 def place_modes(topology, constants, work, q, i):
     """Place the integration points of body i, where it has modes."""
-    if at(topology, i, at_.COMPONENTS) > 0:
-        place_components(topology, constants, work, q, i)
-    elif at(topology, i, at_.POINTS) > 0:
-        place_beam(topology, constants, work, q, i)
+    if at(topology, i, at_.POINTS) > 0:
+        if at(topology, i, at_.COMPONENTS) > 0:
+            place_components(topology, constants, work, q, i)
+        else:
+            place_beam(topology, constants, work, q, i)

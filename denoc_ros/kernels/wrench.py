@@ -133,10 +133,11 @@ def torsion_wrench(topology, constants, work, qd, qdd, i):
 def body_wrench(topology, constants, work, qd, qdd, i):
     """Write the wrench and the modal forces that body i needs for its motion (no elasticity)."""
     rigid_wrench(topology, constants, work, i)
-    if at(topology, i, at_.COMPONENTS) > 0:
-        component_wrench(topology, constants, work, qd, qdd, i)
-    elif at(topology, i, at_.POINTS) > 0:
-        bending_wrench(topology, constants, work, qd, qdd, i)
+    if at(topology, i, at_.POINTS) > 0:
+        if at(topology, i, at_.COMPONENTS) > 0:
+            component_wrench(topology, constants, work, qd, qdd, i)
+        else:
+            bending_wrench(topology, constants, work, qd, qdd, i)
     if at(topology, i, at_.NT) > 0:
         torsion_wrench(topology, constants, work, qd, qdd, i)
 
