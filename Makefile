@@ -24,7 +24,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint style types bench mechanisms rates soak siege longbag fuzz load watched requests bounds identification strangers longload ends peers tips readme counts venv clean
+.PHONY: demo test check browser lint style types bench mechanisms rates docs smoke soak siege longbag fuzz load watched requests bounds identification strangers longload ends peers tips readme counts venv clean
 
 venv: $(STAMP)
 
@@ -51,14 +51,16 @@ types: $(STAMP)
 check: lint
 	$(BIN)/pytest -m 'not ros' --numprocesses auto $(LONGEST_FIRST)
 
-# what has no nodes runs on all cores; of nodes, which wait some of the time, three files at a time;
-# a minute of siege has ends of nodes beside it; types and layers take what all these leave; loops
-# that are held to time have the machine to themselves
+# nodes wait much of the time: four files of them at a time, and on what they leave of the cores the
+# tests without nodes; types and layers take what all these leave; then a minute of siege with ends
+# of nodes beside it; loops that are held to time have the machine to themselves
 test: style browser
 	@status=0; mkdir -p $(ROS_LOG_DIR); \
 	nice -n 19 $(MAKE) --no-print-directory types > $(ROS_LOG_DIR)/types.txt 2>&1 & types=$$!; \
-	$(BIN)/pytest -m 'not ros' --numprocesses auto $(LONGEST_FIRST) || status=1; \
-	$(BIN)/pytest -m 'ros and not alone' --numprocesses 3 $(LONGEST_FIRST) || status=1; \
+	nice -n 5 $(BIN)/pytest -m 'not ros' --numprocesses auto $(LONGEST_FIRST) > $(ROS_LOG_DIR)/plain.txt 2>&1 & plain=$$!; \
+	$(BIN)/pytest -m 'ros and not alone' --numprocesses 4 $(LONGEST_FIRST) || status=1; \
+	wait $$plain || status=1; \
+	cat $(ROS_LOG_DIR)/plain.txt; \
 	$(BIN)/pytest -m alone -k test_siege > $(ROS_LOG_DIR)/siege.txt 2>&1 & siege=$$!; \
 	$(BIN)/pytest -m alone -k test_ends || status=1; \
 	wait $$siege || status=1; \
@@ -75,6 +77,18 @@ browser:
 # the tables of README and docs/nodes.md, from the code
 readme: $(STAMP)
 	$(BIN)/python test/test_readme.py
+
+# the site, as build/site/html/index.html; a warning is a fault
+docs: $(STAMP)
+	rm -rf build/site
+	mkdir -p build/site/source
+	$(BIN)/python -m sphinx --quiet --fail-on-warning -c docs/site -d build/site/trees build/site/source build/site/html
+	@echo 'build/site/html/index.html'
+
+# three minutes: the package as the index would give it, in an empty environment, tried from end to end
+smoke: $(STAMP)
+	$(PIP) build
+	PYTHONPATH=test:test/support $(BIN)/python -m campaign.smoke
 
 # how the code is built: lines, lengths, arguments, repeated names, import circles
 counts:

@@ -81,7 +81,7 @@ TABLES = ['openpyxl>=3.1']
 
 # the site of the documentation
 PAGES = ['README.md', 'CHANGELOG.md', 'CONTRIBUTING.md', 'SECURITY.md', 'CODE_OF_CONDUCT.md']
-DOCS = ['sphinx>=8', 'myst-parser>=4', 'furo>=2024.8']
+DOCS = ['sphinx>=8', 'myst-parser>=4', 'furo>=2024.8', 'jupytext>=1.16', 'nbformat>=5.9']
 
 # links from their mesh: tetrahedra, ten-node elements, order of rows, volume meshes of others
 REDUCE = ['pytetwild>=0.2,<0.3', 'scikit-fem>=10', 'pymetis>=2025.2', 'meshio>=5.3']

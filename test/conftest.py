@@ -30,6 +30,7 @@ LONGEST = (
     'identification/model/test_followed_vibration.py',
     'control/test_tip_mechanisms.py',
     'bench/test_bench.py',
+    'test_site.py',
     'nodes/test_up.py',
     'test_docs.py',
     'nodes/test_shaper.py',
@@ -57,6 +58,7 @@ SOURCES = (
     'LICENSE',
     'MANIFEST.in',
     'README.md',
+    'conda',
     'config',
     'constraints.txt',
     'denoc_ros',
@@ -65,6 +67,7 @@ SOURCES = (
     'package.xml',
     'pyproject.toml',
     'resource',
+    'rosdoc2.yaml',
     'scripts',
     'setup.cfg',
     'setup.py',
@@ -132,7 +135,7 @@ def source_copy(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> P
     for name in SOURCES:
         source = repository / name
         if source.is_dir():
-            ignored = shutil.ignore_patterns('__pycache__', '_build')
+            ignored = shutil.ignore_patterns('__pycache__')
             shutil.copytree(source, target / name, ignore=ignored)
         elif source.is_file():
             shutil.copy2(source, target / name)

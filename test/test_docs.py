@@ -14,7 +14,7 @@ from snippet_kinds import check_xml, check_yaml, run_command
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
-LANGUAGES = {'python', 'sh', 'yaml', 'xml', 'text', 'mermaid', ''}
+LANGUAGES = {'python', 'sh', 'yaml', 'xml', 'text', 'mermaid', 'math', ''}
 OF_ROS = re.compile(r'^(denoc up |ros2 |denoc-)|ros__parameters|^nodes:', re.MULTILINE)
 
 

@@ -16,6 +16,8 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+import yaml
+from campaign.smoke import inside_script, lost_links, tried
 from packaging.requirements import Requirement
 from packaging.utils import NormalizedName, canonicalize_name
 
@@ -24,7 +26,6 @@ from denoc_ros.reports.versions import source_commit
 
 BUILD_TIMEOUT = 300.0  # s for what takes ten on a machine that does nothing else
 EXTRAS = ('ros', 'viewer', 'test')
-LINK = re.compile(r'\]\((?!https?:|#)([^)#]+)')
 # those of the package index that fit; any other would be refused there
 CLASSIFIERS = {
     'Development Status :: 4 - Beta',
@@ -186,16 +187,16 @@ def test_commit_is_that_of_the_package_s_own_checkout_only(checkout: Path, tmp_p
 
 
 def test_links_of_the_installed_pages_lead_to_installed_files(prefix: Path) -> None:
-    share = prefix / 'share' / 'denoc_ros'
-    pages = [share / 'README.md', *sorted((share / 'docs').glob('*.md'))]
-    assert len(pages) > 20
-    lost = [
-        f'{page.relative_to(share)}: {target}'
-        for page in pages
-        for target in LINK.findall(page.read_text(encoding='utf-8'))
-        if not (page.parent / target).exists()
-    ]
-    assert lost == []
+    assert lost_links(prefix / 'share' / 'denoc_ros') == []
+
+
+def test_installed_package_has_every_robot_command_node_and_launch_file(
+    prefix: Path, tmp_path: Path
+) -> None:
+    modules = sysconfig.get_path('purelib', vars={'base': str(prefix)})
+    environment = {**os.environ, 'PYTHONPATH': modules}
+    trial = tried('inside', [sys.executable, '-c', inside_script()], tmp_path, environment)
+    assert trial.fault == ''
 
 
 def test_pages_that_messages_name_are_installed(repository: Path, prefix: Path) -> None:
@@ -341,3 +342,27 @@ def test_package_xml_names_the_licence_files(repository: Path) -> None:
     root = ElementTree.parse(repository / 'package.xml').getroot()
     files = {element.get('file') for element in root.iter('license')}
     assert files == {'LICENSE', *git(repository, 'ls-files', 'config/robots/*.LICENSE').split()}
+
+
+def test_conda_recipe_needs_what_wheel_and_package_xml_need(repository: Path, wheel: Path) -> None:
+    text = (repository / 'conda' / 'recipe.yaml').read_text(encoding='utf-8')
+    recipe = yaml.safe_load(text)
+    root = ElementTree.parse(repository / 'package.xml').getroot()
+    assert recipe['context']['version'] == root.findtext('version')
+    run = {
+        Requirement(line).name: Requirement(line).specifier
+        for line in recipe['requirements']['run']
+    }
+    lines = wheel_metadata(wheel).get_all('Requires-Dist') or []
+    needed = [r for r in map(Requirement, lines) if r.marker is None]
+    conda = {'matplotlib': 'matplotlib-base'}
+    assert {name: s for name, s in run.items() if not name.startswith(('ros-', 'python'))} == {
+        conda.get(r.name, r.name): r.specifier for r in needed
+    }
+    ros = {e.text for kind in ('depend', 'exec_depend') for e in root.iter(kind) if e.text}
+    assert {name for name in run if name.startswith('ros-')} == {
+        f'ros-jazzy-{name.replace("_", "-")}' for name in ros if not name.startswith('python3-')
+    }
+    assert set(recipe['about']['license_file']) == {
+        element.get('file') for element in root.iter('license')
+    }

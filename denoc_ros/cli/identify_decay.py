@@ -45,16 +45,19 @@ def identify(args: argparse.Namespace, path: Path) -> tuple[Document, DecayAnaly
 def _of_model(
     args: argparse.Namespace, reading: Reading, analysis: DecayAnalysis
 ) -> tuple[dict[int, Assigned], Document]:
-    """Return the amplitudes of the model that the good modes determine, and which model it is."""
+    """Return the amplitudes of the model that the good modes determine, and which model it is.
+
+    Without a robot, where the joints stood is all.
+    """
+    modes = analysis.modes
+    measured = joint_positions(reading, modes.start, modes.stop) | joint_values(args.at)
     robot = (
         load_named_robot(args.robot, args.gravity)
         if args.robot
         else attached_robot(reading.path, args.gravity)
     )
     if robot is None:
-        return {}, {}
-    modes = analysis.modes
-    measured = joint_positions(reading, modes.start, modes.stop)
+        return {}, {'joints': measured} if measured else {}
     joints = {name: measured[name] for name in robot.joint_names if name in measured}
     joints |= joint_values(args.at)
     model: Document = {

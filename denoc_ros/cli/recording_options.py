@@ -33,6 +33,14 @@ def add_recording_settings(parser: argparse.ArgumentParser) -> None:
         'readings as sensor.NAME; repeatable',
     )
     group.add_argument(
+        '--torque-constant',
+        action='append',
+        default=[],
+        metavar='JOINT=NM_PER_A',
+        help="torque per ampere at the joint, where the joint's effort was recorded as current; "
+        'negative where current turns it the other way; repeatable',
+    )
+    group.add_argument(
         '--filter',
         action='append',
         default=[],
@@ -68,6 +76,9 @@ def recording_settings(args: argparse.Namespace) -> RecordingSettings:
     form = 'SENSOR=OMEGA,DAMPING'
     filters = named_values('--filter', args.filter, form, _two_numbers, findings)
     poses = named_values('--pose', args.pose, 'TOPIC=FRAME', str, findings)
+    constants = named_values(
+        '--torque-constant', args.torque_constant, 'JOINT=NM_PER_A', float, findings
+    )
     require(findings)
     return RecordingSettings(
         topic=args.topic,
@@ -79,6 +90,7 @@ def recording_settings(args: argparse.Namespace) -> RecordingSettings:
         end=args.end,
         filters={name: SensorFilter(*pair) for name, pair in filters.items()},
         poses=poses,
+        torque_constants=constants,
     )
 
 

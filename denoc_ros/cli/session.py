@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -47,8 +47,8 @@ DECIDED = ('planned', 'refused', 'passed on')  # what a shaper counts of motions
 PLANNING = 60.0  # s beyond `solve_timeout` in which it must have decided on a busy machine
 DEAF = ('', NO_JOINTS, STALE_JOINTS)  # what a feedforward says of its torque
 HEARING = 10.0  # s until a feedforward hears a plant that was started
-WORDS = 3  # reports, one a second, in which a node looks around several times
-GRAPH = 30.0  # s of wall time until a recorder has found all topics
+WORDS = 2  # reports, one a second, between which a node looks around twice
+GRAPH = 60.0  # s of wall time until a recorder has found all topics
 REHEARSAL_FOLDER = 'rehearsal'  # where a recorder writes meanwhile: nobody reads it
 FIRST = 1.0  # s of simulated time before the first phase
 DESIGNING = 60.0  # s until state feedback has gains for a posture: its process has to start
@@ -310,9 +310,13 @@ class Session:
 
     def _await_words(self, names: Sequence[str]) -> None:
         """Wait, while time stands, until nodes had time to find sensors and other nodes."""
-        client = self._client
-        wanted = {name: client.reports(name) + WORDS for name in names}
-        client.until(lambda: all(client.reports(n) >= wanted[n] for n in names), PLANNING)
+        self._client.until(self._spoken(names), PLANNING)
+
+    def _spoken(self, names: Sequence[str], words: int = WORDS) -> Callable[[], bool]:
+        """Return a condition: nodes have reported so often from now on."""
+        reports = self._client.reports
+        wanted = {name: reports(name) + words for name in names}
+        return lambda: all(reports(name) >= count for name, count in wanted.items())
 
     def _await_feedforward(self) -> None:
         """Wait, in real time, until the feedforward has all that its torque is made of."""
@@ -351,20 +355,18 @@ class Session:
         """Wait, while simulated time stands, until the recorder has found all topics."""
         client = self._client
         client.await_listeners(len(self._listeners()))
-        before: tuple[int, str | None] = (0, None)
+        since: tuple[int, str | None] = (0, None)  # the first report that had the topics of now
 
         def found() -> bool:
-            nonlocal before
+            nonlocal since
             reports = client.reports('recorder')
-            if reports < before[0] + 2:
-                return False
             topics = client.diagnostics('recorder: recording').get('topics')
-            same, before = topics == before[1], (reports, topics)
-            return same
+            if topics != since[1]:
+                since = reports, topics
+            return topics is not None and reports >= since[0] + 2
 
-        self._await_words(self._names)
-        if 'recorder' in self._names:
-            client.until(found, GRAPH)
+        spoken, records = self._spoken(self._names, WORDS + 1), 'recorder' in self._names
+        client.until(lambda: (found() or not records) and spoken(), GRAPH)
         self._time.pass_by(FIRST)
 
     def _run_phase(self, phase: Phase) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -30,27 +31,40 @@ class SessionFile:
         self.folder = folder
         self._file = folder / SESSION_FILE
         self._values = {**values, 'phases': []}
+        self._phase_began = 0.0
         self._write()
 
     @property
     def phases(self) -> list[dict[str, Any]]:
-        """`name`, `begin_ns` and `end_ns` (None: unfinished) of each phase that has begun."""
+        """The phases that have begun.
+
+        `name`, `begin_ns`, `end_ns` (None: unfinished) and, of a finished one, `wall`: the seconds
+        of wall time that it took.
+        """
         return list(self._values['phases'])
 
     @property
     def time(self) -> dict[str, Any]:
-        """`mode` of the session's time, `why`, and when the session began (`begun_ns`)."""
+        """The session's time.
+
+        `mode`, `why`, when the session began (`begun_ns`) and, once a phase is finished, `factor`:
+        the recording's time over wall time, of all finished phases.
+        """
         return dict(self._values.get('time', {}))
 
     def begin_phase(self, name: str, stamp_ns: int) -> None:
         """Note that a phase begins, by the clock of the recording [ns]."""
+        self._phase_began = time.perf_counter()
         self._values['phases'].append({'name': name, 'begin_ns': stamp_ns, 'end_ns': None})
         self._write()
 
     def end_phase(self, stamp_ns: int) -> None:
         """Note that the phase is finished, by the clock of the recording [ns]."""
-        self._values['phases'][-1]['end_ns'] = stamp_ns
-        self._write()
+        wall = time.perf_counter() - self._phase_began
+        self._values['phases'][-1].update(end_ns=stamp_ns, wall=wall)
+        finished = [each for each in self._values['phases'] if each['end_ns'] is not None]
+        lasted = 1e-9 * sum(each['end_ns'] - each['begin_ns'] for each in finished)
+        self.note(time={**self.time, 'factor': lasted / sum(each['wall'] for each in finished)})
 
     def note(self, **values: Any) -> None:
         """Note other values, such as `failure`: why the session ended before its end."""

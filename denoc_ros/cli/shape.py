@@ -40,7 +40,8 @@ NUMBERS = {
     'step': 'time between the nodes at which the equations hold [s]',
 }
 # options of the other methods, and which have them
-SHAPERS = ('zv', 'zvd', 'ei', 'rest_to_rest')
+OF_STREAMS = ('zv', 'zvd', 'ei')
+SHAPERS = (*OF_STREAMS, 'rest_to_rest')
 OTHERS = {
     'modes': (int, SHAPERS, 'number of modes that come to rest, from the lowest'),
     'duration': (
@@ -136,6 +137,14 @@ def _add_tip_options(parser: argparse.ArgumentParser) -> None:
     for name, (kind, methods, text) in OTHERS.items():
         said = 'all of them' if methods is SHAPERS else ', '.join(methods)
         group.add_argument(f'--{name}', metavar='X', type=kind, help=f'{text} ({said})')
+    group.add_argument(
+        '--mode-table',
+        metavar='FILE',
+        help=(
+            'measured modes over postures (`denoc identify postures`) in place of those of the '
+            'model, which may be rigid (zv, zvd, ei)'
+        ),
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -175,6 +184,8 @@ def _findings(args: argparse.Namespace) -> list[str]:
     for name, (_, methods, _) in OTHERS.items():
         if getattr(args, name) is not None and args.method not in methods:
             found.append(f'--{name} is for --method {" or ".join(methods)}, got {args.method}')
+    if args.mode_table is not None and args.method not in OF_STREAMS:
+        found.append(f'--mode-table is for --method zv, zvd or ei, got {args.method}')
     return found
 
 
@@ -191,6 +202,8 @@ def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, A
     for name in (*NUMBERS, *OTHERS):
         if getattr(args, name) is not None:
             options[name] = getattr(args, name)
+    if args.mode_table is not None:
+        options['mode_table'] = given_file(args.mode_table, 'mode table')
     if args.joints:
         options['joints'] = args.joints.split(',')
     elif args.method == 'tip' and 'kind' not in values and values.get('joints'):

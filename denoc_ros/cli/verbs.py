@@ -34,6 +34,7 @@ ACTIONS = {
     'excite': 'plan the motion whose recording identifies numbers of a robot best',
     'apply': "write identified damping into a robot's URDF",
     'compare': 'modes of several runs: mean, spread, repeatability',
+    'postures': 'modes at several postures as a table for the shaper',
     'selftest': 'accuracy of the estimators on synthetic decays with known truth',
 }
 
@@ -49,6 +50,7 @@ ACTION_MODULES = {
     'excite': 'identify_excite',
     'apply': 'identify_results',
     'compare': 'identify_results',
+    'postures': 'identify_results',
     'selftest': 'identify_selftest',
 }
 DEFAULT_ACTION = 'modal'

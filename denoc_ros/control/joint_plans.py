@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +14,7 @@ from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.end_swing import follow_joints
 from denoc_ros.control.joint_limits import Given, JointLimits, joint_limits, require_limits
+from denoc_ros.control.mode_table import ModeTable, read_mode_table
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.reaction import require_attitude
 from denoc_ros.control.rest_to_rest import rest_to_rest
@@ -53,6 +55,9 @@ class ShaperOptions:
         less of each than the one it is made of; a plan beyond them is refused.
     cancel : callable, optional
         Returns True where the work must end: SolverError then.
+    mode_table : ModeTable or path, optional
+        Measured modes over postures, in place of the robot's own, which may be rigid: for
+        ``zv``, ``zvd``, ``ei``. `modes` counts them as well.
     """
 
     modes: int | None = None
@@ -62,6 +67,13 @@ class ShaperOptions:
     jerk: Given | None = None
     effort: Given | None = None
     cancel: Callable[[], bool] | None = None
+    mode_table: ModeTable | str | Path | None = None
+
+    @property
+    def table(self) -> ModeTable | None:
+        """The measured modes, read where a file was named."""
+        given = self.mode_table
+        return given if given is None or isinstance(given, ModeTable) else read_mode_table(given)
 
 
 @dataclass(frozen=True)
@@ -90,14 +102,15 @@ def shaper_motion(
 ) -> Plan:
     """Return the plan of a motion through an input shaper (see :func:`shape_samples`)."""
     _check(options)()
-    samples, delay = shape_samples(robot, times, q_joints, method, options.modes)
+    table = options.table
+    samples, delay = shape_samples(robot, times, q_joints, method, options.modes, table)
     spline = make_interp_spline(samples.t, samples.q, k=5)
     begin, end = float(samples.t[0]), float(samples.t[-1])
 
     def motion(at: Array, derivative: int = 0) -> Array:
         return np.asarray(spline(np.clip(at, begin, end), derivative), dtype=np.float64)
 
-    plan = _plan(method, robot, motion, (begin, end), options)
+    plan = _plan(method, robot, motion, (begin, end), options, table)
     return _with_tip(robot, plan, times, q_joints, frames, delay, 0.5 * delay)
 
 
@@ -112,6 +125,10 @@ def rest_motion(
 
     What is between them is not followed.
     """
+    if options.mode_table is not None:
+        raise StateError(
+            "shape_motion: mode_table must be for 'zv', 'zvd' or 'ei', got 'rest_to_rest'"
+        )
     duration = float(times[-1] - times[0]) if options.duration is None else options.duration
     found = rest_to_rest(
         robot,
@@ -147,6 +164,7 @@ def _plan(
     motion: JointMotion,
     window: tuple[float, float],
     options: ShaperOptions,
+    table: ModeTable | None = None,
 ) -> Plan:
     """Return the plan of all coordinates while the joints do a motion, from rest."""
     if not (np.isfinite(options.output_step) and options.output_step > 0.0):
@@ -154,7 +172,10 @@ def _plan(
     count = max(2, int(np.ceil((window[1] - window[0]) / options.output_step - 1e-9)) + 1)
     step = (window[1] - window[0]) / (count - 1)
     ends = motion(np.array(window))
-    fastest = float(ringing_modes(robot, ends[1], options.modes).frequencies.max())
+    # what swings in the plan is the robot's own; a rigid one has nothing to integrate
+    is_rigid = not len(robot.flexible_indices)
+    own_modes = ringing_modes(robot, ends[1], options.modes, table if is_rigid else None)
+    fastest = float(own_modes.frequencies.max())
     parts = max(1, int(np.ceil(step * STEPS_PER_PERIOD * fastest)))
     fine: Array = np.linspace(*window, (count - 1) * parts + 1)
     own = robot.copy()

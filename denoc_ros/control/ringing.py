@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.control.impulses import damped_frequency
+from denoc_ros.control.mode_table import ModeTable
 from denoc_ros.control.reaction import falling
 from denoc_ros.dynamics.held_base import held_robot
 from denoc_ros.dynamics.robot import Robot
@@ -32,7 +33,9 @@ def require_flexible(robot: Robot) -> None:
     SolverError
     """
     if not len(robot.flexible_indices):
-        raise SolverError(f'{robot.tree.name}: a shaper needs a flexible link, got none')
+        raise SolverError(
+            f'{robot.tree.name}: a shaper needs a flexible link or a mode table, got none'
+        )
 
 
 def ringing_robot(robot: Robot, base: str) -> Robot:
@@ -43,7 +46,12 @@ def ringing_robot(robot: Robot, base: str) -> Robot:
     return falling(held_robot(robot) if base == 'free_flying' else robot)
 
 
-def ringing_modes(robot: Robot, q_joints: ArrayLike, count: int | None = None) -> RingingModes:
+def ringing_modes(
+    robot: Robot,
+    q_joints: ArrayLike,
+    count: int | None = None,
+    table: ModeTable | None = None,
+) -> RingingModes:
     """Return the modes to be shaped, with the joints held, at static equilibrium.
 
     A base that floats moves with them (see :func:`falling`).
@@ -55,18 +63,26 @@ def ringing_modes(robot: Robot, q_joints: ArrayLike, count: int | None = None) -
     q_joints : (joints,) array
         Posture [rad, m].
     count : int, optional
-        The lowest so many; default those below `WIDEST` times the lowest.
+        The lowest so many; default those below `WIDEST` times the lowest, or all of a table.
+    table : ModeTable, optional
+        Measured modes, in place of the robot's own, which may be rigid.
 
     Raises
     ------
     StateError
         A count that is not >= 1.
+    ConfigError
+        The table has other joints.
     SolverError
         The robot has no such modes, one does not oscillate (buckling), or the posture has no
         equilibrium.
     """
     if count is not None and count < 1:
         raise StateError(f'{robot.tree.name}: modes to be shaped must be >= 1, got {count}')
+    if table is not None:
+        own, damping = table.at(robot.joint_names, np.asarray(q_joints))
+        own, damping = own[:count], damping[:count]
+        return RingingModes(damped_frequency(own, damping), damping)
     require_flexible(robot)
     modes = robot.natural_modes(robot.static_deflection(q_joints))
     rigid = len(robot.base_indices)  # a floating base's motions come first, without a frequency
@@ -85,13 +101,15 @@ def ringing_modes(robot: Robot, q_joints: ArrayLike, count: int | None = None) -
     return RingingModes(damped_frequency(frequencies, ratios), np.asarray(ratios))
 
 
-def modes_along(robot: Robot, postures: Array, count: int | None = None) -> RingingModes:
+def modes_along(
+    robot: Robot, postures: Array, count: int | None = None, table: ModeTable | None = None
+) -> RingingModes:
     """Return the modes at many postures (m, joints): frequencies and ratios (m, k).
 
     As many at each posture as at the first one; errors as of :func:`ringing_modes`.
     """
-    first = ringing_modes(robot, postures[0], count)
-    rest = [ringing_modes(robot, row, len(first.ratios)) for row in postures[1:]]
+    first = ringing_modes(robot, postures[0], count, table)
+    rest = [ringing_modes(robot, row, len(first.ratios), table) for row in postures[1:]]
     return RingingModes(
         np.array([first.frequencies, *(each.frequencies for each in rest)]),
         np.array([first.ratios, *(each.ratios for each in rest)]),

@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 
 from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.impulses import impulse_weights
+from denoc_ros.control.mode_table import ModeTable
 from denoc_ros.control.ringing import modes_along, ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
@@ -53,7 +54,12 @@ def rest_spline(times: Array, q_joints: Array) -> Any:
 
 
 def shape_samples(
-    robot: Robot, times: Array, q_joints: Array, method: str, modes: int | None = None
+    robot: Robot,
+    times: Array,
+    q_joints: Array,
+    method: str,
+    modes: int | None = None,
+    table: ModeTable | None = None,
 ) -> tuple[JointSamples, float]:
     """Return a joint motion shaped for the robot's modes at the postures it goes through.
 
@@ -69,6 +75,8 @@ def shape_samples(
         ``zv``, ``zvd`` or ``ei``.
     modes : int, optional
         How many modes, from the lowest; default those below ten times the lowest.
+    table : ModeTable, optional
+        Measured modes, in place of the robot's own.
 
     Returns
     -------
@@ -85,10 +93,11 @@ def shape_samples(
     driven = DrivenJoints(robot, 'an input shaper')
     spline = rest_spline(times, q_joints)
     start, end = float(times[0]), float(times[-1])
-    slowest = float(ringing_modes(robot, driven.following(spline(start)), modes).frequencies[0])
+    first = ringing_modes(robot, driven.following(spline(start)), modes, table)
+    slowest = float(first.frequencies[0])
     postures = max(POSTURES, int(np.ceil(POSTURES_PER_PERIOD * slowest * (end - start))))
     path = driven.following(spline(np.linspace(start, end, postures)))
-    found = modes_along(robot, path, modes)
+    found = modes_along(robot, path, modes, table)
     half_periods = len(impulse_weights(method, 0.0)) - 1
     for _ in range(ROUNDS):
         delay = float((0.5 * half_periods / found.frequencies.min(axis=0)).sum())
@@ -102,7 +111,7 @@ def shape_samples(
         for k in reversed(range(len(weights))):  # last the slowest: it is at the present phase
             q = _through(t, q, frequencies[:, k], weights[k])
         shaped = make_interp_spline(t, q, k=5)
-        found = modes_along(robot, np.asarray(shaped(knots)), found.ratios.shape[1])
+        found = modes_along(robot, np.asarray(shaped(knots)), found.ratios.shape[1], table)
     return JointSamples(t, q, shaped(t, 1), shaped(t, 2)), delay
 
 

@@ -267,6 +267,18 @@ class TreeDynamics(MassAndMomentum):
         """Return the pose (4, 4) of a link or loop frame in the base frame, deflected."""
         return self._of_frame(FRAME_POSE, frame, q, out, check)
 
+    def pose_of(self, frame: str) -> Callable[[Array, Array], None]:
+        """Return a function that writes a frame's pose (4, 4) for coordinates (n,), for loops.
+
+        It looks at neither: both must be contiguous arrays of doubles, and the coordinates finite.
+        """
+        verb, row = FRAME_POSE.kernel, self._row(frame)
+
+        def write(q: Array, out: Array) -> None:
+            verb(self.handle, q, row, out)
+
+        return write
+
     def frame_jacobian(self, frame: str, q: ArrayLike, out: Array | None = None) -> Array:
         """Return the Jacobian (6, n) of a frame: linear first, base axes, at its origin."""
         return self._of_frame(FRAME_JACOBIAN, frame, q, out)

@@ -96,6 +96,9 @@ class Observer:
         self._joints, self._flexible = self.motion.index, robot.flexible_indices
         self._free = np.union1d(robot.free_indices, self.motion.bound)
         self._floating = ReactingBase(self.robot)
+        self._floats = self._floating.floats
+        self._max_age, self._step = settings.max_age, settings.step
+        self._horizon_steps = settings.horizon_steps
         if settings.fusion is not None:
             self._floating.require_none('where sensors are fused')
         self._equilibrium = Equilibrium(self.robot, self._free)
@@ -139,12 +142,12 @@ class Observer:
     @property
     def started(self) -> bool:
         """Whether a measurement has started the observer."""
-        return not math.isnan(self.time)
+        return self.time == self.time  # no NaN
 
     @property
     def stale(self) -> bool:
         """Whether the last measurement is older than `max_age`."""
-        return self.started and self.time - self._stamp > self.settings.max_age
+        return self.time - self._stamp > self._max_age
 
     def measure(
         self, stamp: float, q: Array, qd: Array | None = None, effort: Array | None = None
@@ -168,7 +171,7 @@ class Observer:
         bool
             False if it was refused: too old, or not newer than the last one.
         """
-        if not self.started:
+        if self.time != self.time:  # no measurement has started it
             self._start(stamp, q, qd)
             self.take_effort(effort)
             self._follow_springs((self._q, self._qd), 0.0)
@@ -176,14 +179,15 @@ class Observer:
         if not stamp > self._stamp:
             self.repeated += 1
             return False
-        if self.time - stamp > self.settings.max_age:
+        if self.time - stamp > self._max_age:
             self.late += 1
             return False
         interval = stamp - self._stamp
         if self._simple and self.base is None and interval <= LONGEST_GAP:
             self._measure_at_once(q, qd, interval)
             self._stamp = stamp
-            self.take_effort(effort)
+            if effort is not None:
+                self.take_effort(effort)
             return True
         before = self._q.copy(), self._qd.copy()
         self._filter.update(q, qd, interval)
@@ -196,12 +200,12 @@ class Observer:
 
     def _measure_at_once(self, q: Array, qd: Array | None, interval: float) -> None:
         """Take a measurement of a robot where joints give all: one compiled call."""
-        numbers, tracked = self._numbers, self._filter
+        numbers, tracked, has_rate = self._numbers, self._filter, qd is not None
         numbers[INTERVAL] = interval
         numbers[POLE], numbers[SHARE] = tracked.weights(interval)
-        measured = q, q if qd is None else qd
+        rates = q if qd is None else qd
         self._stepper.measure(
-            numbers, tracked.state, measured, qd is not None, self._tau, self._q, self._qd
+            numbers, tracked.state, (q, rates), has_rate, self._tau, self._q, self._qd
         )
 
     def _follow_springs(self, before: tuple[Array, Array], interval: float) -> None:
@@ -382,10 +386,12 @@ class Observer:
 
     def _coast(self, q: Array, qd: Array, duration: float, most: int) -> None:
         """Advance a state in place with the joints' accelerations as last measured."""
-        steps = min(most, max(1, math.ceil(duration / self.settings.step - 1e-6)))
+        steps = math.ceil(duration / self._step - 1e-6)
+        if steps > most:
+            steps = most
         given = self.motion.given_accelerations(self._filter.qdd)
-        self._stepper.drive(q, qd, given, self._still, duration, steps, self._tau)
-        if self._floating.floats:
+        self._stepper.drive(q, qd, given, self._still, duration, steps or 1, self._tau)
+        if self._floats:
             self._floating.wrap(q, qd)
 
     def _move_base(self, time: float) -> None:
@@ -406,12 +412,15 @@ class Observer:
         if not self.started:
             return
         self._fuse()
-        self.time = max(now, self._stamp)
-        self.q[:], self.qd[:] = self._q, self._qd
-        lead, most = min(now - self._stamp, self.settings.max_age), self.settings.horizon_steps
+        stamp, q, qd, most = self._stamp, self.q, self.qd, self._horizon_steps
+        self.time = now if now > stamp else stamp
+        q[:], qd[:] = self._q, self._qd
+        lead = now - stamp
+        if lead > self._max_age:
+            lead = self._max_age
         if lead > 0.0:
             if self.fusion is None and self.base is None:
-                self._coast(self.q, self.qd, lead, most)
+                self._coast(q, qd, lead, most)
             else:
                 self._go(self.q, self.qd, self._stamp, lead, lambda _: self._filter.qdd, most=most)
 

@@ -11,7 +11,8 @@ from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.clock import doubtful_rate
 from denoc_ros.identification.decrement import Convention, Decrement, log_decrement
 from denoc_ros.identification.fit import fit_modes
-from denoc_ros.identification.modes import DOUBTFUL, GOOD, Modes
+from denoc_ros.identification.free_decay import COMPARABLE, HEAVY
+from denoc_ros.identification.modes import DOUBTFUL, GOOD, Modes, strongest
 from denoc_ros.identification.quality import Quality, assess
 from denoc_ros.identification.records import Record
 from denoc_ros.identification.spectra import Method, SpectralDecay, evolving_spectra
@@ -21,6 +22,8 @@ from denoc_ros.types import Array
 CONVENTIONS: tuple[Convention, ...] = ('exact', 'book')
 CLEAR = 5.0  # standard deviations of the noise: lower crests are not counted
 HELD_OUT = 0.3  # of a decay: predicted from the rest
+TIME_CONSTANTS = 2.0  # after which what a motion's end left is gone
+LATEST = 0.5  # of a window: it is not begun anew later than that
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,8 @@ def analyse_decay(
     else:
         record, window_by = decay_window(record, standing)
     modes = fit_modes(record)
+    if not given and (later := _after_motion(record, modes)) is not None:
+        record, modes = later
     if moves := moving_until(record, standing):
         modes = _doubted(modes, f'joints move until {moves:.4g} s, in the window')
     if doubt := doubtful_rate(record):
@@ -106,6 +111,31 @@ def analyse_decay(
         for k in range(len(modes.frequency))
     )
     return DecayAnalysis(record, window_by, assess(record), modes, spectra, checks)
+
+
+def _after_motion(record: Record, modes: Modes) -> tuple[Record, Modes] | None:
+    """Return a record that begins later, and its modes; None where its start is free decay.
+
+    The end of a motion at the start of a window is fitted by heavily damped cosines, which bend
+    the mode that goes on. None of them is good; without them that mode is.
+    """
+    if len(modes.frequency) < 2:
+        return None
+    k = strongest(modes.frequency, modes.energy)[0]
+    heavy = (modes.damping_ratio > HEAVY) & (modes.amplitude > COMPARABLE * modes.amplitude[k])
+    if modes.verdict[k] != GOOD or modes.damping_ratio[k] > HEAVY or not heavy.any():
+        return None
+    rates = 2.0 * np.pi * modes.frequency[heavy] * modes.damping_ratio[heavy]
+    late = TIME_CONSTANTS / float(rates.min())
+    if any(modes.verdict[j] == GOOD for j in np.flatnonzero(heavy)) or late > LATEST * (
+        record.duration
+    ):
+        return None
+    later = record.part(float(record.t[0]) + late, float(record.t[-1]))
+    try:
+        return later, fit_modes(later)
+    except IdentificationError:
+        return None
 
 
 def held_out(record: Record) -> tuple[Modes, float] | None:

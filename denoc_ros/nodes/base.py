@@ -27,10 +27,10 @@ from denoc_ros.nodes.messages import wait_until_delivered
 from denoc_ros.runtime.clocks import Clock as RobotClock
 from denoc_ros.runtime.clocks import SimulatedClock, SteadyClock
 from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputMonitor
 from denoc_ros.runtime.parameter_files import shared_names
 from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
 from denoc_ros.runtime.realtime import freeze_gc, make_callbacks_timely
-from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.runtime.signals import SIGNALS
 from denoc_ros.runtime.status import Status, clock_status, input_status
 

@@ -14,14 +14,14 @@ from denoc_ros.estimation.base_track import BaseTrack
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.runtime.base_messages import (
-    BASE_LIMITS,
     BaseLimits,
     imu_mounting,
     read_accel,
     read_imu,
     read_odometry,
 )
-from denoc_ros.runtime.safety import InputMonitor
+from denoc_ros.runtime.input_monitor import InputMonitor
+from denoc_ros.runtime.shared_parameters import BASE_LIMITS
 from denoc_ros.types import Array
 
 

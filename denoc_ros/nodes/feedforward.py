@@ -19,17 +19,19 @@ from denoc_ros.nodes.base_wrench import BaseWrench
 from denoc_ros.nodes.live_feedforward import LiveFeedforward
 from denoc_ros.nodes.model_node import driven_joints
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.torque_output import TorqueOutput
+from denoc_ros.nodes.torque_output import ImpedanceOutput, TorqueOutput
 from denoc_ros.runtime.carrying import CarryingTorque
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.feedforward_parameters import TABLE
 from denoc_ros.runtime.following import STALE_JOINTS
 from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputMonitor
 from denoc_ros.runtime.live_torque import LiveTorque
 from denoc_ros.runtime.motion_bounds import motion_bounds
+from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.phase_lock import PLACE, PhaseLock
 from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
-from denoc_ros.runtime.safety import InputMonitor, SafeCommand, TorqueLimiter, torque_limits
+from denoc_ros.runtime.safety import SafeCommand, TorqueLimiter, torque_limits
 from denoc_ros.runtime.stamps import StampOf
 from denoc_ros.runtime.torque_status import TorqueStatus
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
@@ -77,7 +79,11 @@ class FeedforwardNode(LiveFeedforward):
         cutoff = settings.number('acceleration_cutoff')
         self.stream = FiniteDifferencer(n, gap, cutoff, self.bounds)
         self.output = TorqueOutput(
-            self, self.joints, self.by_message, settings.flag('publish_joint_trajectory')
+            self,
+            self.joints,
+            self.by_message,
+            settings.flag('publish_joint_trajectory'),
+            self._impedance(settings),
         )
         floating = self.floating_robot(settings)
         self.wrench = None if floating is None else BaseWrench(self, floating)
@@ -102,6 +108,22 @@ class FeedforwardNode(LiveFeedforward):
         self.conditions.update(settings)
         self.base.build(self.robot.gravity)
         self._connect()
+
+    def _impedance(self, settings: Settings) -> ImpedanceOutput | None:
+        """Return what sends the gains of drives, None where no stiffness is given."""
+        gains = [settings.numbers(f'impedance.{what}') for what in ('stiffness', 'damping')]
+        n, name = len(self.joints), self.get_fully_qualified_name()
+        if not gains[0]:
+            if any(gains[1]):
+                rule = "parameter 'impedance.stiffness' must be given beside 'impedance.damping'"
+                raise ConfigError(name, [f'{rule}, got none'])
+            return None
+        for what, values in zip(('stiffness', 'damping'), gains, strict=True):
+            if len(values) not in (1, n):
+                rule = f"parameter 'impedance.{what}' must have 1 or {n} elements"
+                raise ConfigError(name, [f'{rule}, got {len(values)}'])
+        columns = (np.broadcast_to(values, n) for values in gains)
+        return ImpedanceOutput(self, self.joints, *columns, settings.number('ramp_time'))
 
     def _connect(self) -> None:
         """Subscribe, once: a node that is configured again keeps its subscriptions."""
@@ -259,7 +281,7 @@ class FeedforwardNode(LiveFeedforward):
                 torque = self.feedback.add(torque, *self._plan())
             left = self.limiter.apply(torque)
             self.feedback.applied(left)
-            self._publish(left)
+            self._publish(left, is_following=True)
             if self.wrench is not None:
                 self.wrench.send(self._stamp_of(self._tick_time), self.torque.source)
         if cause and self._cause == 'following':
@@ -321,8 +343,9 @@ class FeedforwardNode(LiveFeedforward):
         elapsed, self._last_update = clock - self._last_update, clock
         return self.torque.update(self.q, self.qd, self.qdd, elapsed)
 
-    def _publish(self, torque: Array) -> None:
-        self.output.send(self._stamp_of(self._tick_time), self.q, self.qd, self.qdd, torque)
+    def _publish(self, torque: Array, is_following: bool = False) -> None:
+        stamp_ns = self._stamp_of(self._tick_time)
+        self.output.send(stamp_ns, self.q, self.qd, self.qdd, torque, is_following)
 
     def _carry(self, now: float) -> bool:
         """Find the torque that holds the robot; say whether it is known."""

@@ -13,7 +13,7 @@ from denoc_ros.estimation.clock import StampClock
 from denoc_ros.model.tree import InertialSensor, Tree
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.runtime.base_messages import read_accel, read_imu
-from denoc_ros.runtime.safety import InputMonitor
+from denoc_ros.runtime.input_monitor import InputMonitor
 from denoc_ros.types import Array
 
 TYPES = {

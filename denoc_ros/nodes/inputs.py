@@ -14,9 +14,8 @@ from trajectory_msgs.msg import JointTrajectory
 from denoc_ros.bags.cdr import CdrError, CdrReader
 from denoc_ros.runtime.active_publishers import ActivePublishers
 from denoc_ros.runtime.clocks import Clock
-from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.safety import InputMonitor
-from denoc_ros.runtime.trajectory_messages import point_stamp_ns
+from denoc_ros.runtime.input_error import MOST_JOINTS, InputError
+from denoc_ros.runtime.input_monitor import InputMonitor
 
 HELD = 4  # heavy messages that wait; more of them in so short a time are a flood
 TAKE_TIME = 2e-3  # s of a processor for the messages of one take; then the newest only
@@ -25,6 +24,7 @@ HEAVY_TIME = 0.01  # s at a time for heavy messages, or one of them
 HEAVY_SHARE = 0.25  # of the time, so that services and timers are served in a flood
 # ns that a stamp of the simulated clock may be before, or ahead of, the clock when it comes
 SAME_CLOCK = 1_000_000_000
+POINT = ('positions', 'velocities', 'accelerations', 'effort')  # of a JointTrajectoryPoint
 EVEN = 1000  # ns by which intervals of a regular input differ
 # raw message, and when it arrived on the robot's clock [s]
 Handler = Callable[[bytes, float], None]
@@ -101,10 +101,7 @@ def arrivals(infos: Sequence[Mapping[str, int]], before: float) -> list[float]:
 
 def _taken(take: Callable[..., Any], kind: Any, depth: int) -> list[tuple[bytes, Any]]:
     """Take the waiting raw messages, each with the middleware's information, by `take`."""
-    taken = take(kind, True)
-    if taken is None:
-        return []
-    waiting: list[tuple[bytes, Any]] = [taken]
+    waiting: list[tuple[bytes, Any]] = []
     while len(waiting) < depth and (taken := take(kind, True)) is not None:
         waiting.append(taken)
     return waiting
@@ -117,9 +114,27 @@ def stamp_reader(message_type: type) -> Callable[[bytes], int]:
     when it comes. A whole motion has its start in it.
     """
     if message_type is JointTrajectory:
-        return point_stamp_ns
+        return _point_stamp_ns
     fields = list(message_type.get_fields_and_field_types())  # type: ignore[attr-defined]
     return _header_stamp_ns if fields[0] == 'header' else lambda _raw: 0
+
+
+def _point_stamp_ns(raw: bytes) -> int:
+    """Return the time after the stamp of a streamed point [ns]; 0 for any other message."""
+    try:
+        reader = CdrReader(raw)
+        stamp_ns = reader.stamp_ns()
+        reader.string()
+        joints = reader.count()
+        for _ in range(min(joints, MOST_JOINTS)):
+            reader.string()
+        if joints > MOST_JOINTS or reader.count() != 1:
+            return 0
+        for _ in POINT:
+            reader.block()
+        return stamp_ns + 1 if stamp_ns > 0 and reader.stamp_ns() == 0 else 0
+    except CdrError:  # who handles it will say so
+        return 0
 
 
 def _header_stamp_ns(raw: bytes) -> int:
@@ -219,24 +234,31 @@ class Input:
         self._take(self.subscription)
 
     def _take(self, subscription: Any) -> None:
-        before = self._last_take
-        self._last_take = now = time.perf_counter()
-        waiting = _taken(subscription.handle.take_message, self._kind, self._depth)
+        before, now = self._last_take, time.perf_counter()
+        self._last_take = now
+        take, kind = subscription.handle.take_message, self._kind
+        first = take(kind, True)
+        more = None if first is None or self._depth == 1 else take(kind, True)
         # counted after that, and before: what waited may be from one that came or went since
-        publishers = self._publishers()
-        publishing, self._publishing = max(publishers, self._publishing), publishers
-        if not waiting:
+        publishers, publishing = self._publishers(), self._publishing
+        self._publishing = publishers
+        if publishers > publishing:
+            publishing = publishers
+        if first is None:
             if self._later:
                 self._give_due()
             return
-        simulated = self._node.clock.is_simulated
-        if len(waiting) == 1 and publishing <= self.monitor.max_publishers and not simulated:
-            (raw, info) = waiting[0]
+        monitor, simulated = self.monitor, self._node.clock.is_simulated
+        if more is None and publishing <= monitor.max_publishers and not simulated:
+            raw, info = first
             if not self._waits(raw):  # as nearly every tick
                 self.number = number = info['publication_sequence_number']
                 self._active_publishers.saw(number, now)
                 self._give(raw, arrival(info, before), publishing)
                 return
+        waiting = [first]
+        if more is not None:
+            waiting += [more, *_taken(take, kind, self._depth - 2)]
         numbers = [info['publication_sequence_number'] for _, info in waiting]
         sending = self._active_publishers.count(publishing, numbers, now)
         self.number = numbers[-1]

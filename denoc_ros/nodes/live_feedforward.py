@@ -16,12 +16,13 @@ from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.torque_feedback import TorqueFeedback
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.following import FollowingConditions
+from denoc_ros.runtime.input_monitor import InputMonitor
 from denoc_ros.runtime.live_torque import LiveTorque, torque_feedforward
 from denoc_ros.runtime.motion_bounds import MotionBounds, limits_of
 from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
 from denoc_ros.runtime.phase_lock import PhaseLock
 from denoc_ros.runtime.reference import ReferenceFollower
-from denoc_ros.runtime.safety import InputMonitor, TorqueLimiter, torque_limits
+from denoc_ros.runtime.safety import TorqueLimiter, torque_limits
 from denoc_ros.runtime.status import Status
 from denoc_ros.runtime.torque_status import TorqueStatus
 from denoc_ros.types import Array

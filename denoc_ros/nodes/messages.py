@@ -21,6 +21,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.bags.cdr import stamp_bytes
 from denoc_ros.bags.definitions import exact_cdr
+from denoc_ros.runtime.conversions import IMPEDANCE
 from denoc_ros.types import Array
 
 DELIVERY = 0.5  # s
@@ -75,6 +76,31 @@ class CommandMessage(_Prebuilt):
         self.values: Array = (
             np.frombuffer(self._raw, '<f8', count, offsets[0]) if count else np.empty(0)
         )
+        self.values[:] = 0.0
+
+    def stamp(self, stamp_ns: int) -> None:
+        """Do nothing: the type has no header."""
+
+
+class ImpedanceCommandMessage(_Prebuilt):
+    """A Float64MultiArray of rows, one a joint: write `values` (joints, 5).
+
+    `layout.dim[0].label` names the joints, `layout.dim[1].label` the columns: `IMPEDANCE`.
+    """
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        count, width = len(joints), len(IMPEDANCE)
+        message = Float64MultiArray()
+        message.layout.dim = [
+            MultiArrayDimension(label=','.join(joints), size=count, stride=count * width),
+            MultiArrayDimension(label=','.join(IMPEDANCE), size=width, stride=width),
+        ]
+        message.data = [1.2345e100] * (count * width)
+        self._raw, offsets = template(message, [1.2345e100] if count else [])
+        flat: Array = (
+            np.frombuffer(self._raw, '<f8', count * width, offsets[0]) if count else np.empty(0)
+        )
+        self.values: Array = flat.reshape(count, width)
         self.values[:] = 0.0
 
     def stamp(self, stamp_ns: int) -> None:

@@ -16,9 +16,9 @@ from denoc_ros.model.overrides import FAMILIES
 from denoc_ros.model.source import is_text, parse_xml
 from denoc_ros.nodes.base import LATCHED, DenocNode
 from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputMonitor
 from denoc_ros.runtime.live_model import LiveModel
 from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
-from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.types import Array
 
 

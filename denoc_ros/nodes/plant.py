@@ -33,7 +33,7 @@ from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_outputs import SensorOutputs
 from denoc_ros.nodes.time_source import TimeSource
 from denoc_ros.runtime.clocks import Clock as RobotClock
-from denoc_ros.runtime.conversions import CommandReader
+from denoc_ros.runtime.conversions import IMPEDANCE, CommandReader
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.parameters import Settings, Value
@@ -210,7 +210,8 @@ class PlantNode(RobotNode):
         }
         enforce = settings.flag('enforce_effort_limits')
         self._limit = np.array([limits[j] if enforce else math.inf for j in self.joints])
-        self._reader = CommandReader(self.joints)
+        self._by_impedance = bool(settings.text('impedance_command'))
+        self._reader = CommandReader(self.joints, len(IMPEDANCE) if self._by_impedance else 1)
         self._command_timeout = settings.number('command_timeout')
         self.bounds = motion_bounds(self.robot, self.joints, settings)
         self.follower = ReferenceFollower(count, REFERENCE_GAP, self.bounds)
@@ -264,7 +265,10 @@ class PlantNode(RobotNode):
             return
         self._connected = True
         self.command_input = self.listen_in_loop(
-            Float64MultiArray, self.settings.text('command'), self._on_command, depth=COMMANDS
+            Float64MultiArray,
+            self.settings.text('impedance_command') or self.settings.text('command'),
+            self._on_command,
+            depth=COMMANDS,
         )
         if self.source is not None:
             self.source.commands = self._inputs[-1]
@@ -416,6 +420,10 @@ class PlantNode(RobotNode):
         effort, tau, command = self.effort, self._tau, self._command
         if command is None or (self.command_input.age(self.clock.now()) > self._command_timeout):
             effort[:] = 0.0
+        elif self._by_impedance:
+            place, rate, stiffness, damping, given = command.T
+            effort[:] = given + stiffness * (place - self.q[self._index])
+            effort += damping * (rate - self.qd[self._index])
         else:
             effort[:] = command
         controlled = self._has_feedback and self.follower.sample(

@@ -9,7 +9,7 @@ from typing import Any
 from denoc_ros.nodes.base import NEWEST, DenocNode
 from denoc_ros.nodes.inputs import Input
 from denoc_ros.nodes.without_events import WithoutEvents
-from denoc_ros.runtime.safety import InputMonitor
+from denoc_ros.runtime.input_monitor import InputMonitor
 
 Admit = Callable[[int], None]
 # takes a topic, as it was given, a raw message, and what admits its stamp [ns]

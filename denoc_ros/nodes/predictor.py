@@ -91,6 +91,7 @@ class PredictorNode(RobotNode):
         )
         self._wanted = np.zeros((3, len(self.joints)))
         self._pose = np.zeros((4, 4))
+        self._write_pose = robot.pose_of(self.tip)
         self._reader = JointStateReader(
             self.joints, settings.flag('allow_extra_joints'), robot.joint_names, self.bounds
         )
@@ -127,7 +128,7 @@ class PredictorNode(RobotNode):
         """Run all functions of tick and timers once, so that nothing compiles in the loop."""
         zero = np.zeros(self.robot.n)
         self.observer.deflections.evaluate(zero, zero)
-        self.robot.frame_pose(self.tip, zero)
+        self._write_pose(zero, self._pose)
         self.robot.beam_sensor_values(zero)
         self._line_markers.encode(self._lines.points(zero), 0)
 
@@ -240,14 +241,15 @@ class PredictorNode(RobotNode):
 
     def _measure(self, observer: Observer, steps: int) -> None:
         """Take measurements in, for the time that has passed at most; the rest waits."""
-        adaptation, measured = self.adaptation, self.by_torque and not self.by_command
-        backlog = len(self._queue) > 1 and not self.clock.is_simulated
+        queue, adaptation = self._queue, self.adaptation
+        measured = self.by_torque and not self.by_command
+        backlog = len(queue) > 1 and not self.clock.is_simulated
         end = time.thread_time() + min(steps, MOST_STEPS) * self.period if backlog else math.inf
-        while self._queue:
-            taken, q, qd, effort = self._queue.popleft()
+        while queue:
+            taken, q, qd, effort = queue.popleft()
             observer.measure(taken, q, qd, effort if measured else None)
             adaptation.measure(taken, q, qd, effort)
-            if self._queue and time.thread_time() > end:
+            if queue and time.thread_time() > end:
                 return
 
     def rescue(self) -> bool:
@@ -262,7 +264,7 @@ class PredictorNode(RobotNode):
         if self.adaptation.fresh and self.adaptation.tracker is not None:
             outputs.send_parameters(stamp_ns, self.adaptation.tracker)
         if outputs.has_listener('tip_pose'):
-            self.robot.frame_pose(self.tip, observer.q, out=self._pose, check=False)
+            self._write_pose(observer.q, self._pose)
             outputs.send_pose(stamp_ns, self._pose)
         horizon = observer.settings.horizon
         if horizon > 0.0 and outputs.has_listener('tip_deflection_predicted'):
@@ -303,6 +305,7 @@ class PredictorNode(RobotNode):
             observer.adopt(self.observer)
             adaptation.adopt(self.adaptation)
             self.robot, self.observer, self.adaptation = robot, observer, adaptation
+            self._write_pose = robot.pose_of(self.tip)
             self.sensors.update(robot.tree)
         if self._reset_wanted:
             self._reset_wanted = False

@@ -45,7 +45,12 @@ class PredictorOutputs:
         self._deflection = JointStateMessage(names, MOTION)
         self._ahead = JointStateMessage(names, MOTION)
         self._modal = JointStateMessage(coordinates, MOTION)
+        bent, modal, ahead = self._deflection, self._modal, self._ahead
+        self._deflection_arrays = bent.position, bent.velocity
+        self._modal_arrays = modal.position, modal.velocity
+        self._ahead_arrays = ahead.position, ahead.velocity
         self._pose = PoseMessage(base_frame)
+        self._place = self._pose.values[:3]
         self._turned = self._pose.values[3:]
         ready(write_quaternion)
         self._residual = JointStateMessage((), ('position',))
@@ -80,24 +85,22 @@ class PredictorOutputs:
 
     def send_state(self, stamp_ns: int, observer: Observer) -> None:
         """Publish tip deflections and modal state, where somebody listens."""
-        message, modal = self._deflection, self._modal
-        if self.has_listener('tip_deflection'):
-            found = message.position, message.velocity
-            observer.deflections.evaluate(observer.q, observer.qd, out=found)
-            self._send('tip_deflection', message, stamp_ns)
-        if self.has_listener('modal_state'):
-            observer.modal_state((modal.position, modal.velocity))
-            self._send('modal_state', modal, stamp_ns)
+        listeners = self._listeners
+        if listeners['tip_deflection']():
+            observer.deflections.evaluate(observer.q, observer.qd, out=self._deflection_arrays)
+            self._send('tip_deflection', self._deflection, stamp_ns)
+        if listeners['modal_state']():
+            observer.modal_state(self._modal_arrays)
+            self._send('modal_state', self._modal, stamp_ns)
 
     def send_ahead(self, stamp_ns: int, q: Array, qd: Array, deflections: TipDeflections) -> None:
         """Publish predicted tip deflections; the stamp is the time they are for."""
-        message = self._ahead
-        deflections.evaluate(q, qd, out=(message.position, message.velocity))
-        self._send('tip_deflection_predicted', message, stamp_ns)
+        deflections.evaluate(q, qd, out=self._ahead_arrays)
+        self._send('tip_deflection_predicted', self._ahead, stamp_ns)
 
     def send_pose(self, stamp_ns: int, pose: Array) -> None:
         """Publish the pose (4, 4) of the deflected end effector."""
-        self._pose.values[:3] = pose[:3, 3]
+        self._place[:] = pose[:3, 3]
         write_quaternion(pose, self._turned)
         self._send('tip_pose', self._pose, stamp_ns)
 

@@ -20,7 +20,6 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from denoc_ros.errors import DenocError
-from denoc_ros.kernels.compiling import at_work
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.buffers import release_buffers
 from denoc_ros.nodes.graph import leave_graph
@@ -75,12 +74,18 @@ def run(
     except Exception as error:
         print(f'denoc_ros: {error}', file=sys.stderr)
         return 1
-    watchdog = Watchdog(patience, at_work)
+    watchdog = Watchdog(patience, _compiles)
     try:
         return _live(make, watchdog)
     finally:
         leave_graph()
         watchdog.stop()  # the end must come to an end as well
+
+
+def _compiles() -> bool:
+    """Say whether kernels are being compiled; a node without a model has not loaded any."""
+    compiling = sys.modules.get('denoc_ros.kernels.compiling')
+    return compiling is not None and bool(compiling.at_work())
 
 
 def leave(status: int) -> NoReturn:

@@ -14,10 +14,10 @@ from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.model_node import ModelNode
 from denoc_ros.nodes.progress import TickProgress
 from denoc_ros.runtime.conversions import LONGEST
+from denoc_ros.runtime.input_monitor import InputMonitor
 from denoc_ros.runtime.load import SharedCores
 from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.realtime import lock_memory
-from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.runtime.status import ERROR, Status, loop_status, realtime_status
 from denoc_ros.runtime.timing import RealtimeLoop
 

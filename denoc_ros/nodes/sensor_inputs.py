@@ -19,7 +19,7 @@ from denoc_ros.nodes.inertial_inputs import InertialInputs
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.runtime.conversions import MessageReader
 from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.safety import InputMonitor
+from denoc_ros.runtime.input_monitor import InputMonitor
 from denoc_ros.types import Array
 
 SEARCH_PERIOD = 0.5  # s between looks for topics that have appeared

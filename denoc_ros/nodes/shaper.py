@@ -16,6 +16,7 @@ from trajectory_msgs.msg import JointTrajectory
 from denoc_ros.control.braking import Rows, brake
 from denoc_ros.control.driven_joints import all_joints
 from denoc_ros.control.joint_limits import joint_limits
+from denoc_ros.control.mode_table import ModeTable
 from denoc_ros.control.ringing import RingingModes, ringing_modes, ringing_robot
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
@@ -32,6 +33,7 @@ from denoc_ros.runtime.motion_planning import (
     MotionPlanning,
     check_planning,
     given_limits,
+    mode_table,
     robot_job,
     servo_columns,
     shape_job,
@@ -101,6 +103,7 @@ class ShaperNode(RobotNode):
         self._lock = threading.Lock()
         self._connected = False
         self._reference: Any = None
+        self._table: ModeTable | None = None
         self.add_trigger_service('~/stop', self._stop)
         self.add_trigger_service('~/reset', self._reset)
         self.add_trigger_service('~/reload_model', self._reload)
@@ -121,6 +124,7 @@ class ShaperNode(RobotNode):
         settings, robot = self.settings, self.robot
         name = self.get_fully_qualified_name()
         self.joints = driven_joints(robot, settings.texts('joints'), name)
+        self._table = mode_table(settings)
         self._check(settings)
         n = len(self.joints)
         self.bounds = motion_bounds(robot, self.joints, settings)
@@ -157,14 +161,14 @@ class ShaperNode(RobotNode):
     def _check(self, settings: Settings) -> None:
         """Refuse settings that the planner cannot work with."""
         try:
-            check_planning(self.robot, self.joints, settings)
+            check_planning(self.robot, self.joints, settings, self._table)
         except DenocError as error:
             raise ConfigError(self.get_fully_qualified_name(), [str(error)]) from error
 
     def _modes(self, driven: Array, settings: Settings) -> RingingModes:
         robot = self._modes_robot
         (posture,) = all_joints(robot, self.joints, driven[None])
-        return ringing_modes(robot, posture, settings.integer('modes') or None)
+        return ringing_modes(robot, posture, settings.integer('modes') or None, self._table)
 
     # ---- inputs
 
@@ -505,6 +509,9 @@ class ShaperNode(RobotNode):
         model = self.read_model(self.settings)
         robot = self.changed_robot(self.settings, model)
         self.require_joints(robot)
+        table = mode_table(self.settings)
+        check_planning(robot, self.joints, self.settings, table)
+        self._table = table
         self.robot = robot
         self._modes_robot = ringing_robot(robot, self.settings.text('base'))
         self.adopt_model(model, self.settings)

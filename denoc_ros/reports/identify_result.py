@@ -44,7 +44,7 @@ def result_page(
     model = document.get('model', {})
     sources = {
         'recording': f'{file}, SHA-256 {source["sha256"]}',
-        'robot': Path(model['file']).name if model else '',
+        'robot': Path(model.get('file', '')).name,
     }
     return ReportPage(
         title=title,

@@ -18,10 +18,13 @@ if TYPE_CHECKING:
 Tone = Literal['good', 'doubtful', 'bad']
 
 UNKNOWN = '–'
-# a number, and the unit behind it; the exponents and prefixes of this page's texts
+# a number, and the unit behind it; the exponents and prefixes of this page's texts. `²` counts as
+# a letter for `\b`, so the end of a unit is where no letter of a word follows
 QUANTITY = re.compile(
-    r'[-+−±]?\d[\d.,]*(?:e[-+]?\d+)? (?:[pnuµmkMG]?(?:rad|m|s|Hz|N|g|J|W|V|A|strain)\b'
-    r'(?:[·/*² ]*(?:m|s|rad|kg|Hz)\b[²^2]*)*|kg\b|°|%|dB\b|min\b|deg\b|MB\b|kB\b)'
+    r'(?:± )?[-+−±]?\d[\d.,]*(?:e[-+]?\d+)? '
+    r'(?:[pnuµmkMG]?(?:rad|m|s|Hz|N|g|J|W|V|A|Pa|B|strain)(?![A-Za-z])(?:[²³]|\^[23])?'
+    r'(?:[·/*² ]*(?:m|s|rad|kg|Hz|K|A|V)(?![A-Za-z])(?:[²³]|\^[23])?)*'
+    r'|kg(?![A-Za-z])(?: m²?(?![A-Za-z]))?|°(?:/s|C)?|%|dB\b|min\b|deg\b|MiB\b|GiB\b)'
 )
 
 

@@ -31,6 +31,7 @@ from denoc_ros.reports.run_files import (
     read_session,
     recording_name,
 )
+from denoc_ros.reports.summary import time_in_words
 from denoc_ros.simulation.bag import write_run
 from denoc_ros.simulation.run import Run
 
@@ -252,8 +253,8 @@ def _subtitle(found: _Found) -> Iterator[str]:
         begun = datetime.fromtimestamp(begun_ns * 1e-9, tz=timezone.utc)
         yield begun.strftime('%Y-%m-%d %H:%M:%S UTC')
         yield f'{recording.duration:.1f} s {"of simulated time " if stepped else ""}recorded'
-        if why := mode.get('why'):
-            yield str(why)
+        if words := time_in_words(mode):
+            yield words
     if robot := session.get('robot'):
         yield Path(robot).name
     if beams := session.get('beams'):

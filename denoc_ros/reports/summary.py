@@ -6,6 +6,21 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from denoc_ros.reports.pages import engineering
+from denoc_ros.reports.run_files import STEPPED
+
+
+def time_in_words(time: Mapping[str, Any]) -> str:
+    """Return by which time a session ran, why and how fast; '' for one that does not say.
+
+    Parameters
+    ----------
+    time : mapping
+        `mode`, `why` and `factor` of its session.json.
+    """
+    why, factor = str(time.get('why', '')), time.get('factor')
+    if time.get('mode') != STEPPED or not isinstance(factor, float):
+        return why
+    return f'{why}; the phases ran at {factor:.2g} times real time'
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
@@ -16,8 +31,8 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     summary : mapping
         Of :class:`denoc_ros.reports.run.Report`.
     """
-    if why := summary.get('time', {}).get('why'):
-        yield f'time    {why}'
+    if words := time_in_words(summary.get('time', {})):
+        yield f'time    {words}'
     phases = summary['phases']
     for name, phase in phases.items():
         if 'joint_error' in phase:

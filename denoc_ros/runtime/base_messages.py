@@ -13,14 +13,6 @@ from denoc_ros.runtime.conversions import MessageReader, require_finite
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.types import Array
 
-# what parameter `base_motion` may be
-SOURCES = ('off', 'odometry', 'odometry_accel', 'accel', 'imu')
-# what a base may do at most by default: its parameter, what it is, value and unit
-BASE_LIMITS = (
-    ('rate', 'angular velocity', 35.0, 'rad/s'),
-    ('acceleration', 'acceleration (of an accelerometer, with gravity)', 200.0, 'm/s^2'),
-    ('angular_acceleration', 'angular acceleration, also between two messages', 1000.0, 'rad/s^2'),
-)
 SHORTEST = 1e-3  # s between two messages whose difference says what the base does
 UNIT = 1e-3  # how far a quaternion may be from unit length
 LARGEST = 1e6  # m/s, rad/s, and per s: more is no base's motion

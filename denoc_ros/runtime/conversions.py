@@ -34,12 +34,11 @@ from denoc_ros.kernels.message_values import (
     bytes_type,
     take_numbers,
 )
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_error import MOST_JOINTS, InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.types import Array
 
 LONGEST = 16384  # bytes of a message that a loop has time for
-MOST_JOINTS = 256  # in one message: names are read one by one
 LARGEST_EFFORT = 1e9  # N m or N: more is no torque of a robot
 
 
@@ -312,12 +311,27 @@ def require_finite(what: str, values: Array) -> None:
         raise InputError('non_finite', f'{what} must be finite, got {wrong[0]}')
 
 
-class CommandReader:
-    """Reads Float64MultiArray commands whose `layout.dim[0].label` names the joints."""
+# numbers of each joint in a command of position, velocity, gains and torque at once
+IMPEDANCE = ('position', 'velocity', 'stiffness', 'damping', 'effort')
 
-    def __init__(self, joints: Sequence[str]) -> None:
-        self.joints = tuple(joints)
-        self.values: Array = np.zeros(len(joints))
+
+class CommandReader:
+    """Reads Float64MultiArray commands whose `layout.dim[0].label` names the joints.
+
+    Parameters
+    ----------
+    joints : sequence of str
+    numbers : int
+        Of each joint, one joint after the other; the last is the effort.
+
+    Attributes
+    ----------
+    values : (joints,) array, or (joints, numbers) where there are several
+    """
+
+    def __init__(self, joints: Sequence[str], numbers: int = 1) -> None:
+        self.joints, self._numbers = tuple(joints), numbers
+        self.values: Array = np.zeros((len(joints), numbers) if numbers > 1 else len(joints))
         self._map: NDArray[np.intp] = np.arange(len(joints))
         # of the last message: what stands before its numbers, their type and place, its length
         self._known, self._kind, self._start, self._length = b'', '<f8', 0, 0
@@ -339,11 +353,15 @@ class CommandReader:
             return
         if not (self._known and raw.startswith(self._known) and len(raw) == self._length):
             self._learn(raw)
-        values = np.frombuffer(raw, self._kind, len(self._map), self._start)
-        if not is_torque(values):
+        values = np.frombuffer(raw, self._kind, len(self._map) * self._numbers, self._start)
+        if self._numbers > 1:
+            require_finite('data', values)
+            values = values.reshape(-1, self._numbers)
+            require_effort('data', values[:, -1])
+        elif not is_torque(values):
             require_finite('data', values)
             require_effort('data', values)
-        result = np.zeros(len(self.joints))
+        result = np.zeros_like(self.values)
         result[self._map] = values
         self.values = result
 
@@ -372,10 +390,11 @@ class CommandReader:
         self._map = joint_map(self.joints, names)
         counted = aligned(reader.position, 4) + 4  # what pads from there on may be anything
         start, count = reader.block()
-        if count != len(names):
-            raise InputError('wrong_length', f'data must have {len(names)} elements, got {count}')
+        expected = len(names) * self._numbers
+        if count != expected:
+            raise InputError('wrong_length', f'data must have {expected} elements, got {count}')
         self._kind, self._start, self._length = reader.order + 'f8', start, len(raw)
         self._known = raw[:counted]
-        if reader.order == '<' and 0 < len(names) == len(self.joints):
+        if reader.order == '<' and 0 < len(names) == len(self.joints) and self._numbers == 1:
             places = joint_map(names, self.joints)
             self._taker = NumberTaker(raw, [(0, counted)], (start, None, None), places)

@@ -162,5 +162,22 @@ TABLE = ParameterTable(
             False,
             'also publish `~/joint_trajectory` with effort, one point per tick',
         ),
+        Parameter(
+            'impedance.stiffness',
+            Kind.DOUBLES,
+            [],
+            "also publish `~/impedance_commands` with this stiffness of the drives' own loop, one "
+            'value or one per joint; empty: off',
+            'N m/rad, N/m',
+            0.0,
+        ),
+        Parameter(
+            'impedance.damping',
+            Kind.DOUBLES,
+            [0.0],
+            'the same, damping relative to the velocity of the reference',
+            'N m s/rad, N s/m',
+            0.0,
+        ),
     ]
 )

@@ -1,7 +1,8 @@
-"""The error of a refused input message."""
+"""The error of a refused input message, and what makes one too long."""
 
 from __future__ import annotations
 
+MOST_JOINTS = 256  # in one message: names are read one by one
 LONGEST_TEXT = 500  # characters of a refusal: what came may be megabytes
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.gain_jobs import KNOTS
 from denoc_ros.control.joint_limits import joint_limits
+from denoc_ros.control.mode_table import ModeTable, read_mode_table
 from denoc_ros.control.ringing import require_flexible
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.robot import Robot
@@ -20,6 +21,7 @@ from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_samples import RequestedMotion
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.planner import Answer, Planner
+from denoc_ros.runtime.shaper_parameters import OF_STREAMS
 from denoc_ros.types import Array
 
 LOADING = 300.0  # s: a cold kernel cache compiles on a slow machine
@@ -148,6 +150,8 @@ def shape_job(settings: Settings, robot: dict[str, Any], joints: Sequence[str]) 
         options.update(limits, modes=settings.integer('modes') or None)
     if method == 'rest_to_rest':
         options['robustness'] = settings.number('robustness')
+    if method in OF_STREAMS and settings.text('mode_table'):
+        options['mode_table'] = settings.text('mode_table')
     return {
         'job': 'shape',
         'robot': robot,
@@ -171,15 +175,36 @@ def robot_job(settings: Settings, description: str) -> dict[str, Any]:
     }
 
 
-def check_planning(robot: Robot, joints: Sequence[str], settings: Settings) -> None:
+def mode_table(settings: Settings) -> ModeTable | None:
+    """Return the measured modes that a file has; None where none is named.
+
+    Raises
+    ------
+    ConfigError
+    """
+    path = settings.text('mode_table')
+    return read_mode_table(path) if path else None
+
+
+def check_planning(
+    robot: Robot, joints: Sequence[str], settings: Settings, table: ModeTable | None = None
+) -> None:
     """Refuse limits and servos that do not fit the joints, and impossible methods.
 
     Raises
     ------
     DenocError
     """
-    require_flexible(robot)
     method, tip = settings.text('method'), settings.text('tip')
+    if table is None:
+        require_flexible(robot)
+    elif method in OF_STREAMS:
+        table.at(robot.joint_names, np.zeros(len(robot.joint_names)))
+    else:
+        raise StateError(
+            f"parameter 'mode_table' must stand beside method {', '.join(OF_STREAMS)}, "
+            f'got {method}'
+        )
     if method == 'tip':
         if tip:
             robot.frame_pose(tip, np.zeros(robot.n))

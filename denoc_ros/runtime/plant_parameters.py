@@ -69,6 +69,13 @@ TABLE = ParameterTable(
         ),
         Parameter('command', Kind.STRING, 'feedforward/commands', 'topic of the commanded effort'),
         Parameter(
+            'impedance_command',
+            Kind.STRING,
+            '',
+            'topic of commands of position, velocity, gains and effort in one, such as '
+            '`feedforward/impedance_commands`, in place of `command`; empty: effort alone',
+        ),
+        Parameter(
             'command_timeout',
             Kind.DOUBLE,
             math.inf,

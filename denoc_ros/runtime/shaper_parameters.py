@@ -65,6 +65,14 @@ TABLE = ParameterTable(
             live=True,
         ),
         Parameter(
+            'mode_table',
+            Kind.STRING,
+            '',
+            'file with measured modes over postures (`denoc identify postures`), in place of the '
+            'modes of the model, which may be rigid (`method: zv, zvd, ei`); read again by '
+            '`~/reload_model`',
+        ),
+        Parameter(
             'robustness',
             Kind.DOUBLE,
             0.1,

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from denoc_ros.runtime.base_messages import BASE_LIMITS, SOURCES
 from denoc_ros.runtime.load import SHARE
 from denoc_ros.runtime.parameters import Kind, Parameter
 
+# what parameter `base_motion` may be
+SOURCES = ('off', 'odometry', 'odometry_accel', 'accel', 'imu')
+# what a base may do at most by default: its parameter, what it is, value and unit
+BASE_LIMITS = (
+    ('rate', 'angular velocity', 35.0, 'rad/s'),
+    ('acceleration', 'acceleration (of an accelerometer, with gravity)', 200.0, 'm/s^2'),
+    ('angular_acceleration', 'angular acceleration, also between two messages', 1000.0, 'rad/s^2'),
+)
 EXTRA_JOINTS = Parameter(
     'allow_extra_joints',
     Kind.BOOL,

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from denoc_ros.runtime.clocks import SimulatedClock
+from denoc_ros.runtime.input_monitor import InputMonitor
 from denoc_ros.runtime.load import LoopLoad
 from denoc_ros.runtime.realtime import refusals
-from denoc_ros.runtime.safety import InputMonitor
 from denoc_ros.runtime.timing import HISTOGRAM_EDGES, LoopStatistics
 
 SILENT_CLOCK = 5.0  # s of wall time without a message of /clock

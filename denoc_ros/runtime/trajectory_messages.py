@@ -145,22 +145,6 @@ def has_many_points(raw: bytes) -> bool:
         return False
 
 
-def point_stamp_ns(raw: bytes) -> int:
-    """Return the time after the stamp of a streamed point [ns]; 0 for any other message."""
-    try:
-        reader = MessageReader(raw)
-        stamp_ns = reader.stamp_ns()
-        reader.string()
-        reader.names()
-        if reader.count() != 1:
-            return 0
-        for _ in COLUMNS:
-            reader.block()
-        return stamp_ns + 1 if stamp_ns > 0 and reader.stamp_ns() == 0 else 0
-    except InputError:  # who handles it will say so
-        return 0
-
-
 def _read_points(
     reader: MessageReader, count: int, joints: int
 ) -> tuple[list[Array | None], Array]:

@@ -144,6 +144,17 @@ class Page:
             self._panel = playback
         playback.show()
 
+    def record(self, run: Sequence[Snapshot], fps: float) -> str:
+        """Draw a run frame by frame; return the HTML that plays it, see :func:`recorded_page`."""
+        with self._lock:
+            recorder = self.server.get_scene_serializer()
+            self._view.face(np.array([moment.q for moment in run]))
+            for moment in run:
+                self._check(moment)
+                self._view.draw(moment, self._controls.look)
+                recorder.insert_sleep(1.0 / fps)
+            return recorder.as_html()
+
     def pose(self, joints: Mapping[str, float] | None = None) -> None:
         """Offer sliders for the joints, at first at positions given by name [rad, m], or zero.
 
@@ -241,6 +252,58 @@ class Page:
         with self.server.atomic():
             self._controls.explain(self._view.draw(moment, look))
             self._charts.draw()
+
+
+class RecordedPage(str):
+    """One page of HTML with a robot that moves; notebooks show it as such.
+
+    Everything it needs is in it, so that it can be kept, sent and opened without a server.
+    """
+
+    def _repr_html_(self) -> str:
+        return str(self)
+
+
+def recorded_page(
+    robot: Robot,
+    run: Sequence[Snapshot],
+    scale: float = 1.0,
+    fps: float = 20.0,
+    folder: Path | None = None,
+) -> RecordedPage:
+    """Make one page of HTML that plays a run.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its workspace is used.
+    run : sequence of Snapshot
+        What is drawn, one frame each.
+    scale : float
+        What deflections are drawn larger by.
+    fps : float
+        Frames per second [Hz].
+    folder : path, optional
+        Where relative names of mesh files start.
+
+    Returns
+    -------
+    RecordedPage
+        The text of the page, about 1 MB.
+
+    Raises
+    ------
+    StateError
+        The run has no moments, or coordinates that are not this robot's or not finite.
+    ConfigError
+        `fps` is not positive.
+    """
+    if not fps > 0.0:
+        raise ConfigError('page', [f'fps must be > 0 Hz, got {fps}'])
+    if not len(run):
+        raise StateError('page: a run must have moments, got none')
+    with Page(robot, scale=scale, folder=folder) as page:
+        return RecordedPage(page.record(run, fps))
 
 
 def _check_address(host: str, port: int) -> None:

@@ -130,6 +130,20 @@ def test_second_call_ignores_stale_workspace() -> None:
     np.testing.assert_array_equal(robot.forward_dynamics(first.q, first.qd, first.qdd), fresh)
 
 
+def test_a_pose_for_loops_is_that_of_its_frame_whatever_came_between() -> None:
+    robot, frame = load_robot(seeded_robot(4)), 'l3'
+    write, pose = robot.pose_of(frame), np.zeros((4, 4))
+    first, second = rows(robot, 2)
+    for state in (first, second, first):
+        write(state.q, pose)
+        np.testing.assert_array_equal(pose, robot.frame_pose(frame, state.q))
+        robot.inverse_dynamics(second.q, second.qd, second.qdd)
+    del robot  # what writes keeps the model that it reads
+    gc.collect()
+    write(first.q, pose)
+    np.testing.assert_array_equal(pose, load_robot(seeded_robot(4)).frame_pose(frame, first.q))
+
+
 @pytest.mark.parametrize('duplicate', [copy.deepcopy, lambda r: pickle.loads(pickle.dumps(r))])
 def test_duplicate_outlives_its_original(duplicate: Callable[[Robot], Robot]) -> None:
     original = load_robot(seeded_robot(5), gravity=(1, 2, 3))

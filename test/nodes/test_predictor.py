@@ -144,7 +144,7 @@ def test_what_nobody_listens_to_is_not_computed(
     for name in ('tick', 'predict', 'modal_state'):
         count(node.observer, name)
     count(node.observer.deflections, 'evaluate')
-    count(node.robot, 'frame_pose')
+    count(node, '_write_pose')
     publisher = graph.publisher(JointState, 'joint_states')
 
     def go_on_until(condition: Callable[[], bool]) -> None:
@@ -158,7 +158,7 @@ def test_what_nobody_listens_to_is_not_computed(
     assert set(computed) == {'tick'}
     poses = graph.collect(PoseStamped, 'predictor/tip_pose')
     go_on_until(lambda: len(poses) >= 5)
-    assert set(computed) == {'tick', 'frame_pose'}
+    assert set(computed) == {'tick', '_write_pose'}
 
 
 def test_shipped_parameters_are_the_nodes_own(repository: Path) -> None:

@@ -70,6 +70,16 @@ def test_what_cannot_work_exits_1_with_one_line(
     assert len(errors.strip().splitlines()) == 1, errors
 
 
+def test_a_process_without_a_model_loads_no_dynamics() -> None:
+    """A recorder took three times as long to start with them."""
+    script = (
+        'import sys; import denoc_ros.nodes.recorder; '
+        'found = {"numba", "scipy", "denoc_ros.dynamics"} & sys.modules.keys(); '
+        'assert not found, found'
+    )
+    subprocess.run([sys.executable, '-c', script], check=True, timeout=120)
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_with_the_safe_command_and_status_0(
     graph: Any, start: Any, urdf: str, number: int

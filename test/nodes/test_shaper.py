@@ -463,6 +463,35 @@ def test_live_payload_counts_for_the_next_motion(bench: Any) -> None:
     assert last[1] - DURATION > 1.15 * (last[0] - DURATION)  # slower modes, longer delay
 
 
+def test_a_rigid_robot_is_shaped_by_a_table_of_measured_modes(
+    graph: Any, urdf: str, tmp_path: Path
+) -> None:
+    text = Path(urdf).read_text()
+    rigid = tmp_path / 'rigid.urdf'
+    rigid.write_text(text[: text.index('<flexibility>')] + '</robot>')
+    table = tmp_path / 'modes.yaml'
+    table.write_text(
+        f'joints: [{JOINTS[1]}]\npostures:\n'
+        f'- {{position: [{END[1]}], frequency: [2.0], damping_ratio: [0.0]}}\n'
+        '- {position: [0.0], frequency: [4.0], damping_ratio: [0.0]}\n'
+    )
+    arm = ShaperBench(graph, str(rigid), method='zv', mode_table=str(table))
+    first = np.array([END[0], 0.0])
+    ways = (np.zeros(2), first, 0.125), (first, np.subtract(END, first), 0.25)
+    for count, (start, way, half) in enumerate(ways, 1):
+        t = np.linspace(0.0, DURATION, 61)
+        arm.send(t, start + cycloid(t, DURATION)[:, None] * way)
+        graph.until(lambda count=count: len(arm.out) == count, LONG)
+        times, positions = rows(arm.out[-1])[:2]
+        # half a period of the slowest mode on the way
+        assert times[-1] - DURATION == pytest.approx(half, abs=0.02)
+        np.testing.assert_allclose(positions[-1], start + way, atol=1e-9)
+        graph.until(lambda: arm.node._doing(time.perf_counter()) == 'waiting', LONG)
+    refused = arm.node.set_parameters([_parameter('method', 'tip')])[0]
+    assert not refused.successful
+    assert "'mode_table' must stand beside method zv, zvd, ei, got tip" in refused.reason
+
+
 def test_bad_limits_and_robots_are_refused(graph: Any, urdf: str) -> None:
     node = graph.add(ShaperNode, start=False, urdf_path=urdf, limits__velocity=[1.0, 2.0, 3.0])
     node.trigger_configure()
@@ -473,4 +502,4 @@ def test_bad_limits_and_robots_are_refused(graph: Any, urdf: str) -> None:
     graph.remove(node)
     node = graph.add(ShaperNode, start=False, urdf_path=rigid)
     node.trigger_configure()
-    assert 'a shaper needs a flexible link, got none' in node.failure
+    assert 'a shaper needs a flexible link or a mode table, got none' in node.failure

@@ -147,3 +147,22 @@ def test_contrast_is_that_of_the_standard() -> None:
     assert contrast('#000000', '#ffffff') == pytest.approx(21.0)
     # the standard's own borderline grey on white
     assert contrast('#767676', '#ffffff') == pytest.approx(4.54, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ('text', 'whole'),
+    [
+        ('a tip of 0.15 mm at 3.2e-5 N m s/rad', ['0.15 mm', '3.2e-5 N m s/rad']),
+        ('5 rad/s² and 12 °/s', ['5 rad/s²', '12 °/s']),
+        ('2 kg m², 7800 kg/m^3, 210 GPa', ['2 kg m²', '7800 kg/m^3', '210 GPa']),
+        ('found, ± 0.3 N m', ['± 0.3 N m']),
+        ('3 modes of 40 samples', []),
+    ],
+)
+def test_a_number_stays_with_its_whole_unit_in_all_texts_of_a_page(
+    text: str, whole: list[str]
+) -> None:
+    """Running text wrapped between a number and its unit, and within `rad/s²`."""
+    page = ReportPage(text, text, Verdict(text), [Card('c', text, text)], [PageSection('s', text)])
+    kept = re.findall('<span class="quantity">(.*?)</span>', page.html())
+    assert kept == 5 * whole  # subtitle, verdict, value and note of the card, text of the section

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from planar_chains import FLEXIBLE, RIGID, planar_chain
 import denoc_ros as dn
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT
 from denoc_ros.bags.writer import BagWriter
+from denoc_ros.cli.session_file import SessionFile
+from denoc_ros.reports.summary import summary_lines
 from denoc_ros.simulation.bag import write_run
 from denoc_ros.simulation.run import Run
 
@@ -79,12 +82,33 @@ def test_a_phase_that_was_cut_is_named_whatever_was_recorded(
     ]
     session = {'name': 'arm', 'failure': 'interrupted', 'phases': phases}
     (tmp_path / 'session.json').write_text(json.dumps(session))
-    with BagWriter(tmp_path / 'bag.mcap') as bag:
+    with BagWriter(tmp_path / 'bag') as bag:
         bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
         for k in range(messages):
             bag.write_message('/joint_states', begin_ns + k * 10**7, name=['a'], position=[0.1])
     page = dn.report(tmp_path).html()
     assert 'ended in phase “flexible” before its end: interrupted' in page
+
+
+@pytest.mark.parametrize('mode', ['simulated', 'real'])
+def test_the_pace_of_simulated_phases_is_said(
+    mode: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin_ns, wall = 10**18, iter([0.0, 0.5, 7.0, 8.5])  # the second between phases does not count
+    file = SessionFile(tmp_path, {'name': 'arm', 'time': {'mode': mode, 'why': 'as asked for'}})
+    with monkeypatch.context() as clock:
+        clock.setattr(time, 'perf_counter', lambda: next(wall))
+        for begin in (0, 9):
+            file.begin_phase(f'at {begin}', begin_ns + begin * 10**9)
+            file.end_phase(begin_ns + (begin + 2) * 10**9)
+    assert [phase['wall'] for phase in file.phases] == [0.5, 1.5]
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+        bag.write_message('/joint_states', begin_ns, name=['a'], position=[0.1])
+    made = dn.report(tmp_path)
+    said = 'as asked for; the phases ran at 2 times real time'
+    assert (said in made.html()) == (mode == 'simulated')
+    assert (f'time    {said}' in list(summary_lines(made.summary))) == (mode == 'simulated')
 
 
 def test_reports_need_no_command_line(tmp_path: Path) -> None:

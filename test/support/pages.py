@@ -22,6 +22,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 KEYS = {'file', 'robot', 'status', 'add', 'output', 'parse', 'skip', 'because'}
+# a link to a file: its path without the heading
+LINK = re.compile(r'\]\((?!https?:|#)([^)#]+)')
 BLOCK = re.compile(
     r'^<!-- snippet: python\n(?P<setup>.*?)^-->'
     r'|^(?:<!-- snippet: (?P<directive>[^\n]*) -->\n+)?^```(?P<language>\w*)\n(?P<text>.*?)^```',

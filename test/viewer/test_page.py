@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -22,7 +23,7 @@ from denoc_ros.cli.main import main
 from denoc_ros.cli.view import book_systems
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, StateError
-from denoc_ros.viewer.page import Page
+from denoc_ros.viewer.page import Page, recorded_page
 from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.surfaces import BANDS
 
@@ -230,3 +231,26 @@ def test_every_system_of_the_gallery_has_its_place(repository: Path) -> None:
     assert set(systems) == {f.stem for f in (repository / 'config' / 'robots').glob('*.urdf')}
     assert systems['rssr_rrf'].gravity == (0, -9.81, 0)
     assert systems['five_bar_ffff'].joints['joint_1'] == pytest.approx(np.radians(108.0))
+
+
+def test_a_recorded_page_has_the_whole_run_and_needs_no_server(robot: Robot) -> None:
+    run = [Snapshot(0.1 * k, np.full(robot.n, 0.02 * k)) for k in range(6)]
+    page, first = recorded_page(robot, run), recorded_page(robot, run[:1])
+    assert page.startswith('<!doctype html>')
+    assert page._repr_html_() == page
+    assert not re.search(r'src="(https?:)?//', page)
+    assert len(page) > len(first) + 500  # frames that differ cost something
+
+
+@pytest.mark.parametrize(
+    ('moments', 'fps', 'error', 'words'),
+    [
+        (0, 20.0, StateError, 'must have moments, got none'),
+        (1, 0.0, ConfigError, 'fps must be > 0 Hz, got 0'),
+    ],
+)
+def test_a_recorded_page_refuses(
+    robot: Robot, moments: int, fps: float, error: type[Exception], words: str
+) -> None:
+    with pytest.raises(error, match=words):
+        recorded_page(robot, [Snapshot(0.0, np.zeros(robot.n))] * moments, fps=fps)

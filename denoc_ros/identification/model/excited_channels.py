@@ -180,7 +180,7 @@ class ExcitedChannels:
             [noise[f'{name}.{part.partition("_")[0]}'] for name, part in self._parts]
         )
         self._point = parameters.settings(np.zeros(parameters.size))
-        linear, self._paths = parameters.linear
+        linear, self._paths = parameters.linear(set(parameters.robot.joint_names))
         self._linear, self._slopes = linear, parameters.slopes(np.zeros(parameters.size))
         self._others = sorted(set(range(parameters.size)) - set(linear))
         self._sides: dict[tuple[int, float], tuple[Along, SearchPoint]] = {}

@@ -276,13 +276,23 @@ class FreeParameters:
             first += 10
         return found
 
-    @property
-    def linear(self) -> tuple[list[int], list[str]]:
-        """Places and paths of the reported numbers in which torque is linear, of a rigid robot.
+    def linear(self, joints: Set[str]) -> tuple[list[int], list[str]]:
+        """Return places and paths of the numbers that a rigid robot's torque is linear in.
 
-        There are none where loops or mimic joints make joints follow others.
+        There are none where loops or mimic joints make joints follow others, unless none of
+        those is recorded: fingers that stand still are a body like any other.
+
+        Parameters
+        ----------
+        joints : set of str
+            Those that recordings have.
         """
-        if len(self.robot.flexible_indices) or self.robot.constraint_names:
+        tree = self.robot.tree
+        is_tied = bool(tree.loops) or any(
+            mimic.offset != 0.0 or joints & {name, mimic.leader}
+            for name, mimic in tree.mimics.items()
+        )
+        if len(self.robot.flexible_indices) or is_tied:
             return [], []
         found = [k for k, path in enumerate(self.paths) if path.startswith(('joint.', 'link.'))]
         return found, [self.paths[k] for k in found]

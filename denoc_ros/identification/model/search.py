@@ -311,7 +311,8 @@ class ModelSearch:
         parameters = self.parameters
         # scaled torque of joints without effort is linear in nothing
         is_scaled = any(run.has_unpowered_joints for run in self._runs)
-        linear, paths = ([], []) if is_scaled else parameters.linear
+        recorded = {joint for run in self._runs for joint in run.recording.joints}
+        linear, paths = ([], []) if is_scaled else parameters.linear(recorded)
         slopes = parameters.slopes(theta)
         found, here = np.empty((len(self.row_t), parameters.size)), self.whitened(theta)
         if linear:

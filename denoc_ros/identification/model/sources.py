@@ -47,6 +47,8 @@ class RecordingSettings:
     poses : mapping of str to str
         Topics of poses that a tracker measured, of a bag, and the frames of the robot that have
         them.
+    torque_constants : mapping of str to float
+        By joint [N m/A, N/A]: what was recorded as its effort is a current [A].
     """
 
     topic: str = '/joint_states'
@@ -58,6 +60,7 @@ class RecordingSettings:
     end: float = math.inf
     filters: Mapping[str, SensorFilter] = field(default_factory=dict)
     poses: Mapping[str, str] = field(default_factory=dict)
+    torque_constants: Mapping[str, float] = field(default_factory=dict)
 
 
 def read_source(path: str | Path, robot: Robot, settings: RecordingSettings) -> Recording:
@@ -94,7 +97,25 @@ def read_source(path: str | Path, robot: Robot, settings: RecordingSettings) -> 
             f'{path}: --filter must be of a sensor of the robot ({", ".join(known)}), '
             f'got {", ".join(unknown)}'
         )
+    whole = _with_torque_constants(path, whole, settings.torque_constants)
     return replace(_window(whole, settings.begin, settings.end), filters=settings.filters)
+
+
+def _with_torque_constants(
+    path: Path, whole: Recording, constants: Mapping[str, float]
+) -> Recording:
+    """Return a recording whose currents [A] have become effort."""
+    if unknown := sorted(set(constants) - set(whole.joints)):
+        raise BagError(
+            f'{path}: --torque-constant must be of a recorded joint ({", ".join(whole.joints)}), '
+            f'got {", ".join(unknown)}'
+        )
+    factors = np.array([constants.get(joint, 1.0) for joint in whole.joints])
+    if not (np.isfinite(factors) & (factors != 0.0)).all():
+        raise BagError(
+            f'{path}: --torque-constant must be finite and not 0 N m/A, got {dict(constants)}'
+        )
+    return replace(whole, effort=whole.effort * factors)
 
 
 def _of_table(path: Path, robot: Robot, settings: RecordingSettings) -> Recording:

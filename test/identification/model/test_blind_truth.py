@@ -72,7 +72,7 @@ def test_fast_modes_do_not_lead_a_search_astray() -> None:
     run = truth_run(case, 4.0)
     model = dn.identify_model(case.robot, run.recording, case.free)
     found = summary(scored(case, run, model))
-    assert found['found'] >= 6  # 8 by the number itself
+    assert found['found'] >= 7  # 8 by the number itself: the others' intervals are wider
     assert found['coverage'] >= 0.8  # 0.95
     assert not found['wrong_found']  # the largest error is 3.9 %
 

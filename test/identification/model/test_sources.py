@@ -182,3 +182,24 @@ def swing(pendulum: dn.Robot) -> dn.Recording:
     run = dn.simulate(pendulum, np.array([-0.2]), np.zeros(1), t)
     noise = 1e-5 * np.random.default_rng(1).standard_normal(run.q.shape)
     return dn.Recording(t, ('joint_1',), run.q + noise, np.zeros_like(run.q), run.qd)
+
+
+def test_currents_times_torque_constants_are_efforts(rig: dn.Robot, tmp_path: Path) -> None:
+    values = swings()
+    current = np.cos(3.0 * values['time'])
+    file = table(tmp_path / 'run.csv', **values, amperes=current)
+    named = {
+        'joint_1.position': 'hub',
+        'joint_2.position': 'joint_2',
+        'joint_1.effort': 'amperes',
+    }
+    settings = RecordingSettings(columns=named, torque_constants={'joint_1': -1.9})
+    found = read_source(file, rig, settings)
+    np.testing.assert_allclose(found.effort[:, found.joints.index('joint_1')], -1.9 * current)
+    for joint, constant, rule in (
+        ('elbow', 1.0, r'must be of a recorded joint \(joint_1, joint_2\), got elbow'),
+        ('joint_1', 0.0, r'must be finite and not 0 N m/A'),
+    ):
+        bad = replace(settings, torque_constants={joint: constant})
+        with pytest.raises(dn.BagError, match=rule):
+            read_source(file, rig, bad)

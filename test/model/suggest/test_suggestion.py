@@ -16,9 +16,9 @@ from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.inertia import moved, total
 from denoc_ros.model.poses import number_text, rotation_rpy
 from denoc_ros.model.residual_inertia import beam_inertia
-from denoc_ros.model.suggest.beam import BeamSuggestion
+from denoc_ros.model.suggest.beam import STUBBY, BeamSuggestion, _judge
 from denoc_ros.model.suggest.outline import Outline
-from denoc_ros.model.suggest.slender import BeamLine, stiffness
+from denoc_ros.model.suggest.slender import BeamLine, Stiffness, stiffness
 from denoc_ros.model.suggest.suggestion import suggest_flexibility
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.model.urdf import load_tree
@@ -301,3 +301,14 @@ def test_bad_wishes_are_refused() -> None:
         suggest_flexibility(tube_arm(), links=['base', 'boom'])
     with pytest.raises(ConfigError, match="link 'upper_arm' must have no <beam> yet"):
         suggest_flexibility(ARM, links=['upper_arm'])
+
+
+@pytest.mark.parametrize('ratio', [3.9999999, 3.996, 3.5, 1.2345])
+def test_a_stubby_link_is_said_to_be_less_than_the_rule_asks(ratio: float) -> None:
+    """It said `4 times as long as wide` under a rule of `shorter than four times`."""
+    stiff = Stiffness(EI, EI, GJ, (EI, EI), 1e-3, LENGTH / ratio, 'tube', 'high', '')
+    flexible, said = _judge(LENGTH, stiff, 10.0, 0.0, 0.0, 5.0)
+    number = float(said.split()[1])
+    assert not flexible
+    assert number < STUBBY
+    assert ratio - 0.01 < number <= ratio
