@@ -172,7 +172,6 @@ def _lengths(robot: Robot) -> Array:
     """Return the length [m] of each amplitude's beam, 1 rad for twist."""
     lengths = np.ones(robot.n)
     for body in robot.tree.bodies:
-        if body.beam is not None and any(body.beam.modes):
-            first = robot.amplitudes(body.name).start
-            lengths[first : first + body.beam.modes[0] + body.beam.modes[1]] = body.beam.length
+        if body.amplitudes:
+            lengths[robot.amplitudes(body.name)] = body.spans
     return np.asarray(lengths[robot.flexible_indices])

@@ -33,10 +33,8 @@ def difference_steps(robot: DifferentiableModel) -> Array:
     """Return the difference step of each coordinate: rad, or a share of the beam's length."""
     steps = np.full(robot.n, STEP)
     for body in robot.tree.bodies:
-        if body.beam is not None and any(body.beam.modes):
-            first = robot.amplitudes(body.name).start
-            bending = body.beam.modes[0] + body.beam.modes[1]
-            steps[first : first + bending] *= body.beam.length
+        if body.amplitudes:
+            steps[robot.amplitudes(body.name)] *= body.spans
     return steps
 
 

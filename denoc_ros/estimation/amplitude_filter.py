@@ -294,10 +294,15 @@ def load_shapes(robot: Robot) -> tuple[Array, NDArray[np.intp], Array]:
     for body in robot.tree.bodies:  # each segment of a link by itself
         if not is_flexible(body):
             continue
-        assert body.beam is not None
-        section = Section(body.beam, body.beam.length, robot.geometric_stiffness)
         own = robot.amplitudes(body.name)
         base, start = int(np.searchsorted(flexible, own.start)), 0
+        if body.modes is not None:  # each mode by itself
+            part = slice(base, base + body.amplitudes)
+            shape[part, part] = (1.0 + SPREAD**2) * np.eye(body.amplitudes)
+            first[part], lengths[part] = np.arange(part.start, part.stop), body.spans
+            continue
+        assert body.beam is not None
+        section = Section(body.beam, body.beam.length, robot.geometric_stiffness)
         for count, component in zip(body.beam.modes, TIP, strict=True):
             part = slice(base + start, base + start + count)
             tip = section.linear[component, start : start + count]

@@ -127,8 +127,6 @@ def _amplitude_deviations(robot: Robot) -> Array:
     """Return how far each coordinate may be off before (n,): of joints not looked at."""
     deviations = np.full(robot.n, DEFLECTION)
     for k, body in enumerate(robot.tree.bodies):
-        if body.beam is not None:
-            first = body_amplitudes(robot, k).start
-            bending = body.beam.modes[0] + body.beam.modes[1]
-            deviations[first : first + bending] *= body.beam.length
+        if body.amplitudes:
+            deviations[body_amplitudes(robot, k)] *= body.spans
     return deviations

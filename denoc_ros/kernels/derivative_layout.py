@@ -71,6 +71,11 @@ def scratch_size(ny: int, nz: int, points: int) -> int:
     return points * (POINT_MODES + row) + sums + whole_lanes(ny * ny + nz * nz) + LANES
 
 
+def component_scratch_size(points: int) -> int:
+    """Return the size of what the points of component modes take: three vectors of each."""
+    return 9 * points
+
+
 def own_size(modes: int) -> int:
     """Return the size of a beam's workspace."""
     return whole_lanes(modes) * (OWN_SIZE + 3 * modes)

@@ -55,7 +55,7 @@ from denoc_ros.kernels.lanes import (
     take_pair,
     take_vector,
 )
-from denoc_ros.kernels.placement import place_beam, place_by_sines
+from denoc_ros.kernels.placement import place_by_sines, place_modes
 from denoc_ros.kernels.section_columns import geometric_terms, show_columns
 from denoc_ros.kernels.sine_cosine import write_sines
 from denoc_ros.kernels.spatial import (
@@ -93,8 +93,7 @@ def outward_derivatives(n, topology, constants, work, diagonals, bodies, q, qd, 
     store(work, base + diff_.ACCELERATED + 3, load(work, motion + at_.ANGULAR_ACCELERATION))
     for i in range(1, bodies + 1):
         place_by_sines(topology, constants, work, q, sines, cosines, i)
-        if at(topology, i, at_.POINTS) > 0:
-            place_beam(topology, constants, work, q, i)
+        place_modes(topology, constants, work, q, i)
         world_pose(topology, work, i)
         move_world(topology, constants, work, qd, qdd, i)
         own_share(topology, constants, work, qd, qdd, i)

@@ -156,6 +156,23 @@ def product(_typing, a, b):
     return lanes(a, b), generate
 
 
+@intrinsic
+def total(_typing, value):
+    """Return the sum over all lanes."""
+
+    def generate(_context, builder, _signature, args):
+        parts = [builder.extract_element(args[0], _INDEX(k)) for k in range(LANES)]
+        while len(parts) > 1:
+            half = len(parts) // 2
+            parts = [
+                builder.fadd(a, b, flags=_FLAGS)
+                for a, b in zip(parts[:half], parts[half:], strict=True)
+            ]
+        return parts[0]
+
+    return types.float64(value), generate
+
+
 class _Arithmetic(AbstractTemplate):
     """Lanes with lanes, or with one number, which then stands in every lane."""
 

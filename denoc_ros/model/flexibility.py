@@ -15,6 +15,7 @@ from denoc_ros.model.beam_sections import (
     read_section,
     read_stations,
 )
+from denoc_ros.model.component_links import FlexibleElement, read_flexible
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.inertial_sensors import InertialElement, read_inertial_sensor
 from denoc_ros.model.loops import LoopElement, read_loop
@@ -25,7 +26,7 @@ from denoc_ros.model.tree import INERTIAL_PARTS, Spring
 from denoc_ros.types import Array
 
 MOST_MODES = 50  # more would only be a typing error
-ELEMENTS = ('beam', 'loop', 'sensor', 'actuator', 'spring')
+ELEMENTS = ('beam', 'flexible', 'loop', 'sensor', 'actuator', 'spring')
 MOST_SEGMENTS = 200
 
 
@@ -63,15 +64,17 @@ class Flexibility:
     """The whole block: only elements without findings, in file order."""
 
     beams: dict[str, BeamElement] = field(default_factory=dict)  # by link
+    components: dict[str, FlexibleElement] = field(default_factory=dict)  # by link
     loops: list[LoopElement] = field(default_factory=list)
     sensors: list[SensorElement] = field(default_factory=list)
     inertial_sensors: list[InertialElement] = field(default_factory=list)
     armatures: dict[str, float] = field(default_factory=dict)  # by joint
     springs: dict[str, Spring] = field(default_factory=dict)  # by joint
     flexible_links: set[str] = field(default_factory=set)  # beams with findings as well
+    component_names: set[str] = field(default_factory=set)  # likewise of <flexible>
 
 
-def read_flexibility(root: Element, findings: Findings) -> Flexibility:
+def read_flexibility(root: Element, findings: Findings, folder: str = '') -> Flexibility:
     """Return the elements of the `<flexibility>` block.
 
     Parameters
@@ -80,6 +83,8 @@ def read_flexibility(root: Element, findings: Findings) -> Flexibility:
         `<robot>`.
     findings : Findings
         Gathers what is wrong.
+    folder : str
+        Of the description's file, '' of a text.
 
     Returns
     -------
@@ -98,6 +103,8 @@ def read_flexibility(root: Element, findings: Findings) -> Flexibility:
         Reader(block, 'flexibility', findings).only((), ELEMENTS)
         for element in block.findall('beam'):
             _add_beam(element, links, flexibility, findings)
+        for element in block.findall('flexible'):
+            _add_component_link(element, links, flexibility, folder, findings)
         for element in block.findall('actuator'):
             _add_actuator(element, root, flexibility, findings)
         for element in block.findall('spring'):
@@ -131,10 +138,26 @@ def _add_sensors(
                 flexibility.inertial_sensors.append(inertial)
                 values += len(inertial.parts)
             continue
-        sensor = read_sensor(element, flexible, names, findings)
+        sensor = read_sensor(element, flexible, flexibility.component_names, names, findings)
         if sensor is not None:
             flexibility.sensors.append(sensor)
             values += 1
+
+
+def _add_component_link(
+    element: Element,
+    links: set[str],
+    flexibility: Flexibility,
+    folder: str,
+    findings: Findings,
+) -> None:
+    link = element.get('link', '')
+    if link in flexibility.flexible_links | flexibility.component_names:
+        findings.add(f'flexible {link!r}', 'link must have one <beam> or <flexible>, got two')
+    flexibility.component_names.add(link)
+    found = read_flexible(element, links, folder, findings)
+    if found is not None:
+        flexibility.components[link] = found
 
 
 def _add_actuator(
