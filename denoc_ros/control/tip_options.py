@@ -9,8 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.control.joint_limits import Given
+from denoc_ros.control.limit_rows import BEAMS, TIPS
+from denoc_ros.control.plan import Plan
 from denoc_ros.errors import StateError
 
+TIMES = ('asked', 'minimum')
+JOINT_LIMITS = ('velocity', 'acceleration', 'jerk', 'effort', 'effort_rate')
 LARGEST_STRETCH = 10.0
 
 
@@ -42,15 +46,28 @@ class TipOptions:
         40 ms.
     output_step : float, optional
         Between the rows of the plan [s]; default 4 ms.
-    velocity, acceleration, effort : optional
+    velocity, acceleration, jerk, effort, effort_rate : optional
         Limits of the driven joints in place of the URDF's: a number, one per joint, or by joint
         name. A motion that exceeds them, or the URDF's of position, is made slower.
+    strain, moment, deflection : optional
+        Limits of beams, a number or by link: outer-fibre strain [1] in place of the file's, bending
+        moment [N m], deflection of the tip [m].
+    tip_speed, tip_acceleration, power : float, optional
+        Limits of the tips [m/s, m/s^2], and of what the joints draw together [W].
+    margin : float
+        Share of every limit but positions that is kept free.
+    time : str
+        ``asked``: the motion takes the time that was asked for, or is made slower as a whole.
+        ``minimum``: its path stays and its timing is free: the shortest within the limits.
     stretch : float
         The largest factor by which it may be made slower; 1: it is refused.
+    near : Plan, optional
+        A plan of a similar motion with ``time='minimum'`` whose timing is begun with.
     progress : callable, optional
         Takes the share of the work that is done, 0 to 1.
     cancel : callable, optional
-        Returns True where the work must end: SolverError then.
+        Returns True where the work must end: SolverError then; with ``time='minimum'`` the best
+        plan within the limits so far, if there is one.
     """
 
     joints: Sequence[str] | None = None
@@ -64,7 +81,18 @@ class TipOptions:
     output_step: float | None = None
     velocity: Given | None = None
     acceleration: Given | None = None
+    jerk: Given | None = None
     effort: Given | None = None
+    effort_rate: Given | None = None
+    strain: Given | None = None
+    moment: Given | None = None
+    deflection: Given | None = None
+    tip_speed: float | None = None
+    tip_acceleration: float | None = None
+    power: float | None = None
+    margin: float = 0.0
+    time: str = 'asked'
+    near: Plan | None = None
     stretch: float = LARGEST_STRETCH
     progress: Callable[[float], object] | None = None
     cancel: Callable[[], bool] | None = None
@@ -75,8 +103,26 @@ class TipOptions:
         for name in ('draw', 'step', 'output_step'):
             _require(name, getattr(self, name), 0.0, strict=True)
         _require('stretch', self.stretch, 1.0, strict=False)
+        require_time(self.time)
         for weight in self.weights or ():
             _require('weights', weight, 0.0, strict=True)
+
+
+    @property
+    def joint_limits(self) -> dict[str, Given | None]:
+        """Limits of joints, as :func:`motion_limits` takes them."""
+        return {what: getattr(self, what) for what in JOINT_LIMITS}
+
+    @property
+    def other_limits(self) -> dict[str, Given | None]:
+        """The other limits, as :func:`motion_limits` takes them."""
+        return {what: getattr(self, what) for what in (*BEAMS, *TIPS)}
+
+
+def require_time(time: str) -> None:
+    """Raise StateError where a time is none of `TIMES`."""
+    if time not in TIMES:
+        raise StateError(f'shape_motion: time must be one of {", ".join(TIMES)}, got {time!r}')
 
 
 def _require(name: str, value: float | None, least: float, strict: bool) -> None:
