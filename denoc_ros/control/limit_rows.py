@@ -189,9 +189,17 @@ class LimitRows:
         if limits.power < np.inf:
             found.append(('power', 'all joints'))
         self.names = tuple(' '.join(each) for each in found)
+        self._narrowed = np.ones(len(self.names))
+
+    def narrow(self, beyond: Array) -> None:
+        """Make limits narrower where shares (rows,) are beyond them; :meth:`use` does not."""
+        self._narrowed *= 1.0 + np.maximum(beyond, 0.0)
 
     def values(self, at: Moments, step: float) -> Array:
         """Return the shares (k, rows); signed for joints, 1 or -1 at the limit."""
+        return self._own_values(at, step) * self._narrowed
+
+    def _own_values(self, at: Moments, step: float) -> Array:
         parts = [value for value, _ in self._rows(at, step)]
         return np.concatenate(parts, axis=1) if parts else np.zeros((len(at.q), 0))
 
@@ -199,13 +207,14 @@ class LimitRows:
         """Return how much of the limits a plan uses."""
         at = Moments(plan.q, plan.qd, plan.qdd, plan.torque)
         step = float(plan.t[-1] - plan.t[0]) / (len(plan.t) - 1)
-        return LimitUse(self.names, np.abs(self.values(at, step)), {})
+        return LimitUse(self.names, np.abs(self._own_values(at, step)), {})
 
     def changes(self, at: Moments, step: float, by: Moments) -> Array:
         """Return the derivatives (k, rows, p) of the shares by what the motion changes with."""
         parts = [change(by) for _, change in self._rows(at, step)]
-        empty = np.zeros((len(at.q), 0, by.q.shape[-1]))
-        return np.concatenate(parts, axis=1) if parts else empty
+        if not parts:
+            return np.zeros((len(at.q), 0, by.q.shape[-1]))
+        return np.concatenate(parts, axis=1) * self._narrowed[:, None]
 
     def _rows(self, at: Moments, step: float) -> Iterator[Row]:
         own, driven = self._joints, self._driven

@@ -109,6 +109,7 @@ def shortest(
     start: Array,
     report: Callable[[float], None],
     stopped: Callable[[], bool],
+    rounds: int = ROUNDS,
 ) -> Found[S]:
     """Return the shortest motion within limits.
 
@@ -121,6 +122,8 @@ def shortest(
         Takes the share of the work that is done.
     stopped : callable
         Says whether to return the best motion so far.
+    rounds : int
+        At most.
 
     Raises
     ------
@@ -138,7 +141,7 @@ def shortest(
     best: tuple[S, Array] | None = (here, start) if excess(here) <= NEAR else None
     gains = np.zeros(len(problem.names))
     settled, round_ = False, 0
-    for round_ in range(ROUNDS):
+    for round_ in range(rounds):
         report(1.0 - 0.85**round_)
         if stopped():
             break

@@ -24,11 +24,15 @@ from denoc_ros.types import Array
 
 NODES = 300  # of a motion while its timing is looked for
 PIECES = 14  # of the splines of a timing
-SLOWER = 8  # times that a motion is made slower where its finer plan is beyond a limit
+AGAIN = 3  # times that limits are made narrower where a finer plan is beyond them
+TIGHTEN = 4  # rounds each time
+SLOWER = 8  # times that a motion is made slower where that is not enough
 WITHIN = 1e-3  # share beyond a limit that a plan may be
 CELLS = 200  # of a rigid robot's path
+MOMENTS = 4  # of each cell: its ends, and between
 KNOTS = 800  # of its spline
 FINE = 4000  # moments at which the length of its way is summed up
+NEWTON = 3  # steps to the moments of its knots
 EDGE = 0.05  # of the first and last cell: where they are looked at beside rest
 # limits that bound the pace, and those that need rows in even steps of time
 PACED = {'velocity', 'acceleration', 'jerk', 'effort', 'effort_rate', 'strain', 'moment', *TIPS}
@@ -169,7 +173,7 @@ def timing_of(old: TimedTip, timing: Timing) -> Array:
 
 @dataclass(frozen=True)
 class TimedPath:
-    """A rigid robot's motion with a timing; each cell of the path has two moments."""
+    """A rigid robot's motion with a timing; each cell of the path has `MOMENTS`."""
 
     timing: Timing
     shares: Array
@@ -192,19 +196,21 @@ class RigidMinimumTime:
         self._grids, self._asked, self._rows = grids, asked, rows
         self.names = rows.names
         even = np.linspace(0.0, asked.duration, FINE + 1)
-        speed = np.linalg.norm(asked.joint_spline(even, 1), axis=1)
-        way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))])
-        way *= even[1]
-        length = float(way[-1])
+        speed = make_interp_spline(even, np.linalg.norm(asked.joint_spline(even, 1), axis=1), k=3)
+        way = speed.antiderivative()
+        length = float(way(asked.duration))
         if not length > 0.0:
             raise StateError('shape_motion: q_joints must move for minimum time, got one posture')
         self._asked_at = np.linspace(0.0, length, KNOTS + 1)
-        self._moment = np.interp(self._asked_at, way, even)
+        self._moment = np.interp(self._asked_at, way(even), even)
+        for _ in range(NEWTON):
+            slope = np.maximum(speed(self._moment[1:-1]), 1e-9 * length / asked.duration)
+            self._moment[1:-1] -= (way(self._moment) - self._asked_at)[1:-1] / slope
         self._path = make_interp_spline(self._asked_at, asked.coordinates(self._moment), k=3)
         self._basis = TimingBasis.linear(np.linspace(0.0, length, CELLS + 1))
-        share: Array = np.tile([0.0, 1.0], (CELLS, 1))
-        share[0, 0], share[-1, 1] = EDGE, 1.0 - EDGE  # at rest there is no friction
-        self._cell = np.repeat(np.arange(CELLS), 2)
+        share: Array = np.tile(np.linspace(0.0, 1.0, MOMENTS), (CELLS, 1))
+        share[0, 0], share[-1, -1] = EDGE, 1.0 - EDGE  # at rest there is no friction
+        self._cell = np.repeat(np.arange(CELLS), MOMENTS)
         self._share = share.ravel()
         s = (self._cell + self._share) * length / CELLS
         self._rows_of_path = tuple(np.asarray(self._path(s, order)) for order in range(3))
@@ -221,7 +227,7 @@ class RigidMinimumTime:
         return TimedPath(timing, self._rows.values(at, 1.0), at)
 
     def _moments(self, timing: Timing) -> Moments:
-        """Return the motion at both ends of all cells."""
+        """Return the motion in all cells."""
         q, slope, bend = self._rows_of_path
         x, a = self._squares(timing)
         at = q, slope * np.sqrt(x)[:, None], slope * a[:, None] + bend * x[:, None]
@@ -229,7 +235,7 @@ class RigidMinimumTime:
         return Moments(*at, self._grids.robot.inverse_dynamics(*at)[:, driven])
 
     def _squares(self, timing: Timing) -> tuple[Array, Array]:
-        """Return the squared pace and the acceleration along the path at both ends of cells."""
+        """Return the squared pace and the acceleration along the path in all cells."""
         square = timing.pace**2
         before, after = square[self._cell], square[self._cell + 1]
         x = (1.0 - self._share) * before + self._share * after
@@ -342,22 +348,26 @@ P = TypeVar('P', TipMinimumTime, RigidMinimumTime)
 def _searched(problem: P, first: Array, rows: LimitRows, options: TipOptions) -> Plan:
     """Return the plan of the shortest motion, made a little slower where it needs that."""
     cancel = options.cancel or (lambda: False)
-    found = shortest(problem, first, options.progress or (lambda _share: None), cancel)
-    coefficients = found.coefficients
-    solution = found.solution
-    for _ in range(SLOWER):
-        plan = problem.plan(solution)
+    report = options.progress or (lambda _share: None)
+    found = shortest(problem, first, report, cancel)
+    for again in range(AGAIN + SLOWER):
+        plan = problem.plan(found.solution)
         use = rows.use(plan)
-        beyond = float(use.shares.max(initial=0.0)) - 1.0
-        if beyond <= WITHIN:
+        beyond = use.shares.max(axis=0, initial=0.0) - 1.0
+        if not beyond.max(initial=0.0) > WITHIN:
             gains = {
                 name: 0.01 * gain for name, gain in zip(rows.names, found.gains, strict=True)
             }
             return replace(plan, limits=replace(use, gains=gains, settled=found.settled))
-        coefficients = coefficients / (1.0 + 1.1 * beyond)
-        solution = problem.solve(coefficients, None)
-    name = rows.names[int(use.shares.max(axis=0).argmax())]
+        if again < AGAIN and not cancel():
+            # between the moments of the search: there the limits are made narrower
+            rows.narrow(beyond)
+            found = shortest(problem, found.coefficients, lambda _share: None, cancel, TIGHTEN)
+        else:
+            slower = found.coefficients / (1.0 + 1.1 * float(beyond.max()))
+            found = replace(found, solution=problem.solve(slower, None), coefficients=slower)
+    name = rows.names[int(beyond.argmax())]
     raise SolverError(
-        f'shape_motion: {name} must keep its limit, got {1.0 + beyond:.4g} times that of the '
-        'shortest motion that was found'
+        f'shape_motion: {name} must keep its limit, got {1.0 + float(beyond.max()):.4g} times '
+        'that of the shortest motion that was found'
     )
