@@ -16,6 +16,7 @@ from denoc_ros.types import Array
 
 LITTLE = 1e-4  # of a motion's time: half of a difference along it
 
+
 class AskedMotion:
     """A motion of the undeformed robot from rest to rest; a base that floats reacts to it.
 

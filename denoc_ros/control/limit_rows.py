@@ -19,6 +19,7 @@ from denoc_ros.types import Array
 
 Int = NDArray[np.int64]
 STATIONS = 9  # of each segment of a beam at which strain and moment are looked at
+PLACES = 50  # along a motion at which limits may be narrower
 LITTLE = 1e-6  # m, rad: of differences of nearly linear deflections
 BEAMS = ('strain', 'moment', 'deflection')
 TIPS = ('tip_speed', 'tip_acceleration', 'power')
@@ -189,17 +190,27 @@ class LimitRows:
         if limits.power < np.inf:
             found.append(('power', 'all joints'))
         self.names = tuple(' '.join(each) for each in found)
-        self._narrowed = np.ones(len(self.names))
+        self._narrowed = np.ones((PLACES + 1, len(self.names)))
 
-    def narrow(self, beyond: Array) -> None:
-        """Make limits narrower where shares (rows,) are beyond them; :meth:`use` does not."""
-        self._narrowed *= 1.0 + np.maximum(beyond, 0.0)
+    def narrow(self, where: Array, shares: Array) -> None:
+        """Make limits narrower where shares (k, rows) are beyond them.
+
+        `where` (k,) are places along the motion, from 0 to 1.
+        """
+        beyond = np.ones_like(self._narrowed)
+        np.maximum.at(beyond, np.rint(PLACES * where).astype(np.int64), shares)
+        beside = np.pad(beyond, ((1, 1), (0, 0)), mode='edge')
+        self._narrowed *= np.maximum(np.maximum(beside[:-2], beside[2:]), beyond)
+
+    def narrowed(self, where: Array) -> Array:
+        """Return by what shares (k, rows) at places (k,) are multiplied: 1, or narrower limits."""
+        at = np.clip(PLACES * where, 0.0, PLACES)
+        low = np.minimum(at.astype(np.int64), PLACES - 1)
+        share = (at - low)[:, None]
+        return (1.0 - share) * self._narrowed[low] + share * self._narrowed[low + 1]
 
     def values(self, at: Moments, step: float) -> Array:
         """Return the shares (k, rows); signed for joints, 1 or -1 at the limit."""
-        return self._own_values(at, step) * self._narrowed
-
-    def _own_values(self, at: Moments, step: float) -> Array:
         parts = [value for value, _ in self._rows(at, step)]
         return np.concatenate(parts, axis=1) if parts else np.zeros((len(at.q), 0))
 
@@ -207,14 +218,13 @@ class LimitRows:
         """Return how much of the limits a plan uses."""
         at = Moments(plan.q, plan.qd, plan.qdd, plan.torque)
         step = float(plan.t[-1] - plan.t[0]) / (len(plan.t) - 1)
-        return LimitUse(self.names, np.abs(self._own_values(at, step)), {})
+        return LimitUse(self.names, np.abs(self.values(at, step)), {})
 
     def changes(self, at: Moments, step: float, by: Moments) -> Array:
         """Return the derivatives (k, rows, p) of the shares by what the motion changes with."""
         parts = [change(by) for _, change in self._rows(at, step)]
-        if not parts:
-            return np.zeros((len(at.q), 0, by.q.shape[-1]))
-        return np.concatenate(parts, axis=1) * self._narrowed[:, None]
+        empty = np.zeros((len(at.q), 0, by.q.shape[-1]))
+        return np.concatenate(parts, axis=1) if parts else empty
 
     def _rows(self, at: Moments, step: float) -> Iterator[Row]:
         own, driven = self._joints, self._driven
@@ -328,5 +338,6 @@ def _segment_rows(robot: Robot, body: Body, what: str) -> Array:
         size = np.full(STATIONS, beam.surface[k])
         if what == 'moment':
             size = part.stiffness_at(at / beam.length)
-        rows[:, k, robot.indices(names)] = size[:, None] * part.shapes.curvatures(at)
+        columns = [robot.coordinate_names.index(name) for name in names]
+        rows[:, k, columns] = size[:, None] * part.shapes.curvatures(at)
     return rows

@@ -71,10 +71,13 @@ class Objective:
     ----------
     apart : (k - 1,) array
     design : (k, p) array
+    largest : float
+        Of the coefficients, over their median.
     """
 
     apart: Array
     design: Array
+    largest: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -267,6 +270,10 @@ def _program(
     right.append(room)
     for sign in (1.0, -1.0):
         bound = np.full(p, radius if sign > 0.0 else min(radius, 0.9))
+        if sign > 0.0:
+            bound = np.minimum(
+                bound, np.maximum(objective.largest * np.median(c) - c, 0.0) / scale
+            )
         blocks.append(sparse.hstack([sign * eye, _empty(p, 2 * k)]))
         right.append(bound)
     last = sparse.csr_array(([-1.0], ([0], [count - 1])), shape=(1, count))
@@ -331,7 +338,10 @@ def _inverses(k: int, count: int, p: int) -> tuple[sparse.csr_array, Array]:
     rows = np.arange(n)
     ones = np.ones(n)
     both = sparse.csr_array(
-        (np.concatenate([ones, ones]), (np.tile(rows, 2), np.concatenate([p + rows, p + rows + 1]))),
+        (
+            np.concatenate([ones, ones]),
+            (np.tile(rows, 2), np.concatenate([p + rows, p + rows + 1])),
+        ),
         shape=(n, count),
     )
     t = sparse.csr_array((ones, (rows, p + k + rows)), shape=(n, count))

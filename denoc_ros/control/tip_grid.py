@@ -92,9 +92,7 @@ class TipGrids:
         self.robot, self.frames, self.driven, self.options = robot, frames, driven, options
         self.report = _reporter(options)
 
-    def solve(
-        self, asked: Motion, nodes: int = NODES, halvings: int = HALVINGS
-    ) -> TipGrid:
+    def solve(self, asked: Motion, nodes: int = NODES, halvings: int = HALVINGS) -> TipGrid:
         """Return the motion; its grid is halved where the equations do not hold between nodes."""
         duration = asked.duration
         usual = min(duration / nodes, LONGEST_STEP)
@@ -117,9 +115,7 @@ class TipGrids:
             try:
                 better = self.problem(asked, finer, 2.0 * usual / grid.step)
                 guess = _halved(grid)
-                solved = solve_motion(
-                    better, guess, 0.5 * grid.step, _size(better), self.report
-                )
+                solved = solve_motion(better, guess, 0.5 * grid.step, _size(better), self.report)
             except CancelledError:
                 raise
             except SolverError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -23,6 +24,7 @@ from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
 
 NODES = 300  # of a motion while its timing is looked for
+SHARPEST = 4.0  # times their median: coefficients of a timing, so that it begins smoothly
 PIECES = 14  # of the splines of a timing
 AGAIN = 3  # times that limits are made narrower where a finer plan is beyond them
 TIGHTEN = 4  # rounds each time
@@ -64,13 +66,13 @@ class TipMinimumTime:
         self, grids: TipGrids, asked: AskedMotion, basis: TimingBasis, rows: LimitRows
     ) -> None:
         self._grids, self._asked, self._basis, self._rows = grids, asked, basis, rows
-        self.names = rows.names
+        self.names, self.length = rows.names, float(basis.stations[-1])
         self._window = (0.0, 0.0)
         self._changes: tuple[int, Array] | None = None
 
     def program(self, solution: TimedTip) -> Objective:
         """Return the duration's parts."""
-        return Objective(np.diff(self._basis.stations), self._basis.design)
+        return Objective(np.diff(self._basis.stations), self._basis.design, SHARPEST)
 
     def solve(self, coefficients: Array, near: tuple[TimedTip, Array] | None) -> TimedTip:
         """Return the motion with coefficients (p,)."""
@@ -85,11 +87,13 @@ class TipMinimumTime:
         qd, qdd = differences(q, grid.step)
         torque = grid.problem.torque(q, qd, qdd, grid.solved.multipliers)
         at = Moments(q, qd, qdd, torque)
-        return TimedTip(timing, asked, grid, at, self._rows.values(at, grid.step))
+        shares = self._rows.values(at, grid.step)
+        return TimedTip(timing, asked, grid, at, shares * self._narrowed(timing, grid.nodes))
 
-    def _from(
-        self, near: tuple[TimedTip, Array], timing: Timing, asked: RetimedMotion
-    ) -> TipGrid:
+    def _narrowed(self, timing: Timing, times: Array) -> Array:
+        return self._rows.narrowed(timing.stations_at(times) / self._basis.stations[-1])
+
+    def _from(self, near: tuple[TimedTip, Array], timing: Timing, asked: RetimedMotion) -> TipGrid:
         """Return the motion on a grid, found from a motion with another timing."""
         old, change = near
         before, step_old = old.grid.nodes, old.grid.step
@@ -135,12 +139,12 @@ class TipMinimumTime:
         )
         by = Moments(dq, dqd, dqdd, dtau)
         changes = self._rows.changes(solution.at, step, by)
+        changes *= self._narrowed(timing, nodes)[:, :, None]
         later = timing.change_of_times(nodes)
         slope = np.gradient(solution.shares, step, axis=0)
         changes = changes + slope[:, :, None] * later[:, None, :]
         self._changes = id(solution), dq + solution.at.qd[:, :, None] * later[:, None, :]
         return changes.reshape(-1, changes.shape[2])
-
 
     def start(self, plan: Plan) -> Array:
         """Return the coefficients nearest to the timing of a plan."""
@@ -194,7 +198,7 @@ class RigidMinimumTime:
 
     def __init__(self, grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> None:
         self._grids, self._asked, self._rows = grids, asked, rows
-        self.names = rows.names
+        self.names, self.length = rows.names, asked.duration
         even = np.linspace(0.0, asked.duration, FINE + 1)
         speed = make_interp_spline(even, np.linalg.norm(asked.joint_spline(even, 1), axis=1), k=3)
         way = speed.antiderivative()
@@ -224,7 +228,13 @@ class RigidMinimumTime:
         """Return the motion with coefficients (p,)."""
         timing = Timing(self._basis, coefficients)
         at = self._moments(timing)
-        return TimedPath(timing, self._rows.values(at, 1.0), at)
+        return TimedPath(timing, self._rows.values(at, 1.0) * self._narrowed(), at)
+
+    def _narrowed(self) -> Array:
+        place = np.interp(
+            (self._cell + self._share) / CELLS * self._asked_at[-1], self._asked_at, self._moment
+        )
+        return self._rows.narrowed(place / self._asked.duration)
 
     def _moments(self, timing: Timing) -> Moments:
         """Return the motion in all cells."""
@@ -255,6 +265,7 @@ class RigidMinimumTime:
         _, by_qd, by_qdd = robot.inverse_dynamics_derivatives(*solution.at[:3])
         dtau = by_qd[:, driven] @ dqd + by_qdd[:, driven] @ dqdd
         local = self._rows.changes(solution.at, 1.0, Moments(dq, dqd, dqdd, dtau))
+        local *= self._narrowed()[:, :, None]
         k, r, _ = local.shape
         columns = np.repeat(np.stack([self._cell - 1, self._cell], axis=1)[:, None], r, axis=1)
         rows = np.repeat(np.arange(k * r).reshape(k, r, 1), 2, axis=2)
@@ -320,9 +331,7 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
             f'{robot.tree.name}: minimum time needs a limit of velocity, acceleration, effort, '
             'strain or such, got none'
         )
-    own = TipGrids(
-        robot, grids.frames, grids.driven, replace(options, progress=None, cancel=None)
-    )
+    own = TipGrids(robot, grids.frames, grids.driven, replace(options, progress=None, cancel=None))
     kinds = {name.split()[0] for name in rows.names}
     if robot.n == len(grids.driven) and not kinds & IN_TIME:
         rigid = RigidMinimumTime(own, asked, rows)
@@ -342,27 +351,37 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
     return _searched(bent, first, rows, options)
 
 
+def _passed(plan: Plan) -> Array:
+    assert plan.passed is not None
+    return plan.passed
+
+
 P = TypeVar('P', TipMinimumTime, RigidMinimumTime)
 
 
 def _searched(problem: P, first: Array, rows: LimitRows, options: TipOptions) -> Plan:
     """Return the plan of the shortest motion, made a little slower where it needs that."""
     cancel = options.cancel or (lambda: False)
-    report = options.progress or (lambda _share: None)
-    found = shortest(problem, first, report, cancel)
+
+    def quiet(_share: float) -> None:
+        """Report nothing."""
+
+    found = shortest(problem, first, options.progress or quiet, cancel)
     for again in range(AGAIN + SLOWER):
         plan = problem.plan(found.solution)
         use = rows.use(plan)
         beyond = use.shares.max(axis=0, initial=0.0) - 1.0
         if not beyond.max(initial=0.0) > WITHIN:
-            gains = {
-                name: 0.01 * gain for name, gain in zip(rows.names, found.gains, strict=True)
-            }
+            gains = {name: 0.01 * gain for name, gain in zip(rows.names, found.gains, strict=True)}
             return replace(plan, limits=replace(use, gains=gains, settled=found.settled))
+        narrowed = None
         if again < AGAIN and not cancel():
             # between the moments of the search: there the limits are made narrower
-            rows.narrow(beyond)
-            found = shortest(problem, found.coefficients, lambda _share: None, cancel, TIGHTEN)
+            rows.narrow(_passed(plan) / problem.length, use.shares)
+            with suppress(SolverError):
+                narrowed = shortest(problem, found.coefficients, quiet, cancel, TIGHTEN)
+        if narrowed is not None:
+            found = narrowed
         else:
             slower = found.coefficients / (1.0 + 1.1 * float(beyond.max()))
             found = replace(found, solution=problem.solve(slower, None), coefficients=slower)

@@ -107,7 +107,6 @@ class TipOptions:
         for weight in self.weights or ():
             _require('weights', weight, 0.0, strict=True)
 
-
     @property
     def joint_limits(self) -> dict[str, Given | None]:
         """Limits of joints, as :func:`motion_limits` takes them."""

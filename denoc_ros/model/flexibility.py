@@ -9,10 +9,13 @@ import numpy as np
 
 from denoc_ros.model.along import CONSTANT, Along
 from denoc_ros.model.beam_sections import (
+    STRAINS,
     BeamSection,
+    StrainLimit,
     Profile,
     at_most_one,
     read_section,
+    read_strain_limit,
     read_stations,
 )
 from denoc_ros.model.findings import Element, Findings, Reader
@@ -56,6 +59,7 @@ class BeamElement:
     segments: int = 1  # equal beams that it is divided into
     mass_along: Along = CONSTANT  # shares of mass_per_length, which is the mean
     polar_along: Along = CONSTANT  # shares of polar_inertia, which is the mean
+    strain: StrainLimit = StrainLimit()
 
 
 @dataclass
@@ -161,7 +165,7 @@ def _add_beam(
     before, link = len(findings.items), element.get('link', '')
     reader = Reader(element, f'beam {link!r}', findings)
     reader.only(
-        ('link', 'length', 'mass_per_length', 'shape', 'segments', 'interpolation'),
+        ('link', 'length', 'mass_per_length', 'shape', 'segments', 'interpolation', *STRAINS),
         ('origin', 'section', 'material', 'at', 'bending', 'torsion'),
     )
     if reader.text('link') and link not in links:
@@ -202,6 +206,7 @@ def _read_beam(reader: Reader, link: str) -> BeamElement:
         torsion,
         segments,
         *(stations.get(name, (0.0, CONSTANT))[1] for name in ('mass_per_length', 'polar_inertia')),
+        read_strain_limit(reader, section),
     )
 
 
