@@ -21,6 +21,7 @@ Int = NDArray[np.int64]
 STATIONS = 9  # of each segment of a beam at which strain and moment are looked at
 PLACES = 50  # along a motion at which limits may be narrower
 LITTLE = 1e-6  # m, rad: of differences of nearly linear deflections
+JOINTS = ('velocity', 'acceleration', 'jerk', 'effort', 'effort_rate')
 BEAMS = ('strain', 'moment', 'deflection')
 TIPS = ('tip_speed', 'tip_acceleration', 'power')
 
@@ -55,6 +56,45 @@ class MotionLimits:
         """Whether there is a limit that is not a joint's."""
         own = (self.strain, self.moment, self.deflection)
         return any(own) or min(self.tip_speed, self.tip_acceleration, self.power) < np.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitOptions:
+    """Limits that the options of a method may give.
+
+    Attributes
+    ----------
+    velocity, acceleration, jerk, effort, effort_rate : optional
+        Limits of the driven joints in place of the URDF's, which has none of acceleration, jerk
+        and effort rate: a number, one per joint, or by joint name.
+    strain, moment, deflection : optional
+        Limits of beams, a number or by link: outer-fibre strain [1] in place of the file's,
+        bending moment [N m], deflection of the tip [m].
+    tip_speed, tip_acceleration, power : float, optional
+        Limits of the tips [m/s, m/s^2], and of what the joints draw together [W].
+    margin : float
+        Share of every limit but positions that is kept free.
+    """
+
+    velocity: Given | None = None
+    acceleration: Given | None = None
+    jerk: Given | None = None
+    effort: Given | None = None
+    effort_rate: Given | None = None
+    strain: Given | None = None
+    moment: Given | None = None
+    deflection: Given | None = None
+    tip_speed: float | None = None
+    tip_acceleration: float | None = None
+    power: float | None = None
+    margin: float = 0.0
+
+    def limits(self, robot: Robot) -> MotionLimits:
+        """Return the limits of a robot with these options."""
+        joints = {what: getattr(self, what) for what in JOINTS}
+        return motion_limits(
+            robot, joints, {what: getattr(self, what) for what in (*BEAMS, *TIPS)}, self.margin
+        )
 
 
 def motion_limits(
@@ -105,9 +145,8 @@ def motion_limits(
         what: {link: (1.0 - margin) * limit for link, limit in each.items()}
         for what, each in found.items()
     }
-    return MotionLimits(
-        own, *(scaled[what] for what in BEAMS), *((1.0 - margin) * numbers[w] for w in TIPS)
-    )
+    pace = {what: (1.0 - margin) * numbers[what] for what in TIPS}
+    return MotionLimits(own, scaled['strain'], scaled['moment'], scaled['deflection'], **pace)
 
 
 def _of_links(what: str, given: Given | None, links: list[str]) -> dict[str, float]:
@@ -254,19 +293,19 @@ class LimitRows:
 
     def _deflection(self, link: str, limit: float, at: Moments) -> Row:
         robot = self._robot
-        whole = np.array([robot.tip_deflection(link, q) for q in at.q])
+        whole = np.array([robot.tip_deflection(link, q)[1:] for q in at.q])
         columns = [
             k for k, name in enumerate(robot.coordinate_names) if name.startswith(f'{link}/')
         ]
         rest = np.zeros(robot.n)
-        gain = np.zeros((3, robot.n))
+        gain = np.zeros((2, robot.n))
         for column in columns:
             moved = rest.copy()
             moved[column] = LITTLE
-            gain[:, column] = robot.tip_deflection(link, moved) / LITTLE
+            gain[:, column] = robot.tip_deflection(link, moved)[1:] / LITTLE
 
         def change(by: Moments) -> Array:
-            return np.einsum('ij,kjp->kip', gain, by.q)
+            return np.asarray(np.einsum('ij,kjp->kip', gain, by.q))
 
         return _norm(whole, change, limit)
 
@@ -291,7 +330,7 @@ class LimitRows:
 
         def change(by: Moments) -> Array:
             each = by.torque * rate[:, :, None] + at.torque[:, :, None] * by.qd[:, self._driven]
-            return np.sum(gives * each, axis=1, keepdims=True) / limit
+            return np.asarray(np.sum(gives * each, axis=1, keepdims=True) / limit)
 
         return np.sum(np.maximum(drawn, 0.0), axis=1, keepdims=True) / limit, change
 

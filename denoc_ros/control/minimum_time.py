@@ -36,8 +36,13 @@ class Solution(Protocol):
         Of the limits; at each moment, of each row.
     """
 
-    duration: float
-    shares: Array
+    @property
+    def duration(self) -> float:
+        """Of the motion."""
+
+    @property
+    def shares(self) -> Array:
+        """Of the limits."""
 
 
 S = TypeVar('S', bound=Solution)
@@ -48,7 +53,8 @@ class MinimumTimeProblem(Protocol[S]):
 
     Attributes
     ----------
-    equalities : whether the motion has errors that must vanish
+    names : tuple of str
+        Of the rows.
     """
 
     names: tuple[str, ...]
@@ -110,7 +116,7 @@ def excess(solution: Solution) -> float:
 def shortest(
     problem: MinimumTimeProblem[S],
     start: Array,
-    report: Callable[[float], None],
+    report: Callable[[float], object],
     stopped: Callable[[], bool],
     rounds: int = ROUNDS,
 ) -> Found[S]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from denoc_ros.types import Array
 
-
 BINDS = 0.995  # of a limit: what counts as reached
 
 

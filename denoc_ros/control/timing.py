@@ -28,8 +28,8 @@ class TimingBasis:
 
     Notes
     -----
-    Torques of a rigid robot are linear in x and dx/ds, and the duration is convex in it (Verscheure
-    et al., Time-Optimal Path Tracking for Robots, 2009).
+    Torques of a rigid robot are linear in x and dx/ds, and the duration is convex in it
+    (Verscheure et al., Time-Optimal Path Tracking for Robots, 2009).
     """
 
     stations: Array

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from denoc_ros.control.asked_motion import AskedMotion
-from denoc_ros.control.limit_rows import LimitRows, motion_limits
+from denoc_ros.control.limit_rows import LimitRows
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.stretching import within_limits
 from denoc_ros.control.tip_grid import Int, TipGrids, turn_weight
@@ -55,7 +55,7 @@ def tip_motion(
         path = dict(zip(frames, poses, strict=True)) if len(robot.base_indices) else None
     joints = _closed(robot, driven, q_joints)
     _require_rest(robot, times, joints)
-    limits = motion_limits(robot, options.joint_limits, options.other_limits, options.margin)
+    limits = options.limits(robot)
     rows = LimitRows(robot, driven, tuple(frames), limits)
     grids = TipGrids(robot, frames, driven, options)
 

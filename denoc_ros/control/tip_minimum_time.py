@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -80,6 +81,7 @@ class TipMinimumTime:
         asked = RetimedMotion(self._asked, timing)
         if near is None:
             grid = self._grids.solve(asked, NODES, 0)
+            require_rest(self.names, self._rows.values(at_rest(grid), 1.0))
             self._window = -float(grid.nodes[0]), float(grid.nodes[-1]) - timing.duration
         else:
             grid = self._from(near, timing, asked)
@@ -144,7 +146,7 @@ class TipMinimumTime:
         slope = np.gradient(solution.shares, step, axis=0)
         changes = changes + slope[:, :, None] * later[:, None, :]
         self._changes = id(solution), dq + solution.at.qd[:, :, None] * later[:, None, :]
-        return changes.reshape(-1, changes.shape[2])
+        return np.asarray(changes.reshape(-1, changes.shape[2]))
 
     def start(self, plan: Plan) -> Array:
         """Return the coefficients nearest to the timing of a plan."""
@@ -164,6 +166,24 @@ class TipMinimumTime:
         plan = self._grids.plan(self._grids.solve(found.asked), found.asked)
         passed = found.timing.stations_at(plan.t)
         return replace(plan, stretch=found.duration / self._basis.stations[-1], passed=passed)
+
+
+def at_rest(grid: TipGrid) -> Moments:
+    """Return the first and last posture of a motion, where it rests."""
+    q, forces = grid.solved.q[[0, -1]], grid.solved.multipliers[[0, -1]]
+    still = np.zeros_like(q)
+    return Moments(q, still, still, grid.problem.torque(q, still, still, forces))
+
+
+def require_rest(names: Sequence[str], shares: Array) -> None:
+    """Refuse limits that are passed where the robot rests: no timing helps."""
+    most = np.abs(shares).max(axis=0)
+    if len(most) and float(most.max()) > 1.0 + WITHIN:
+        what, _, whose = names[int(most.argmax())].partition(' ')
+        raise SolverError(
+            f'shape_motion: {whose} must keep its limit of {what} at rest, got '
+            f'{float(most.max()):.4g} times that at the start or end of the motion, however slow'
+        )
 
 
 def timing_of(old: TimedTip, timing: Timing) -> Array:
@@ -211,6 +231,9 @@ class RigidMinimumTime:
             slope = np.maximum(speed(self._moment[1:-1]), 1e-9 * length / asked.duration)
             self._moment[1:-1] -= (way(self._moment) - self._asked_at)[1:-1] / slope
         self._path = make_interp_spline(self._asked_at, asked.coordinates(self._moment), k=3)
+        q = asked.coordinates(np.array([0.0, asked.duration]))
+        rest = Moments(q, 0.0 * q, 0.0 * q, self._torque(q, 0.0 * q, 0.0 * q))
+        require_rest(self.names, rows.values(rest, 1.0))
         self._basis = TimingBasis.linear(np.linspace(0.0, length, CELLS + 1))
         share: Array = np.tile(np.linspace(0.0, 1.0, MOMENTS), (CELLS, 1))
         share[0, 0], share[-1, -1] = EDGE, 1.0 - EDGE  # at rest there is no friction
@@ -241,8 +264,10 @@ class RigidMinimumTime:
         q, slope, bend = self._rows_of_path
         x, a = self._squares(timing)
         at = q, slope * np.sqrt(x)[:, None], slope * a[:, None] + bend * x[:, None]
-        driven = self._grids.driven
-        return Moments(*at, self._grids.robot.inverse_dynamics(*at)[:, driven])
+        return Moments(*at, self._torque(*at))
+
+    def _torque(self, q: Array, qd: Array, qdd: Array) -> Array:
+        return np.asarray(self._grids.robot.inverse_dynamics(q, qd, qdd)[:, self._grids.driven])
 
     def _squares(self, timing: Timing) -> tuple[Array, Array]:
         """Return the squared pace and the acceleration along the path in all cells."""
@@ -298,7 +323,7 @@ class RigidMinimumTime:
             q=q,
             qd=qd,
             qdd=qdd,
-            torque=np.asarray(robot.inverse_dynamics(q, qd, qdd)[:, driven]),
+            torque=self._torque(q, qd, qdd),
             joint_names=tuple(robot.coordinate_names[k] for k in driven),
             coordinate_names=tuple(robot.coordinate_names),
             tip_error=none,

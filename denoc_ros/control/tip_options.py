@@ -8,19 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from denoc_ros.control.joint_limits import Given
-from denoc_ros.control.limit_rows import BEAMS, TIPS
+from denoc_ros.control.limit_rows import LimitOptions
 from denoc_ros.control.plan import Plan
 from denoc_ros.errors import StateError
 
 TIMES = ('asked', 'minimum')
-JOINT_LIMITS = ('velocity', 'acceleration', 'jerk', 'effort', 'effort_rate')
 LARGEST_STRETCH = 10.0
 
 
-@dataclass(frozen=True)
-class TipOptions:
-    """Options of a tip-exact motion.
+@dataclass(frozen=True, kw_only=True)
+class TipOptions(LimitOptions):
+    """Options of a tip-exact motion; a motion that exceeds a limit is made slower.
 
     Attributes
     ----------
@@ -46,16 +44,6 @@ class TipOptions:
         40 ms.
     output_step : float, optional
         Between the rows of the plan [s]; default 4 ms.
-    velocity, acceleration, jerk, effort, effort_rate : optional
-        Limits of the driven joints in place of the URDF's: a number, one per joint, or by joint
-        name. A motion that exceeds them, or the URDF's of position, is made slower.
-    strain, moment, deflection : optional
-        Limits of beams, a number or by link: outer-fibre strain [1] in place of the file's, bending
-        moment [N m], deflection of the tip [m].
-    tip_speed, tip_acceleration, power : float, optional
-        Limits of the tips [m/s, m/s^2], and of what the joints draw together [W].
-    margin : float
-        Share of every limit but positions that is kept free.
     time : str
         ``asked``: the motion takes the time that was asked for, or is made slower as a whole.
         ``minimum``: its path stays and its timing is free: the shortest within the limits.
@@ -79,18 +67,6 @@ class TipOptions:
     postaction: float | None = None
     step: float | None = None
     output_step: float | None = None
-    velocity: Given | None = None
-    acceleration: Given | None = None
-    jerk: Given | None = None
-    effort: Given | None = None
-    effort_rate: Given | None = None
-    strain: Given | None = None
-    moment: Given | None = None
-    deflection: Given | None = None
-    tip_speed: float | None = None
-    tip_acceleration: float | None = None
-    power: float | None = None
-    margin: float = 0.0
     time: str = 'asked'
     near: Plan | None = None
     stretch: float = LARGEST_STRETCH
@@ -106,16 +82,6 @@ class TipOptions:
         require_time(self.time)
         for weight in self.weights or ():
             _require('weights', weight, 0.0, strict=True)
-
-    @property
-    def joint_limits(self) -> dict[str, Given | None]:
-        """Limits of joints, as :func:`motion_limits` takes them."""
-        return {what: getattr(self, what) for what in JOINT_LIMITS}
-
-    @property
-    def other_limits(self) -> dict[str, Given | None]:
-        """The other limits, as :func:`motion_limits` takes them."""
-        return {what: getattr(self, what) for what in (*BEAMS, *TIPS)}
 
 
 def require_time(time: str) -> None:

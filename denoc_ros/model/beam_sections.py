@@ -100,6 +100,9 @@ class StrainLimit:
     corners: bool = False
 
 
+NO_LIMIT = StrainLimit()
+
+
 def read_strain_limit(beam: Reader, section: BeamSection | None) -> StrainLimit:
     """Return the strain limit of a `<beam>` and its outer fibre: the section's, or `surface`."""
     given = {name: beam.element.get(name) is not None for name in STRAINS}

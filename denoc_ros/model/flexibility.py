@@ -9,14 +9,15 @@ import numpy as np
 
 from denoc_ros.model.along import CONSTANT, Along
 from denoc_ros.model.beam_sections import (
+    NO_LIMIT,
     STRAINS,
     BeamSection,
-    StrainLimit,
     Profile,
+    StrainLimit,
     at_most_one,
     read_section,
-    read_strain_limit,
     read_stations,
+    read_strain_limit,
 )
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.inertial_sensors import InertialElement, read_inertial_sensor
@@ -59,7 +60,7 @@ class BeamElement:
     segments: int = 1  # equal beams that it is divided into
     mass_along: Along = CONSTANT  # shares of mass_per_length, which is the mean
     polar_along: Along = CONSTANT  # shares of polar_inertia, which is the mean
-    strain: StrainLimit = StrainLimit()
+    strain: StrainLimit = NO_LIMIT
 
 
 @dataclass
@@ -206,7 +207,7 @@ def _read_beam(reader: Reader, link: str) -> BeamElement:
         torsion,
         segments,
         *(stations.get(name, (0.0, CONSTANT))[1] for name in ('mass_per_length', 'polar_inertia')),
-        read_strain_limit(reader, section),
+        strain=read_strain_limit(reader, section),
     )
 
 
