@@ -38,7 +38,7 @@ def flexible(name: str, paths: int) -> None:
         random = np.random.default_rng(seed)
         first = start + (random.uniform(-0.3, 0.3, len(start)) if seed else 0.0)
         by = way * (random.uniform(0.5, 1.1, len(way)) if seed else 1.0)
-        joints = cycloid(first, by, duration)(times)
+        joints = cycloid(first, first + by, duration)(times)
         asked = dn.shape_motion(robot, times, joints)
         rows = LimitRows(robot, robot.joint_indices, (), unit)
         moments = rows.use(asked).largest
@@ -107,5 +107,5 @@ def rigid(paths: int) -> None:
 if __name__ == '__main__':
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     rigid(count)
-    for arm in STARTS:
+    for arm in sys.argv[2:] or STARTS:
         flexible(arm, count)
