@@ -246,7 +246,8 @@ class LimitRows:
         at = np.clip(PLACES * where, 0.0, PLACES)
         low = np.minimum(at.astype(np.int64), PLACES - 1)
         share = (at - low)[:, None]
-        return (1.0 - share) * self._narrowed[low] + share * self._narrowed[low + 1]
+        low_share = (1.0 - share) * self._narrowed[low]
+        return np.asarray(low_share + share * self._narrowed[low + 1])
 
     def values(self, at: Moments, step: float) -> Array:
         """Return the shares (k, rows); signed for joints, 1 or -1 at the limit."""

@@ -184,6 +184,10 @@ def shortest(
                 break
         if excess(here) <= NEAR and (best is None or here.duration <= best[0].duration):
             best = here, coefficients
+        if settled and excess(here) > NEAR and best is None:
+            # no step helps from beyond the limits: go on from a slower motion
+            coefficients = coefficients / (1.0 + max(1.2 * excess(here), 0.05))
+            here, radius, settled = problem.solve(coefficients, None), START, False
         if settled:
             break
     if best is None:

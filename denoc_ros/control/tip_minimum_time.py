@@ -159,7 +159,7 @@ class TipMinimumTime:
         weights = 1.0 / np.maximum(wanted, 1e-3 * wanted.max())
         rows = weights[:, None] * self._basis.design
         found, _ = scipy.optimize.nnls(rows, weights * wanted)
-        return np.maximum(found, 1e-3 * found.max())
+        return np.asarray(np.maximum(found, 1e-3 * found.max()))
 
     def plan(self, found: TimedTip) -> Plan:
         """Return the plan of a motion, on a grid as fine as its equations need."""

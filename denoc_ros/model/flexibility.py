@@ -206,7 +206,8 @@ def _read_beam(reader: Reader, link: str) -> BeamElement:
         bending.get('z'),
         torsion,
         segments,
-        *(stations.get(name, (0.0, CONSTANT))[1] for name in ('mass_per_length', 'polar_inertia')),
+        mass_along=stations.get('mass_per_length', (0.0, CONSTANT))[1],
+        polar_along=stations.get('polar_inertia', (0.0, CONSTANT))[1],
         strain=read_strain_limit(reader, section),
     )
 

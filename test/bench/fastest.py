@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 import time
+from typing import Any
 
 import numpy as np
 import toppra
@@ -42,7 +43,7 @@ def flexible(name: str, paths: int) -> None:
         asked = dn.shape_motion(robot, times, joints)
         rows = LimitRows(robot, robot.joint_indices, (), unit)
         moments = rows.use(asked).largest
-        limits = {
+        limits: dict[str, Any] = {
             'effort': dict(
                 zip(asked.joint_names, SHARE * np.abs(asked.torque).max(axis=0), strict=True)
             ),
