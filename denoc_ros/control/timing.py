@@ -116,7 +116,7 @@ class Timing:
     def change_of_stations(self, times: Array) -> Array:
         """Return how the stations passed at times (m,) change with the coefficients (m, p)."""
         at = np.clip(times, 0.0, self.duration)
-        return -self._path(at, 1)[:, None] * self.change_of_times(times)
+        return np.asarray(-self._path(at, 1)[:, None] * self.change_of_times(times))
 
     def change_of_times(self, times: Array) -> Array:
         """Return how the moments of passing what is passed at times (m,) change (m, p)."""
