@@ -24,7 +24,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint style types bench mechanisms rates docs smoke soak siege longbag fuzz load watched requests bounds identification strangers longload ends peers tips readme counts venv clean
+.PHONY: demo test check browser lint style types bench mechanisms rates docs smoke soak siege longbag fuzz load watched requests bounds identification strangers longload ends peers tips fastest readme counts venv clean
 
 venv: $(STAMP)
 
@@ -111,6 +111,10 @@ mechanisms: $(STAMP)
 # half an hour: tip-exact plans by their torque alone and with joints on the plan, in MuJoCo
 tips: $(STAMP)
 	PYTHONPATH=test:test/support $(BIN)/python -m bench.mujoco_tips
+
+# a quarter of an hour: minimum time against one factor and against TOPP-RA
+fastest: $(STAMP)
+	PYTHONPATH=test:test/support $(BIN)/python -m bench.fastest
 
 # seven minutes: the demo's nodes at 1000 and at 500 Hz beside bare ones
 rates: $(STAMP)

@@ -110,6 +110,7 @@ setup(
         'numpy>=1.26',
         'numba>=0.59',
         'scipy>=1.11',
+        'clarabel>=0.10',
         'yourdfpy>=0.0.56',
         'lxml>=4.9',
         'pyyaml>=6',
@@ -155,6 +156,8 @@ setup(
             'pin',
             'example-robot-data',
             'exudyn>=1.13',
+            'toppra>=0.6.8',
+            'casadi>=3.6',
             'mcap-ros2-support',
             'colcon-ros',
             'setuptools<80',  # what colcon takes

@@ -203,7 +203,16 @@ def _beams(
             name = 'static twist' if carries and varying and segments == 1 else ''
             torsion = _deformation(element.torsion, 1, name, element, polar_inertia, span)
         own = (mass.part(*span), polar.part(*span))
-        found.append(Beam(length, mass_per_length, polar_inertia, y, z, torsion, segments, *own))
+        limit = element.strain
+        beam = Beam(length, mass_per_length, polar_inertia, y, z, torsion, segments, *own)
+        found.append(
+            replace(
+                beam,
+                strain_limit=limit.strain,
+                surface=limit.surface,
+                corners=limit.corners,
+            )
+        )
     return tuple(found)
 
 

@@ -9,11 +9,15 @@ import numpy as np
 
 from denoc_ros.model.along import CONSTANT, Along
 from denoc_ros.model.beam_sections import (
+    NO_LIMIT,
+    STRAINS,
     BeamSection,
     Profile,
+    StrainLimit,
     at_most_one,
     read_section,
     read_stations,
+    read_strain_limit,
 )
 from denoc_ros.model.component_links import FlexibleElement, read_flexible
 from denoc_ros.model.findings import Element, Findings, Reader
@@ -57,6 +61,7 @@ class BeamElement:
     segments: int = 1  # equal beams that it is divided into
     mass_along: Along = CONSTANT  # shares of mass_per_length, which is the mean
     polar_along: Along = CONSTANT  # shares of polar_inertia, which is the mean
+    strain: StrainLimit = NO_LIMIT
 
 
 @dataclass
@@ -184,7 +189,7 @@ def _add_beam(
     before, link = len(findings.items), element.get('link', '')
     reader = Reader(element, f'beam {link!r}', findings)
     reader.only(
-        ('link', 'length', 'mass_per_length', 'shape', 'segments', 'interpolation'),
+        ('link', 'length', 'mass_per_length', 'shape', 'segments', 'interpolation', *STRAINS),
         ('origin', 'section', 'material', 'at', 'bending', 'torsion'),
     )
     if reader.text('link') and link not in links:
@@ -224,7 +229,9 @@ def _read_beam(reader: Reader, link: str) -> BeamElement:
         bending.get('z'),
         torsion,
         segments,
-        *(stations.get(name, (0.0, CONSTANT))[1] for name in ('mass_per_length', 'polar_inertia')),
+        mass_along=stations.get('mass_per_length', (0.0, CONSTANT))[1],
+        polar_along=stations.get('polar_inertia', (0.0, CONSTANT))[1],
+        strain=read_strain_limit(reader, section),
     )
 
 

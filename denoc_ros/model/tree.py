@@ -127,6 +127,9 @@ class Beam:
     segments: int = 1  # this beam is one of so many of one length that make up the link's
     mass_along: Along = CONSTANT  # shares of mass_per_length along this beam
     polar_along: Along = CONSTANT  # shares of polar_inertia along this beam
+    strain_limit: float = np.inf  # of the outer fibre, for plans
+    surface: tuple[float, float] = (0.0, 0.0)  # m, how far it is along y and z; 0: not known
+    corners: bool = False  # whether strains of both directions add up in the section's corners
 
     @property
     def varies(self) -> bool:

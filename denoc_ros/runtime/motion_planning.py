@@ -26,7 +26,8 @@ from denoc_ros.types import Array
 
 LOADING = 300.0  # s: a cold kernel cache compiles on a slow machine
 LOOK = 0.01  # s between looks for an answer that is waited for
-LIMITS = ('velocity', 'acceleration', 'jerk', 'effort')
+FASTEST = ('tip', 'rest_to_rest')
+LIMITS = ('velocity', 'acceleration', 'jerk', 'effort', 'effort_rate')
 
 
 class MotionPlanning:
@@ -144,10 +145,11 @@ def shape_job(settings: Settings, robot: dict[str, Any], joints: Sequence[str]) 
     limits = given_limits(settings, joints)
     options: dict[str, Any] = {'output_step': settings.number('output_step')}
     if method == 'tip':
-        options.update({what: limit for what, limit in limits.items() if what != 'jerk'})
-        options['joints'] = list(joints)
+        options.update(limits, joints=list(joints))
     else:
         options.update(limits, modes=settings.integer('modes') or None)
+    if settings.flag('fastest') and method in FASTEST:
+        options.update(time='minimum', margin=settings.number('margin'))
     if method == 'rest_to_rest':
         options['robustness'] = settings.number('robustness')
     if method in OF_STREAMS and settings.text('mode_table'):
