@@ -22,7 +22,7 @@ from denoc_ros.control.tip_options import TipOptions
 from denoc_ros.control.tip_path import checked_path, joints_along
 from denoc_ros.control.tip_problem import TipProblem
 from denoc_ros.control.tip_solver import CancelledError, Solved, solve_motion
-from denoc_ros.control.zeros import settling_times
+from denoc_ros.control.zeros import rings, settling_times
 from denoc_ros.dynamics.floating_base import ATTITUDE
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
@@ -48,6 +48,9 @@ POINTS = 10  # of a motion: with fewer, its rates at the ends are not known
 MOVING = 0.1  # of the largest rate: more is no rest
 STANDS = 1e-9  # rad/s, m/s: what rounding leaves of joints that stand still
 SMOOTH = 3e-3  # of the tip's distance: the same for second differences on the usual grid
+# times that, where links can swing on while the tip stands still (on a base that reacts): else
+# the end of the grid would stop them within a few nodes
+RINGING = 100.0
 
 
 def tip_motion(
@@ -109,7 +112,9 @@ def _at_pace(
     before, after = _window(rough, ends, duration, options)
     first, last = -math.ceil(before / step), round(duration / step) + math.ceil(after / step)
     nodes: Array = step * np.arange(first, last + 1, dtype=np.float64)
-    problem = _problem(robot, asked, frames, driven, options, nodes, usual / step)
+    # nodes that are closer than usual: accelerations weigh the same
+    smoother = (RINGING if any(rings(rough, q) for q, _ in ends) else 1.0) * (usual / step) ** 2
+    problem = _problem(robot, asked, frames, driven, options, nodes, smoother)
     guess = _guess(problem, ends, np.clip(nodes / duration, 0.0, 1.0))
     report = _reporter(options)
     solved = solve_motion(problem, guess, step, _size(problem), report)
@@ -118,14 +123,14 @@ def _at_pace(
             break
         finer = nodes[0] + 0.5 * step * np.arange(2 * len(nodes) - 1)
         try:
-            better = _problem(robot, asked, frames, driven, options, finer, 2.0 * usual / step)
+            better = _problem(robot, asked, frames, driven, options, finer, 4.0 * smoother)
             guess = _halved(solved, step)
             solved = solve_motion(better, guess, 0.5 * step, _size(better), report)
         except CancelledError:
             raise
         except SolverError:
             break  # what was found on the coarser grid is good, and says what it leaves
-        problem, nodes, step = better, finer, 0.5 * step
+        problem, nodes, step, smoother = better, finer, 0.5 * step, 4.0 * smoother
     return _plan(problem, solved, nodes, asked, options.output_step or OUTPUT)
 
 
@@ -181,11 +186,11 @@ def _problem(
     driven: Int,
     options: TipOptions,
     nodes: Array,
-    finer: float,
+    smoother: float,
 ) -> TipProblem:
     """Return the problem at the times of nodes (k,).
 
-    `finer` is how many times closer than usual the nodes are: accelerations weigh the same.
+    `smoother` is how many times more than usual second differences of the joints count.
     """
     poses = [asked.poses(frame, nodes) for frame in frames]
     size, turn = _distance(poses), _turn(robot, driven, poses, options)
@@ -201,7 +206,7 @@ def _problem(
     share = _share(robot, driven, options)
     draw = share * DRAW * size if options.draw is None else options.draw
     rows = asked.coordinates(nodes)
-    smooth = share * SMOOTH * size * finer**2
+    smooth = share * SMOOTH * size * smoother
     return TipProblem(robot, driven, targets, rows, draw, smooth, asked.duration)
 
 
