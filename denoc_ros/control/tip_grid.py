@@ -110,7 +110,8 @@ class TipGrids:
         before, after = _window(rough, ends, duration, self.options)
         first, last = -math.ceil(before / step), round(duration / step) + math.ceil(after / step)
         times: Array = step * np.arange(first, last + 1, dtype=np.float64)
-        smoothness = RINGING if any(rings(rough, q) for q, _ in ends) else 1.0
+        reacts = len(self.robot.base_indices) > 0
+        smoothness = RINGING if reacts and any(rings(rough, q) for q, _ in ends) else 1.0
         # nodes that are closer than usual: accelerations weigh the same
         problem = self.problem(asked, times, smoothness * (usual / step) ** 2)
         guess = _guess(problem, ends, np.clip(times / duration, 0.0, 1.0))
