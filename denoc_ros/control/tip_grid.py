@@ -19,7 +19,7 @@ from denoc_ros.control.targets import Target
 from denoc_ros.control.tip_options import TipOptions
 from denoc_ros.control.tip_problem import TipProblem
 from denoc_ros.control.tip_solver import CancelledError, Solved, settle, solve_motion
-from denoc_ros.control.zeros import settling_times
+from denoc_ros.control.zeros import rings, settling_times
 from denoc_ros.dynamics.floating_base import ATTITUDE
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
@@ -42,6 +42,9 @@ DRAW = 1e-4  # of the tip's distance: what a radian away from the asked joints c
 FEW = 1e-2
 DIRECTIONS = 6
 SMOOTH = 3e-3  # of the tip's distance: the same for second differences on the usual grid
+# times that, where links can swing on while the tip stands still (on a base that reacts): else
+# the end of the grid would stop them within a few nodes
+RINGING = 100.0
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ class TipGrids:
         before, after = _window(rough, ends, duration, self.options)
         first, last = -math.ceil(before / step), round(duration / step) + math.ceil(after / step)
         times: Array = step * np.arange(first, last + 1, dtype=np.float64)
-        problem = self.problem(asked, times, usual / step)
+        problem = self.problem(asked, times, usual / step, ends)
         guess = _guess(problem, ends, np.clip(times / duration, 0.0, 1.0))
         solved = solve_motion(problem, guess, step, _size(problem), self.report)
         grid = TipGrid(problem, solved, times, ends)
@@ -113,7 +116,7 @@ class TipGrids:
                 break
             finer = times[0] + 0.5 * grid.step * np.arange(2 * len(grid.nodes) - 1)
             try:
-                better = self.problem(asked, finer, 2.0 * usual / grid.step)
+                better = self.problem(asked, finer, 2.0 * usual / grid.step, ends)
                 guess = _halved(grid)
                 solved = solve_motion(better, guess, 0.5 * grid.step, _size(better), self.report)
             except CancelledError:
@@ -126,14 +129,18 @@ class TipGrids:
     def near(self, asked: Motion, times: Array, guess: Rest, ends: list[Rest]) -> TipGrid:
         """Return the motion on a grid (k,), from coordinates and multipliers near it."""
         step = float(times[1] - times[0])
-        problem = self.problem(asked, times, min(asked.duration / NODES, LONGEST_STEP) / step)
+        usual = min(asked.duration / NODES, LONGEST_STEP)
+        problem = self.problem(asked, times, usual / step, ends)
         solved = settle(problem, guess, step, _size(problem), self.report)
         return TipGrid(problem, solved, times, ends)
 
-    def problem(self, asked: Motion, nodes: Array, finer: float) -> TipProblem:
+    def problem(
+        self, asked: Motion, nodes: Array, finer: float, ends: Sequence[Rest] = ()
+    ) -> TipProblem:
         """Return the problem at the times of nodes (k,).
 
         `finer` is how many times closer than usual the nodes are: accelerations weigh the same.
+        Joints are smoother where links can ring at the motion's ends.
         """
         robot, frames, driven, options = self.robot, self.frames, self.driven, self.options
         poses = [asked.poses(frame, nodes) for frame in frames]
@@ -151,7 +158,10 @@ class TipGrids:
         draw = share * DRAW * size if options.draw is None else options.draw
         rows = asked.coordinates(nodes)
         smooth = share * SMOOTH * size * finer**2
-        return TipProblem(robot, driven, targets, rows, draw, smooth, asked.duration)
+        made = TipProblem(robot, driven, targets, rows, draw, smooth, asked.duration)
+        if any(rings(made, q) for q, _ in ends):
+            made.smooth *= RINGING
+        return made
 
     def plan(self, grid: TipGrid, asked: Motion) -> Plan:
         """Return the plan of a motion on the grid, on finer times."""

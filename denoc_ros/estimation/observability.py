@@ -73,7 +73,8 @@ def observability(robot: Robot, q: Array) -> list[ObservedState]:
     flexible = robot.flexible_indices
     if not len(kept) or not len(flexible) or robot.constraint_names:
         return []
-    derivatives = robot.sensor_derivatives(q)
+    zero = np.zeros(robot.n)
+    derivatives = robot.sensor_derivatives(q, zero, zero)
     rows = [each[kept][:, flexible] / noise[kept, None] for each in derivatives]
     prior = _amplitude_deviations(robot)[flexible]
     return [*_modes(robot, q, rows, prior), *_biases(robot, rows[0], noise, kept, prior)]

@@ -116,9 +116,11 @@ class Observer:
                 settings.fusion,
                 settings.max_age,
                 self._free if settings.source == 'joints' else np.arange(robot.n),
-                self._accelerations,
+                self.accelerations,
             )
         self.base: BaseAt | None = None
+        if robot.tree.sensors and not robot.tree.loops:  # nothing is made in the loop
+            self.robot.beyond_shapes(self.q, self.q, self.q)
         # numbers of a measurement, as kernels take them
         self._numbers = np.zeros(MEASURED)
         self._numbers[SHORTEST] = 2.5 * settings.step  # of several ticks
@@ -255,7 +257,7 @@ class Observer:
         if self.fusion is not None:
             self._tau[self._flexible] = self.fusion.forces(q, qd, ahead)
 
-    def _accelerations(self, time: float, q: Array, qd: Array) -> tuple[Robot, Array, Array]:
+    def accelerations(self, time: float, q: Array, qd: Array) -> tuple[Robot, Array, Array]:
         """Return the robot at a time, its accelerations (n,) and deviations of those measured."""
         robot, deviation = self.robot, np.zeros(self.robot.n)
         if self.base is not None:
@@ -266,6 +268,16 @@ class Observer:
         qdd[robot.flexible_indices] = robot.hybrid_dynamics(q, qd, given, tau=self._tau)[1]
         deviation[joints] = np.abs(self.motion.given_accelerations(np.sqrt(self._filter.unsteady)))
         return robot, qdd, deviation
+
+    def sensor_values(self) -> Array:
+        """Return the values (sensors,) that the model expects of sensors on beams at `time`.
+
+        On robots with loops they are those of the beams' shapes.
+        """
+        if self.robot.tree.loops:
+            return self.robot.beam_sensor_values(self.q)
+        robot, qdd, _ = self.accelerations(self.time, self.q, self.qd)
+        return robot.beam_sensor_values(self.q, self.qd, qdd)
 
     def take_effort(self, effort: Array | None) -> None:
         """Take efforts (joints,) [N m, N] in, from a measurement or another way; None: none."""
