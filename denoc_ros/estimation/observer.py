@@ -260,24 +260,31 @@ class Observer:
     def accelerations(self, time: float, q: Array, qd: Array) -> tuple[Robot, Array, Array]:
         """Return the robot at a time, its accelerations (n,) and deviations of those measured."""
         robot, deviation = self.robot, np.zeros(self.robot.n)
-        if self.base is not None:
-            robot.move_base(self.base(time))
         self._load(q, qd)
-        qdd, joints = np.empty(robot.n), robot.joint_indices
-        qdd[joints] = given = self.motion.given_accelerations(self._filter.qdd)
-        qdd[robot.flexible_indices] = robot.hybrid_dynamics(q, qd, given, tau=self._tau)[1]
-        deviation[joints] = np.abs(self.motion.given_accelerations(np.sqrt(self._filter.unsteady)))
+        qdd = self._accelerate(robot, time, q, qd)
+        unsteady = self.motion.given_accelerations(np.sqrt(self._filter.unsteady))
+        deviation[robot.joint_indices] = np.abs(unsteady)
         return robot, qdd, deviation
 
-    def sensor_values(self) -> Array:
+    def _accelerate(self, robot: Robot, time: float, q: Array, qd: Array) -> Array:
+        """Return the accelerations (n,) by the joints' measured ones and the present loads."""
+        if self.base is not None:
+            robot.move_base(self.base(time))
+        qdd = np.empty(robot.n)
+        qdd[robot.joint_indices] = given = self.motion.given_accelerations(self._filter.qdd)
+        qdd[robot.flexible_indices] = robot.hybrid_dynamics(q, qd, given, tau=self._tau)[1]
+        return qdd
+
+    def sensor_values(self, robot: Robot) -> Array:
         """Return the values (sensors,) that the model expects of sensors on beams at `time`.
 
-        On robots with loops they are those of the beams' shapes.
+        On robots with loops they are those of the beams' shapes. `robot` is the observer's, or a
+        copy of it for another thread.
         """
-        if self.robot.tree.loops:
-            return self.robot.beam_sensor_values(self.q)
-        robot, qdd, _ = self.accelerations(self.time, self.q, self.qd)
-        return robot.beam_sensor_values(self.q, self.qd, qdd)
+        q, qd = self.q.copy(), self.qd.copy()
+        if robot.tree.loops or not self.started:
+            return robot.beam_sensor_values(q)
+        return robot.beam_sensor_values(q, qd, self._accelerate(robot, self.time, q, qd))
 
     def take_effort(self, effort: Array | None) -> None:
         """Take efforts (joints,) [N m, N] in, from a measurement or another way; None: none."""

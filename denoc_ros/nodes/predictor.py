@@ -275,12 +275,12 @@ class PredictorNode(RobotNode):
         if self.sensors.fresh:
             self.sensors.fresh = False
             if outputs.has_listener('sensor_residual'):
-                explained = self._explained(observer)
+                explained = self._explained(self.robot, observer)
                 outputs.send_residual(stamp_ns, self.sensors, explained)
 
-    def _explained(self, observer: Observer) -> Array:
+    def _explained(self, robot: Robot, observer: Observer) -> Array:
         """Predicted readings of the sensors with a topic, without loads outside the model."""
-        values = observer.sensor_values()
+        values = observer.sensor_values(robot)
         if observer.fusion is not None:
             values -= observer.fusion.unexplained()
         return np.asarray(values[self.sensors.places])
