@@ -95,8 +95,8 @@ class OutboardLoads:
     def values(self, robot: SensorValues, q: Array, qd: Array, qdd: Array) -> Array:
         """Return what the values (..., sensors) have beyond the shapes' at states (..., n)."""
         cut = self._followed(robot)
-        states = [self._spread(state) for state in (q, qd, qdd)]
-        return np.asarray(cut.inverse_dynamics(*states) @ self._weights.T)
+        needed = cut.inverse_dynamics(self._spread(q), self._spread(qd), self._spread(qdd))
+        return np.asarray(needed @ self._weights.T)
 
     def by_accelerations(self, robot: SensorValues, q: Array) -> Array:
         """Return the derivatives (sensors, n) of `values` by q'' at coordinates (n,)."""
@@ -108,11 +108,9 @@ class OutboardLoads:
     ) -> tuple[Array, Array, Array]:
         """Return the derivatives (..., sensors, n) of `values` by q, q' and q''."""
         cut = self._followed(robot)
-        states = [self._spread(state) for state in (q, qd, qdd)]
-        by_q, by_qd, by_qdd = (
-            (self._weights @ part)[..., self._index]
-            for part in cut.inverse_dynamics_derivatives(*states)
-        )
+        spread = self._spread(q), self._spread(qd), self._spread(qdd)
+        found = cut.inverse_dynamics_derivatives(spread[0], spread[1], spread[2])
+        by_q, by_qd, by_qdd = ((self._weights @ part)[..., self._index] for part in found)
         return by_q, by_qd, by_qdd
 
     def _spread(self, state: Array) -> Array:

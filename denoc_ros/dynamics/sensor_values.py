@@ -144,8 +144,8 @@ class SensorValues(DifferentiableMechanism, KinematicDerivatives):
         by_q[..., places, :] = self.beam_sensor_rows(states[0])
         if moments and places:
             found = self._loads().derivatives(self, *states)
-            for whole, part in zip((by_q, by_qd, by_qdd), found, strict=True):
-                whole[..., places, :] += part
+            for whole, beyond in zip((by_q, by_qd, by_qdd), found, strict=True):
+                whole[..., places, :] += beyond
         for sensor in self.tree.inertial_sensors:
             part = slice(sensor.first, sensor.first + len(sensor.parts))
             found = self._inertial_derivatives(sensor, states)

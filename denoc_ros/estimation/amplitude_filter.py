@@ -243,7 +243,7 @@ class AmplitudeFilter:
         """
         m = self._m
         bent = 0.5 * lag**2 * rows @ (self.mobility * self.stiffness)
-        return np.sqrt(np.einsum('ki,ij,kj->k', bent, self.covariance[:m, :m], bent))
+        return np.asarray(np.sqrt(np.einsum('ki,ij,kj->k', bent, self.covariance[:m, :m], bent)))
 
     def correct_rows(
         self, rows: Array, noise: Array, values: Array, gate: float, state: Array
