@@ -52,7 +52,7 @@ class OutboardLoads:
         self._sensors = [
             (place, sensor, _cut(robot.tree, sensor))
             for place, sensor in enumerate(robot.tree.sensors)
-            if sensor.type != 'deflection'
+            if sensor.type != 'deflection' and robot.tree.bodies[sensor.body].beam is not None
         ]
         self._cuts: Cuts = defaultdict(list)
         for _, sensor, cut in self._sensors:

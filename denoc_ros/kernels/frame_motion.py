@@ -88,7 +88,7 @@ def section_state(topology, constants, work, qd, qdd, i):
 
 @inlined
 def joint_columns(write, topology, constants, work, i, frame, out, n):
-    """Write what the joint of body i does to a frame."""
+    """Write the columns of a frame by the joint of body i."""
     o = at(topology, i, at_.WORK)
     position, v, a, w, al = body_state(work, o)
     arm = (subtract(frame[0], position), subtract(frame[1], v), subtract(frame[2], a))
@@ -109,7 +109,7 @@ def joint_columns(write, topology, constants, work, i, frame, out, n):
 
 @inlined
 def section_columns(write, topology, constants, work, qd, qdd, i, frame, out, n):
-    """Write what the amplitudes of the beam that carries row i do to a frame."""
+    """Write the columns of a frame by the amplitudes of the beam that carries row i."""
     p = at(topology, i, at_.PARENT)
     u = at(topology, p, at_.WORK)
     position, v, a = section_state(topology, constants, work, qd, qdd, i)
@@ -160,7 +160,7 @@ def move_world(topology, constants, work, bodies, q, qd, qdd, i):
 
 @inlined
 def write_columns(write, topology, constants, work, qd, qdd, i, frame, out, n):
-    """Let `write` write what every coordinate does to frame i, which moves as `frame` says."""
+    """Let `write` write every coordinate's columns of frame i, which moves as `frame` says."""
     while i > 0:
         if at(topology, i, at_.JOINT) == 1:
             joint_columns(write, topology, constants, work, i, frame, out, n)

@@ -173,7 +173,7 @@ def modal_entries(topology, work, n, i, by_q, by_rate, inertia):
 
 @short_inlined
 def own_to_base(topology, work, i):
-    """Turn what stands at OWN of body i from body axes to base axes."""
+    """Turn OWN of body i from body axes to base axes."""
     o = at(topology, i, at_.WORK)
     turn = o + at_.WORLD_ROTATION
     x = load(work, o + at_.WORLD_POSITION)
@@ -188,7 +188,7 @@ def own_to_base(topology, work, i):
 
 @short_inlined
 def transmit_modes(topology, work, i, j):
-    """Add what body i and all it carries take part in some modes of their carrier, from j on."""
+    """Add the part of body i and all it carries in modes of their carrier, from j on."""
     p = at(topology, i, at_.PARENT)
     m = at(topology, p, at_.MODES)
     e = at(topology, i, at_.DERIVED)
@@ -216,7 +216,7 @@ def transmit_modes(topology, work, i, j):
 
 @short_shared
 def transmit_to_own(topology, constants, work, i):
-    """Add what body i and all it carries take part in their carrier's modal forces."""
+    """Add the part of body i and all it carries in their carrier's modal forces."""
     p = at(topology, i, at_.PARENT)
     for j in range(0, at(topology, p, at_.MODES), diff_.LANES):
         transmit_modes(topology, work, i, j)

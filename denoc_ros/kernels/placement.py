@@ -108,7 +108,7 @@ def turned_row(row, sine, cosine):
 
 @inlined
 def swept(constants, o, sine, rest):
-    """Return what goes with sin q and 1 - cos q of three elements at offset o of a pose."""
+    """Factors of sin q and 1 - cos q of three elements at offset o of a pose."""
     first, second = load(constants, o + at_.POSE_SINE), load(constants, o + at_.POSE_VERSINE)
     return add(load(constants, o), add(scale(sine, first), scale(rest, second)))
 

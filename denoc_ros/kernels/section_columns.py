@@ -168,7 +168,7 @@ def section_slip(topology, constants, work, qd, qdd, i):
 
 @short_inlined
 def write_mode(topology, constants, work, qd, qdd, i, j, along, across, turning):
-    """Write what row i shows of mode j of its carrier: a sum of slides and a turn.
+    """Write the part of mode j of its carrier in row i: a sum of slides and a turn.
 
     The column is -h e_x + s e + slope z, of which only h = (H d)_j changes beside the axes.
     """
@@ -243,7 +243,7 @@ def write_component_modes(topology, constants, work, qd, qdd, i, moves, rates, s
 
 @short_shared
 def write_seen(topology, constants, work, qd, qdd, i):
-    """Write what row i's section shows of its carrier's amplitudes; move its twist on.
+    """Write the parts of the carrier's amplitudes in row i's section; move its twist on.
 
     The twist and its derivative at DERIVED of row i are to be the carrier's.
     """
@@ -288,7 +288,7 @@ def write_seen(topology, constants, work, qd, qdd, i):
 
 @short_inlined
 def show_columns(topology, work, i):
-    """Write among the columns what row i sees of its carrier's amplitudes."""
+    """Write the carrier's amplitudes in row i among the columns."""
     p = at(topology, i, at_.PARENT)
     length = at(topology, 0, diff_.ROW_LENGTH)
     c = (
@@ -378,7 +378,7 @@ def component_geometric_terms(topology, constants, work, i, force, torque, out, 
 
 @short_inlined
 def geometric_terms(topology, constants, work, i, force, torque, out, step):
-    """Write what the wrench on a section adds to its carrier's modal forces as these turn it.
+    """Write the modal forces of the wrench on a section through its turning by the amplitudes.
 
     force and torque are about the section, in the carrier's axes. Added at offset out (a row for
     each force, `step` apart) is f . dB_k/dd_j + B_k . (theta_j x f) + n . dtheta_j/dd_k.

@@ -109,7 +109,7 @@ def turn_matrix(work, turn, o):
 
 @short_inlined
 def own_beam(topology, constants, work, qd, qdd, i):
-    """Write what body i's beam adds, in body axes; momentum and turning in base axes."""
+    """Write body i's beam, in body axes; momentum and turning in base axes."""
     o, e = at(topology, i, at_.WORK), at(topology, i, at_.DERIVED)
     turn = o + at_.WORLD_ROTATION
     x = load(work, o + at_.WORLD_POSITION)

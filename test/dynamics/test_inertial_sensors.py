@@ -120,7 +120,7 @@ def test_derivatives_are_those_of_differences(close: Close, segments: int) -> No
     robot = arm(segments)
     s = random_state(robot.coordinate_names, 4)
     states, step = [s.q, s.qd, s.qdd], 1e-6
-    for k, found in enumerate(robot.sensor_derivatives(*states)):
+    for k, found in enumerate(robot.sensor_derivatives(states[0], states[1], states[2])):
         columns = []
         for shift in step * np.eye(robot.n):
             values = []

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import denoc_ros as dn
 
+Array = NDArray[np.float64]
 MASS, LENGTH, EI, TOOL, G = 3.0, 2.0, 2000.0, 1.0, 9.81  # kg/m, m, N m^2, kg, m/s^2
 GAUGE, CELL, SURFACE = 0.3, 0.7, 0.02  # m
 INERTIA = '<inertia ixx="0" ixy="0" ixz="0" iyy="{0}" iyz="0" izz="{0}"/>'
@@ -38,7 +40,7 @@ def arm(shape: str = 'craig-bampton', segments: int = 1) -> dn.Robot:
     return dn.load_robot(text)
 
 
-def at_rest(robot: dn.Robot) -> np.ndarray:
+def at_rest(robot: dn.Robot) -> Array:
     zero = np.zeros(robot.n)
     return robot.sensor_values(robot.static_deflection([0.0]), zero, zero)
 
@@ -49,7 +51,7 @@ def beyond(station: float, tool: float) -> tuple[float, float]:
     return G * (MASS * length + tool), G * (0.5 * MASS * length**2 + tool * length)
 
 
-def weights(tool: float, ei: float = EI) -> np.ndarray:
+def weights(tool: float, ei: float = EI) -> Array:
     """Closed form: EI u'' of a deflection downwards is minus the moment."""
     return np.array(
         [SURFACE * beyond(GAUGE, tool)[1] / ei, -beyond(CELL, tool)[1], beyond(CELL, tool)[0], 0.0]
@@ -83,14 +85,16 @@ def test_payloads_and_stiffness_that_change_live_are_followed() -> None:
 def test_derivatives_are_those_of_the_values() -> None:
     robot = arm()
     draw = np.random.default_rng(3)
-    states = list(0.1 * draw.standard_normal((3, robot.n)))
-    for k, found in enumerate(robot.sensor_derivatives(*states)):
-        step = 1e-5 * np.eye(robot.n)
-        change = [
-            robot.sensor_values(*states[:k], states[k] + e, *states[k + 1 :])
-            - robot.sensor_values(*states[:k], states[k] - e, *states[k + 1 :])
-            for e in step
-        ]
+    states: Array = 0.1 * draw.standard_normal((3, robot.n))
+    for k, found in enumerate(robot.sensor_derivatives(states[0], states[1], states[2])):
+        change = []
+        for j in range(robot.n):
+            ends = []
+            for step in (1e-5, -1e-5):
+                q, qd, qdd = moved = states.copy()
+                moved[k, j] += step
+                ends.append(robot.sensor_values(q, qd, qdd))
+            change.append(ends[0] - ends[1])
         scale = np.abs(found).max(axis=1, keepdims=True) + 1e-12
         np.testing.assert_allclose(np.array(change).T / 2e-5 / scale, found / scale, atol=1e-6)
 
