@@ -27,7 +27,7 @@ TIPS = ('tip_speed', 'tip_acceleration', 'power')
 
 
 @dataclass(frozen=True)
-class MotionLimits:
+class PlanLimits:
     """Limits of a motion of a flexible robot.
 
     Attributes
@@ -89,7 +89,7 @@ class LimitOptions:
     power: float | None = None
     margin: float = 0.0
 
-    def limits(self, robot: Robot) -> MotionLimits:
+    def limits(self, robot: Robot) -> PlanLimits:
         """Return the limits of a robot with these options."""
         joints = {what: getattr(self, what) for what in JOINTS}
         return motion_limits(
@@ -102,7 +102,7 @@ def motion_limits(
     joints: Mapping[str, Given | None],
     beyond: Mapping[str, Given | None],
     margin: float = 0.0,
-) -> MotionLimits:
+) -> PlanLimits:
     """Return the limits of a robot's file, or those given.
 
     Parameters
@@ -146,7 +146,7 @@ def motion_limits(
         for what, each in found.items()
     }
     pace = {what: (1.0 - margin) * numbers[what] for what in TIPS}
-    return MotionLimits(own, scaled['strain'], scaled['moment'], scaled['deflection'], **pace)
+    return PlanLimits(own, scaled['strain'], scaled['moment'], scaled['deflection'], **pace)
 
 
 def _of_links(what: str, given: Given | None, links: list[str]) -> dict[str, float]:
@@ -197,7 +197,7 @@ class LimitRows:
         Coordinates of the driven joints.
     frames : sequence of str
         The tips.
-    limits : MotionLimits
+    limits : PlanLimits
 
     Attributes
     ----------
@@ -206,7 +206,7 @@ class LimitRows:
     """
 
     def __init__(
-        self, robot: Robot, driven: Int, frames: tuple[str, ...], limits: MotionLimits
+        self, robot: Robot, driven: Int, frames: tuple[str, ...], limits: PlanLimits
     ) -> None:
         self._robot, self._driven, self._frames, self._limits = robot, driven, frames, limits
         names = [robot.coordinate_names[k] for k in driven]

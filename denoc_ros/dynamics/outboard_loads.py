@@ -10,18 +10,15 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from denoc_ros.dynamics.constrained_derivatives import DifferentiableMechanism
 from denoc_ros.dynamics.structure import body_amplitudes
 from denoc_ros.model.segments import locate
 from denoc_ros.model.shapes import HINGE, STEP, CutShapes
 from denoc_ros.model.tree import Deformation, Sensor, Tree
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.sensor_values import SensorValues
 
 Cut = tuple[float, int]  # station on the body's beam [m]; HINGE or STEP
 Cuts = dict[tuple[int, str], list[Cut]]  # by body and direction
@@ -32,7 +29,7 @@ class OutboardLoads:
 
     Parameters
     ----------
-    robot : SensorValues
+    robot : DifferentiableMechanism
         Its payloads, base and stiffness are followed.
 
     Notes
@@ -48,7 +45,7 @@ class OutboardLoads:
     are not in L.
     """
 
-    def __init__(self, robot: SensorValues) -> None:
+    def __init__(self, robot: DifferentiableMechanism) -> None:
         self._sensors = [
             (place, sensor, _cut(robot.tree, sensor))
             for place, sensor in enumerate(robot.tree.sensors)
@@ -67,7 +64,7 @@ class OutboardLoads:
         self._diagonals = robot.arrays.diagonals
         self._weights = self._weigh(robot)
 
-    def _weigh(self, robot: SensorValues) -> Array:
+    def _weigh(self, robot: DifferentiableMechanism) -> Array:
         """Return the values per generalized force L, (sensors, n of the robot with cuts)."""
         weights = np.zeros((len(robot.tree.sensors), self._cut.n))
         names = self._cut.coordinate_names
@@ -92,19 +89,19 @@ class OutboardLoads:
                 weights[place, at] = sensor.surface / (live * rigidity)
         return weights
 
-    def values(self, robot: SensorValues, q: Array, qd: Array, qdd: Array) -> Array:
+    def values(self, robot: DifferentiableMechanism, q: Array, qd: Array, qdd: Array) -> Array:
         """Return what the values (..., sensors) have beyond the shapes' at states (..., n)."""
         cut = self._followed(robot)
         needed = cut.inverse_dynamics(self._spread(q), self._spread(qd), self._spread(qdd))
         return np.asarray(needed @ self._weights.T)
 
-    def by_accelerations(self, robot: SensorValues, q: Array) -> Array:
+    def by_accelerations(self, robot: DifferentiableMechanism, q: Array) -> Array:
         """Return the derivatives (sensors, n) of `values` by q'' at coordinates (n,)."""
         inertia = self._followed(robot).inertia_matrix(self._spread(q))
         return np.asarray((self._weights @ inertia)[:, self._index])
 
     def derivatives(
-        self, robot: SensorValues, q: Array, qd: Array, qdd: Array
+        self, robot: DifferentiableMechanism, q: Array, qd: Array, qdd: Array
     ) -> tuple[Array, Array, Array]:
         """Return the derivatives (..., sensors, n) of `values` by q, q' and q''."""
         cut = self._followed(robot)
@@ -119,7 +116,7 @@ class OutboardLoads:
         spread[..., self._index] = state
         return spread
 
-    def _followed(self, robot: SensorValues) -> SensorValues:
+    def _followed(self, robot: DifferentiableMechanism) -> DifferentiableMechanism:
         """Return the robot with cuts, with the loads, base and stiffness of the other now."""
         cut, loads = self._cut, robot._payloads
         if (

@@ -22,7 +22,7 @@ ANISOTROPY = 0.01  # of the mass, between directions: more is told
 
 
 @dataclass(frozen=True)
-class Body:
+class FiniteElementBody:
     """Nodes with mass and stiffness; sparse matrices [kg, kg m^2; N/m, N, N m].
 
     `dof_nodes` and `dof_axes` (N,) say what a row of the matrices is: a node, and 0 to 2 for a

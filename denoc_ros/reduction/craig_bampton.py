@@ -19,7 +19,7 @@ import scipy.sparse as sparse
 import scipy.sparse.linalg as sparse_linalg
 
 from denoc_ros.errors import ModelError, SolverError
-from denoc_ros.reduction.body import Body, Patch, Rows
+from denoc_ros.reduction.body import FiniteElementBody, Patch, Rows
 from denoc_ros.types import Array
 
 Ties = Sequence[tuple[Rows, Array]]
@@ -152,7 +152,7 @@ class Craigs:
     (6 F + k, 6 F + k).
     """
 
-    body: Body
+    body: FiniteElementBody
     patches: Sequence[Patch]  # the root first
     interior: Rows
     ties: Ties  # rows of a patch, their motion (r, 6)
@@ -205,16 +205,18 @@ class Craigs:
         return values, moved
 
 
-def reduce_body(body: Body, patches: Sequence[Patch], modes: int, report: Report) -> Craigs:
+def reduce_body(
+    body: FiniteElementBody, patches: Sequence[Patch], modes: int, report: Report
+) -> Craigs:
     """Reduce a body to its outer patches and modes with all patches clamped.
 
     Parameters
     ----------
-    body : Body
+    body : FiniteElementBody
     patches : sequence of Patch
         The root's first, at least one more.
     modes : int
-        Modes of the link that will be kept.
+        LinkModes of the link that will be kept.
     report : callable
         Takes the share of the work that is done.
 
@@ -287,7 +289,7 @@ def _outer(matrix: Any, ties: Ties) -> Array:
 
 
 @dataclass(frozen=True)
-class Modes:
+class LinkModes:
     """The link's modes, mass-orthonormal, root clamped.
 
     `coordinates` (6 F + k, m) of the reduced space; `stiffness` (m,) [rad^2/s^2];
@@ -307,7 +309,7 @@ class Modes:
         return np.asarray(np.sqrt(self.stiffness) / (2.0 * np.pi))
 
 
-def link_modes(craigs: Craigs, count: int, tip_mass: Mapping[str, float]) -> Modes:
+def link_modes(craigs: Craigs, count: int, tip_mass: Mapping[str, float]) -> LinkModes:
     """Choose the modes of a link whose root is clamped.
 
     Parameters
@@ -351,7 +353,7 @@ def link_modes(craigs: Craigs, count: int, tip_mass: Mapping[str, float]) -> Mod
     diagonal = np.diag(compliance)
     lost = 1.0 - np.einsum('im,im,m->i', found, found, 1.0 / stiffness) / diagonal
     own = dense.eigh(craigs.stiffness, craigs.mass, eigvals_only=True)
-    return Modes(
+    return LinkModes(
         coordinates,
         stiffness,
         np.sqrt(own[count : count + 3]) / (2.0 * np.pi),

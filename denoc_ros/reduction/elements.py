@@ -16,7 +16,7 @@ import scipy.sparse as sparse
 from skfem import Basis, BilinearForm, ElementTetP2, MeshTet
 
 from denoc_ros.errors import ModelError
-from denoc_ros.reduction.body import Body, Rows
+from denoc_ros.reduction.body import FiniteElementBody, Rows
 from denoc_ros.types import Array
 
 STIFFNESS_ORDER, MASS_ORDER = 2, 4  # degrees that the quadrature is exact to
@@ -117,7 +117,7 @@ class Solid:
         faces[inwards] = faces[inwards][:, ::-1]
         return faces
 
-    def body(self) -> Body:
+    def body(self) -> FiniteElementBody:
         """Return its nodes with mass and stiffness."""
         gradients = {}
         for a in range(3):
@@ -135,7 +135,9 @@ class Solid:
         gradients.clear()
         stiffness = sparse.bmat(blocks, format='csr')
         mass = self._mass()
-        return Body(self.where, self.nodes, stiffness, sparse.block_diag([mass] * 3, 'csr'))
+        return FiniteElementBody(
+            self.where, self.nodes, stiffness, sparse.block_diag([mass] * 3, 'csr')
+        )
 
     def _mass(self) -> Any:
         density = self.elasticity.density

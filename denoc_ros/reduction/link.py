@@ -12,8 +12,8 @@ from scipy.linalg import lapack
 from denoc_ros.errors import ModelError
 from denoc_ros.model.link_file import LinkFrame, ReducedLink, StrainPoint, Surface
 from denoc_ros.model.suggest.materials import ASSUMED_DAMPING
-from denoc_ros.reduction.body import Body, Patch
-from denoc_ros.reduction.craig_bampton import Craigs, Modes, Report, link_modes, reduce_body
+from denoc_ros.reduction.body import FiniteElementBody, Patch
+from denoc_ros.reduction.craig_bampton import Craigs, LinkModes, Report, link_modes, reduce_body
 from denoc_ros.reduction.elements import Solid
 from denoc_ros.reduction.quadratic import Quadratic, foreshortening, modal_derivatives
 from denoc_ros.types import Array
@@ -60,7 +60,7 @@ class Reduction:
 
 
 def reduce_link(
-    body: Body,
+    body: FiniteElementBody,
     solid: Solid | None,
     patches: Sequence[Patch],
     wishes: Wishes,
@@ -71,7 +71,7 @@ def reduce_link(
 
     Parameters
     ----------
-    body : Body
+    body : FiniteElementBody
         In the link frame.
     solid : Solid or None
         Its elements, where they are known: without them there are no modal derivatives, strains
@@ -138,7 +138,7 @@ def reduce_link(
 
 
 def _quadratic(
-    solid: Solid | None, craigs: Craigs, found: Modes, wishes: Wishes, report: Report
+    solid: Solid | None, craigs: Craigs, found: LinkModes, wishes: Wishes, report: Report
 ) -> Quadratic:
     if wishes.quadratic == 'none':
         return Quadratic.none(craigs.body, len(craigs.patches) - 1)
@@ -148,7 +148,7 @@ def _quadratic(
     return foreshortening(craigs.body, craigs, found.coordinates, found.stiffness, root, tip)
 
 
-def _points(body: Body, modes: Array, quadratic: Quadratic) -> Array:
+def _points(body: FiniteElementBody, modes: Array, quadratic: Quadratic) -> Array:
     """Return rows of a factor of the Gram matrix, (k, 4 + 3 m + 3 g).
 
     Quadratic terms are projected on the other functions: what they lose of inertia is of the

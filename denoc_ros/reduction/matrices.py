@@ -24,7 +24,7 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from denoc_ros.errors import ModelError
-from denoc_ros.reduction.body import Body
+from denoc_ros.reduction.body import FiniteElementBody
 from denoc_ros.types import Array
 
 FORMATS = ('.npz', '.mtx', '.sti', '.op4')
@@ -43,7 +43,7 @@ class _Nodes:
 
 def read_matrices(
     stiffness: Path, mass: str | None, nodes: str | None, scale: float = 1.0
-) -> Body:
+) -> FiniteElementBody:
     """Read a body from matrices, in the link frame.
 
     Parameters
@@ -62,7 +62,7 @@ def read_matrices(
         For what a file lacks, and for what is no matrix.
     """
     suffix = stiffness.suffix.lower()
-    reader: dict[str, Callable[..., Body]] = {
+    reader: dict[str, Callable[..., FiniteElementBody]] = {
         '.npz': _read_archive,
         '.mtx': _read_text,
         '.sti': _read_calculix,
@@ -78,7 +78,7 @@ def read_matrices(
     return body if scale == 1.0 else _scaled(body, scale)
 
 
-def _scaled(body: Body, scale: float) -> Body:
+def _scaled(body: FiniteElementBody, scale: float) -> FiniteElementBody:
     """Return a body whose lengths are scaled to metres, forces in N and times in s as they are.
 
     Mass is force times time squared over length: kg = t * 1000 for mm.
@@ -87,7 +87,7 @@ def _scaled(body: Body, scale: float) -> Body:
     # energies are forces times lengths: scaled too
     stiffness = scale * (inverse @ body.stiffness @ inverse)
     mass = scale * (inverse @ body.mass @ inverse)
-    return Body(
+    return FiniteElementBody(
         body.where,
         scale * body.nodes,
         stiffness.tocsr(),
@@ -101,25 +101,27 @@ def _lacks(file: Path, what: str, way: str) -> ModelError:
     return ModelError(str(file), [f'{what} must be given, got none: {way}'])
 
 
-def _whole(where: str, nodes: Array, stiffness: Any, mass: Any) -> Body:
+def _whole(where: str, nodes: Array, stiffness: Any, mass: Any) -> FiniteElementBody:
     """Return a body whose rows are three or six per node, node by node."""
     count, size = len(nodes), stiffness.shape[0]
     for per in (3, 6):
         if size == per * count:
             rows = np.arange(size)
-            return _trimmed(Body(where, nodes, stiffness, mass, rows // per, rows % per))
+            return _trimmed(
+                FiniteElementBody(where, nodes, stiffness, mass, rows // per, rows % per)
+            )
     rule = f'stiffness must have 3 or 6 rows for each of {count} nodes'
     raise ModelError(where, [f'{rule}, got {size}'])
 
 
-def _trimmed(body: Body) -> Body:
+def _trimmed(body: FiniteElementBody) -> FiniteElementBody:
     """Return a body without turns that have no stiffness, as solids of six rows per node have."""
     body = _as_csr(body)
     if body.stiffness.shape != body.mass.shape:
         body.check()
     held = (body.dof_axes < 3) | (np.asarray(abs(body.stiffness).sum(axis=1)).ravel() > 0.0)
     kept = np.flatnonzero(held)
-    return Body(
+    return FiniteElementBody(
         body.where,
         body.nodes,
         body.stiffness[kept][:, kept],
@@ -129,12 +131,14 @@ def _trimmed(body: Body) -> Body:
     )
 
 
-def _as_csr(body: Body) -> Body:
+def _as_csr(body: FiniteElementBody) -> FiniteElementBody:
     stiffness, mass = (sparse.csr_matrix(m, dtype=np.float64) for m in (body.stiffness, body.mass))
-    return Body(body.where, body.nodes, stiffness, mass, body.dof_nodes, body.dof_axes)
+    return FiniteElementBody(
+        body.where, body.nodes, stiffness, mass, body.dof_nodes, body.dof_axes
+    )
 
 
-def _read_archive(file: Path, mass: Path | None, nodes: Path | None) -> Body:
+def _read_archive(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElementBody:
     arrays = _arrays(file)
     places = _node_table(nodes).places if nodes else arrays.get('nodes')
     if places is None:
@@ -184,7 +188,7 @@ def _matrix(file: Path, arrays: dict[str, NDArray[Any]], name: str) -> Any:
     raise _lacks(file, f'{name} matrix', way)
 
 
-def _read_text(file: Path, mass: Path | None, nodes: Path | None) -> Body:
+def _read_text(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElementBody:
     if mass is None:
         raise _lacks(file, 'mass matrix', '--mass-matrix FILE')
     if nodes is None:
@@ -204,7 +208,7 @@ def _market(file: Path) -> Any:
         raise ModelError(str(file), [f'{rule}, got: {error}']) from error
 
 
-def _read_abaqus(file: Path, mass: Path, table: _Nodes) -> Body:
+def _read_abaqus(file: Path, mass: Path, table: _Nodes) -> FiniteElementBody:
     """Return a body of node, direction, node, direction, value; one triangle of each matrix."""
     entries = [_table(each, 5) for each in (file, mass)]
     order = {int(number): k for k, number in enumerate(table.numbers)}
@@ -225,7 +229,7 @@ def _read_abaqus(file: Path, mass: Path, table: _Nodes) -> Body:
     used = sorted({node for node, _ in keys}, key=order.__getitem__)
     place = {node: k for k, node in enumerate(used)}
     return _trimmed(
-        Body(
+        FiniteElementBody(
             str(file),
             table.places[[order[node] for node in used]],
             both[0],
@@ -246,7 +250,7 @@ def _both_triangles(row: Rows, column: Rows, value: Array, size: int) -> Any:
     return matrix + matrix.T - sparse.diags_array(matrix.diagonal(), format='csr')
 
 
-def _read_calculix(file: Path, mass: Path | None, nodes: Path | None) -> Body:
+def _read_calculix(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElementBody:
     mass = mass or file.with_suffix('.mas')
     directions = file.with_suffix('.dof')
     for each, what in ((mass, 'mass matrix'), (directions, 'list of rows')):
@@ -280,11 +284,13 @@ def _read_calculix(file: Path, mass: Path | None, nodes: Path | None) -> Body:
     at = np.array([place[node] for node, _ in pairs], dtype=np.int64)
     axes = np.array([direction - 1 for _, direction in pairs], dtype=np.int64)
     return _trimmed(
-        Body(str(file), table.places[[order[node] for node in used]], both[0], both[1], at, axes)
+        FiniteElementBody(
+            str(file), table.places[[order[node] for node in used]], both[0], both[1], at, axes
+        )
     )
 
 
-def _read_nastran(file: Path, mass: Path | None, nodes: Path | None) -> Body:
+def _read_nastran(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElementBody:
     if nodes is None:
         raise _lacks(file, 'nodes', '--nodes FILE with number, x, y, z')
     found = _op4(file)

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from denoc_ros.reduction.body import Body, Rows
+from denoc_ros.reduction.body import FiniteElementBody, Rows
 from denoc_ros.reduction.craig_bampton import Craigs, Report
 from denoc_ros.reduction.elements import Solid
 from denoc_ros.types import Array
@@ -34,7 +34,7 @@ class Quadratic:
     kind: str
 
     @classmethod
-    def none(cls, body: Body, frames: int) -> Quadratic:
+    def none(cls, body: FiniteElementBody, frames: int) -> Quadratic:
         """Return one without terms."""
         empty = np.zeros((0, 2), dtype=np.int64)
         zeros = [np.zeros((3, 0))] * frames
@@ -93,13 +93,18 @@ def modal_derivatives(
 
 
 def foreshortening(
-    body: Body, craigs: Craigs, coordinates: Array, stiffness: Array, root: Array, tip: Array
+    body: FiniteElementBody,
+    craigs: Craigs,
+    coordinates: Array,
+    stiffness: Array,
+    root: Array,
+    tip: Array,
 ) -> Quadratic:
     """Second-order displacement of a slender link whose slices across its line stay rigid.
 
     Parameters
     ----------
-    body : Body
+    body : FiniteElementBody
     craigs : Craigs
     coordinates : ndarray (6 F + k, m)
         The modes.
@@ -152,7 +157,7 @@ def _kept(
     nodes: Array,
     frames: Array,
     stiffness: Array,
-    body: Body,
+    body: FiniteElementBody,
     kind: str,
 ) -> Quadratic:
     """Return the pairs that matter where each mode holds the same energy."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.suggest.materials import MATERIALS
-from denoc_ros.reduction.body import Body, check_places, patches_of
+from denoc_ros.reduction.body import FiniteElementBody, check_places, patches_of
 from denoc_ros.reduction.craig_bampton import HALVED, Report
 from denoc_ros.reduction.elements import Elasticity, Solid
 from denoc_ros.reduction.link import Reduction, Wishes, reduce_link
@@ -201,7 +201,7 @@ def reduce_solid(
 
 
 def reduce_matrices(
-    body: Body,
+    body: FiniteElementBody,
     frames: Frames,
     wishes: Wishes,
     source: str,
