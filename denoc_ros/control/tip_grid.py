@@ -19,7 +19,7 @@ from denoc_ros.control.targets import Target
 from denoc_ros.control.tip_options import TipOptions
 from denoc_ros.control.tip_problem import TipProblem
 from denoc_ros.control.tip_solver import CancelledError, Solved, settle, solve_motion
-from denoc_ros.control.zeros import rings, settling_times
+from denoc_ros.control.zeros import settling_times
 from denoc_ros.dynamics.floating_base import ATTITUDE
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
@@ -42,9 +42,6 @@ DRAW = 1e-4  # of the tip's distance: what a radian away from the asked joints c
 FEW = 1e-2
 DIRECTIONS = 6
 SMOOTH = 3e-3  # of the tip's distance: the same for second differences on the usual grid
-# times that, where links can swing on while the tip stands still (on a base that reacts): else
-# the end of the grid would stop them within a few nodes
-RINGING = 100.0
 
 
 @dataclass(frozen=True)
@@ -59,15 +56,12 @@ class TipGrid:
         Evenly spaced times [s].
     ends : list
         Coordinates and multipliers at rest, before and after.
-    smoothness : float
-        Weight of second differences, as a multiple of the usual one on the usual grid.
     """
 
     problem: TipProblem
     solved: Solved
     nodes: Array
     ends: list[Rest]
-    smoothness: float
 
     @property
     def step(self) -> float:
@@ -110,40 +104,36 @@ class TipGrids:
         before, after = _window(rough, ends, duration, self.options)
         first, last = -math.ceil(before / step), round(duration / step) + math.ceil(after / step)
         times: Array = step * np.arange(first, last + 1, dtype=np.float64)
-        reacts = len(self.robot.base_indices) > 0
-        smoothness = RINGING if reacts and any(rings(rough, q) for q, _ in ends) else 1.0
-        # nodes that are closer than usual: accelerations weigh the same
-        problem = self.problem(asked, times, smoothness * (usual / step) ** 2)
+        problem = self.problem(asked, times, usual / step)
         guess = _guess(problem, ends, np.clip(times / duration, 0.0, 1.0))
         solved = solve_motion(problem, guess, step, _size(problem), self.report)
-        grid = TipGrid(problem, solved, times, ends, smoothness)
+        grid = TipGrid(problem, solved, times, ends)
         for _ in range(0 if self.options.step else halvings):
             if _between(grid) <= GRID_ERROR * _size(problem):
                 break
             finer = times[0] + 0.5 * grid.step * np.arange(2 * len(grid.nodes) - 1)
             try:
-                better = self.problem(asked, finer, smoothness * (2.0 * usual / grid.step) ** 2)
+                better = self.problem(asked, finer, 2.0 * usual / grid.step)
                 guess = _halved(grid)
                 solved = solve_motion(better, guess, 0.5 * grid.step, _size(better), self.report)
             except CancelledError:
                 raise
             except SolverError:
                 break  # what was found on the coarser grid is good, and says what it leaves
-            grid = TipGrid(better, solved, finer, ends, smoothness)
+            grid = TipGrid(better, solved, finer, ends)
         return grid
 
-    def near(self, asked: Motion, times: Array, guess: Rest, like: TipGrid) -> TipGrid:
+    def near(self, asked: Motion, times: Array, guess: Rest, ends: list[Rest]) -> TipGrid:
         """Return the motion on a grid (k,), from coordinates and multipliers near it."""
         step = float(times[1] - times[0])
-        finer = min(asked.duration / NODES, LONGEST_STEP) / step
-        problem = self.problem(asked, times, like.smoothness * finer**2)
+        problem = self.problem(asked, times, min(asked.duration / NODES, LONGEST_STEP) / step)
         solved = settle(problem, guess, step, _size(problem), self.report)
-        return TipGrid(problem, solved, times, like.ends, like.smoothness)
+        return TipGrid(problem, solved, times, ends)
 
-    def problem(self, asked: Motion, nodes: Array, smoother: float) -> TipProblem:
+    def problem(self, asked: Motion, nodes: Array, finer: float) -> TipProblem:
         """Return the problem at the times of nodes (k,).
 
-        `smoother` is how many times more than usual second differences of the joints count.
+        `finer` is how many times closer than usual the nodes are: accelerations weigh the same.
         """
         robot, frames, driven, options = self.robot, self.frames, self.driven, self.options
         poses = [asked.poses(frame, nodes) for frame in frames]
@@ -160,7 +150,7 @@ class TipGrids:
         share = _share(robot, driven, options)
         draw = share * DRAW * size if options.draw is None else options.draw
         rows = asked.coordinates(nodes)
-        smooth = share * SMOOTH * size * smoother
+        smooth = share * SMOOTH * size * finer**2
         return TipProblem(robot, driven, targets, rows, draw, smooth, asked.duration)
 
     def plan(self, grid: TipGrid, asked: Motion) -> Plan:

@@ -117,7 +117,7 @@ class TipMinimumTime:
         guess = np.asarray(make_interp_spline(moments, q, k=3)(where))
         forces = make_interp_spline(moments, old.grid.solved.multipliers, k=1)(where)
         guess[0], guess[-1] = old.grid.solved.q[0], old.grid.solved.q[-1]
-        return self._grids.near(asked, nodes, (guess, forces), old.grid)
+        return self._grids.near(asked, nodes, (guess, forces), old.grid.ends)
 
     def jacobian(self, solution: TimedTip) -> Array:
         """Return the derivatives (k r, p) of the shares at the same places of the path."""

@@ -71,12 +71,6 @@ def _reachable(jacobian: Array, joints: Array) -> Array:
     return np.asarray(rows)
 
 
-def rings(problem: TipProblem, q: Array) -> bool:
-    """Say whether zeros near q (n,) hardly decay: links swing on while the frames stand still."""
-    zeros = transmission_zeros(problem, q)
-    return bool((np.abs(zeros.real) <= SHARE * np.abs(zeros)).any())
-
-
 def settling_times(problem: TipProblem, q: Array) -> tuple[float, float]:
     """Return the times [s] that the joints move before and after the tip, near q (n,).
 

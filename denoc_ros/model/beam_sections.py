@@ -112,7 +112,7 @@ def read_strain_limit(beam: Reader, section: BeamSection | None) -> StrainLimit:
         surface = (depth, depth)
         if section is not None:
             beam.fail('surface', 'not come with a <section>', depth)
-    elif section is not None:
+    elif section is not None and section.sizes:
         corners = section.kind == 'rectangle'
         surface = (0.5 * section.sizes[0], 0.5 * section.sizes[1 if corners else 0])
     if given['strain_limit']:

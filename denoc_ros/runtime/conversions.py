@@ -311,8 +311,6 @@ def require_finite(what: str, values: Array) -> None:
         raise InputError('non_finite', f'{what} must be finite, got {wrong[0]}')
 
 
-
-
 class CommandReader:
     """Reads Float64MultiArray commands whose `layout.dim[0].label` names the joints.
 

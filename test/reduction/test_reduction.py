@@ -13,6 +13,7 @@ import pytest
 import scipy.io
 import scipy.sparse as sparse
 import trimesh
+from lxml import html
 from pyyeti.nastran import op4
 from skfem import MeshTet
 
@@ -253,9 +254,9 @@ def test_link_of_a_urdf_takes_mesh_scale_joints_and_mass(
     assert link.frames['wrist'].origin == pytest.approx([LENGTH, 0.0, 0.0])
     written = (tmp_path / 'flexible.urdf').read_text(encoding='utf-8')
     assert '<flexible link="fore" file="fore.npz" inertial="file"/>' in written
-    shown = page.read_text(encoding='utf-8')
+    shown = page.read_text(encoding='utf-8').replace('\xa0', ' ')
     assert shown.count('data:image/png') == 6
-    assert 'URDF: 0.05 kg' in shown
+    assert 'URDF: 0.05 kg' in html.fromstring(shown).text_content()
 
 
 def open_surface(folder: Path) -> list[str]:
