@@ -22,7 +22,7 @@ from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.rehearsal import Rehearsal, choose, cores, idle_seconds
 from denoc_ros.cli.session_file import SessionFile
 from denoc_ros.cli.session_time import RealTime, SimulatedTime
-from denoc_ros.cli.shaped_phases import motion_of
+from denoc_ros.cli.shaped_phases import asked_at_pace, motion_of
 from denoc_ros.cli.time_modes import AUTO, REAL, SIMULATED
 from denoc_ros.control.plan import Plan
 from denoc_ros.dynamics.robot import load_robot
@@ -435,7 +435,8 @@ class Session:
             return begin
         before = -float(plan.t[0])
         self._client.publish_reference(motion_of(plan, joints), joints, begin_ns, listeners)
-        self._client.publish_asked(trajectory, joints, begin_ns + round(1e9 * before))
+        asked = asked_at_pace(trajectory, plan, joints)
+        self._client.publish_asked(asked, joints, begin_ns + round(1e9 * before))
         return begin + before
 
     def _taken(self) -> int:
