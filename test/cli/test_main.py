@@ -37,6 +37,12 @@ def raising(error: BaseException) -> Callable[[argparse.Namespace], int]:
         (ConfigError('a.yaml', ['x', 'y']), 1, 'denoc check: a.yaml: x\ndenoc check: a.yaml: y\n'),
         (FileNotFoundError(2, 'No such file', 'a.urdf'), 1, 'denoc check: a.urdf: No such file\n'),
         (KeyboardInterrupt(), 130, 'denoc check: interrupted\n'),
+        (
+            SystemError('error return without exception set'),  # of a library out of memory
+            1,
+            'denoc check: memory must be enough for what was asked, got: error return without '
+            'exception set\n',
+        ),
     ],
 )
 def test_errors_become_a_message_and_a_status(
