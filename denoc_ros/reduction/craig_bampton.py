@@ -216,7 +216,7 @@ def reduce_body(
     patches : sequence of Patch
         The root's first, at least one more.
     modes : int
-        LinkModes of the link that will be kept.
+        Modes of the link that will be kept.
     report : callable
         Takes the share of the work that is done.
 
